@@ -10,6 +10,7 @@ import json
 import math
 import socket
 import stat
+import struct
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from auvbench.ardusub.frames import FRAMES
-from auvbench.ardusub.protocol import Packet, pack
+from auvbench.ardusub.protocol import CHANNELS
 
 RATE = 100
 """packets per s, fewer than ArduSub's: tests wait for them"""
@@ -76,7 +77,9 @@ class StandIn:
 
     def exchange(self) -> None:
         """Send the PWM and take the answer, as often as it takes."""
-        packet = pack(Packet(RATE, self.count, (*self.pwm(), *(0,) * (self.channels - self.frame.motors))))
+        magic = next(magic for magic, channels in CHANNELS.items() if channels == self.channels)
+        pwm = (*self.pwm(), *(0,) * (self.channels - self.frame.motors))
+        packet = struct.pack(f"<HHI{self.channels}H", magic, RATE, self.count, *pwm)
         while True:
             self.physics.send(packet)
             if self.wants("REPEATS"):

@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -220,6 +220,4 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
 
 def learner_of(config: schema.TrainConfig, vehicle: VehicleModel) -> Learner:
     """Return the learner that `config.algo` names."""
-    made: Any = make(config, vehicle)
-    found: Learner = made
-    return found
+    return cast(Learner, make(config, vehicle))

@@ -43,10 +43,8 @@ class PluginAgent:
         self.inner = agent
         self._who = who
         self._n_u = n_u
-        for name, checked in (
-            ("ended", self._ended),
-            ("notes", self._notes),
-        ):  # optional methods
+        # Optional methods.
+        for name, checked in (("ended", self._ended), ("notes", self._notes)):
             if callable(getattr(agent, name, None)):
                 setattr(self, name, checked)
 

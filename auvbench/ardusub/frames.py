@@ -113,10 +113,6 @@ class Motors:
                 out[..., a] = np.where(driven(pulse), force, 0.0)
         return out
 
-    def actions(self, pwm: ArrayLike, thrust: str = "t200", voltage: float = VOLTAGE) -> Floats:
-        """Return the normalised commands (..., n_u) in [-1, 1] whose steady forces are those of `forces`, clipped to the sheet."""
-        return self.vehicle.action(self.forces(pwm, thrust, voltage))
-
 
 def driven(pwm: ArrayLike) -> NDArray[np.bool_]:
     """Return whether a channel has a pulse of an ESC (...)."""

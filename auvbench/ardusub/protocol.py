@@ -92,18 +92,6 @@ def parse(datagram: bytes) -> Packet:
     return Packet(frame_rate, frame_count, tuple(pwm))
 
 
-def pack(packet: Packet) -> bytes:
-    """Return the datagram that ArduSub would send, for tests and stand-ins.
-
-    Raises:
-        ValueError: it has neither 16 nor 32 channels.
-    """
-    for magic, channels in CHANNELS.items():
-        if channels == len(packet.pwm):
-            return _LAYOUTS[magic].pack(magic, packet.frame_rate, packet.frame_count, *packet.pwm)
-    raise ValueError(f"{len(packet.pwm)} channels: must be 16 or 32")
-
-
 def reply(state: SensorState) -> bytes:
     """Return the line that answers a packet.
 

@@ -13,13 +13,12 @@ from typing import Any
 from auvbench.errors import MissingExtraError, TrainingError
 
 MANUAL = 19
+"""mode in which sticks go to the mixer"""
 MODES = {"alt_hold": 2, "guided": 4, "poshold": 16}
 """Mode::Number of ArduSub/mode.h"""
 
-_PILOT, _SUBMARINE, _AUTOPILOT = 255, 12, 3
-"""MAVLink's system number of a ground station, MAV_TYPE_SUBMARINE, MAV_AUTOPILOT_ARDUPILOTMEGA"""
-_SET_MODE, _ARM, _MESSAGE_INTERVAL, _REQUEST_MESSAGE = 176, 400, 511, 512
-_ATTITUDE, _VERSION = 30, 148
+_PILOT = 255
+"""MAVLink's system number of a ground station"""
 _POSITION_AND_VELOCITY = 0b100111000000
 """type mask of SET_POSITION_TARGET_LOCAL_NED: what it ignores. A position alone makes ArduSub plan its way anew with each
 message, so that one that is sent at 10 Hz is approached at 0.03 m/s."""
@@ -59,7 +58,8 @@ class Radio:
         self.socket = loopback_socket()
         self.socket.setblocking(False)
         self._peer: Any = None
-        self._link = dialect().MAVLink(self, srcSystem=_PILOT, srcComponent=190)
+        self._dialect = dialect()
+        self._link = self._dialect.MAVLink(self, srcSystem=_PILOT, srcComponent=190)
         self._link.robust_parsing = True
 
     def write(self, data: bytes) -> None:
@@ -78,13 +78,15 @@ class Radio:
                 self._take(message)
 
     def _take(self, message: Any) -> None:
-        kind = message.get_type()
-        if kind == "HEARTBEAT" and message.autopilot != 8:  # 8: not an autopilot
-            if (message.type, message.autopilot) != (_SUBMARINE, _AUTOPILOT):
+        d, kind = self._dialect, message.get_type()
+        if kind == "HEARTBEAT" and message.autopilot != d.MAV_AUTOPILOT_INVALID:
+            submarine = d.MAV_TYPE_SUBMARINE, d.MAV_AUTOPILOT_ARDUPILOTMEGA
+            if (message.type, message.autopilot) != submarine:
                 raise TrainingError(
                     f"{self.path}: is no ArduSub: it calls itself MAV_TYPE {message.type}, MAV_AUTOPILOT {message.autopilot}"
                 )
-            self.armed, self.mode = bool(message.base_mode & 128), int(message.custom_mode)
+            self.armed = bool(message.base_mode & d.MAV_MODE_FLAG_SAFETY_ARMED)
+            self.mode = int(message.custom_mode)
         elif kind == "ATTITUDE":
             self.yaw = float(message.yaw)
         elif kind == "PARAM_VALUE":
@@ -100,25 +102,27 @@ class Radio:
 
     def ask(self) -> None:
         """Ask for the version, the attitude at 50 Hz, and the parameters that are not confirmed."""
-        self._command(_REQUEST_MESSAGE, _VERSION)
-        self._command(_MESSAGE_INTERVAL, _ATTITUDE, 20_000)
+        d = self._dialect
+        self._command(d.MAV_CMD_REQUEST_MESSAGE, d.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
+        self._command(d.MAV_CMD_SET_MESSAGE_INTERVAL, d.MAVLINK_MSG_ID_ATTITUDE, 20_000)
         for name in self.unconfirmed:
             self._link.param_request_read_send(1, 1, name.encode(), -1)
 
     def set_mode(self, mode: int) -> None:
         """Ask for a mode."""
-        self._command(_SET_MODE, 1, mode)
+        self._command(self._dialect.MAV_CMD_DO_SET_MODE, 1, mode)
 
     def arm(self) -> None:
         """Ask ArduSub to arm."""
-        self._command(_ARM, 1)
+        self._command(self._dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
     def _command(self, number: int, *values: float) -> None:
         self._link.command_long_send(1, 1, number, 0, *values, *(0.0,) * (7 - len(values)))
 
     def show_presence(self) -> None:
         """Send a ground station's heartbeat, without which ArduSub's failsafe stops the vehicle."""
-        self._link.heartbeat_send(6, 8, 0, 0, 0)
+        d = self._dialect
+        self._link.heartbeat_send(d.MAV_TYPE_GCS, d.MAV_AUTOPILOT_INVALID, 0, 0, 0)
 
     def fly_to(
         self, offset: tuple[float, float, float], yaw: float, velocity: tuple[float, float, float]

@@ -101,11 +101,4 @@ def normal4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[f
 def uniform(seed: int, stream: int, channel: int, step: int, episode: int, environment: int) -> float:
     """The uniform draw of one channel; channel c is entry c % 4 of `uniform4` at block c // 4."""
     u = uniform4(seed, stream, channel // 4, step, episode, environment)
-    entry = channel % 4
-    if entry == 0:
-        return u[0]
-    if entry == 1:
-        return u[1]
-    if entry == 2:
-        return u[2]
-    return u[3]
+    return u[channel % 4]

@@ -106,10 +106,6 @@ class Batch:
         return self.task.spec.bounds[self.task.spec["position_error"]].astype(np.float64)
 
     @property
-    def seed(self) -> int:
-        return self.task.seed
-
-    @property
     def exact_resume(self) -> bool:
         """Whether `load_state_dict` returns to the very state, in mid-episode."""
         return self.simulator.capabilities.exact_resume
@@ -164,11 +160,9 @@ class Batch:
         Returns:
             The observations (n, n_obs) of all environments; the batch's own array.
         """
-        if indices is None:
-            self._reset(self._all, pose, waypoint, distance)
-            return self.task.observe(*self._measured())
-        self._reset(indices, pose, waypoint, distance)
-        return self.task.observe(*self._measured(), indices)
+        rows = self._all if indices is None else indices
+        self._reset(rows, pose, waypoint, distance)
+        return self.task.observe(*self._measured(), rows)
 
     def _reset(
         self,
@@ -177,16 +171,15 @@ class Batch:
         waypoint: Floats | None = None,
         distance: Floats | None = None,
     ) -> None:
-        drawn = self.task.reset(indices)
+        start = self.task.reset(indices)
         self._over[indices] = False
         if not (pose is None and waypoint is None and distance is None):
-            drawn = drawn if pose is None else pose
+            start = start if pose is None else pose
             if distance is not None:
-                waypoint = _at(distance, drawn[:, :3], self.task.reference[indices])
-            self.task.place(indices, drawn, **({} if waypoint is None else {"waypoint": waypoint}))
-        pose = drawn
+                waypoint = _at(distance, start[:, :3], self.task.reference[indices])
+            self.task.place(indices, start, **({} if waypoint is None else {"waypoint": waypoint}))
         scales = None if self.disturbances is None else self.disturbances.draw(indices)
-        self.simulator.reset(indices, pose, np.zeros((len(indices), 6)), scales)
+        self.simulator.reset(indices, start, np.zeros((len(indices), 6)), scales)
         if self.disturbances is not None:
             self.disturbances.begin(indices, self.simulator)
 
@@ -279,7 +272,7 @@ class Batch:
         state |= {f"simulator.{key}": value for key, value in self.simulator.state_dict().items()}
         if self.disturbances is not None:
             state |= {f"disturbances.{key}": value for key, value in self.disturbances.state_dict().items()}
-        state["seed"] = np.asarray(self.seed, dtype=np.int64)
+        state["seed"] = np.asarray(self.task.seed, dtype=np.int64)
         return state
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:

@@ -16,6 +16,7 @@ Gymnasium's vector environments do.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -67,12 +68,11 @@ def final(
 ) -> dict[str, Any]:
     """Return the info of environments `ended` (k,) at their ends, as arrays of n rows; `rows` (n,) count."""
     n = len(rows)
-    spread = State(
+    spread = replace(
+        state,
         pose=_spread(n, ended, state.pose),
         reference=_spread(n, ended, state.reference),
         distance=_spread(n, ended, state.distance),
-        force=_spread(n, ended, state.force),
-        key=state.key,
     )
     success = np.zeros(n, dtype=np.bool_)
     success[ended] = [record["outcome"] == "success" for record in records]

@@ -48,12 +48,6 @@ LOOK: Any = {
 """what pictures of an environment and figures of a report have in common, independent of a user's matplotlibrc"""
 
 
-def check_mode(mode: str | None) -> None:
-    """Raise ConfigError for an unknown render mode."""
-    if mode is not None and mode not in MODES:
-        raise ConfigError(f"render_mode={mode}: unknown; {closest(str(mode), [*MODES, 'None'])}")
-
-
 def speed(frequency: float) -> float | int:
     """Pictures per second of a film in real time: one per agent step. Whole numbers as such, for writers of films."""
     return int(frequency) if float(frequency).is_integer() else frequency
@@ -267,10 +261,15 @@ class Scene:
 
 
 class Renderer:
-    """Follow the episodes of a batch and show them in a mode."""
+    """Follow the episodes of a batch and show them in a mode.
+
+    Raises:
+        ConfigError: the mode is unknown.
+    """
 
     def __init__(self, mode: str | None, batch: Batch) -> None:
-        check_mode(mode)
+        if mode is not None and mode not in MODES:
+            raise ConfigError(f"render_mode={mode}: unknown; {closest(str(mode), [*MODES, 'None'])}")
         self.mode = mode
         self._batch = batch
         self._steps = np.zeros(batch.n, dtype=np.int64)

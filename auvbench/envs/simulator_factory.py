@@ -60,10 +60,10 @@ def make_simulator(
 
 
 def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:
-    ranges = {name: getattr(drawn, name) for name in SCALES} if drawn is not None else {}
-    factors = {name: (scale.low, scale.high) for name, scale in ranges.items()}
-    if drawn is None or all(pair == (1.0, 1.0) for pair in factors.values()):
+    if drawn is None:
         return shortest_time_constant(vehicle)
+    ranges = {name: getattr(drawn, name) for name in SCALES}
+    factors = {name: (scale.low, scale.high) for name, scale in ranges.items()}
     return shortest_drawn_time_constant(vehicle, factors, keep_trim=drawn.keep_trim)
 
 

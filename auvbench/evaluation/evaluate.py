@@ -67,7 +67,7 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         return f"its summary belongs to the run {summary['run']}"
     if lost := integrity.lacking(folder, summary):
         return lost
-    if summary["model"] != _model(run.manifest()):
+    if summary["model"] != integrity.digests(run.manifest(), "model/"):
         return "the run's model has changed since the test"
     played = as_played(resolve_conditions(protocol, run.check()), summary.get("clocks") or {})
     with _named_packages(run):
@@ -78,11 +78,6 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
     if there["outcomes"] != here["outcomes"]:
         return "the same commands have other outcomes now: the simulator or the task has changed since"
     return ""
-
-
-def _model(manifest: dict[str, Any]) -> dict[str, Any]:
-    """Return the digests of the model's files, which tie a test to the weights that were tested."""
-    return integrity.digests(manifest, "model/")
 
 
 def refuse_incomplete(run: RunDirectory) -> None:
@@ -196,13 +191,14 @@ def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll
 
             clocks[condition.name] = ros2.clock()
     conditions = as_played(conditions, clocks)
-    summary = {
+    summary: dict[str, Any] = {
         "schema_version": identity.SCHEMA_VERSION,
         "protocol": protocol.name,
         "fingerprint": fingerprint(protocol, conditions),
         "fingerprint_parts": fingerprint_parts(protocol, conditions),
         "run": run.id,
-        "model": _model(run.manifest()),
+        # The digests of the model's files tie a test to the weights that were tested.
+        "model": integrity.digests(run.manifest(), "model/"),
         "seed": protocol.seed,
         "scenarios": protocol.scenarios,
         # Rows depend on the clock that counts steps over ROS 2.

@@ -8,11 +8,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.ardusub.radio import MANUAL
 from auvbench.dynamics import frames
 from auvbench.errors import UserError
 from auvbench.mavlink.link import Link, Peer
@@ -29,8 +31,6 @@ SILENT = 5.0
 """s after which a second vehicle is forgotten"""
 BACK = 500
 """ms by which a clock that has not been set back may be overtaken"""
-MANUAL = 19
-"""custom mode of ArduSub in which sticks go to the mixer"""
 WARNING = 4
 """MAV_SEVERITY; what is worse has a lower number"""
 PARAMETERS = {"FRAME_CONFIG": (0.0, 100.0), "JS_THR_GAIN": (0.1, 10.0), "MOT_FV_CPLNG_K": (0.0, 10.0)}
@@ -69,17 +69,14 @@ class Autopilot:
         self._answers: dict[int, int] = {}  # results by command
         self._told: dict[str, tuple[int, Floats]] = {}  # time in ms and numbers of each message of telemetry
         self._beat = self._asked = -math.inf
-
-        def heard() -> bool:
-            return self._who is not None
-
-        if not self.until(heard, FOUND):
+        if not self.until(lambda: self._who is not None, FOUND):
             raise UserError(
                 f"--mavlink {link.address}: no vehicle was heard in {FOUND:g} s; check that ArduSub sends there"
                 " (SITL: --serial0 udpclient:HOST:PORT; BlueOS: an endpoint) and that no other program has the port"
             )
         for name in PARAMETERS:
-            self._need(lambda name=name: name in self.parameters, name, lambda name=name: self._ask(name))  # type: ignore[misc]
+            ask = partial(self._send, "param_request_read", name.encode(), -1, component=True)
+            self._need(lambda name=name: name in self.parameters, name, ask)  # type: ignore[misc]
         self._need(lambda: not math.isnan(self.gain), "NAMED_VALUE_FLOAT PilotGain", self.ask_telemetry)
 
     def _need(self, condition: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
@@ -257,9 +254,6 @@ class Autopilot:
             seconds,
             lambda: self._command(arm, 0),
         )
-
-    def _ask(self, name: str) -> None:
-        self._send("param_request_read", name.encode(), -1, component=True)
 
     def _command(self, command: int, *values: float) -> None:
         numbers = [*values, *[0.0] * (7 - len(values))]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import select
 import socket
 import time
@@ -82,13 +83,11 @@ class Link:
     def send(self, message: Any, peer: Peer) -> None:
         """Send a message; one that the network does not take is lost, as on the way."""
         data = message.pack(self._out)
-        try:
+        with contextlib.suppress(OSError):
             if self._stream is None:
                 self._socket.sendto(data, peer)
             else:
                 self._socket.sendall(data)
-        except OSError:
-            return
 
     def close(self) -> None:
         self._socket.close()

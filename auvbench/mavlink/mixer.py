@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from auvbench.ardusub.frames import HIGH, Motors
 from auvbench.ardusub.frames import NEUTRAL as CENTRE
-from auvbench.vehicles.curves import Curve, t200_table
+from auvbench.vehicles.curves import t200_curve
 
 Floats = NDArray[np.float64]
 
@@ -65,8 +65,6 @@ class Mixer:
         self._weight = np.array([1.0, 1.0, 1.0, *[1.0 / _SPREAD] * 3])
         self._spread = np.linalg.pinv(self._B) @ self._B
         self._unmix = np.linalg.pinv(self._factors)
-        force = t200_table()["force_N"]
-        self._curve = Curve("table", (float(force[0]), float(force[-1])), table=force)
 
     def levels(self, axes: Floats) -> Floats:
         """Return the motors' outputs (..., motors) in [-1, 1] at axes (..., 6) in [-1, 1]."""
@@ -112,7 +110,7 @@ class Mixer:
         wanted = self._weight * (self._B @ force)
         used, signs = self._used, np.array(self.motors.signs)
         least = (self._spread @ force)[list(self.motors.order)]
-        best = np.clip(self._unmix @ self._curve.inverse(signs * least), -limits, limits)
+        best = np.clip(self._unmix @ t200_curve().inverse(signs * least), -limits, limits)
         error = wanted - self._weight * self.wrench(best)
         damping = _DAMPING
         for _ in range(_ITERATIONS):

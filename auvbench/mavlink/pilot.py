@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.ardusub.frames import Motors, motors_of
+from auvbench.ardusub.radio import MANUAL
 from auvbench.errors import UserError
-from auvbench.mavlink.autopilot import MANUAL, Autopilot
+from auvbench.mavlink.autopilot import Autopilot
 from auvbench.mavlink.link import Link
 from auvbench.mavlink.mixer import NEUTRAL, Mixer
 from auvbench.pilot import loop

@@ -162,8 +162,6 @@ class Pilot(ABC):
         Raises:
             RunError: the controller failed or gave an invalid action; the pilot is then disarmed.
         """
-        if not self.armed:
-            return
         if not self.may_steer():
             return
         outcome = self.steering.advance(self.pose)

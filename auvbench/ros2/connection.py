@@ -164,7 +164,7 @@ class Connection:
         while True:
             if self.clock == "lockstep":
                 try:
-                    since = self.lockstep(True)
+                    since = self._enter_lockstep()
                 except InterfaceError:
                     # A client that only the server still knows of was killed.
                     if time.monotonic() > begun + (LEAVING if self._is_shared() else LEASE):
@@ -213,15 +213,12 @@ class Connection:
 
     # Services.
 
-    def call(self, client: Any, request: Any, service: str) -> Any:
-        """Return a service's answer.
+    def _answers(self, asked: Sequence[tuple[Answer, str]]) -> list[Any]:
+        """Return the answers of services.
 
         Raises:
-            TrainingError: it did not come in time.
+            TrainingError: one did not come in time.
         """
-        return self._answers([(self.session.ask(client, request), service)])[0]
-
-    def _answers(self, asked: Sequence[tuple[Answer, str]]) -> list[Any]:
         self.session.until(lambda: all(answer.value is not None for answer, _ in asked), self.timeout)
         for answer, service in asked:
             if answer.value is None:
@@ -230,15 +227,15 @@ class Connection:
                 )
         return [answer.value for answer, _ in asked]
 
-    def lockstep(self, on: bool) -> int:
-        """Ask for lock-step, or give the world its own pace back; return the server's time in ns.
+    def _enter_lockstep(self) -> int:
+        """Ask for lock-step; return the server's time in ns.
 
         Raises:
             InterfaceError: the server refuses.
         """
-        request = self.session.ros.services.SetBool.Request(data=on)
+        request = self.session.ros.services.SetBool.Request(data=True)
         service = self.names[0].lockstep
-        answer = self.call(self._lockstep, request, service)
+        (answer,) = self._answers([(self.session.ask(self._lockstep, request), service)])
         if not answer.success:
             raise InterfaceError(f"{service}: refused: {answer.message}")
         if not str(answer.message).isdecimal():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,11 +30,25 @@ DEPTH = 10
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
 
-@dataclass(frozen=True, slots=True)
 class Names:
     """Topics and services of one vehicle."""
 
-    namespace: str
+    def __init__(self, namespace: str) -> None:
+        self.namespace = namespace
+        self.pose = self.of("pose_gt")
+        """geometry_msgs/Pose in the world"""
+        self.odometry = self.of("odom")
+        """nav_msgs/Odometry: pose in the world, twist in the body"""
+        self.reset = self.of("reset")
+        """std_srvs/Trigger: to the parameters `start_pose` and `start_velocity`, the rest at rest"""
+        self.pause = self.of("pause")
+        """std_srvs/SetBool: stop the world, or let it go on"""
+        self.step = self.of("step")
+        """std_srvs/Trigger: `steps` steps of `step_duration`, answered when done; the world is paused then"""
+        self.lockstep = self.of("lockstep")
+        """std_srvs/SetBool: let each step wait for a new command to every actuator; answers the time in ns"""
+        self.parameters = self.of(f"{NODE}/set_parameters")
+        """rcl_interfaces/SetParameters of the vehicle's node"""
 
     def of(self, name: str) -> str:
         """Return the full name of a topic or service in the vehicle's namespace."""
@@ -44,41 +57,6 @@ class Names:
     def command(self, actuator: str) -> str:
         """Return the topic of an actuator's command: std_msgs/Float64; N of a thruster, else rad, m or m3."""
         return self.of(f"cmd_{actuator}")
-
-    @property
-    def pose(self) -> str:
-        """geometry_msgs/Pose in the world."""
-        return self.of("pose_gt")
-
-    @property
-    def odometry(self) -> str:
-        """nav_msgs/Odometry: pose in the world, twist in the body."""
-        return self.of("odom")
-
-    @property
-    def reset(self) -> str:
-        """std_srvs/Trigger: to the parameters `start_pose` and `start_velocity`, the rest at rest."""
-        return self.of("reset")
-
-    @property
-    def pause(self) -> str:
-        """std_srvs/SetBool: stop the world, or let it go on."""
-        return self.of("pause")
-
-    @property
-    def step(self) -> str:
-        """std_srvs/Trigger: `steps` steps of `step_duration`, answered when done; the world is paused then."""
-        return self.of("step")
-
-    @property
-    def lockstep(self) -> str:
-        """std_srvs/SetBool: let each step wait for a new command to every actuator; answers the time in ns."""
-        return self.of("lockstep")
-
-    @property
-    def parameters(self) -> str:
-        """rcl_interfaces/SetParameters of the vehicle's node."""
-        return self.of(f"{NODE}/set_parameters")
 
 
 def namespaces(base: str, n: int) -> list[str]:

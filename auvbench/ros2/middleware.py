@@ -246,24 +246,19 @@ class Session:
         self._waiting[(client.handle.pointer, number)] = answer
         return answer
 
-    def until(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """Serve until the condition holds, at most `seconds`; return whether it does."""
+    def until(self, condition: Callable[[], bool], seconds: float, turn: float = SLICE) -> bool:
+        """Serve until the condition holds, at most `seconds`, in waits of at most `turn` s; return whether it does."""
         end = time.monotonic() + seconds
         while not condition():
             left = end - time.monotonic()
             if left <= 0.0:
                 return False
-            self.spin_once(min(left, SLICE))
+            self.spin_once(min(left, turn))
         return True
 
     def discovered(self, condition: Callable[[], bool], seconds: float) -> bool:
         """As `until`, for discovery, which wakes no wait set: the condition is asked every 10 ms."""
-        end = time.monotonic() + seconds
-        while not condition():
-            if time.monotonic() >= end:
-                return False
-            self.spin_once(0.01)
-        return True
+        return self.until(condition, seconds, turn=0.01)
 
     def close(self) -> None:
         """Remove the nodes from the network."""

@@ -112,10 +112,9 @@ class VehicleNode:
     def restore_thrusters(self) -> None:
         """Give all thrusters their full force."""
         if min(self.node.get_parameter("effectiveness").value) != 1.0:
-            self._set_parameter("effectiveness", [1.0] * len(self.server.actuators))
-
-    def _set_parameter(self, name: str, value: Any) -> None:
-        self.node.set_parameters([self.server.session.ros.parameter.Parameter(name, value=value)])
+            parameter = self.server.session.ros.parameter.Parameter
+            healthy = [1.0] * len(self.server.actuators)
+            self.node.set_parameters([parameter("effectiveness", value=healthy)])
 
     def _declare(self, start: Sequence[float], about: dict[str, str]) -> None:
         ros, settings = self.server.session.ros, self.server.settings

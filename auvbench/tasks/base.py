@@ -53,8 +53,6 @@ class Task:
     """whether success ends the episode for good; otherwise it is a property of a whole episode, which then times out"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
     """columns of a record that a fingerprint covers; empty: all that the task has"""
-    takes: ClassVar[tuple[str, ...]] = ()
-    """options of `reset` in addition to `pose`"""
     reference_key: ClassVar[str] = "reference"
     """of the reference in `info`"""
 
@@ -99,7 +97,8 @@ class Task:
         self.command: Floats = np.zeros((n, n_u))
         self.observation = np.zeros((n, self.spec.size), dtype=np.float32)
         self._all = np.arange(n)
-        self._test = VALIDATION if validation else TEST if test else 0
+        self.stream = VALIDATION if validation else TEST if test else 0
+        """flag of the streams of random numbers: 0, TEST or VALIDATION"""
 
     def own_parameters(self, task: Any) -> list[float]:
         """Return the task's entries of P from P_OWN on."""
@@ -131,11 +130,6 @@ class Task:
         P[k.P_REWARD_OWN : k.P_REWARD_OWN + len(values)] = values
         P[k.P_OWN :] = own
         return P
-
-    @property
-    def stream(self) -> int:
-        """Flag of the streams of random numbers: 0, TEST or VALIDATION."""
-        return self._test
 
     @property
     def outcome(self) -> Integers:
@@ -173,7 +167,7 @@ class Task:
         self.previous[indices] = 0.0
         self.offset[indices] = 0.0
         pose = np.empty((len(indices), 7))
-        self.draw(indices, self.F, self.C, self.parameters, self._test, pose)
+        self.draw(indices, self.F, self.C, self.parameters, self.stream, pose)
         return pose
 
     def place(self, indices: Integers, pose: Floats) -> None:
@@ -190,7 +184,7 @@ class Task:
 
     def add_noise(self, action: Floats, start: int = 0, stop: int | None = None) -> Floats:
         """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
-        own = self.C, self.parameters, self.noise_scale, self._test, self.command
+        own = self.C, self.parameters, self.noise_scale, self.stream, self.command
         k.add_command_noise(start, self.n if stop is None else stop, action, *own)
         return self.command
 
@@ -227,7 +221,7 @@ class Task:
         """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed."""
         rows = self._all if indices is None else indices
         state = self.previous, self.F, self.C, self.parameters, self.blocks
-        k.observe(rows, pose, velocity, self.offset, *state, self._test, self.observation)
+        k.observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation)
         return self.observation
 
     def goal(self, i: int) -> Floats:
@@ -278,22 +272,24 @@ class TrackingTask(Task):
     """A task whose reference has a yaw of its own, with the errors that such tasks have in common."""
 
     def errors(self, i: int, failed: float) -> dict[str, float]:
-        """Return root mean squares of the position and the yaw error; `failed` stands for the former in a failed episode."""
+        """Return root mean squares of the position and the yaw error, and start and goal.
+
+        Args:
+            i: the environment.
+            failed: m, stands for the position error of a failed episode.
+        """
         squared, yaw_squared, counted = self.F[i, k.F_ERROR_SQUARED : k.F_COUNTED + 1].tolist()
         lost = self.C[i, k.C_OUTCOME] in (k.COLLISION, k.OUT_OF_BOUNDS)
+        points = {"start": self.F[i, k.F_START : k.F_START + 3].tolist(), "goal": self.goal(i).tolist()}
+        scenario = {
+            f"{name}_{axis}_m": value
+            for name, point in points.items()
+            for axis, value in zip("xyz", point, strict=True)
+        }
         return {
             "position_error_rms_m": failed if lost else math.sqrt(squared / max(counted, 1.0)),
             "yaw_error_rms_rad": math.sqrt(yaw_squared / max(counted, 1.0)),
-            **self.start(i),
-        }
-
-    def start(self, i: int) -> dict[str, float]:
-        """Return the columns of the scenario that such tasks have in common."""
-        start, goal = self.F[i, k.F_START : k.F_START + 3].tolist(), self.goal(i).tolist()
-        return {
-            f"{name}_{axis}_m": value
-            for name, point in (("start", start), ("goal", goal))
-            for axis, value in zip("xyz", point, strict=True)
+            **scenario,
         }
 
 

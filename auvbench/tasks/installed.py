@@ -80,21 +80,11 @@ def _guard(task: Task, who: str, paid: str) -> None:
         if not np.isfinite(pose[mine]).all():
             return int(ended)  # the simulation is to blame
         _refuse(task, paid, rows, np.isfinite(task.reward[mine]), "the reward is not finite")
-        _refuse(
-            task,
-            who,
-            rows,
-            np.isfinite(task.F[mine]).all(axis=1),
-            "the kernel writes a number that is not finite",
-        )
+        finite = np.isfinite(task.F[mine]).all(axis=1)
+        _refuse(task, who, rows, finite, "the kernel writes a number that is not finite")
         outcome = task.outcome[mine]
-        _refuse(
-            task,
-            who,
-            rows,
-            (outcome >= -1) & (outcome < len(OUTCOMES)),
-            "the kernel writes an unknown outcome",
-        )
+        known = (outcome >= -1) & (outcome < len(OUTCOMES))
+        _refuse(task, who, rows, known, "the kernel writes an unknown outcome")
         if ended != np.count_nonzero(outcome >= 0):
             raise AgentError(
                 f"{who}: the kernel returns {ended!r} ended episodes; it must be the sum of end_row"

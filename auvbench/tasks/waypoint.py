@@ -118,7 +118,6 @@ class WaypointTask(Task):
     draw = staticmethod(draw)
     kernel = staticmethod(advance)
     reference_columns = REFERENCE_COLUMNS
-    takes = ("waypoint", "distance")
     reference_key = "waypoint"
 
     def own_parameters(self, task: Any) -> list[float]:

@@ -104,9 +104,8 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
         except LockLostError:
             raise  # the run and its manifest belong to another process by now
         except (KeyboardInterrupt, Exception) as error:
-            if (
-                interrupted := interruption.behind(error)
-            ) is not None:  # maybe caught by a library on its way
+            interrupted = interruption.behind(error)  # maybe caught by a library on its way
+            if interrupted is not None:
                 with suppress(OSError):
                     close("interrupted")
                 raise interrupted from (None if interrupted is error else error)
@@ -147,10 +146,9 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
 
 def _try(config: schema.TrainConfig) -> None:
     """Use the agent, task and reward of installed packages once, so that a defect fails the run at its start."""
-    from auvbench.agents.base import make
     from auvbench.envs.batch import Batch
 
     batch = Batch(config, 1)
-    agent = make(config, batch.vehicle)
+    agent = agents.make(config, batch.vehicle)
     agent.reset(np.zeros(1, dtype=np.int64))
     batch.step(np.asarray(agent.act(batch.reset())))

@@ -216,9 +216,8 @@ def learn(
         }
         return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
 
-    key = digest_of(
-        [run.id, run.manifest()["created"]], 32
-    )  # the same in every attempt, but not in a run made anew
+    # The same in every attempt, but not in a run made anew.
+    key = digest_of([run.id, run.manifest()["created"]], 32)
     tracker = tracking.start(train.log, key, run.config(), run.id)
     with storage(f"cannot write the records of {run.path}"):
         columns = record_columns(config.task.name)

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from auvbench.agents.base import Agent
-from auvbench.config import schema
 from auvbench.config.compose import compose
 from auvbench.config.tasks import TASKS
 from auvbench.config.validate import evaluate_config
@@ -42,14 +41,6 @@ def _means(task: str) -> list[str]:
     return ["steps", "duration_s", *([primary] if primary in record_columns(task) else [])]
 
 
-def protocol() -> schema.Protocol:
-    """The installed `conf/protocol/validation.yaml`: a run that goes on elsewhere must meet the same scenarios.
-
-    A file of that name in `./conf` counts for `auvbench evaluate` alone.
-    """
-    return evaluate_config(compose("evaluate", ["protocol=validation"], folder=None)).protocol
-
-
 class Validator:
     """Tests the policy that is being trained, and appends a row for each test.
 
@@ -72,7 +63,8 @@ class Validator:
         keep: int | None,
         show: Callable[[dict[str, float], int], object],
     ) -> None:
-        self._protocol = protocol()
+        # The installed file, not one in ./conf: a run that goes on elsewhere must meet the same scenarios.
+        self._protocol = evaluate_config(compose("evaluate", ["protocol=validation"], folder=None)).protocol
         conditions = resolve_conditions(self._protocol, config)
         self._config = conditions[0].config
         self._fingerprint = fingerprint(self._protocol, conditions)

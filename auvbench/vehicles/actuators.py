@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.dynamics import layout
-from auvbench.vehicles.curves import Curve, Lag, Power, t200_table
+from auvbench.vehicles.curves import Curve, Lag, Power, t200_curve
 from auvbench.vehicles.reader import Document, Keys
 
 FloatArray = NDArray[np.float64]
@@ -320,7 +320,7 @@ def read_actuators(document: Document, turn: FloatArray) -> tuple[Actuator, ...]
 
 def _placed(document: Document, at: Keys, aim: str, what: str) -> list[tuple[str, FloatArray, FloatArray]]:
     """Return name, position and direction of each actuator of a group, as the sheet has them."""
-    positions = _vectors(document, (*at, "positions"), "m", 3)
+    positions = _vectors(document, (*at, "positions"), "m")
     directions = _directions(document, at, aim)
     if set(positions) != set(directions):
         document.fail((*at, aim), f"does not name the same {what} as 'positions'")
@@ -332,11 +332,11 @@ def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]
     where = (*at, key)
     if key == "angles":
         found = {}
-        for name, angles in _vectors(document, where, "deg", 3).items():
+        for name, angles in _vectors(document, where, "deg").items():
             _, pitch, yaw = np.deg2rad(angles)
             found[name] = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
         return found
-    vectors = _vectors(document, where, "1", 3)
+    vectors = _vectors(document, where, "1")
     for name, vector in vectors.items():
         length = float(np.linalg.norm(vector))
         if abs(length - 1.0) > 1e-3:
@@ -345,12 +345,12 @@ def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]
     return vectors
 
 
-def _vectors(document: Document, at: Keys, unit: str, size: int) -> dict[str, FloatArray]:
+def _vectors(document: Document, at: Keys, unit: str) -> dict[str, FloatArray]:
     values = document.sourced(at, unit)
     if not isinstance(values, Mapping):
         document.fail((*at, "value"), f"expected a vector under each actuator's name, got {values!r}")
     return {
-        str(name): document.numbers((*at, "value", str(name)), value, ((size,),))
+        str(name): document.numbers((*at, "value", str(name)), value, ((3,),))
         for name, value in values.items()
     }
 
@@ -362,8 +362,7 @@ def _thrust_curve(document: Document, at: Keys) -> tuple[Curve, float]:
     if kind == "t200_16v":
         document.section(at, ("kind", "source"))
         document.source((*at, "source"))
-        force = t200_table()["force_N"]
-        return Curve("table", (float(force[0]), float(force[-1])), table=force), 0.0
+        return t200_curve(), 0.0
     if kind == "polynomial":
         document.section(at, ("kind", "coefficients"))
         coefficients = document.sequence((*at, "coefficients"), "N")

@@ -144,6 +144,13 @@ def t200_table() -> dict[str, FloatArray]:
 
 
 @cache
+def t200_curve() -> Curve:
+    """Return the thrust of a T200 at 16 V in N over the normalised pulse width."""
+    force = t200_table()["force_N"]
+    return Curve("table", (float(force[0]), float(force[-1])), table=force)
+
+
+@cache
 def t200_power() -> tuple[float, FloatArray]:
     """Electrical power of a T200 at 16 V by force.
 

@@ -150,7 +150,7 @@ def train(
         watch(model, batch)
     learner = Trained(model)
     session = Session(learner, checkpointer, total or case.steps)
-    follower = Follower(learner, lambda: batch.transition, session)
+    follower = Follower(lambda: batch.transition, session)
     everyone = [follower, EpisodeRows(run / "train/episodes.csv"), *callbacks]
     interval = 1 if issubclass(case.algorithm, OnPolicyAlgorithm) else 4
     model.learn(session.total_steps, callback=everyone, log_interval=interval)

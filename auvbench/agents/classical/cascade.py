@@ -56,15 +56,10 @@ class Estimator:
     def __init__(self, dt: float, filter_time: float, spec: ObservationSpec) -> None:
         self.dt = dt
         self._yaw_error, self._error = spec["yaw_error"], spec["position_error"]
-        self._read = {
-            name: spec[name]
-            for name in ("velocity", "angular_velocity", "velocity_error", "gravity")
-            if name in spec.blocks
-        }
-        # In world axes a reading in body axes would have to be turned by a yaw that is itself an estimate.
-        if spec.blocks["position_error"].axes != BODY:
-            self._read = {}
         self.body_frame = spec.blocks["position_error"].axes == BODY
+        # In world axes a reading in body axes would have to be turned by a yaw that is itself an estimate.
+        names = ("velocity", "angular_velocity", "velocity_error", "gravity") if self.body_frame else ()
+        self._read = {name: spec[name] for name in names if name in spec.blocks}
         self._turns = "velocity_error" in self._read
         self.levels = {"gravity", "angular_velocity"} <= self._read.keys()
         """whether roll and pitch are known"""

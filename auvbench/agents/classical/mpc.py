@@ -72,7 +72,6 @@ class MPCController:
         self.ahead = task.preview.interval if isinstance(task, tasks.Tracked) else 0.0
         """s between points of a preview"""
         self.turns = tasks.TASKS[task.name].has_yaw
-        self._planned: dict[str, Floats] = {}
         self.solves = self.failed = self.late = 0
         self.reset(np.empty(0, dtype=np.int64))
 
@@ -85,12 +84,13 @@ class MPCController:
     def memory(self) -> dict[str, NDArray[Any]]:
         """As `Observer.memory`, with the plans."""
         # One array for all plans, of which each plan has its row: what is written into it is the plan's.
+        planned: dict[str, NDArray[Any]] = {}
         for name in PLANNED:
             rows = np.array([getattr(plan, name) for plan in self.plans])
             for plan, row in zip(self.plans, rows, strict=True):
                 setattr(plan, name, row)
-            self._planned[name] = rows
-        return {**self.observer.memory(), **self._planned}
+            planned[name] = rows
+        return {**self.observer.memory(), **planned}
 
     def ended(self, rows: NDArray[np.intp]) -> None:
         """Stop computing actions for episodes that are over."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from auvbench.agents.classical.cascade import wrap
 from auvbench.config import schema
+from auvbench.dynamics import frames
 from auvbench.observation import BODY
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require, symbolic
@@ -105,7 +106,7 @@ class Observer:
             x[:3] -= self._moved(i)
             if not np.abs(x[:RIGID]).max() < LARGEST_STATE:  # NaN is not, either
                 self._begin(i)
-        predicted = yaw_of(x[3:7])
+        predicted = float(frames.yaw(x[3:7]))
         if self.body_frame:
             # The readings say nothing of the yaw in the world: it is only a name for the axes.
             yaw, position = predicted, -turned(error, predicted)
@@ -223,12 +224,6 @@ def linearised(model: SymbolicModel, velocity: Floats, thrust: Floats) -> tuple[
     back[3:6, 4:7] = 2.0 * np.eye(3)
     back[6:, 7:] = np.eye(6)
     return back @ J[0] @ into, back @ J[1], back @ J[2]
-
-
-def yaw_of(q: Floats) -> float:
-    """Return the yaw in rad of a quaternion (w, x, y, z)."""
-    w, x, y, z = q
-    return float(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
 def to_world(q: Floats, vector: Floats) -> Floats:

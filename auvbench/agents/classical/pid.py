@@ -141,7 +141,8 @@ class FinController:
             elif isinstance(unit, Fin):
                 aft = 1.0 if unit.position[0] < 0.0 else -1.0
                 angle = -aft * unit.direction[2] * turn + aft * unit.direction[1] * climb
-                action[:, j] = self._normalised(j, angle)
+                low, high = self.span[j]
+                action[:, j] = np.clip(2.0 * (angle - low) / (high - low) - 1.0, -1.0, 1.0)
             elif isinstance(unit, MassShifter):
                 # Weight moved aft raises the bow.
                 action[:, j] = -np.sign(unit.direction[0]) * np.clip(wanted / STEEPEST, -1.0, 1.0)
@@ -182,7 +183,3 @@ class FinController:
         within = (off < TURNING_RADIUS - MARGIN) & (level > MARGIN)
         self.opening = np.where(self.opening, off < TURNING_RADIUS, within)
         return np.where(self.opening, 0.0, error)
-
-    def _normalised(self, j: int, angle: Floats) -> Floats:
-        low, high = self.span[j]
-        return np.asarray(np.clip(2.0 * (angle - low) / (high - low) - 1.0, -1.0, 1.0))

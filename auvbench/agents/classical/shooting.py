@@ -76,6 +76,9 @@ class Program:
         self.damping = algo.damping
         self.spin_weight = algo.spin_weight
         self._blocks = np.repeat(np.arange(len(BLOCKS)), BLOCKS)
+        """(N,) block of each node"""
+        self._first = np.concatenate(([0], np.cumsum(BLOCKS)[:-1]))
+        """first node of each block"""
         n = len(BLOCKS) * model.n_u + 1  # one slack for the depth
         rows = 2 * self.N
         self._solver = ca.conic(
@@ -194,8 +197,7 @@ class Program:
                 H[:n, :n] += weight * slope.T @ slope
                 g[:n] += weight * slope.T @ value
         # Thrust and its changes, block by block; each block starts where it was.
-        first = np.concatenate(([0], np.cumsum(BLOCKS)[:-1]))
-        U = plan.U[:, first] / self.scale[:, None]
+        U = plan.U[:, self._first] / self.scale[:, None]
         applied = plan.applied / self.scale
         for b, length in enumerate(BLOCKS):
             own = slice(b * n_u, (b + 1) * n_u)
@@ -220,8 +222,7 @@ class Program:
 
     def _bounds(self, plan: Plan) -> tuple[Floats, Floats]:
         """Return the bounds of the changes (n + 1,): thrusts stay within their limits, the slack is not negative."""
-        first = np.concatenate(([0], np.cumsum(BLOCKS)[:-1]))
-        U = plan.U[:, first].T
+        U = plan.U[:, self._first].T
         low = np.concatenate([((self.limits[:, 0] - U) / self.scale).ravel(), [0.0]])
         high = np.concatenate([((self.limits[:, 1] - U) / self.scale).ravel(), [np.inf]])
         return low, high

@@ -135,16 +135,17 @@ def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
     if normaliser.norm_obs:
         assert isinstance(normaliser.obs_rms, RunningMeanStd)
         observations = normaliser.obs_rms
-    return {
-        "observation_mean": np.asarray(observations.mean, dtype=np.float64),
-        "observation_variance": np.asarray(observations.var, dtype=np.float64),
-        "observation_count": np.asarray(observations.count, dtype=np.float64),
-        "return_mean": np.asarray(returns.mean, dtype=np.float64),
-        "return_variance": np.asarray(returns.var, dtype=np.float64),
-        "return_count": np.asarray(returns.count, dtype=np.float64),
-        "epsilon": np.asarray(normaliser.epsilon, dtype=np.float64),
-        "clip_observations": np.asarray(normaliser.clip_obs, dtype=np.float64),
+    values = {
+        "observation_mean": observations.mean,
+        "observation_variance": observations.var,
+        "observation_count": observations.count,
+        "return_mean": returns.mean,
+        "return_variance": returns.var,
+        "return_count": returns.count,
+        "epsilon": normaliser.epsilon,
+        "clip_observations": normaliser.clip_obs,
     }
+    return {name: np.asarray(value, dtype=np.float64) for name, value in values.items()}
 
 
 def check_losses(model: BaseAlgorithm) -> None:

@@ -162,7 +162,6 @@ class ResidualLearner(SB3Learner):
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         super().__init__(config, vehicle)
-        self._vehicle = vehicle
         self._base = Base(config, vehicle)
         self._seen: ResidualVecEnv | None = None
 

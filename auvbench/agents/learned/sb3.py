@@ -78,7 +78,7 @@ class SB3Learner:
         """Train as the contract says; PPO may exceed the budget by up to a rollout, as SB3 does.
 
         Raises:
-            TrainingError: a weight, a loss, an observation or a reward is not learners.
+            TrainingError: a weight, a loss, an observation or a reward is not finite.
         """
         train = config.train
         self._environment = environment
@@ -97,7 +97,7 @@ class SB3Learner:
         with learners.diagnosed(model):
             model.learn(
                 callbacks.total_steps,
-                callback=Follower(self, lambda: face.transition, callbacks),
+                callback=Follower(lambda: face.transition, callbacks),
                 log_interval=1 if on_policy else 10,  # every update; off-policy, SB3 counts episodes there
             )
 
@@ -151,22 +151,12 @@ class SB3Learner:
         """First observations, as the algorithm sees them, of episodes that a resumed run had to begin again."""
         return None if self._environment is None else self._environment.restarted
 
-    def rollout_begins(self) -> None:
-        """Check losses and weights: the last transition is stored and the networks are updated."""
-        model = self.model
-        assert model is not None
-        learners.check_losses(model)
-        if isinstance(model, OnPolicyAlgorithm):
-            # A rollout of many steps follows, so checking every weight costs nothing in comparison.
-            learners.check_parameters(model)
-
 
 class Follower(BaseCallback):
     """Report to the worker what SB3's loop does."""
 
-    def __init__(self, learner: SB3Learner, transition: Callable[[], Any], callbacks: Callbacks) -> None:
+    def __init__(self, transition: Callable[[], Any], callbacks: Callbacks) -> None:
         super().__init__()
-        self._learner = learner
         self._transition = transition
         self._callbacks = callbacks
 
@@ -176,7 +166,11 @@ class Follower(BaseCallback):
             self.num_timesteps = self.model.num_timesteps
 
     def _on_rollout_start(self) -> None:
-        self._learner.rollout_begins()
+        # The last transition is stored and the networks are updated.
+        learners.check_losses(self.model)
+        if isinstance(self.model, OnPolicyAlgorithm):
+            # A rollout of many steps follows, so checking every weight costs nothing in comparison.
+            learners.check_parameters(self.model)
         self._callbacks.checkpoint(self.model.num_timesteps)
 
     def _on_step(self) -> bool:

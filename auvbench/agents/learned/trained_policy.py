@@ -154,22 +154,11 @@ class LearnedPolicy(FrozenPolicy):
         RunError: the files are missing, damaged, or of another network than the configuration's.
     """
 
-    def __init__(
-        self,
-        config: schema.TrainConfig,
-        folder: Path,
-        vehicle: VehicleModel,
-    ) -> None:
+    def __init__(self, config: schema.TrainConfig, folder: Path, vehicle: VehicleModel) -> None:
         torch.set_num_threads(1)
         policy = _policy(config, vehicle)
-        weights = read_weights(
-            _read(folder / learners.WEIGHTS), folder / learners.WEIGHTS, policy.state_dict()
-        )
-        kept = read_statistics(
-            _read(folder / learners.STATISTICS),
-            folder / learners.STATISTICS,
-            observed(config, vehicle),
-        )
+        weights = _read_weights(folder / learners.WEIGHTS, policy.state_dict())
+        kept = _read_statistics(folder / learners.STATISTICS, observed(config, vehicle))
         policy.load_state_dict(weights)
         policy.set_training_mode(False)
         super().__init__(policy, kept, config.train.normalise_observations, len(vehicle.actuators))
@@ -205,14 +194,14 @@ def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
     return policy
 
 
-def read_weights(data: bytes, path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+def _read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Return the tensors of a policy.
 
     Raises:
         RunError: it cannot be read, is of another network, or holds a number that is not finite.
     """
     try:
-        found = archives.weights(data)
+        found = archives.weights(_read(path))
     except ValueError as error:
         raise RunError(f"{path}: the weights cannot be read: {error}") from error
     for name in [*expected, *(name for name in found if name not in expected)]:
@@ -242,14 +231,14 @@ def _fault(value: Any, like: Any) -> str:
     return "" if bool(torch.isfinite(torch.as_tensor(value)).all()) else "holds a number that is not finite"
 
 
-def read_statistics(data: bytes, path: Path, size: int) -> dict[str, Floats]:
+def _read_statistics(path: Path, size: int) -> dict[str, Floats]:
     """Return the running statistics that scale observations: mean and variance (size,), epsilon and clip ().
 
     Raises:
         RunError: it cannot be read, lacks an entry, or holds one of another shape or an impossible value.
     """
     try:
-        found = archives.arrays(data)
+        found = archives.arrays(_read(path))
     except ValueError as error:
         raise RunError(f"{path}: the statistics cannot be read: {error}") from error
     shapes: dict[str, tuple[int, ...]] = {

@@ -116,9 +116,8 @@ def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> f
         elevation, azimuth = cells.T
         flat = np.cos(elevation)
         e = np.column_stack([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)])
-        value = (_gain(e[:, None] + forces, linear[:3], quadratic[:3], a)[0].sum(axis=2) + turning).max(
-            axis=1
-        )
+        gains = _gain(e[:, None] + forces, linear[:3], quadratic[:3], a)[0]
+        value = (gains.sum(axis=2) + turning).max(axis=1)
         best = max(best, float(value.max()))
         # Within a cell e moves by no more than `reach`, and each metre of that is worth the velocity that gains most.
         reach = np.sqrt(2.0) * half

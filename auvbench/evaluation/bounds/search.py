@@ -50,22 +50,19 @@ ITERATIONS = 100
 LONGEST = 1000.0
 """s"""
 
-_OPTIONS = {
-    "print_time": False,
-    "error_on_fail": False,
-    "ipopt": {
-        "print_level": 0,
-        "sb": "yes",
-        "linear_solver": "mumps",
-        # A fifth faster here than with the scalings that MUMPS would choose.
-        "mumps_pivot_order": 0,
-        "mumps_scaling": 0,
-        "mumps_permuting_scaling": 0,
-        # What is found is simulated anyway.
-        "tol": 1e-3,
-        "acceptable_tol": 1e-2,
-        "acceptable_iter": 4,
-    },
+_IPOPT: dict[str, Any] = {
+    "print_level": 0,
+    "sb": "yes",
+    "linear_solver": "mumps",
+    # A fifth faster here than with the scalings that MUMPS would choose.
+    "mumps_pivot_order": 0,
+    "mumps_scaling": 0,
+    "mumps_permuting_scaling": 0,
+    # What is found is simulated anyway.
+    "tol": 1e-3,
+    "acceptable_tol": 1e-2,
+    "acceptable_iter": 4,
+    "max_iter": ITERATIONS,
 }
 
 
@@ -197,9 +194,8 @@ class Programs:
         # A trifle, where nothing else decides between thrusts.
         effort = 1e-3 * ca.sumsqr(U) / n
         states = ca.vertcat(ca.vec(X), ca.vec(U))
-        options = {**_OPTIONS, "ipopt": {**_OPTIONS["ipopt"], "max_iter": ITERATIONS}}  # type: ignore[dict-item]
         if free:
-            options["ipopt"]["mu_strategy"] = "adaptive"  # type: ignore[index]
+            ipopt = {**_IPOPT, "mu_strategy": "adaptive"}
             program = {
                 "x": ca.vertcat(states, T),
                 "f": T + effort,
@@ -208,13 +204,14 @@ class Programs:
             }
         else:
             # From a guess that is nearly there already.
-            options["ipopt"] |= {"mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}  # type: ignore[operator]
+            ipopt = {**_IPOPT, "mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
             program = {
                 "x": states,
                 "f": away + 0.1 * effort,
                 "g": ca.vertcat(*gaps),
                 "p": ca.vertcat(waypoint, lengths),
             }
+        options = {"print_time": False, "error_on_fail": False, "ipopt": ipopt}
         return ca.nlpsol("free" if free else f"fixed{n}", "ipopt", program, options)
 
 

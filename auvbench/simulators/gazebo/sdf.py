@@ -14,6 +14,7 @@ from string import Template
 from xml.sax.saxutils import escape
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError
@@ -133,9 +134,7 @@ def world(
         scene: with light and SceneBroadcaster for a window.
         header: a comment at the top.
     """
-    lines = ['<?xml version="1.0"?>']
-    if header:
-        lines += ["<!--", *(f"  {comment(line)}" for line in header.splitlines()), "-->"]
+    lines = _opening(header)
     lines += [
         f'<sdf version="{VERSION}" xmlns:gz="http://gazebosim.org/schema">',
         f'<world name="{escape(name)}">',
@@ -193,21 +192,22 @@ def files(vehicle: VehicleModel, hydrodynamics: str, step: float) -> dict[str, s
             f"Thrust in N: gz topic -t /{name}/{vehicle.actuators[0]}/cmd -m gz.msgs.Double -p 'data: 10'",
         ]
     )
-    alone = "\n".join(
-        [
-            '<?xml version="1.0"?>',
-            "<!--",
-            *(f"  {comment(line)}" for line in header.splitlines()),
-            "-->",
-        ]
-    )
+    opening = "\n".join(_opening(header))
     return {
         f"{name}/model.config": _config(vehicle),
-        f"{name}/model.sdf": f'{alone}\n<sdf version="{VERSION}">\n{own}\n</sdf>\n',
+        f"{name}/model.sdf": f'{opening}\n<sdf version="{VERSION}">\n{own}\n</sdf>\n',
         f"{name}.world.sdf": world([own], vehicle, name=WORLD, step=step, header=header),
         f"{name}.bridge.yaml": bridge(vehicle),
         f"{name}.launch.py": _LAUNCH.substitute(name=name, world=WORLD),
     }
+
+
+def _opening(header: str) -> list[str]:
+    """Return the first lines of an SDF file, with `header` as a comment unless it is empty."""
+    lines = ['<?xml version="1.0"?>']
+    if header:
+        lines += ["<!--", *(f"  {comment(line)}" for line in header.splitlines()), "-->"]
+    return lines
 
 
 def write(folder: Path, contents: Mapping[str, str]) -> list[Path]:
@@ -268,13 +268,8 @@ def bridge(vehicle: VehicleModel) -> str:
         ("/clock", "/clock", "rosgraph_msgs/msg/Clock", "gz.msgs.Clock", "GZ_TO_ROS"),
     ]
     keys = ("ros_topic_name", "gz_topic_name", "ros_type_name", "gz_type_name", "direction")
-    lines = [f"# Topics of {name} between ROS 2 and Gazebo Harmonic, for ros_gz_bridge's parameter_bridge."]
-    for row in rows:
-        lines += [
-            f"{'- ' if i == 0 else '  '}{key}: {value}"
-            for i, (key, value) in enumerate(zip(keys, row, strict=True))
-        ]
-    return "\n".join([*lines, ""])
+    header = f"# Topics of {name} between ROS 2 and Gazebo Harmonic, for ros_gz_bridge's parameter_bridge.\n"
+    return header + yaml.safe_dump([dict(zip(keys, row, strict=True)) for row in rows], sort_keys=False)
 
 
 _LAUNCH = Template('''"""Gazebo Harmonic with $name, headless, and the bridge to ROS 2 Jazzy.

@@ -216,10 +216,7 @@ class Thrust:
     def _discretised(self, step: float) -> list[tuple[FloatArray, FloatArray]]:
         if step not in self._exact:
             self._exact.clear()
-            self._exact[step] = [
-                unit.lag.discretise(step) if unit.lag.order else (np.zeros((0, 0)), np.zeros(0))
-                for unit in self.vehicle.units
-            ]
+            self._exact[step] = [unit.lag.discretise(step) for unit in self.vehicle.units]
         return self._exact[step]
 
 

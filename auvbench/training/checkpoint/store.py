@@ -93,7 +93,9 @@ class CheckpointStore:
             TrainingError: disk full, read-only or failing; nothing half-written stays, older ones are whole.
         """
         target = self.folder / str(step)
-        with storage(f"cannot write the checkpoint of step {step}{self._fallback()}"):
+        earlier = self.steps()
+        intact = f" (the one of step {earlier[0]} is intact)" if earlier else ""
+        with storage(f"cannot write the checkpoint of step {step}{intact}"):
             files = dict(components.files())
             entries = {name: FileEntry(**integrity.entry(data)) for name, data in files.items()}
             manifest = Manifest(SCHEMA_VERSION, step, entries, segments, dict(logs or {}))
@@ -179,10 +181,6 @@ class CheckpointStore:
                 raise LogMismatchError(f"{name} no longer begins with its {mark.bytes} bytes of that time")
         return Checkpoint(path, step, Components.read(contents), manifest.replay, manifest.logs)
 
-    def _fallback(self) -> str:
-        steps = self.steps()
-        return f" (the one of step {steps[0]} is intact)" if steps else ""
-
     def prune(self) -> None:
         """Delete old checkpoints; a failure costs disk space, not the run."""
         try:
@@ -190,16 +188,14 @@ class CheckpointStore:
             for step in steps[self.keep :]:
                 self._remove(self.folder / str(step))
             if self.replay_folder.is_dir():
-                self._prune_replay(steps[: self.keep])
+                kept = [_manifest(self.folder / str(step)) for step in steps[: self.keep]]
+                wanted = {segment.name for manifest in kept for segment in manifest.replay}
+                for path in self.replay_folder.iterdir():
+                    if path.name not in wanted:
+                        path.unlink(missing_ok=True)
             self._remove_leftovers()  # of a checkpoint that could not be written, nor taken away at that time
         except (OSError, ValueError) as error:
             warnings.warn(f"cannot delete old checkpoints in {self.folder}: {error}", CheckpointWarning, 2)
-
-    def _prune_replay(self, steps: list[int]) -> None:
-        wanted = {segment.name for step in steps for segment in _manifest(self.folder / str(step)).replay}
-        for path in self.replay_folder.iterdir():
-            if path.name not in wanted:
-                path.unlink(missing_ok=True)
 
     def _remove(self, path: Path) -> None:
         """Rename before deleting, so that a half-deleted directory never looks like a checkpoint."""

@@ -89,7 +89,7 @@ def test_actions_give_the_forces_clipped_to_the_sheet():
     motors = motors_of(vehicle)
     pwm = np.array([[1600, 1450, 1700, 1500, 1400, 1480, 1520, 1900]])
     wanted = np.clip(motors.forces(pwm), *vehicle.force_limits.T * 30.62 / 30.4)
-    np.testing.assert_allclose(vehicle.force(motors.actions(pwm)), wanted, atol=2e-3)
+    np.testing.assert_allclose(vehicle.force(vehicle.action(motors.forces(pwm))), wanted, atol=2e-3)
 
 
 def test_fins_and_other_frames_are_refused_by_name():

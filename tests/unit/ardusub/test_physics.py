@@ -92,7 +92,7 @@ def test_a_pulse_of_surge_moves_it_north_and_a_stick_to_starboard_east():
     assert state.velocity[0] > 0.1
     assert abs(state.velocity[1]) < 1e-2
     assert state.current == pytest.approx(
-        float(one.vehicle.power(one.motors.actions(AHEAD))) / 16.0, rel=1e-6
+        float(one.vehicle.power(one.vehicle.action(force))) / 16.0, rel=1e-6
     )
     assert np.count_nonzero(force) == 4
     right = run(physics("vehicle=bluerov2_heavy", DEEP), (1650, 1350, 1650, 1350, *NEUTRAL[4:]), 0.3)
