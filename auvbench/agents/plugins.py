@@ -22,7 +22,7 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     """
     algo = config.algo
     who = f"{algo.agent} of {algo.package}"
-    factory = installed.thing_of(plugins.AGENTS, algo.agent, algo.package)
+    factory = installed.agent_of(algo.agent, algo.package)
     with plugins.telling(who, "cannot be made"):
         made = factory(config, vehicle)
     lacking = [name for name in ("reset", "act") if not callable(getattr(made, name, None))]

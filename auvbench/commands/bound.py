@@ -20,24 +20,19 @@ OUTPUT = "outputs/bounds"
 
 def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments, overrides=True)
-    own, run, test = _sorted(given.words)
-    root = Path(own["output"])
+    root, run, test = _sorted(given.words)
     from auvbench.config.compose import compose
-    from auvbench.config.validate import evaluate_config, train_config
+    from auvbench.config.validate import evaluate_config, resolved, train_config
 
-    settings = evaluate_config(compose("evaluate", test))
+    protocol = evaluate_config(compose("evaluate", test)).protocol
     composed = compose("train", run)
     train_config(composed)
-    from omegaconf import OmegaConf
-
-    plain = OmegaConf.to_container(composed, resolve=True)
-    assert isinstance(plain, dict)
-    config = {str(key): value for key, value in plain.items()}
-    if not given.force and (there := _there(settings.protocol, config, root)) is not None:
+    config = resolved(composed)
+    if not given.force and (there := _there(protocol, config, root)) is not None:
         print(_summary(there))
         print("These bounds exist already (--force searches again).")
         return 0
-    return _compute(settings.protocol, config, root, given.workers)
+    return _compute(protocol, config, root, given.workers)
 
 
 def parser() -> Parser:
@@ -62,13 +57,13 @@ def parser() -> Parser:
     return parser
 
 
-def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str], list[str]]:
-    """Split the words into keys of this command, of a run's configuration, and of a test.
+def _sorted(words: Sequence[str]) -> tuple[Path, list[str], list[str]]:
+    """Return the output folder, and the words for a run's configuration and for a test.
 
     Raises:
         UserError: an unknown key.
     """
-    own = {"output": OUTPUT}
+    output = OUTPUT
     run: list[str] = []
     test: list[str] = []
     for word in words:
@@ -80,11 +75,11 @@ def _sorted(words: Sequence[str]) -> tuple[dict[str, str], list[str], list[str]]
             )
         if group not in KEYS:
             raise UserError(f"{word}: bound has no such key; {closest(key, KEYS)}")
-        if key in own:
-            own[key] = value
+        if key == "output":
+            output = value
         else:
             (run if group in ("vehicle", "simulator") else test).append(word)
-    return own, run, test
+    return Path(output), run, test
 
 
 def _there(protocol: Protocol, config: dict[str, Any], root: Path) -> Limits | None:
@@ -122,13 +117,7 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
             tell.line(f"{done} of {total} searches" if done % step == 0 else None)
 
         try:
-            limits = compute(
-                protocol,
-                config,
-                root,
-                pool,
-                told,
-            )
+            limits = compute(protocol, config, root, pool, told)
         except Interrupted as interrupted:
             raise Interrupted(
                 interrupted.signal,

@@ -154,11 +154,10 @@ def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunSt
     ready, unfinished = [], []
     for run in runs:
         try:
-            found = status.of(run)
+            found: RunStatus | None = status.of(run)
         except RunError:
-            ready.append(run)
-            continue
-        if found.state is status.State.COMPLETE:
+            found = None
+        if found is None or found.state is status.State.COMPLETE:
             ready.append(run)
         else:
             unfinished.append(found)

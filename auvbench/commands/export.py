@@ -23,9 +23,7 @@ def parser() -> Parser:
     parser.add_argument(
         "paths", nargs="+", type=Path, metavar="PATH", help="run directories or folders of runs"
     )
-    parser.add_argument(
-        "--out", type=Path, default=None, help="folder of the files (default: each run's exports/)"
-    )
+    parser.add_argument("--out", type=Path, help="folder of the files (default: each run's exports/)")
     return parser
 
 

@@ -49,7 +49,9 @@ def main(arguments: Sequence[str]) -> int:
 
     with storage(f"cannot write into {target}"):
         for path, text in _files(template(), Path()):
-            _write(target / _renamed(str(path), name), _renamed(text, name))
+            file = target / _renamed(str(path), name)
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(_renamed(text, name), encoding="utf-8")
     print(f"wrote {target}: its README.md names the files\nnext:")
     print(f"  cd {target} && pip install --no-deps -e .")
     print("  auvbench train -m experiment=first")
@@ -77,8 +79,3 @@ def _files(folder: Traversable, path: Path) -> Iterator[tuple[Path, str]]:
 def _renamed(text: str, name: str) -> str:
     module = name.replace("-", "_")
     return text.replace(OLD, name).replace(OLD.replace("-", "_"), module)
-
-
-def _write(path: Path, text: str) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")

@@ -57,14 +57,10 @@ def parser() -> Parser:
     parser.add_argument(
         "controller", metavar="POLICY.onnx", help=f"an exported policy, or one of {', '.join(CONTROLLERS)}"
     )
-    parser.add_argument("--vehicle", default=None, help="its sheet (default: the policy's; else bluerov2)")
-    parser.add_argument("--namespace", default=None, help="of the topics (default: the vehicle's name)")
-    parser.add_argument(
-        "--task", default=None, help=f"{' or '.join(TASKS)} (default: the policy's; else waypoint)"
-    )
-    parser.add_argument(
-        "--frequency", type=number(0.001, 1000), default=None, help="Hz (default: the policy's; else 10)"
-    )
+    parser.add_argument("--vehicle", help="its sheet (default: the policy's; else bluerov2)")
+    parser.add_argument("--namespace", help="of the topics (default: the vehicle's name)")
+    parser.add_argument("--task", help=f"{' or '.join(TASKS)} (default: the policy's; else waypoint)")
+    parser.add_argument("--frequency", type=number(0.001, 1000), help="Hz (default: the policy's; else 10)")
     parser.add_argument(
         "--goal",
         type=number(-1e6, 1e6),
@@ -85,18 +81,14 @@ def parser() -> Parser:
         metavar=("LOW", "HIGH"),
         help="lowest and highest z in m (default: the policy's; else -60 -1)",
     )
-    parser.add_argument(
-        "--goal-radius", type=number(0.001, 1000), default=None, help="m (default: the policy's; else 3)"
-    )
+    parser.add_argument("--goal-radius", type=number(0.001, 1000), help="m (default: the policy's; else 3)")
     parser.add_argument(
         "--pose-timeout",
         type=number(0.001, 60),
         default=0.5,
         help="s: zero thrust while the pose is older (default: 0.5)",
     )
-    parser.add_argument(
-        "--record", type=Path, default=None, metavar="DIR", help="keep missions in a new folder"
-    )
+    parser.add_argument("--record", type=Path, metavar="DIR", help="keep missions in a new folder")
     parser.add_argument(
         "--sim-time",
         action="store_true",
@@ -104,7 +96,6 @@ def parser() -> Parser:
     )
     parser.add_argument(
         "--mavlink",
-        default=None,
         metavar="ADDRESS",
         help="steer ArduSub in place of ROS 2: udp:HOST:PORT to listen, tcp:HOST:PORT to connect",
     )

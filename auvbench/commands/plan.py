@@ -33,7 +33,6 @@ _Found = Sequence[tuple[str, "Need"]]
 
 
 def main(argv: Sequence[str]) -> int:
-    """Print the seeds that a difference needs."""
     options = parser().read(argv)
     _check(options)
     basis, agents, episodes, m = _basis(options)
@@ -43,7 +42,6 @@ def main(argv: Sequence[str]) -> int:
 
 
 def parser() -> Parser:
-    """Return the parser of the flags."""
     parser = Parser(
         prog="auvbench plan",
         where=True,

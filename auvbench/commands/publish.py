@@ -139,9 +139,9 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
         if run.archive is None and folder.resolve() in run.directory.resolve().parents:
             raise ReportError(f"--to {folder}: {run.directory} lies there; name a folder without runs")
     chosen = [run for run in runs if run.evaluations or failed_training(run)]
-    _refuse_loss(folder, {run.id for run in chosen})
-    left = archive.write(chosen, folder, protocols, trajectories=study.paths, compact=study.compact)
     ids = {run.id for run in chosen}
+    _refuse_loss(folder, ids)
+    left = archive.write(chosen, folder, protocols, trajectories=study.paths, compact=study.compact)
     untested = [p for p in problems if p.kind == "missing"]
     left += [
         f"{p.where}: {p.message}"

@@ -27,10 +27,8 @@ def parser() -> Parser:
     )
     parser.add_argument("--episode", type=int, default=0, help="episode of the protocol (default: 0)")
     parser.add_argument("--protocol", default="test", help="protocol (default: test)")
-    parser.add_argument("--condition", default=None, help="condition (default: the protocol's first)")
-    parser.add_argument(
-        "--out", type=Path, default=None, help="folder of the figure (default: the run's replays/)"
-    )
+    parser.add_argument("--condition", help="condition (default: the protocol's first)")
+    parser.add_argument("--out", type=Path, help="folder of the figure (default: the run's replays/)")
     parser.add_argument(
         "--video",
         type=Path,

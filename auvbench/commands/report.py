@@ -5,12 +5,12 @@ from __future__ import annotations
 import gc
 import os
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.report_options import Options, parse
+from auvbench.commands.report_options import Options, parser, read
 from auvbench.errors import ReportError, UserError, closest
 from auvbench.record import PRIMARY
 from auvbench.untrusted import path_safety
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 def main(argv: Sequence[str]) -> int:
     """Return 0 when there is a report, which names the runs that it leaves out."""
-    paths, options = parse(argv)
+    paths, options, _ = read(parser(), argv)
     # A report keeps nearly all of the millions of objects that it makes: to search them for cycles takes a sixth of its time.
     gc.disable()
     try:
@@ -40,7 +40,8 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
 
     reports = analysed(paths, options)
     runs = [run for report in reports for run in report.runs]
-    out = options.out or report_folder(runs)
+    experiment = os.path.commonpath([run.directory.absolute().parent for run in runs])
+    out = options.out or Path(experiment, "report")
     if options.out is None:  # a folder that was typed may be a link; one that exists may be foreign
         path_safety.check_output(out)
     path_safety.check_output(out / "figures")
@@ -70,6 +71,8 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
 def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     """What can be said of the runs under some paths, section by section.
 
+    Why a section cannot be reported stands with the first that can.
+
     Raises:
         UserError: an option names what there is not, or nothing can be reported.
     """
@@ -78,6 +81,7 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import to_rank_by
     from auvbench.analysis.optional_columns import validate_columns as check_columns
+    from auvbench.analysis.records import Problem
 
     if options.rank_by != PRIMARY:
         to_rank_by(options.rank_by)  # a wrong name is said before anything is read
@@ -85,48 +89,31 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     runs, problems = load(paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
     parts = sections(runs, options.protocol)
-    _check_margin(parts, options)
+    measures = dict.fromkeys(_measure(part, options) for part in parts)
+    if options.margin is not None and len(measures) > 1:
+        raise ReportError(
+            f"--margin {options.margin:g}: the tasks are ranked by {', '.join(measures)}, of different units; leave it "
+            "out (null in a declared analysis), or name one task: --where task=NAME"
+        )
     condition = options.condition or default(runs, options.protocol)
-    found = split_problems(problems, parts)
-    several = len(parts) > 1
-    reports = _each_of(parts, lambda i: _analyse(parts[i], found[i], condition, options, several))
-    _has_baseline(reports, options)
-    return reports
-
-
-def _each_of(parts: Sequence[Section], analyse: Callable[[int], Report]) -> list[Report]:
-    """The sections that can be reported; why another cannot stands with the first.
-
-    Raises:
-        ReportError: the first section's, where none can be reported.
-    """
-    from auvbench.analysis.records import Problem
-
     reports: list[Report] = []
     refused: list[tuple[str, ReportError]] = []
-    for i, part in enumerate(parts):
+    for part, own in zip(parts, split_problems(problems, parts), strict=True):
         try:
-            reports.append(analyse(i))
+            reports.append(_analyse(part, own, condition, options, several=len(parts) > 1))
         except ReportError as error:
             refused.append((part.title, error))
     if not reports:
         raise refused[0][1]
-    named = tuple(Problem(title, "missing", str(error)) for title, error in refused)
-    first = reports[0]
-    reports[0] = replace(first, ranking=replace(first.ranking, problems=(*first.ranking.problems, *named)))
-    return reports
-
-
-def _has_baseline(reports: Sequence[Report], options: Options) -> None:
-    """
-    Raises:
-        ReportError: no section has the baseline.
-    """
     if options.baseline is not None and all(report.without_baseline for report in reports):
         labels = sorted({agent.label for report in reports for agent in report.agents})
         raise ReportError(
             f"--baseline {options.baseline!r} is in none of the {len(reports)} sections; {closest(options.baseline, labels)}"
         )
+    named = [Problem(title, "missing", str(error)) for title, error in refused]
+    first = reports[0].ranking
+    reports[0] = replace(reports[0], ranking=replace(first, problems=(*first.problems, *named)))
+    return reports
 
 
 def _analyse(
@@ -174,19 +161,6 @@ def _analyse(
     return Report(part, ordered, ranking, find(ranking, ordered), claims, numbers, missing)
 
 
-def _check_margin(parts: Sequence[Section], options: Options) -> None:
-    """
-    Raises:
-        ReportError: the sections have measures of different units, and a margin in one of them.
-    """
-    measures = dict.fromkeys(_measure(part, options) for part in parts)
-    if options.margin is not None and len(measures) > 1:
-        raise ReportError(
-            f"--margin {options.margin:g}: the tasks are ranked by {', '.join(measures)}, of different units; leave it "
-            "out (null in a declared analysis), or name one task: --where task=NAME"
-        )
-
-
 def _measure(part: Section, options: Options) -> str:
     """Return the measure that ranks agents of the section: by default that of its task."""
     from auvbench.config.tasks import primary_of
@@ -223,11 +197,6 @@ def write(
     from auvbench.reporting import write as files
     from auvbench.runs.atomic_io import make_folder
 
-    if (
-        options.out is None or several
-    ):  # a folder that was typed may be a link; one that exists may be foreign
-        path_safety.check_output(out)
-    path_safety.check_output(out / "figures")
     try:
         make_folder(out)
     except OSError as error:
@@ -262,9 +231,3 @@ def write(
         written += files.if_any(out / "conditions.csv", tables.conditions_csv(ranking))
         written += files.if_any(out / "verdicts.json", files.verdicts([report]))
     return report, written
-
-
-def report_folder(runs: Sequence[RunRecord]) -> Path:
-    """<experiment>/report, where the experiment is the folder that all the runs have in common."""
-    parents = {str(run.directory.absolute().parent) for run in runs}
-    return Path(os.path.commonpath(sorted(parents))) / "report"

@@ -77,14 +77,8 @@ def defaults() -> Options:
     return _options(_usual())
 
 
-def parse(argv: Sequence[str]) -> tuple[list[Path], Options]:
-    """Return paths and options: conf/report.yaml, the declared analysis, the command line."""
-    paths, options, _ = read(parser(), argv)
-    return paths, options
-
-
 def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict[str, Any]]:
-    """As `parse`, for a command that takes report's flags and more: the values of all flags come third."""
+    """Return paths, options (conf/report.yaml, the declared analysis, the command line) and the values of all flags."""
     given = vars(parser.read(argv))
     settings = _usual()
     declared, undecided = _declared(given["paths"])

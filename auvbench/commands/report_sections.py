@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from auvbench.commands.report import write
 from auvbench.commands.report_options import Options
+from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
     from auvbench.analysis.records import Agent, Ranking, Report
@@ -76,11 +77,7 @@ def _adding(report: Report, algorithm: str, protocol: str) -> str:
 
 
 def write_sections(
-    reports: Sequence[Report],
-    options: Options,
-    command: str,
-    out: Path,
-    score: Scores | None = None,
+    reports: Sequence[Report], options: Options, command: str, out: Path, score: Scores | None
 ) -> tuple[list[Report], list[Path]]:
     """Writes each section into a folder of its own below `out`, and `index.html`, `report.md` and `table.csv` of all.
 
@@ -91,11 +88,11 @@ def write_sections(
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
     from auvbench.reporting.page.writer import write_overview
-    from auvbench.reporting.write import text
 
     whole, below = [], []
     for report in reports:
         folder = out / report.section.folder
+        path_safety.check_output(folder, ("figures",))
         found, written = write(report, options, command, folder, several=True)
         whole.append(found)
         below += written
@@ -103,9 +100,9 @@ def write_sections(
     if "html" in options.format:
         above.append(write_overview(out / "index.html", whole, command, score))
     if "md" in options.format:
-        above.append(text(out / "report.md", files.sections_markdown(whole, score)))
+        above.append(files.text(out / "report.md", files.sections_markdown(whole, score)))
     if "csv" in options.format:
-        above.append(text(out / "table.csv", rows(whole, tables.csv)))
+        above.append(files.text(out / "table.csv", rows(whole, tables.csv)))
     files.clear(out)
     if "tex" in options.format:
         above += files.if_any(

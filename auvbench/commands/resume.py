@@ -30,13 +30,16 @@ def main(arguments: Sequence[str]) -> int:
     if not paths:
         raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
     from auvbench.commands import train
-    from auvbench.runs.directory import find_runs
+    from auvbench.runs.directory import RunDirectory, find_runs
 
     runs = find_runs(paths)
     for override in overrides:
         runs = _extended(runs, _budget(override), shlex.join(["auvbench", "resume", *arguments]))
-    if len(runs) > 1:
-        return _several(runs, given.workers)
+    if len(runs) > 1:  # side by side, each in a process of its own
+        from auvbench.scheduling.grid import sweep
+        from auvbench.scheduling.local import LocalBackend
+
+        return sweep(runs, LocalBackend(given.workers), check=RunDirectory.check).exit_code
     runs[0].check()
     return train.carry_out(runs[0])
 
@@ -88,12 +91,3 @@ def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[Ru
         print(f"{target.path}: extends {extension.run.id} to {total:,} steps")
         targets.append(target)
     return targets
-
-
-def _several(runs: Sequence[RunDirectory], workers: int) -> int:
-    """Side by side, each in a process of its own."""
-    from auvbench.runs.directory import RunDirectory
-    from auvbench.scheduling.grid import sweep
-    from auvbench.scheduling.local import LocalBackend
-
-    return sweep(runs, LocalBackend(workers), check=RunDirectory.check).exit_code

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from auvbench.commands.grammar import Parser, number, whole
@@ -47,7 +46,7 @@ def parser() -> Parser:
         "--vehicles", type=whole(1, 1000), default=1, help="in one world: NAME_1, NAME_2, ... (default: 1)"
     )
     ros2 = parser.add_argument_group("--face ros2")
-    ros2.add_argument("--namespace", default=None, help="of the topics (default: the vehicle's name)")
+    ros2.add_argument("--namespace", help="of the topics (default: the vehicle's name)")
     ros2.add_argument(
         "--pace", type=_pace, default=1.0, help="simulated seconds per second, or max (default: 1)"
     )
@@ -117,7 +116,7 @@ def _server(given: argparse.Namespace) -> Server:
     from auvbench.vehicles import sheet
     from auvbench.vehicles.physical import PhysicalCommands
 
-    config = train_config(compose("train", given.overrides, folder=Path("conf")))
+    config = train_config(compose("train", given.overrides))
     if isinstance(config.simulator, simulators.Ros2):
         raise ConfigError(
             "simulator=ros2: serve needs a simulator of its own: simulator=fossen or simulator=gazebo"
@@ -153,7 +152,6 @@ def _server(given: argparse.Namespace) -> Server:
 
 
 def _print_interface(server: Server) -> None:
-    """Print what is served."""
     from auvbench.ros2 import interface
     from auvbench.ros2.middleware import surroundings
 
@@ -239,7 +237,7 @@ def _vehicles(given: argparse.Namespace) -> list[Physics]:
     from auvbench.config.compose import compose
     from auvbench.config.validate import train_config
 
-    config = train_config(compose("train", [*ARDUSUB_START, *given.overrides], folder=Path("conf")))
+    config = train_config(compose("train", [*ARDUSUB_START, *given.overrides]))
     motors = given.motors.split(",") if given.motors else None
     return [
         Physics(config, motors=motors, thrust=given.thrust, voltage=given.battery)

@@ -13,7 +13,6 @@ from auvbench.runs.atomic_io import check_writable
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-    from auvbench.simulators.openloop import Trajectory
     from auvbench.vehicles.vehicle_model import VehicleModel
 
 PICTURES = (".png", ".svg", ".pdf")
@@ -61,7 +60,14 @@ def simulate(config: DictConfig) -> None:
         frame=given.frame,
         max_step=settings.max_step,
     )
-    _deliver(trajectory, vehicle, settings.output, settings.plot)
+    if settings.output is None and settings.plot is None:
+        sys.stdout.write(trajectory.csv())
+    if settings.output is not None:
+        openloop.write(trajectory, Path(settings.output))
+        print(f"{len(trajectory.time)} rows: {settings.output}")
+    if settings.plot is not None:
+        openloop.draw(trajectory, Path(settings.plot), title=vehicle.title)
+        print(f"plot: {settings.plot}")
 
 
 def _command(vehicle: VehicleModel, given: Any) -> Any:
@@ -95,16 +101,3 @@ def _command(vehicle: VehicleModel, given: Any) -> Any:
         if isinstance(value, bool) or not isinstance(value, int | float) or not -1.0 <= value <= 1.0:
             raise ConfigError(f"input.command: {name} is {value}: must be a number in [-1, 1]")
     return np.array(values, dtype=np.float64)
-
-
-def _deliver(trajectory: Trajectory, vehicle: VehicleModel, output: str | None, plot: str | None) -> None:
-    from auvbench.simulators import openloop
-
-    if output is None and plot is None:
-        sys.stdout.write(trajectory.csv())
-    if output is not None:
-        openloop.write(trajectory, Path(output))
-        print(f"{len(trajectory.time)} rows: {output}")
-    if plot is not None:
-        openloop.draw(trajectory, Path(plot), title=vehicle.title)
-        print(f"plot: {plot}")

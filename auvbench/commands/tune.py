@@ -226,20 +226,12 @@ def _conclude(plan: Plan, study: StudyFolder) -> int:
     if best is None:
         print(f"{study.path}: every trial failed, so there are no best settings")
     else:
-        outcome.write(
-            study.best,
-            plan,
-            found.algo(best),
-            trials=len(found.trials),
-            steps=found.steps,
-            evidence=tuning.evidence(found),
-        )
+        outcome.write(found, best, tuning.evidence(found))
     trials = tuning.report(found)
     for sentence in tuning.summary(found):
         print(sentence)
     if best is not None:
-        print(
-            f"{study.best}: cp it to conf/algo/{outcome.name_of(plan)}.yaml, then algo={outcome.name_of(plan)}"
-        )
+        name = outcome.name_of(plan)
+        print(f"{study.best}: cp it to conf/algo/{name}.yaml, then algo={name}")
     print(f"{trials}", flush=True)
     return int(best is None or bool(found.broken))

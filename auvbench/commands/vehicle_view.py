@@ -24,11 +24,10 @@ YAW = 5
 
 def open_console() -> Console:
     """The terminal, or a wide page where the output is a file or a pipe."""
-    terminal = Console(highlight=False, soft_wrap=False)
-    if not terminal.is_terminal:
-        # Neither has a width; tables must not be folded at 80 characters.
-        terminal = Console(highlight=False, width=140)
-    return terminal
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = 140  # neither has a width; tables must not be folded at 80 characters
+    return console
 
 
 def new_table(*columns: str, title: str = "") -> Table:

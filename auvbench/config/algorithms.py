@@ -5,7 +5,7 @@ Each agent has one `AgentSpec`. Importing it imports no agent.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,16 +26,12 @@ class Tuned:
     date: str
 
 
-def _agents() -> Collection[str]:
-    return AGENTS
-
-
 @dataclass(kw_only=True)
 class Algorithm:
     """What every `algo/*.yaml` has: which agent it is and how many environments it drives."""
 
     name: str = name()
-    agent: str = choice_of(_agents)
+    agent: str = choice_of(lambda: AGENTS)
     n_envs: int = number(1, 65_536)
     tuned: Tuned | None = None  # where its values were searched for
 
@@ -289,30 +285,29 @@ class AgentSpec:
         return issubclass(self.schema, Network)
 
 
-def _by_name(*specs: AgentSpec) -> dict[str, AgentSpec]:
-    return {spec.name: spec for spec in specs}
-
-
-AGENTS = _by_name(
-    AgentSpec("ppo", "PPO", PPO, _SB3, "stable_baselines3:PPO", True),
-    AgentSpec("sac", "SAC", SAC, _SB3, "stable_baselines3:SAC", True),
-    AgentSpec("ddpg", "DDPG", DDPG, _SB3, "stable_baselines3:DDPG", True),
-    AgentSpec("td3", "TD3", TD3, _SB3, "stable_baselines3:TD3", True),
-    AgentSpec("tqc", "TQC", TQC, _SB3, "sb3_contrib:TQC", True),
-    AgentSpec("crossq", "CrossQ", CrossQ, _SB3, "sb3_contrib:CrossQ", True),
-    AgentSpec("trpo", "TRPO", TRPO, _SB3, "sb3_contrib:TRPO", True),
-    AgentSpec("recurrent_ppo", "RecurrentPPO", RecurrentPPO, _SB3, "sb3_contrib:RecurrentPPO"),
-    AgentSpec("ppo_residual", "PPO added to PID", PPOResidual, _RESIDUAL, "stable_baselines3:PPO"),
-    AgentSpec("sac_residual", "SAC added to PID", SACResidual, _RESIDUAL, "stable_baselines3:SAC"),
-    AgentSpec("pid", "PID", PID, f"{_CLASSICAL}.pid:controller"),
-    AgentSpec("alos", "ALOS", ALOS, f"{_CLASSICAL}.alos:controller"),
-    AgentSpec("lqr", "LQR", LQR, f"{_CLASSICAL}.lqr:LQRController"),
-    AgentSpec("smc", "SMC", SMC, f"{_CLASSICAL}.smc:SMCController"),
-    AgentSpec("mpc", "MPC", MPC, f"{_CLASSICAL}.mpc:MPCController"),
-    AgentSpec("random", "random", Random, f"{_CLASSICAL}.random:RandomAgent"),
-    AgentSpec("onnx", "ONNX policy", ONNX, "auvbench.agents.policy_file:PolicyFile"),
-    AgentSpec("ardusub", "ArduSub", ArduSub, "auvbench.agents.ardusub:ArduSubAgent"),
-)
+AGENTS: dict[str, AgentSpec] = {
+    spec.name: spec
+    for spec in (
+        AgentSpec("ppo", "PPO", PPO, _SB3, "stable_baselines3:PPO", True),
+        AgentSpec("sac", "SAC", SAC, _SB3, "stable_baselines3:SAC", True),
+        AgentSpec("ddpg", "DDPG", DDPG, _SB3, "stable_baselines3:DDPG", True),
+        AgentSpec("td3", "TD3", TD3, _SB3, "stable_baselines3:TD3", True),
+        AgentSpec("tqc", "TQC", TQC, _SB3, "sb3_contrib:TQC", True),
+        AgentSpec("crossq", "CrossQ", CrossQ, _SB3, "sb3_contrib:CrossQ", True),
+        AgentSpec("trpo", "TRPO", TRPO, _SB3, "sb3_contrib:TRPO", True),
+        AgentSpec("recurrent_ppo", "RecurrentPPO", RecurrentPPO, _SB3, "sb3_contrib:RecurrentPPO"),
+        AgentSpec("ppo_residual", "PPO added to PID", PPOResidual, _RESIDUAL, "stable_baselines3:PPO"),
+        AgentSpec("sac_residual", "SAC added to PID", SACResidual, _RESIDUAL, "stable_baselines3:SAC"),
+        AgentSpec("pid", "PID", PID, f"{_CLASSICAL}.pid:controller"),
+        AgentSpec("alos", "ALOS", ALOS, f"{_CLASSICAL}.alos:controller"),
+        AgentSpec("lqr", "LQR", LQR, f"{_CLASSICAL}.lqr:LQRController"),
+        AgentSpec("smc", "SMC", SMC, f"{_CLASSICAL}.smc:SMCController"),
+        AgentSpec("mpc", "MPC", MPC, f"{_CLASSICAL}.mpc:MPCController"),
+        AgentSpec("random", "random", Random, f"{_CLASSICAL}.random:RandomAgent"),
+        AgentSpec("onnx", "ONNX policy", ONNX, "auvbench.agents.policy_file:PolicyFile"),
+        AgentSpec("ardusub", "ArduSub", ArduSub, "auvbench.agents.ardusub:ArduSubAgent"),
+    )
+}
 
 
 def learns(algo: Any, *, unknown: bool = False) -> bool:

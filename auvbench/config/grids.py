@@ -156,14 +156,13 @@ def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
     varied = {key for grid in grids for key in grid}
     narrowed = []
     for grid in grids or [{}]:
-        result: Grid | None = dict(grid)
+        result = dict(grid)
         for key, values in typed.items():
             if key not in varied:
-                result = {**result, key: values} if result is not None else None
-            elif result is not None and key in grid:
-                axis = _restrict(grid[key], values, [other[key] for other in grids if key in other])
-                result = {**result, key: axis} if axis else None
-        if result is not None:
+                result[key] = values
+            elif key in grid:
+                result[key] = _restrict(grid[key], values, [other[key] for other in grids if key in other])
+        if all(result.values()):
             narrowed.append(result)
     return narrowed
 
@@ -201,9 +200,9 @@ def jobs(grids: Iterable[Grid]) -> list[list[str]]:
         raise ConfigError(
             f"the grid has {count:,} runs, must be at most {MOST_JOBS:,}; sweep fewer values at once"
         )
-    lists = [
-        [_override(key, value) for key, value in zip(grid, values, strict=True)]
+    found = dict.fromkeys(
+        tuple(_override(key, value) for key, value in zip(grid, values, strict=True))
         for grid in grids
         for values in itertools.product(*grid.values())
-    ]
-    return [list(job) for job in dict.fromkeys(map(tuple, lists))]
+    )
+    return list(map(list, found))

@@ -218,15 +218,15 @@ def _learns(one: plugins.Declared, thing: Any) -> bool:
     return True
 
 
-def thing_of(group: str, name: str, release: str) -> Any:
-    """Return the object behind the entry point of a typed configuration.
+def agent_of(name: str, release: str) -> Any:
+    """Return the object behind the entry point of an agent.
 
     Raises:
         ConfigError: its package is not installed in that version, or cannot be imported.
     """
-    found = plugins.find(group, name)
+    found = plugins.find(plugins.AGENTS, name)
     if found is None or found.release != release:
-        raise plugins.missing(group, name, release)
+        raise plugins.missing(plugins.AGENTS, name, release)
     return plugins.load(found)
 
 

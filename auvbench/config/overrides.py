@@ -74,18 +74,12 @@ def _read(override: str) -> str:
         value = os.path.expanduser(value)  # leaves an unknown user as it is, where pathlib raises
     written = f"{key}{separator}{value}"
     is_text = key in PATHS or not re.match(r"""\w*[(\[{'"]""", value)
-    if not value or not is_text or is_valid(written):
-        return written
-    return f"{key}={quote(value)}"
-
-
-def is_valid(override: str) -> bool:
-    """Return whether Hydra's grammar takes an override."""
-    try:
-        OverridesParser.create().parse_override(override)
-    except (HydraException, RecursionError):
-        return False
-    return True
+    if value and is_text:
+        try:
+            OverridesParser.create().parse_override(written)
+        except (HydraException, RecursionError):
+            return f"{key}={quote(value)}"
+    return written
 
 
 def quote(text: str) -> str:

@@ -23,7 +23,7 @@ def number(low: float = -INF, high: float = INF, *, open_low: bool = False) -> A
 
 def choice(*names: str) -> Any:
     """A field that takes one of a few names."""
-    return field(metadata={"choices": names})
+    return choice_of(lambda: names)
 
 
 def choice_of(names: Callable[[], Collection[str]]) -> Any:
@@ -242,7 +242,7 @@ class Condition:
 
     # The one place where a default is in code: an entry of a list has no file of its own to hold it.
     name: str = ""
-    frequency: float | None = field(default=None, metadata={"low": 0.0, "high": 1000.0, "open_low": True})
+    frequency: float | None = later(number(0.0, 1000.0, open_low=True))
     overrides: list[str] = field(default_factory=list)
 
 
@@ -254,7 +254,7 @@ class Protocol:
     scenarios: str = later(choice("test", "validation"), "test")
     episodes: int = number(1, 1_000_000)
     seed: int = number(0, (1 << 32) - 1)
-    frequency: float | None = field(metadata={"low": 0.0, "high": 1000.0, "open_low": True})
+    frequency: float | None = number(0.0, 1000.0, open_low=True)
     batch: int = number(1, 65_536)
     trajectories: int = number(0, 100_000)
     overrides: list[str]
@@ -319,11 +319,7 @@ class Ray(Launcher):
     memory: int = number(0, 1 << 40)  # MiB
 
 
-LAUNCHERS: dict[str, type] = {
-    "local": Local,
-    "slurm": Slurm,
-    "ray": Ray,
-}
+LAUNCHERS: dict[str, type] = {"local": Local, "slurm": Slurm, "ray": Ray}
 
 
 @dataclass(kw_only=True)
@@ -367,5 +363,4 @@ def discount(algo: Any, frequency: float) -> float:
     0.99
     """
     horizon = algo.horizon_s
-    gamma: float = algo.gamma if horizon is None else math.exp(-1.0 / (frequency * horizon))
-    return gamma
+    return float(algo.gamma if horizon is None else math.exp(-1.0 / (frequency * horizon)))

@@ -68,15 +68,10 @@ def simulation_config(config: DictConfig) -> Simulation:
     require(
         unit, "input.pose", given.pose, f"have a quaternion [qw, qx, qy, qz] of length 1, it has {length:.6g}"
     )
-    least = typed.duration / MAX_ROWS
-    require(
-        typed.sample >= least,
-        "sample",
-        typed.sample,
-        f"be at least {least:.3g}, or more than {MAX_ROWS} rows",
-    )
-    least = typed.duration / MAX_STEPS
-    require(
-        typed.max_step >= least, "max_step", typed.max_step, f"be at least {least:.3g}, or simulate less long"
-    )
+    for key, most, otherwise in (
+        ("sample", MAX_ROWS, f"more than {MAX_ROWS} rows"),
+        ("max_step", MAX_STEPS, "simulate less long"),
+    ):
+        value, least = getattr(typed, key), typed.duration / most
+        require(value >= least, key, value, f"be at least {least:.3g}, or {otherwise}")
     return typed

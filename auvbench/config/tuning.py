@@ -10,7 +10,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import schema
 from auvbench.config.schema import choice, number
-from auvbench.config.validate import evaluate_protocol, require, structured
+from auvbench.config.validate import evaluate_protocol, require, resolved, structured
 from auvbench.errors import ConfigError
 
 STREAM = "validation"
@@ -90,7 +90,5 @@ def _check_budget(tune: Tune, config: DictConfig) -> None:
 
 def without_search(config: DictConfig) -> dict[str, Any]:
     """The resolved configuration of a run, without what belongs to the search."""
-    names = [field.name for field in dataclasses.fields(schema.TrainConfig)]
-    plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-    assert isinstance(plain, dict)
-    return {key: plain[key] for key in names}
+    values = resolved(config)
+    return {field.name: values[field.name] for field in dataclasses.fields(schema.TrainConfig)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
@@ -37,17 +38,15 @@ def validate_fields(config: Any, prefix: str = "") -> None:
         if dataclasses.is_dataclass(value):
             validate_fields(value, f"{key}.")
         elif value is not None:
-            _check_value(key, value, dict(field.metadata))
+            _check_value(key, value, field.metadata)
         elif not any(word in str(field.type) for word in ("None", "Any", "Optional")):
             raise ConfigError(f"{key}=null: a value is missing")
 
 
-def _check_value(key: str, value: Any, rule: dict[str, Any]) -> None:
+def _check_value(key: str, value: Any, rule: Mapping[str, Any]) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{key}={value}: must be a finite number")
-    choices = rule.get("choices")
-    known = choices() if callable(choices) else choices
-    if known is not None and value not in known:
+    if "choices" in rule and value not in (known := rule["choices"]()):
         raise ConfigError(f"{key}={value}: unknown; {closest(str(value), known)}")
     if "name" in rule and not _NAME.fullmatch(str(value)):
         raise ConfigError(
@@ -100,6 +99,13 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
             )
     validate_fields(typed, prefix)
     return typed
+
+
+def resolved(config: DictConfig) -> dict[str, Any]:
+    """Return the values of a composed configuration as plain Python, interpolations resolved."""
+    plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
+    assert isinstance(plain, dict)
+    return {str(key): value for key, value in plain.items()}
 
 
 def train_config(config: DictConfig) -> schema.TrainConfig:

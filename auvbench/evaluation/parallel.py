@@ -95,7 +95,7 @@ def _row_by_row(run: RunDirectory) -> bool:
         if spec is not None:
             factory = None if spec.learns else plugins.resolve(spec.factory)
         else:
-            factory = installed.thing_of(plugins.AGENTS, str(algo.get("agent")), str(algo.get("package")))
+            factory = installed.agent_of(str(algo.get("agent")), str(algo.get("package")))
     except (AuvbenchError, AttributeError):
         return False  # the test reports the error
     return bool(getattr(factory, "row_by_row", False))

@@ -163,10 +163,15 @@ def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
         OSError: the disk is full, read-only or failing.
     """
     staged, former = (folder.with_name(f".{folder.name}.{what}") for what in ("staged", "former"))
+
+    def tidy() -> None:
+        if former.exists() and not folder.exists():  # an interrupted replacement had set it aside
+            former.rename(folder)
+        for leftover in (staged, former):
+            shutil.rmtree(leftover, ignore_errors=True)
+
     make_folder(folder.parent)
-    _restore(former, folder)
-    for leftover in (staged, former):
-        shutil.rmtree(leftover, ignore_errors=True)
+    tidy()
     staged.mkdir()
     try:
         for name, data in files.items():
@@ -177,15 +182,7 @@ def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
         staged.rename(folder)
         fsync(folder.parent)
     finally:
-        _restore(former, folder)
-        for leftover in (staged, former):
-            shutil.rmtree(leftover, ignore_errors=True)
-
-
-def _restore(former: Path, folder: Path) -> None:
-    """Bring back a folder that an interrupted replacement had set aside."""
-    if former.exists() and not folder.exists():
-        former.rename(folder)
+        tidy()
 
 
 def write_json(path: Path, value: Any) -> None:

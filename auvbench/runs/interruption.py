@@ -73,7 +73,7 @@ class Interrupted(KeyboardInterrupt):
 
 @dataclass(slots=True)
 class Request:
-    """Return whether this process was asked to stop."""
+    """Whether this process was asked to stop."""
 
     signal: signal.Signals | None = None
 

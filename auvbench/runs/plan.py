@@ -12,7 +12,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 from auvbench.ardusub import sitl
 from auvbench.config import algorithms, schema
 from auvbench.config.compose import typed
-from auvbench.config.validate import train_config
+from auvbench.config.validate import resolved, train_config
 from auvbench.errors import ConfigError
 from auvbench.policies import exported
 from auvbench.runs import declared, identity, integrity
@@ -84,10 +84,8 @@ def _settled(config: DictConfig) -> DictConfig:
 
 
 def _plain(config: DictConfig) -> dict[str, object]:
-    container = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
-    assert isinstance(container, dict)
     # The analysis is none of the run's: it lies next to the runs.
-    plain = {str(key): value for key, value in container.items() if key != declared.KEY}
+    plain = {key: value for key, value in resolved(config).items() if key != declared.KEY}
     if found := identity.first_interpolation(plain):  # from a value with \${ in it
         raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
     return plain

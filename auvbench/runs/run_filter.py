@@ -50,16 +50,12 @@ def parse(terms: Iterable[str]) -> tuple[Term, ...]:
     found = []
     for text in terms:
         match = _TERM.fullmatch(text)
-        values = [] if match is None else [v.strip() for v in _split(match["values"])]
+        # Commas inside brackets part the items of a list.
+        values = [] if match is None else [v.strip() for v in re.split(r",(?![^\[]*\])", match["values"])]
         if match is None or not all(values):
             raise UserError(f"--where {text}: must be KEY=VALUE,... or KEY!=VALUE,..., e.g. reward.k=1,40")
         found.append(Term(match["key"].strip(), tuple(values), bool(match["no"]), text))
     return tuple(found)
-
-
-def _split(text: str) -> list[str]:
-    """Split at commas outside of brackets."""
-    return re.split(r",(?![^\[]*\])", text)
 
 
 def select(

@@ -56,9 +56,7 @@ class Step:
     """how far it is, what went wrong, or who holds it"""
 
 
-def _step(
-    run: RunDirectory, watched: Callable[[Path], bool], check: Callable[[RunDirectory], object]
-) -> Step:
+def _step(run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], object]) -> Step:
     try:
         check(run)
         found = status.of(run, deep=True)
@@ -66,9 +64,9 @@ def _step(
         return Step(run, Action.REFUSE, str(error))
     action, manifest = _ACTIONS[found.state], found.manifest
     if action is Action.LEAVE:
-        if not watched(run.path):
+        if backend.adopt(run.path) is None:
             return Step(run, action, f"by {found.holder}")
-        action = Action.RESUME
+        action = Action.RESUME  # a job of the backend's own is waited for
     detail = ""
     if action is Action.RETRY:
         why = (manifest.get("error") or {}).get("message", "no reason given")
@@ -120,8 +118,7 @@ def sweep(
         UserError: the backend cannot work here.
     """
     console = console or Console()
-    # A held run that is one of the backend's own jobs is waited for, not left alone.
-    steps = [_step(run, lambda path: backend.adopt(path) is not None, check) for run in runs]
+    steps = [_step(run, backend, check) for run in runs]
     _show(steps, console)
     todo = [step.run for step in steps if step.action in (Action.RESUME, Action.START, Action.RETRY)]
     result = Result()
@@ -178,7 +175,7 @@ def carry_out(
     chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):
         raise ConfigError("launcher: a grid has one launcher; it cannot be an axis")
-    runs: list[RunDirectory] = [plan.prepare(config, command) for config in distinct.values()]
+    runs = [plan.prepare(config, command) for config in distinct.values()]
     return sweep(runs, chosen, console)
 
 

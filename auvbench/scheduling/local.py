@@ -76,8 +76,6 @@ class LocalJob:
 class LocalBackend:
     """As many workers at once as this machine has cores, or as `workers` says."""
 
-    name = "local"
-
     def __init__(self, workers: int = 0, *, target: str = TARGET, preload: Sequence[str] = LEARNERS) -> None:
         self.limit: int | None = workers or interruption.cores()
         self.target = target

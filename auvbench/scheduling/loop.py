@@ -15,7 +15,7 @@ from auvbench.errors import RunError, UserError
 from auvbench.runs import interruption, lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import SIGNALS
-from auvbench.runs.status import lost_model
+from auvbench.runs.status import finished
 from auvbench.training import worker
 from auvbench.training.worker import HELD
 
@@ -85,7 +85,6 @@ class Job(Protocol):
 class Backend(Protocol):
     """A place that carries out runs."""
 
-    name: str
     limit: int | None  # how many jobs it takes at once; None: as many as there are, it has a queue itself
 
     def submit(self, run: Path) -> Job:
@@ -240,7 +239,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     """What became of a run whose job has ended; a death it could not record itself is recorded for it."""
     manifest = run.manifest()
     state = manifest["state"]
-    if state == "complete" and not lost_model(run, manifest):
+    if finished(run, manifest):
         return Outcome.COMPLETE, ""
     if status.code == HELD:
         return Outcome.HELD, f"held by {lock.current(run.path) or 'a process that has ended by now'}"

@@ -13,7 +13,7 @@ import sys
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from auvbench.config.schema import Ray
 from auvbench.errors import UserError
@@ -27,14 +27,11 @@ from auvbench.untrusted.text import first_line
 class RayJob:
     """A task."""
 
+    mark: ClassVar[str | None] = None
     run: Path
     task: Any
     backend: RayBackend
     status: Status = field(default_factory=lambda: Status(Phase.QUEUED))
-
-    @property
-    def mark(self) -> str | None:
-        return None
 
     def poll(self) -> Status:
         if not self.status.ended:
@@ -52,8 +49,6 @@ class RayJob:
 class RayBackend:
     """A Ray cluster; run directories lie on a file system that all of its nodes share."""
 
-    name = "ray"
-
     def __init__(self, options: Ray, *, target: str = TARGET) -> None:
         # Before Ray is imported, which reads it: Ray would tell its makers, over the network, what is run here.
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
@@ -63,7 +58,6 @@ class RayBackend:
             raise UserError("launcher=ray needs Ray: pip install 'auvbench[ray]'") from error
         self.ray = ray
         self.target = target
-        self.options = options
         self.limit = options.workers or None  # Ray has a queue itself
         self._started = not ray.is_initialized()
         if self._started:

@@ -118,8 +118,6 @@ class SlurmJob:
 class SlurmBackend:
     """A SLURM cluster that this machine can submit to; run directories lie on a file system that it shares."""
 
-    name = "slurm"
-
     def __init__(self, options: Slurm, *, target: str = TARGET) -> None:
         for program in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
             if shutil.which(program) is None:
@@ -247,7 +245,8 @@ class SlurmBackend:
             self._next = min(self._next, time.monotonic() + 1.0)
 
     def _reason(self, number: str, state: str) -> str:
-        fields = _fields(command(["scontrol", "--oneliner", "show", "job", number], check=False))
+        shown = command(["scontrol", "--oneliner", "show", "job", number], check=False)
+        fields = dict(word.split("=", 1) for word in shown.split() if "=" in word)
         if not fields:
             return f"slurm job {number} is no longer known to the cluster"
         code, _, caught = fields.get("ExitCode", "0:0").partition(":")
@@ -276,11 +275,6 @@ def _settled(run: Path) -> bool:
         return RunDirectory(run).manifest()["state"] in ("complete", "failed", "interrupted")
     except RunError:  # removed or damaged meanwhile: nothing to wait for
         return True
-
-
-def _fields(text: str) -> dict[str, str]:
-    """`scontrol --oneliner`'s KEY=VALUE words."""
-    return dict(word.split("=", 1) for word in text.split() if "=" in word)
 
 
 def command(arguments: Sequence[str], *, check: bool = True) -> str:

@@ -115,9 +115,11 @@ class TrialRuns:
 class Controller(Loop):
     """A scheduling loop that asks a search for runs; the backend's target is `runs.TARGET`."""
 
+    view: StudyView
+
     def __init__(self, study: StudyFolder, search: Search, backend: Backend, view: StudyView) -> None:
         super().__init__([], backend, view)
-        self.study, self.search, self.shown = study, search, view
+        self.study, self.search = study, search
         self.plan = search.plan
         self.jobs: list[TrialRuns] = []
         self.held: dict[Path, float] = {}  # since when
@@ -152,13 +154,13 @@ class Controller(Loop):
 
         def done() -> None:
             self._test(made, self.plan.protocol)
-            score = self.shown.objective.of(made, self.plan.protocol.name)
+            score = self.view.objective.of(made, self.plan.protocol.name)
             self.search.report(step, score)
-            self.shown.reported(step, score)
+            self.view.reported(step, score)
 
         def failed(why: str) -> None:
             self.search.fail(step, why)
-            self.shown.say(f"trial {step.trial} failed: {why}")
+            self.view.say(f"trial {step.trial} failed: {why}")
 
         self._enter(made, done, failed)
 
@@ -170,11 +172,11 @@ class Controller(Loop):
         both = (self.search.algo(best), self.plan.base["algo"])
         configs = [config for algo in both for config in runs.fresh(self.plan, self.study, algo)]
         made = [freeze(config, self.plan.command) for config in configs]
-        self.shown.confirming(best.number, len(made))
+        self.view.confirming(best.number, len(made))
         self._enter(
             made,
             lambda: self._test(made, self.plan.fresh_protocol),
-            lambda why: self.shown.say(f"with fresh seeds: {why}"),
+            lambda why: self.view.say(f"with fresh seeds: {why}"),
         )
         return True
 
@@ -226,7 +228,7 @@ class Controller(Loop):
                 self.jobs.remove(job)
                 job.failed(f"{run.id}: {message}")
         elif error.get("type") == "WorkerDied" and self.started[run.path] < TRIES:
-            self.shown.say(f"{run.id}: {message}; it is resumed")
+            self.view.say(f"{run.id}: {message}; it is resumed")
             self.waiting.append(run)
         else:
             self._stop(f"{run.path}: {message}")
@@ -235,7 +237,7 @@ class Controller(Loop):
         """Start nothing more; runs that are active go on to their end."""
         if not self.stopped:
             self.stopped = why
-            self.shown.say(f"stopped: {why}")
+            self.view.say(f"stopped: {why}")
         self.waiting.clear()
         self.held.clear()
 

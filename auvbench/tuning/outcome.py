@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import yaml
 from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
@@ -140,8 +138,9 @@ def name_of(plan: Plan) -> str:
     return f"{plan.name}_tuned" if plan.name == name else plan.name
 
 
-def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps: int, evidence: str) -> None:
+def write(found: Outcome, best: FrozenTrial, evidence: str) -> None:
     """Write the plain values of the best settings as a preset; `evidence` is a sentence about their gain."""
+    plan, path, algo, trials = found.plan, found.folder.best, found.algo(best), len(found.trials)
     today = datetime.now(UTC).date().isoformat()
     git = provenance.git()
     commit = f" (commit {git['commit'][:12]}{', modified' if git['dirty'] else ''})" if git["commit"] else ""
@@ -149,7 +148,7 @@ def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps
     searched = [dimension.key.partition(".")[2] for dimension in plan.dimensions]
     head = [
         f"{name}: found by {plan.command or 'auvbench tune'}",
-        f"on {today} with auvbench {__version__}{commit}: {counted(trials, 'trial')}, {steps:,} environment steps of training, scenarios of",
+        f"on {today} with auvbench {__version__}{commit}: {counted(trials, 'trial')}, {found.steps:,} environment steps of training, scenarios of",
         f"protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes), none of a test.",
         evidence,
         f"Searched: {', '.join(searched)}.",
@@ -166,7 +165,7 @@ def write(path: Path, plan: Plan, algo: Mapping[str, Any], *, trials: int, steps
             "scenarios": STREAM,
             "seed": plan.protocol.seed,
             "trials": trials,
-            "steps": steps,
+            "steps": found.steps,
             "version": __version__,
             "date": today,
         },

@@ -186,7 +186,6 @@ def sampler(plan: Plan, begun: int) -> BaseSampler:
 
 
 def pruner(plan: Plan) -> BasePruner:
-    """Return a study's pruner."""
     if plan.tune.pruner == "none":
         return NopPruner()
     return _Halving(min_resource=1, reduction_factor=plan.tune.reduction)
@@ -230,7 +229,6 @@ class Trials:
 
     @property
     def best(self) -> FrozenTrial | None:
-        """Return the best trial."""
         return next(iter(self.ranked), None)
 
     def algo(self, trial: FrozenTrial) -> dict[str, Any]:

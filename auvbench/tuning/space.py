@@ -18,6 +18,7 @@ from auvbench.config import schema, suggestions
 from auvbench.config.compose import with_algorithm
 from auvbench.config.overrides import whole_keys
 from auvbench.errors import ConfigError
+from auvbench.runs.run_filter import flat
 from auvbench.untrusted.text import short
 
 GROUP = "algo."
@@ -56,27 +57,24 @@ class Dimension:
             return self.choices
         return (self.distribution.low, self.distribution.high)
 
-    def at_end(self, value: Value, margin: float = 0.02) -> bool:
-        """Return whether a number lies within `margin` of an end, as a share of the range."""
+    def at_end(self, value: Value) -> bool:
+        """Return whether a number lies within 2 % of the range from one of its ends."""
         found = self.distribution
         if isinstance(found, CategoricalDistribution) or found.single():
             return False
         low, high, at = found.low, found.high, float(value)
         if found.log:
             low, high, at = math.log(low), math.log(high), math.log(at)
-        return not margin < (at - low) / (high - low) < 1 - margin
+        return not 0.02 < (at - low) / (high - low) < 0.98
 
 
-def keys_of(algo: Mapping[str, Any], prefix: str = GROUP) -> list[str]:
+def keys_of(algo: Mapping[str, Any]) -> list[str]:
     """Return the dotted keys of an algorithm's plain values.
 
     >>> keys_of({"gamma": 0.9, "residual": {"share": 0.3}})
     ['algo.gamma', 'algo.residual.share']
     """
-    found = []
-    for key, value in algo.items():
-        found += keys_of(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [f"{prefix}{key}"]
-    return found
+    return list(flat(algo, GROUP))
 
 
 def read(

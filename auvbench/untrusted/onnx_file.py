@@ -206,10 +206,7 @@ def _port(value: Any) -> Port:
         kind = require().helper.tensor_dtype_to_np_dtype(tensor.elem_type).name
     except KeyError:
         kind = "of no type"
-    shape = None
-    if tensor.HasField("shape"):
-        shape = _lengths(tensor.shape)
-    return Port(value.name, kind, shape)
+    return Port(value.name, kind, _lengths(tensor.shape) if tensor.HasField("shape") else None)
 
 
 def _lengths(shape: Any) -> Lengths:

@@ -82,7 +82,8 @@ def convert(value: object, schema: type[T]) -> T:
 def _convert(kind: Any, value: Any, where: str) -> Any:
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType) and NoneType in arguments:
-        return None if value is None else _convert(_option(arguments), value, where)
+        (option,) = (one for one in arguments if one is not NoneType)
+        return None if value is None else _convert(option, value, where)
     if origin is Annotated:
         found = _convert(arguments[0], value, where)
         size = len(found) if isinstance(found, str) else found
@@ -136,11 +137,6 @@ def _entries(kind: Any) -> list[tuple[str, Any, bool]]:
         (field.name, hints[field.name], field.default is MISSING and field.default_factory is MISSING)
         for field in fields(kind)
     ]
-
-
-def _option(arguments: tuple[Any, ...]) -> Any:
-    (option,) = (one for one in arguments if one is not NoneType)
-    return option
 
 
 def _join(where: str, name: str) -> str:

@@ -51,8 +51,6 @@ class Job:
 class Backend:
     """Carries out a run at once, as `behave` says: by the number of the submission."""
 
-    name = "fake"
-
     def __init__(self, limit=1, behave=lambda number, run: None) -> None:
         self.limit, self.behave = limit, behave
         self.submitted: list[Path] = []
