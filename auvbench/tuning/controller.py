@@ -90,8 +90,11 @@ class StudyView(View):
 def worth(score: Score, objective: Objective) -> str:
     """Return `success rate: 98.0 % [93.0, 99.4], PAR-1 steps 312`."""
     first, then = objective.measure, objective.then
+    shown = f"{name(first)}: {amount(score.estimate, first)}"
+    if then == first:
+        return shown
     value = f"{100 * score.then:.1f} %" if then.rate else f"{score.then:.4g}"
-    return f"{name(first)}: {amount(score.estimate, first)}, {name(then)} {value}"
+    return f"{shown}, {name(then)} {value}"
 
 
 AT_ONCE = 8

@@ -125,7 +125,7 @@ def _gains(of: Outcome, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[Gai
     except UserError:
         return ()
     gains = []
-    for m in (of.objective.measure, of.objective.then):
+    for m in dict.fromkeys((of.objective.measure, of.objective.then)):
         table = crossed([m.values(agent) for agent in agents], rate=m.rate, bounds=m.bounds(agents))
         tuned, untuned = (search.interval(agent, m) for agent in agents)
         gains.append(Gain(m, tuned, untuned, pairs(table).estimate(0, 1, table, 0.95)))

@@ -83,6 +83,10 @@ def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
         ("reward.k=a", "reward.k: 'a' is not a number"),
         ("reward.kk=1", r"reward.kk: unknown key; did you mean reward.k\?"),
         ("+reward.kk=1", r"reward.kk: unknown key; did you mean 'k'\?"),
+        (
+            "analysis.measure=success",
+            r"analysis.measure=success: an analysis is declared in the file of an experiment",
+        ),
         ("rewards=thesis", r"rewards: unknown key; did you mean reward\?"),
         ("algo=dqn", "algo=dqn: no such option; .*valid: alos, ardusub, crossq, .*ddpg, .*pid, .*ppo"),
         ("reward=thesiss", "reward=thesiss: no such option; did you mean 'thesis'"),
