@@ -87,7 +87,7 @@ def judge(arguments: Sequence[str]) -> Said:
 @contextlib.contextmanager
 def nothing_long(folder: Path) -> Iterator[None]:
     """In `folder`; training, testing and integrating end before they begin, with everything checked before."""
-    from auvbench.commands import resume, train
+    from auvbench.commands import train
     from auvbench.evaluation import evaluate, rollout
     from auvbench.runs.plan import resolve_run
     from auvbench.scheduling import grid
@@ -103,7 +103,7 @@ def nothing_long(folder: Path) -> Iterator[None]:
 
     patches: list[tuple[Any, str, Any]] = [
         (train, "carry_out", refuse),
-        (resume, "_several", refuse),
+        (grid, "sweep", refuse),
         (grid, "carry_out", checked),
         (evaluate, "_evaluate", refuse),
         (rollout, "roll_out", refuse),
