@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +34,10 @@ LOOKS = {
 }
 """colours of Okabe and Ito (2008)"""
 
-AXIS, LETTER = 2.6, 0.075
-"""inches of the axis, and of a letter of an agent's name"""
+AXIS, LETTER, LINE = 2.6, 0.075, 0.19
+"""inches of the axis, and of a letter and a line of an agent's name"""
+LETTERS = 72
+"""of a line"""
 COMMON = 0.85
 """share of the agents whose intervals the axis holds whole; the others are cut and marked by an arrow"""
 
@@ -47,8 +50,11 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     m = measure(primary.measure)
     rows = [primary.of(row.label) or row.label for row in scene.ranking.rows]
     labels = [row.agent if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
-    width = AXIS + LETTER * max(map(len, labels))
-    figure = style.canvas(max(4.55, width), 0.9 + 0.19 * len(rows))
+    labels = [textwrap.fill(label, LETTERS, break_long_words=False) for label in labels]
+    width = AXIS + LETTER * max(len(line) for label in labels for line in label.split("\n"))
+    heights = np.array([1 + label.count("\n") for label in labels])
+    places = np.cumsum(heights) - (heights + 1) / 2  # middles of rows, in lines
+    figure = style.canvas(max(4.55, width), 0.9 + LINE * heights.sum())
     ax = figure.subplots()
     low, high = _axis(primary, m.scale)
     if math.isfinite(primary.margin):
@@ -56,13 +62,13 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
             -m.scale * primary.margin, m.scale * primary.margin, color="#0072B2", alpha=0.1, linewidth=0
         )
     ax.axvline(0, color="#444444", linewidth=0.9)
-    for y, row in enumerate(rows):
+    for y, row in zip(places, rows, strict=True):
         if isinstance(row, Against):
             _line(ax, row, y, m.scale, (low, high))
         else:
             ax.plot(0, y, marker="|", color="#222222", markersize=9, markeredgewidth=2)
-    ax.set_yticks(range(len(rows)), labels)
-    ax.set_ylim(len(rows) - 0.4, -0.6)
+    ax.set_yticks(places, labels)
+    ax.set_ylim(heights.sum() - 0.4, -0.6)
     ax.set_xlim(low, high)
     ax.grid(axis="y", visible=False)
     better = "right" if m.higher_is_better else "left"
@@ -87,7 +93,7 @@ def _face(look: Look) -> str:
     return look.colour if look.filled else "white"
 
 
-def _line(ax: Axes, against: Against, y: int, scale: float, ends: tuple[float, float]) -> None:
+def _line(ax: Axes, against: Against, y: float, scale: float, ends: tuple[float, float]) -> None:
     look = LOOKS[against.verdict]
     value, low, high = (
         scale * x for x in (against.difference.value, against.difference.low, against.difference.high)
