@@ -289,9 +289,9 @@ class Ranking:
     """of its scenarios"""
 
     def ordered(self, agents: Sequence[Agent]) -> list[Agent]:
-        """Return the agents in the order of the rows."""
+        """Return the agents, all or some of those ranked, in the order of the rows."""
         by_label = {agent.label: agent for agent in agents}
-        return [by_label[row.label] for row in self.rows]
+        return [by_label[row.label] for row in self.rows if row.label in by_label]
 
 
 @dataclass(frozen=True, slots=True)

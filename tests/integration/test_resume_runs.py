@@ -168,7 +168,7 @@ def test_without_time_to_save_the_last_checkpoint_counts(
 @pytest.mark.slow
 def test_a_nan_in_the_physics_stops_the_run(whole: dict[str, str], run: RunDirectory, strike: Strike) -> None:
     def blow(recorder: Follower) -> None:
-        recorder._learner._environment.simulator.pose[3, 1] = np.nan
+        recorder.training_env.get_attr("batch")[0].simulator.pose[3, 1] = np.nan
 
     strike(700, blow)
     with pytest.raises(TrainingError, match=r"environment 3 is (nan|not finite)"):
