@@ -205,13 +205,13 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
         return (
             f"{group}: name an option, e.g. {group.partition('=')[0]}=NAME (auvbench train --help lists them)"
         )
-    declared = next((override for override in overrides if override.startswith("analysis")), None)
-    if isinstance(error, INNER) and declared is not None:
-        return (
-            f"{declared}: an analysis is declared in the file of an experiment, in ./conf/experiment, before its runs; "
-            "experiment=NAME takes one"
-        )
     if isinstance(error, INNER):
+        declared = next((override for override in overrides if override.startswith("analysis")), None)
+        if declared is not None and "NoneType" in str(error):  # the configuration has none to change
+            return (
+                f"{declared}: an analysis is declared in the file of an experiment, in ./conf/experiment, before its runs; "
+                "experiment=NAME takes one"
+            )
         return f"{' '.join(overrides)}: cannot be composed ({' '.join(str(error).split())})"
     return ""
 

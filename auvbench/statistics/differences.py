@@ -152,8 +152,8 @@ def _correlation(table: Crossed) -> FloatArray:
 def contrast(table: Crossed, weights: FloatArray, confidence: float = 0.95) -> tuple[Estimate, float]:
     """Return a weighted sum of the means, such as an effect averaged over matched cells, and its p-value of zero.
 
-    `weights` are (n,). The t interval ends where the sum of what is possible does. A rate's contrast has the t interval too: sums of several
-    agents' rates are seldom near an end.
+    `weights` are (n,). The t interval ends where the sum of what is possible does. A rate's contrast has the t interval too:
+    sums of several agents' rates are seldom near an end.
     """
     used = np.asarray(weights) != 0
     w = np.where(used, weights, 0.0)[used]

@@ -484,10 +484,13 @@ def test_a_wild_interval_does_not_squeeze_the_others(small: Scene) -> None:
     assert {"<", ">"} <= set(arrows)
 
 
-def test_long_names_leave_room_for_the_axis(small: Scene, recwarn: pytest.WarningsRecorder) -> None:
+@pytest.mark.parametrize("more", ["x" * 20, "current.speed_high=1.2 " * 8])
+def test_long_names_leave_room_for_the_axis(
+    small: Scene, recwarn: pytest.WarningsRecorder, more: str
+) -> None:
     assert small.ranking.primary is not None
     rows = tuple(
-        replace(row, label=f"{row.label}, trained at 25 Hz in gazebo with {'x' * 20}")
+        replace(row, label=f"{row.label}, trained at 25 Hz in gazebo with {more.strip()}")
         for row in small.ranking.rows
     )
     names = dict(zip([row.label for row in small.ranking.rows], [row.label for row in rows], strict=True))
@@ -502,4 +505,5 @@ def test_long_names_leave_room_for_the_axis(small: Scene, recwarn: pytest.Warnin
     canvas.draw_without_rendering()
     inches = canvas.axes[0].get_position().width * canvas.get_figwidth()
     assert inches > 1.5
+    assert canvas.get_figwidth() < 9.0  # a longer name has several lines
     assert not recwarn.list, "the layout had no room"
