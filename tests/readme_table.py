@@ -36,18 +36,17 @@ TASKS = {  # title, measure, unit and its factor
 }
 SIGNS = {"ahead": "▲", "equivalent": "■", "behind": "▼", "open": "○", "baseline": ""}
 RECIPE = "PPO, robust, trained with disturbance="
-IN_CURRENTS = "trained with disturbance=unknown_vehicle current.speed_high=1.2"
-UNOBSERVED = "unobserved=velocity, angular_velocity, gravity 1M steps"
+UNOBSERVED = "unobserved=velocity, angular_velocity, gravity"
 VARIANTS = {
-    f"PPO, robust history=1 1M steps, {IN_CURRENTS}": "`ppo_robust`: on drawn vehicles in currents",
-    "PPO, robust history=1 1M steps, trained with disturbance=none current.speed_high=1.2": "without drawn vehicles",
-    "PPO, robust history=1 1M steps, trained with disturbance=unknown_vehicle current.speed_high=unset": "without currents",
-    "PPO, robust history=1 1M steps, trained with disturbance=none current.speed_high=unset": "without both",
-    f"PPO, robust history=1 {UNOBSERVED}, {IN_CURRENTS}": "without velocities and gravity observed",
-    f"PPO, robust history=4 {UNOBSERVED}, {IN_CURRENTS}": "without them, four observations",
-    f"PPO, robust history=4 1M steps, {IN_CURRENTS}": "four observations instead of one",
-    f"PPO, robust history=1 200k steps, {IN_CURRENTS}": "200,000 steps instead of a million",
-    f"RecurrentPPO history=1 1M steps, {IN_CURRENTS}": "with an LSTM",
+    "PPO, robust": "`ppo_robust`: on drawn vehicles in currents",
+    f"{RECIPE}none": "without drawn vehicles",
+    "PPO, robust, trained with current.speed_high=unset": "without currents",
+    f"{RECIPE}none current.speed_high=unset": "without both",
+    f"PPO, robust {UNOBSERVED}": "without velocities and gravity observed",
+    f"PPO, robust history=4 {UNOBSERVED}": "without them, four observations",
+    "PPO, robust history=4": "four observations instead of one",
+    "PPO, robust 200k steps": "200,000 steps instead of a million",
+    "RecurrentPPO": "with an LSTM",
     "PID, robust": "`pid_robust`",
 }
 IN_WAVES = {

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from auvbench.analysis.formatting import counted, difference, name, turned, unit
-from auvbench.analysis.labels import part, sort_key
+from auvbench.analysis.labels import OBSERVATION, part, sort_key, unobserved
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
 from auvbench.analysis.records import Agent, Finding, Ranking, learns, run_ids, task_of
 from auvbench.statistics import contrast, holm, resolution
@@ -194,6 +194,12 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
             if len(pairs) >= (1 if few or not names else 2):
                 estimate, p = mean_difference(pairs, m, confidence)
                 if np.isfinite(p):
-                    said = part(factor, first), part(factor, second)
+                    said = _level(factor, first, ordered), _level(factor, second, ordered)
                     result.append(Effect(factor, *said, tuple(pairs), estimate, p))
     return result
+
+
+def _level(factor: str, level: Any, levels: Sequence[Any]) -> str:
+    if factor == OBSERVATION:
+        return part("unobserved", unobserved(level, levels) or "none")
+    return part(factor, level)

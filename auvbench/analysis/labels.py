@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -110,9 +111,9 @@ def in_short(number: float) -> str:
 def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool = True) -> list[str]:
     """Return a unique label per key.
 
-    A value is left out where it is the same for all learners; a classical controller shows only what varies among the
-    agents of its own algorithm. What the test fixes for all stands behind "trained with". Of an observation stands what
-    it lacks of all that is observed.
+    A value is left out where it is the same for all learners, or the usual one; a classical controller shows only what
+    varies among the agents of its own algorithm. What the test fixes for all stands behind "trained with". Of an
+    observation stands what it lacks of all that is observed.
 
     Args:
         keys: values by short name of a configuration key.
@@ -123,23 +124,61 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
         return []
     names = list(keys[0])
     short = []
-    everything = list(dict.fromkeys(block for key in keys for block in _words(key.get(OBSERVATION))))
+    common = usual(keys, learners)
+    observations = [key.get(OBSERVATION) for key in keys]
     for key, learner in zip(keys, learners, strict=True):
         peers = [
             k
             for k, is_learner in zip(keys, learners, strict=True)
             if (learner and is_learner) or k.get("algo") == key.get("algo")
         ]
+        left_out = {n for n in common if learner and str(key[n]) == str(common[n])}
         shown = [
             n
             for n in names
-            if n == "algo" or (len({str(k[n]) for k in peers}) > 1 and not _foreign(n, key, keys))
+            if n == "algo"
+            or (n not in left_out and len({str(k[n]) for k in peers}) > 1 and not _foreign(n, key, keys))
         ]
-        missing = ", ".join(block for block in everything if block not in _words(key.get(OBSERVATION)))
+        missing = unobserved(key.get(OBSERVATION), observations)
         kept = ["unobserved" if n == OBSERVATION else n for n in shown if n != OBSERVATION or missing]
         short.append(label_of({**key, "unobserved": missing}, kept, frequency_fixed))
     full = [label_of(key, list(key), frequency_fixed) for key in keys]
     return [s if short.count(s) == 1 else f for s, f in zip(short, full, strict=True)]
+
+
+def unobserved(observation: Any, observations: Sequence[Any]) -> str:
+    """Return the blocks that an observation lacks of all that are observed.
+
+    >>> unobserved("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
+    'velocity, gravity'
+    """
+    known = dict.fromkeys(block for other in observations for block in _words(other))
+    return ", ".join(block for block in known if block not in _words(observation))
+
+
+def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
+    """Return the values, by key, that at least three of four learners share and others do not.
+
+    >>> ppo = [{"algo": "ppo", "task.history": n} for n in (1, 1, 1, 4)]
+    >>> usual(ppo, [True] * 4), usual(ppo[1:], [True] * 3)
+    ({'task.history': 1}, {})
+    """
+    trained = [key for key, learner in zip(keys, learners, strict=True) if learner]
+    if len(trained) < 4:
+        return {}
+    found = {}
+    for name in trained[0].keys() - {"algo", OBSERVATION}:  # of an observation stands what it lacks
+        value, count = Counter(str(key[name]) for key in trained).most_common(1)[0]
+        first = next(key for key in trained if str(key[name]) == value)
+        if 0.75 * len(trained) <= count < len(trained) and not _foreign(name, first, keys):
+            found[name] = first[name]
+    return {name: found[name] for name in trained[0] if name in found}
+
+
+def usual_sentence(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
+    """Return what the labels leave out, as a sentence below a table; none where they leave nothing out."""
+    shown = ", ".join(part(name, value) for name, value in usual(keys, learners).items())
+    return [f"Learners whose names do not say otherwise: {shown}."] if shown else []
 
 
 def label_of(key: Key, names: Sequence[str], frequency_fixed: bool) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping import frequency_fixed
-from auvbench.analysis.labels import labels
+from auvbench.analysis.labels import labels, usual_sentence
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.primary import default_margin
 from auvbench.analysis.records import NO_POLICY, Agent, learns
@@ -105,6 +105,7 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
         for name, cell in scored.items():
             found.setdefault(name, [None] * len(tasks))[i] = cell
     rows = _rows(list(found.values()), confidence, seed)
+    notes += usual_sentence([row.key for row in rows], [row.trained for row in rows])
     if partly := [row.label for row in rows if math.isnan(row.score.value)]:
         notes.append(f"No score across tasks for {listed(partly, 4)}: not tested on every task.")
     return Scores(titles, measures, tuple(rows), cells, protocol, confidence, tuple(notes))
@@ -163,7 +164,7 @@ def _rows(
     fixed = frequency_fixed(a.metrics["frequency_hz"] for a in firsts if "frequency_hz" in a.metrics)
     shown = labels(keys, [learns(agent) for agent in firsts], fixed)
     rows = []
-    for label, agent, row in zip(shown, firsts, members, strict=True):
+    for label, key, agent, row in zip(shown, keys, firsts, members, strict=True):
         runs = tuple(run.id for cell in row if cell is not None for run in cell[0].runs)
         strata = [cell[1] for cell in row if cell is not None]
         score = Estimate(math.nan, math.nan, math.nan, confidence)
@@ -174,7 +175,7 @@ def _rows(
         rows.append(
             Scored(
                 label,
-                agent.key,
+                key,
                 learns(agent),
                 tuple(0 if cell is None else len(cell[1]) for cell in row),
                 tuple(math.nan if cell is None else float(cell[1].mean()) for cell in row),

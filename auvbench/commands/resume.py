@@ -16,6 +16,7 @@ BUDGET = "train.total_steps"
 
 _EPILOG = """examples:
   auvbench resume outputs                                  finish every interrupted, failed or pending run
+  auvbench resume outputs --where algo=ppo                 finish those of PPO
   auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e  finish this one
   auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e train.total_steps=2000000
                                                            go on to a larger budget, in a run of its own
@@ -30,9 +31,10 @@ def main(arguments: Sequence[str]) -> int:
     if not paths:
         raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
     from auvbench.commands import train
-    from auvbench.runs.directory import RunDirectory, find_runs
+    from auvbench.runs import run_filter
+    from auvbench.runs.directory import RunDirectory
 
-    runs = find_runs(paths)
+    runs = run_filter.find(paths, given.where)
     for override in overrides:
         runs = _extended(runs, _budget(override), shlex.join(["auvbench", "resume", *arguments]))
     if len(runs) > 1:  # side by side, each in a process of its own
@@ -49,6 +51,7 @@ def parser() -> Parser:
         prog="auvbench resume",
         description="Finishes interrupted, failed and pending runs, or extends runs to a larger budget.",
         epilog=_EPILOG,
+        where=True,
         workers="runs",
     )
     parser.add_argument(

@@ -1,4 +1,4 @@
-"""The filter `--where` of `auvbench report`, `runs`, `evaluate` and `export`, in the grammar of overrides.
+"""The filter `--where` of `auvbench report`, `runs`, `evaluate`, `resume` and `export`, in the grammar of overrides.
 
     --where vehicle=rexrov reward.k=1,40 algo!=random
 

@@ -8,7 +8,7 @@ from math import isfinite
 
 from auvbench.analysis import optional_columns
 from auvbench.analysis.formatting import NOTHING, name, size, unit_of_difference
-from auvbench.analysis.labels import OWN, in_short
+from auvbench.analysis.labels import OWN, in_short, usual_sentence
 from auvbench.analysis.measures import measure
 from auvbench.analysis.planning import MOST_EPISODES
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
@@ -164,6 +164,7 @@ def notes(ranking: Ranking) -> list[str]:
     ]
     if ranking.primary is not None:
         lines += explained(ranking.primary)
+    lines += usual_sentence([row.key for row in ranking.rows], [row.trained for row in ranking.rows])
     if ranking.declaration:
         lines.append(ranking.declaration)
     if any(metric.startswith("par") for metric in (ranking.rank_by, *ranking.columns)):

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 import yaml
 
-from auvbench.analysis.labels import labels
+from auvbench.analysis.labels import labels, usual, usual_sentence
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.records import Agent, Problem
 from auvbench.runs.identity import LATER
@@ -90,6 +90,31 @@ def test_a_key_that_only_some_runs_have_parts_them(tmp_path: Path) -> None:
 
     found, _ = made(tmp_path, clip, algorithms=("ppo",), seeds=(0, 1))
     assert seeds(found) == {"PPO clip_range=0.1": [1], "PPO clip_range=unset": [0]}
+
+
+def test_what_three_of_four_learners_share_stands_below_the_table_once() -> None:
+    keys = [{"algo": "ppo", "task.history": n, "disturbance": "moderate"} for n in (1, 1, 1, 4)]
+    keys.append({"algo": "sac", "task.history": 1, "disturbance": "none"})
+    keys.append({"algo": "pid", "task.history": None, "disturbance": None})
+    for place, clip in enumerate((0.1, 0.2, 0.3, 0.1)):
+        keys[place]["algo.clip_range"] = clip
+    for key in keys[4:]:
+        key["algo.clip_range"] = None
+    learners = [True] * 5 + [False]
+    trained = "trained with disturbance="
+    assert labels(keys, learners) == [
+        "PPO clip_range=0.1",
+        "PPO clip_range=0.2",
+        "PPO clip_range=0.3",
+        "PPO history=4 clip_range=0.1",
+        f"SAC, {trained}none",
+        "PID",
+    ]
+    assert usual(keys, learners) == {"task.history": 1, "disturbance": "moderate"}
+    assert usual_sentence(keys, learners) == [
+        "Learners whose names do not say otherwise: history=1, disturbance=moderate."
+    ]
+    assert usual_sentence(keys[:3], learners[:3]) == []
 
 
 def test_what_another_choice_has_is_not_said_to_be_unset() -> None:
