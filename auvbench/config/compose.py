@@ -133,7 +133,20 @@ def _copied(tree: dict[str, Any]) -> dict[str, Any]:
 def _compose(entry: str, overrides: Sequence[str], folder: Path | None = WORKING_DIRECTORY) -> DictConfig:
     given = typing.read(overrides)
     with _loader(folder) as loader:
-        return grids.single(loader, entry, given)
+        if folder is not None and folder.is_dir():
+            return grids.single(loader, entry, given)
+        packages = plugins.folders()
+        return grids.with_values(loader, given, lambda files: _of_files(entry, files, packages))
+
+
+@lru_cache(maxsize=64)
+def _of_files(entry: str, files: tuple[str, ...], packages: tuple[tuple[str, Path], ...]) -> DictConfig:
+    """Return the configuration of a choice of files; `packages` are those that were searched.
+
+    Choosing files takes a tenth of a second, setting values in a copy a tenth of that.
+    """
+    with _loader(None) as loader:
+        return grids.single(loader, entry, files)
 
 
 def compose(

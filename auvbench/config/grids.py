@@ -14,7 +14,7 @@ from __future__ import annotations
 import copy
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
@@ -57,27 +57,36 @@ def compose(
         raise ConfigError(f"{' '.join(overrides)}: leaves no job of the experiment's grids")
     # Jobs that differ in values alone, for example seeds, share the choice of files, which takes a tenth of a second.
     bases: dict[tuple[str, ...], DictConfig] = {}
-    composed = []
-    for line in lines:
-        words = parser.parse_overrides(line)
-        values = [word for word in words if _sets_a_value(loader, word)]
-        files = tuple(text for text, word in zip(line, words, strict=True) if word not in values)
+
+    def base(files: tuple[str, ...]) -> DictConfig:
         if files not in bases:
-            base = loader.load_configuration(entry, [*own, *files], RunMode.RUN, from_shell=False)
-            if base.hydra.sweeper.get("grids") != union:
+            found = loader.load_configuration(entry, [*own, *files], RunMode.RUN, from_shell=False)
+            if found.hydra.sweeper.get("grids") != union:
                 raise ConfigError(
                     f"{' '.join(files)}: an experiment with grids is swept alone, one at a time"
                 )
-            bases[files] = _without_hydra(base)
-        config = copy.deepcopy(bases[files])
-        loader._apply_overrides_to_config(values, config)
-        composed.append(config)
-    return composed
+            bases[files] = _without_hydra(found)
+        return bases[files]
+
+    return [with_values(loader, line, base) for line in lines]
 
 
 def single(loader: ConfigLoaderImpl, entry: str, overrides: Sequence[str]) -> DictConfig:
     """Return the configuration of one job."""
     return _without_hydra(loader.load_configuration(entry, list(overrides), RunMode.RUN, from_shell=False))
+
+
+def with_values(
+    loader: ConfigLoaderImpl, overrides: Sequence[str], base: Callable[[tuple[str, ...]], DictConfig]
+) -> DictConfig:
+    """Return the configuration of one job: values set in a copy of what `base` returns for the choices of files."""
+    parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
+    # A list of values is Hydra's to refuse.
+    values = [one for one in parsed if _sets_a_value(loader, one) and not one.is_sweep_override()]
+    files = tuple(line for line, one in zip(overrides, parsed, strict=True) if one not in values)
+    config = copy.deepcopy(base(files))
+    loader._apply_overrides_to_config(values, config)
+    return config
 
 
 def _without_hydra(config: DictConfig) -> DictConfig:

@@ -47,6 +47,8 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
         ConfigError: an override names an unknown key or a wrong value.
     """
     trained = sheet.load(config["vehicle"])
+    # Its packages must be there before their options are.
+    installed.complete(OmegaConf.create(config), frozen=True)
     found = []
     for condition in protocol.conditions:
         resolved = _resolve(protocol, condition, config)
@@ -68,7 +70,6 @@ def _resolve(
     protocol: schema.Protocol, condition: schema.Condition, config: dict[str, Any]
 ) -> ResolvedCondition:
     node = OmegaConf.create(config)
-    installed.complete(node.copy(), frozen=True)  # its packages must be there before their options are
     where = f"protocol {protocol.name}, condition {condition.name}"
     for override in [*protocol.overrides, *condition.overrides]:
         key, separator, value = override.partition("=")
