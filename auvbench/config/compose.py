@@ -201,24 +201,28 @@ def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
     return OmegaConf.structured(schemas[name])
 
 
-def with_algorithm(config: schema.TrainConfig, algo: Mapping[str, Any]) -> schema.TrainConfig:
-    """Return a checked configuration with other values of `algo`, in a hundredth of the time of `typed`.
+def with_groups(config: schema.TrainConfig, groups: Mapping[str, Mapping[str, Any]]) -> schema.TrainConfig:
+    """Return a checked configuration with other values of some groups, in a fraction of the time of `typed`.
 
     Args:
-        config: as `typed` returns it.
-        algo: the plain values of the group.
+        config: as `typed` returns it; what is not replaced is shared.
+        groups: by name, such as `algo`, all plain values of a group of the same kind.
 
     Raises:
         ConfigError: a key is unknown, a type or a value is wrong, or it contradicts another.
     """
     from auvbench.config.validate import check_across, validate_fields
 
-    try:
-        merged = OmegaConf.merge(OmegaConf.structured(type(config.algo)), dict(algo))
-    except OmegaConfBaseException as error:
-        raise translate(error) from error
-    changed = dataclasses.replace(config, algo=OmegaConf.to_object(merged))
-    validate_fields(changed.algo, "algo.")
+    found = {}
+    for name, values in groups.items():
+        try:
+            empty = {name: OmegaConf.structured(type(getattr(config, name)))}
+            merged = OmegaConf.select(OmegaConf.merge(empty, {name: dict(values)}), name)
+        except OmegaConfBaseException as error:
+            raise translate(error) from error
+        found[name] = OmegaConf.to_object(merged)
+        validate_fields(found[name], f"{name}.")
+    changed = dataclasses.replace(config, **found)  # type: ignore[arg-type]
     check_across(changed)
     return changed
 

@@ -86,9 +86,15 @@ def refuse_incomplete(run: RunDirectory) -> None:
         raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
 
 
-def make_agent(run: RunDirectory, frequency: float) -> Agent:
-    """Return a fresh agent of a run for a test. It knows the vehicle of its run, also when it is tested on another."""
-    config = at_frequency(load_config(run), frequency)
+def make_agent(run: RunDirectory, frequency: float, trained: schema.TrainConfig | None = None) -> Agent:
+    """Return a fresh agent of a run for a test. It knows the vehicle of its run, also when it is tested on another.
+
+    Args:
+        run: complete.
+        frequency: Hz, of the test.
+        trained: the run's configuration, where it has been read.
+    """
+    config = at_frequency(trained or load_config(run), frequency)
     vehicle = sheet.load(config.vehicle)
     agent = agents.make(config, vehicle)
     load = getattr(agent, "load", None)
@@ -119,20 +125,24 @@ Roll = Callable[[RunDirectory, schema.Protocol, ResolvedCondition, Report], Roll
 """rolls out one condition of a test"""
 
 
-def in_process(
-    run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, report: Report
-) -> Rollout:
-    """Roll out all episodes of a condition in this process."""
-    return roll_out(
-        condition.config,
-        make_agent(run, condition.config.step.frequency),
-        episodes=np.arange(protocol.episodes),
-        seed=protocol.seed,
-        batch=protocol.batch,
-        trajectories=protocol.trajectories,
-        scenarios=protocol.scenarios,
-        told=lambda count: report(condition.name, count),
-    )
+def in_process(trained: schema.TrainConfig) -> Roll:
+    """Return what rolls out all episodes of a condition in this process, for a run of this configuration."""
+
+    def roll(
+        run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, report: Report
+    ) -> Rollout:
+        return roll_out(
+            condition.config,
+            make_agent(run, condition.config.step.frequency, trained),
+            episodes=np.arange(protocol.episodes),
+            seed=protocol.seed,
+            batch=protocol.batch,
+            trajectories=protocol.trajectories,
+            scenarios=protocol.scenarios,
+            told=lambda count: report(condition.name, count),
+        )
+
+    return roll
 
 
 def evaluate(
@@ -141,14 +151,14 @@ def evaluate(
     report: Report = lambda *_: None,
     *,
     unless_done: bool = False,
-    roll: Roll = in_process,
+    roll: Roll | None = None,
 ) -> dict[str, Any] | None:
     """Test a complete run and write its results; return the summary. One process at a time tests a run by a protocol.
 
     Args:
         report: called when a condition begins or episodes end.
         unless_done: return None where another process has done it in the meantime.
-        roll: rolls out each condition; its rows must be those of `in_process`.
+        roll: rolls out each condition, with the rows of `in_process`, which does it otherwise.
 
     Raises:
         RunError: the run is not complete, its files are damaged, or another process is testing it.
@@ -179,7 +189,10 @@ def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
         raise RunError(f"{place} cannot be written: {error.strerror or error}") from error
 
 
-def _evaluate(run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll) -> dict[str, Any]:
+def _evaluate(
+    run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll | None
+) -> dict[str, Any]:
+    roll = roll or in_process(load_config(run))
     conditions = resolve_conditions(protocol, run.check())
     rollouts: list[tuple[ResolvedCondition, Rollout]] = []
     clocks: dict[str, str] = {}

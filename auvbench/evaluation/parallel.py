@@ -13,7 +13,7 @@ from auvbench.config import installed, plugins, schema
 from auvbench.config.algorithms import AGENTS
 from auvbench.config.simulators import Ros2
 from auvbench.errors import AuvbenchError
-from auvbench.evaluation.evaluate import Report, Roll, evaluate, in_process, make_agent, stale
+from auvbench.evaluation.evaluate import Report, Roll, evaluate, make_agent, stale
 from auvbench.evaluation.protocol import ResolvedCondition, resolve_conditions
 from auvbench.evaluation.rollout import Rollout, one_episode
 from auvbench.runs.directory import RunDirectory
@@ -83,7 +83,7 @@ def evaluate_all(
         whole = {}
     for path in [*whole, *shared]:
         run = waiting[path]
-        roll = _on_all(pool) if path in shared else in_process
+        roll = _on_all(pool) if path in shared else None
         result = _test(run, protocol, not force, partial(report, run), roll)
         yield replace(result, why=why[path])
 
@@ -115,7 +115,7 @@ def _test(
     protocol: schema.Protocol,
     unless_done: bool,
     report: Report = lambda *_: None,
-    roll: Roll = in_process,
+    roll: Roll | None = None,
 ) -> Result:
     try:
         return Result(run, evaluate(run, protocol, report, unless_done=unless_done, roll=roll))

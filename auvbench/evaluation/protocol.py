@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
@@ -12,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import installed, schema, tasks
-from auvbench.config.compose import option, typed
+from auvbench.config.compose import option, typed, with_groups
 from auvbench.config.simulators import Ros2
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError
@@ -24,6 +25,8 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 OBSERVED = ("position_frame", "observation", "history", "preview")
 """keys of a task that belong to the agent"""
+WITHIN = {"noise", "disturbance"}
+"""groups in which most conditions differ from the protocol: all else is then resolved once"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +52,19 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
     trained = sheet.load(config["vehicle"])
     # Its packages must be there before their options are.
     installed.complete(OmegaConf.create(config), frozen=True)
+    base = _resolve(protocol, (), config, f"protocol {protocol.name}")
     found = []
     for condition in protocol.conditions:
-        resolved = _resolve(protocol, condition, config)
-        vehicle = resolved.config.vehicle
-        if vehicle == config["vehicle"] or _wired_alike(trained, sheet.load(vehicle)):
-            found.append(resolved)
+        where = f"protocol {protocol.name}, condition {condition.name}"
+        if _groups(condition) <= WITHIN:
+            resolved = _with_disturbance(base, condition, where)
+        else:
+            resolved = _resolve(protocol, condition.overrides, config, where)
+        frequency = condition.frequency or protocol.frequency
+        if frequency is not None:
+            resolved = at_frequency(resolved, frequency)
+        if resolved.vehicle == config["vehicle"] or _wired_alike(trained, sheet.load(resolved.vehicle)):
+            found.append(ResolvedCondition(condition.name, resolved, frequency is not None))
     return found
 
 
@@ -66,35 +76,50 @@ def _wired_alike(one: VehicleModel, other: VehicleModel) -> bool:
     return bool((forces >= 0.0).all() and (moments >= 0.0).all())
 
 
+def _groups(condition: schema.Condition) -> set[str]:
+    return {re.split(r"[.=]", override)[0] for override in condition.overrides}
+
+
+def _with_disturbance(
+    base: schema.TrainConfig, condition: schema.Condition, where: str
+) -> schema.TrainConfig:
+    """Return the protocol's configuration with noise and disturbances of a condition."""
+    node = OmegaConf.create({group: asdict(getattr(base, group)) for group in _groups(condition)})
+    for override in condition.overrides:
+        _set(node, override, where)
+    values: dict[str, Any] = OmegaConf.to_container(node, resolve=True)  # type: ignore[assignment]
+    return with_groups(base, values)
+
+
 def _resolve(
-    protocol: schema.Protocol, condition: schema.Condition, config: dict[str, Any]
-) -> ResolvedCondition:
+    protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
+) -> schema.TrainConfig:
+    """Return a run's configuration with the overrides of a protocol, and these."""
     node = OmegaConf.create(config)
-    where = f"protocol {protocol.name}, condition {condition.name}"
-    for override in [*protocol.overrides, *condition.overrides]:
-        key, separator, value = override.partition("=")
-        if not separator:
-            raise ConfigError(f"{where}: {override!r} is not key=value")
-        # The run's task with the values of its file, not those of its training.
-        value = str(node.task.name) if (key, value) == ("task", "same") else value
-        if not _of_other_tasks(node, key):
-            _apply(node, key, value, where)
+    for override in [*protocol.overrides, *overrides]:
+        _set(node, override, where)
     # What it observes belongs to the agent, not to the scenario.
     for key in OBSERVED:
         if key in config["task"] and key in node.task:
             OmegaConf.update(node, f"task.{key}", config["task"][key])
-    frequency = condition.frequency or protocol.frequency
     try:
-        result = typed(node)
+        return typed(node)
     except ConfigError as error:
         if node.task.name == config["task"]["name"]:
             raise
         raise ConfigError(
             f"{where}: tests task={node.task.name}, and the run is of task={config['task']['name']}: {error}"
         ) from error
-    if frequency is not None:
-        result = at_frequency(result, frequency)
-    return ResolvedCondition(condition.name, result, frequency is not None)
+
+
+def _set(node: DictConfig, override: str, where: str) -> None:
+    key, separator, value = override.partition("=")
+    if not separator:
+        raise ConfigError(f"{where}: {override!r} is not key=value")
+    # The run's task with the values of its file, not those of its training.
+    value = str(node.task.name) if (key, value) == ("task", "same") else value
+    if not _of_other_tasks(node, key):
+        _apply(node, key, value, where)
 
 
 def _apply(node: DictConfig, key: str, value: str, where: str) -> None:

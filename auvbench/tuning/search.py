@@ -23,7 +23,7 @@ from auvbench.analysis.load import load
 from auvbench.analysis.measures import Measure, to_rank_by
 from auvbench.analysis.records import Agent
 from auvbench.config import schema
-from auvbench.config.compose import with_algorithm
+from auvbench.config.compose import with_groups
 from auvbench.errors import AuvbenchError, ConfigError, RunError
 from auvbench.runs.directory import RunDirectory
 from auvbench.statistics import crossed, means
@@ -295,7 +295,7 @@ class Search(Trials):
 
     def _impossible(self, trial: FrozenTrial) -> str:
         try:
-            with_algorithm(self.base, self.algo(trial))
+            with_groups(self.base, {"algo": self.algo(trial)})
         except ConfigError as error:
             return str(error)
         return ""

@@ -15,7 +15,7 @@ from hydra.errors import HydraException
 from optuna.distributions import CategoricalDistribution, FloatDistribution, IntDistribution
 
 from auvbench.config import schema, suggestions
-from auvbench.config.compose import with_algorithm
+from auvbench.config.compose import with_groups
 from auvbench.config.overrides import whole_keys
 from auvbench.errors import ConfigError
 from auvbench.runs.run_filter import flat
@@ -172,7 +172,7 @@ def validate_space(
     for dimension in dimensions:
         for value in dimension.ends():
             try:
-                with_algorithm(base, with_values(algo, dimensions, {**first, dimension.key: value}))
+                with_groups(base, {"algo": with_values(algo, dimensions, {**first, dimension.key: value})})
             except ConfigError as error:
                 raise ConfigError(f"the search space contradicts itself: {error}") from error
 
