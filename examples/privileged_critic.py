@@ -101,7 +101,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=1_000_000, help="environment steps of training")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    # Settings of algo=ppo_robust; results/robust tells of seeds 100 to 104.
+    # Settings of algo=ppo_robust; results/robust tells of seeds 100 to 109.
     environment = VecNormalize(Privileged(sb3.make(32, seed=options.seed, overrides=TASK)), gamma=0.99)
     model = PPO(
         AsymmetricPolicy,

@@ -167,12 +167,14 @@ def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
     if len(trained) < 4:
         return {}
     found = {}
-    for name in trained[0].keys() - {"algo", OBSERVATION}:  # of an observation stands what it lacks
+    for name in trained[0]:
+        if name in ("algo", OBSERVATION):  # of an observation stands what it lacks
+            continue
         value, count = Counter(str(key[name]) for key in trained).most_common(1)[0]
         first = next(key for key in trained if str(key[name]) == value)
         if 0.75 * len(trained) <= count < len(trained) and not _foreign(name, first, keys):
             found[name] = first[name]
-    return {name: found[name] for name in trained[0] if name in found}
+    return found
 
 
 def usual_sentence(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:

@@ -247,7 +247,7 @@ LEARNER = [
     "train.checkpoint.steps=64",
     "train.progress=false",
     "simulator=ros2",
-    "simulator.timeout=8",
+    "simulator.timeout=20",
     "task.max_steps=30",
 ]
 
@@ -263,7 +263,7 @@ def test_a_training_whose_server_is_killed_goes_on_with_the_next_one(elsewhere, 
     (path,) = (tmp_path / "default").glob("ppo-*")
     error = capsys.readouterr().err
     assert "/bluerov2/" in error
-    assert "8 s" in error
+    assert "20 s" in error
     manifest = RunDirectory(path).manifest()
     assert manifest["state"] == "failed"
     assert "/bluerov2/" in manifest["error"]["message"]
