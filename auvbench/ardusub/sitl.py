@@ -31,7 +31,7 @@ from omegaconf import DictConfig, open_dict
 from auvbench.ardusub.protocol import LARGEST, Packet, PacketError, SensorState, parse, reply
 from auvbench.ardusub.radio import MANUAL, Radio, loopback_socket, used
 from auvbench.ardusub.sensors import GRAVITY
-from auvbench.config import algorithms, schema
+from auvbench.config import algorithms
 from auvbench.errors import ConfigError, TrainingError
 
 VARIABLE = "AUVBENCH_ARDUSUB"
@@ -231,19 +231,16 @@ def _end(process: subprocess.Popen[bytes], folder: Path, sockets: tuple[socket.s
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def settled(config: DictConfig, typed: schema.TrainConfig) -> DictConfig:
-    """Return the configuration with the digest of its ArduSub, if it has one.
+def settled(config: DictConfig, algo: algorithms.ArduSub) -> DictConfig:
+    """Return a composed configuration with the digest of its ArduSub.
 
     Args:
         config: composed.
-        typed: the same, checked.
+        algo: its `algo`, checked.
 
     Raises:
         ConfigError: as `find`.
     """
-    algo = typed.algo
-    if not isinstance(algo, algorithms.ArduSub):
-        return config
     result = copy.deepcopy(config)
     with open_dict(result):
         result.algo.sha256 = find(algo.sha256)[1]

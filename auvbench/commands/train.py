@@ -38,12 +38,12 @@ def _grid(configs: Sequence[DictConfig], command: str) -> int:
 
 
 def _one(config: DictConfig, command: str) -> int:
-    from auvbench.config.validate import train_config
-    from auvbench.runs.plan import prepare
-    from auvbench.training import execute
+    from auvbench.runs.plan import plan
+    from auvbench.training.execute import check_runnable
 
-    execute.check_runnable(train_config(config))
-    return carry_out(prepare(config, command), shown=bool(config.train.progress))
+    planned = plan(config)
+    check_runnable(planned.config)
+    return carry_out(planned.freeze(command), shown=planned.config.train.progress)
 
 
 def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:

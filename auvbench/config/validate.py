@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from typing import Any, TypeVar
 
 from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue
 
 from auvbench.config import algorithms, rewards, schema, simulators, tasks
 from auvbench.config.algorithms import AGENTS
@@ -78,10 +79,12 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
     """
     node = config[key] if key else config
     prefix = f"{key}." if key else ""
-    if missing := sorted(f"{prefix}{name}" for name in OmegaConf.missing_keys(node)):
-        hint = "; algo=ppo chooses an algorithm" if missing[0].startswith("algo.") else ""
-        raise ConfigError(f"{missing[0]}: a value is missing{hint}")
-    typed = OmegaConf.to_object(node)
+    try:
+        typed = OmegaConf.to_object(node)
+    except MissingMandatoryValue as error:
+        missing = min(f"{prefix}{name}" for name in OmegaConf.missing_keys(node))
+        hint = "; algo=ppo chooses an algorithm" if missing.startswith("algo.") else ""
+        raise ConfigError(f"{missing}: a value is missing{hint}") from error
     if not isinstance(typed, kind):
         raise ConfigError(f"{key or 'this'}: is no {kind.__name__}; start from the file in conf/")
     for group, wanted in (

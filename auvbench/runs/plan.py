@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import copy
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from auvbench.ardusub import sitl
 from auvbench.config import algorithms, schema
 from auvbench.config.compose import typed
 from auvbench.config.validate import resolved, train_config
@@ -36,15 +36,67 @@ def load_config(run: RunDirectory) -> schema.TrainConfig:
     return typed(OmegaConf.create(run.check()))
 
 
-def resolve_run(config: DictConfig) -> RunDirectory:
-    """Checks types, values, the vehicle's sheet and a policy's file; returns where the run will lie. Writes nothing.
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A run of which everything is checked that can be before it is on the disk."""
+
+    config: schema.TrainConfig
+    values: dict[str, Any]
+    """all of them, as `config.yaml` will hold them"""
+    analysis: declared.Declared | None
+    """declared with it"""
+
+    @property
+    def run(self) -> RunDirectory:
+        """Where it will lie."""
+        return place(self.values)
+
+    def freeze(self, command: str = "") -> RunDirectory:
+        """Make its directory: from here on, editing YAML changes nothing.
+
+        Raises:
+            RunError: the directory holds another configuration, or cannot be written.
+            PolicyError: the file of `algo=onnx` was changed since.
+            TrainingError: the disk is full or failing.
+        """
+        # Before the manifest, which says that there is a run.
+        _keep_policy(self.run, self.values)
+        return freeze(self.values, command, self.analysis)
+
+
+def plan(config: DictConfig) -> Plan:
+    """Check types, values, the vehicle's sheet and a policy's file of a composed configuration. Write nothing.
 
     Raises:
         ConfigError: a value is wrong.
         VehicleError: the sheet breaks a rule.
         PolicyError: the file of `algo=onnx` cannot be used.
     """
-    return place(_plain(_settled(config)))
+    typed = train_config(config)
+    vehicle = check_vehicle(typed)
+    if isinstance(typed.algo, algorithms.ONNX):
+        config = _with_policy(config, typed, typed.algo, vehicle)
+    elif isinstance(typed.algo, algorithms.ArduSub):
+        from auvbench.ardusub import sitl
+
+        config = sitl.settled(config, typed.algo)
+    values = resolved(config)
+    analysis = values.pop(declared.KEY, None)  # none of the run's: it lies next to the runs
+    if found := identity.first_interpolation(values):  # from a value with \${ in it
+        raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
+    chosen = (
+        None if analysis is None else declared.Declared(**{key: analysis[key] for key in declared.DECLARED})
+    )
+    return Plan(typed, values, chosen)
+
+
+def prepare(config: DictConfig, command: str = "") -> RunDirectory:
+    """`plan`, then its run on the disk.
+
+    Raises:
+        ConfigError, VehicleError, PolicyError, RunError, TrainingError: as `plan` and `Plan.freeze`.
+    """
+    return plan(config).freeze(command)
 
 
 def check_vehicle(config: schema.TrainConfig) -> VehicleModel:
@@ -58,39 +110,6 @@ def check_vehicle(config: schema.TrainConfig) -> VehicleModel:
     return vehicle
 
 
-def prepare(config: DictConfig, command: str = "") -> RunDirectory:
-    """`check`, then the run's directory on disk: from here on, editing YAML changes nothing.
-
-    Raises:
-        ConfigError, VehicleError, PolicyError: as `check`.
-        RunError: the directory holds another configuration, or cannot be written.
-        TrainingError: the disk is full or failing.
-    """
-    plain = _plain(_settled(config))
-    # Before the manifest, which says that there is a run.
-    _keep_policy(place(plain), plain)
-    return freeze(plain, command, _declared(config))
-
-
-def _declared(config: DictConfig) -> declared.Declared | None:
-    """Return the analysis that a composed configuration declares."""
-    found: Any = OmegaConf.select(config, declared.KEY)
-    return None if found is None else declared.Declared(**{key: found[key] for key in declared.DECLARED})
-
-
-def _settled(config: DictConfig) -> DictConfig:
-    typed = train_config(config)
-    return sitl.settled(_with_policy(config, typed, check_vehicle(typed)), typed)
-
-
-def _plain(config: DictConfig) -> dict[str, object]:
-    # The analysis is none of the run's: it lies next to the runs.
-    plain = {key: value for key, value in resolved(config).items() if key != declared.KEY}
-    if found := identity.first_interpolation(plain):  # from a value with \${ in it
-        raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
-    return plain
-
-
 # The policy file of `algo=onnx`: read and checked once, named by its content, copied into the run. A run's identity holds
 # its SHA-256 (`algo.sha256`), not its path.
 
@@ -101,12 +120,15 @@ LONGEST = 80
 """characters of a name: it is part of a folder's"""
 
 
-def _with_policy(config: DictConfig, typed: schema.TrainConfig, vehicle: VehicleModel) -> DictConfig:
-    """Return the configuration with digest and name of its policy's file, if it has one.
+def _with_policy(
+    config: DictConfig, typed: schema.TrainConfig, algo: algorithms.ONNX, vehicle: VehicleModel
+) -> DictConfig:
+    """Return the configuration with digest and name of its policy's file.
 
     Args:
         config: composed.
         typed: the same, checked.
+        algo: that of `typed`.
         vehicle: that of the configuration.
 
     Raises:
@@ -114,9 +136,6 @@ def _with_policy(config: DictConfig, typed: schema.TrainConfig, vehicle: Vehicle
         PolicyError: it cannot be read, is no policy, or not one of this vehicle's size.
         MissingExtraError: ONNX Runtime is not installed.
     """
-    algo = typed.algo
-    if not isinstance(algo, algorithms.ONNX):
-        return config
     if not algo.path:
         raise ConfigError("algo.path: a value is missing; name the file: algo=onnx algo.path=policy.onnx")
     path = Path(algo.path)

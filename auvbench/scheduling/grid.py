@@ -6,21 +6,22 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from auvbench.config import schema
 from auvbench.config.algorithms import learns
-from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError, RunError
-from auvbench.runs import plan, status
+from auvbench.runs import status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import State
 from auvbench.scheduling import views
 from auvbench.scheduling.loop import Backend, Loop, Outcome, Result
-from auvbench.training import execute
 from auvbench.training.worker import TARGET
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
 
 
 class Action(Enum):
@@ -166,16 +167,20 @@ def carry_out(
         ConfigError, VehicleError, MissingExtraError: a job cannot run; nothing has been written then.
         RunError: a run's directory holds another configuration, or cannot be written.
     """
-    distinct: dict[Path, DictConfig] = {}
-    for config in configs:
-        distinct.setdefault(plan.resolve_run(config).path, config)
-    for config in distinct.values():
-        execute.check_runnable(train_config(config))
-    learning = any(learns(config.algo) for config in distinct.values())
+    # Imported here: `auvbench resume` of complete runs needs none of it.
+    from auvbench.runs.plan import Plan, plan
+    from auvbench.training.execute import check_runnable
+
+    distinct: dict[Path, Plan] = {}
+    for planned in map(plan, configs):
+        distinct.setdefault(planned.run.path, planned)
+    for planned in distinct.values():
+        check_runnable(planned.config)
+    learning = any(learns(planned.config.algo) for planned in distinct.values())
     chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):
         raise ConfigError("launcher: a grid has one launcher; it cannot be an axis")
-    runs = [plan.prepare(config, command) for config in distinct.values()]
+    runs = [planned.freeze(command) for planned in distinct.values()]
     return sweep(runs, chosen, console)
 
 
@@ -190,6 +195,8 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
     Raises:
         UserError: it cannot work on this machine.
     """
+    from omegaconf import OmegaConf
+
     options = OmegaConf.to_object(launcher)
     # Imported when chosen: each backend has needs of its own.
     if isinstance(options, schema.Slurm):

@@ -89,7 +89,7 @@ def nothing_long(folder: Path) -> Iterator[None]:
     """In `folder`; training, testing and integrating end before they begin, with everything checked before."""
     from auvbench.commands import train
     from auvbench.evaluation import evaluate, rollout
-    from auvbench.runs.plan import resolve_run
+    from auvbench.runs.plan import plan
     from auvbench.scheduling import grid
     from auvbench.simulators import openloop
 
@@ -98,7 +98,7 @@ def nothing_long(folder: Path) -> Iterator[None]:
 
     def checked(configs: Sequence[Any], _: str) -> Any:
         for config in configs[:3]:
-            resolve_run(config)
+            plan(config)
         refuse()
 
     patches: list[tuple[Any, str, Any]] = [

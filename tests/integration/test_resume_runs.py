@@ -403,15 +403,18 @@ def test_resume_finishes_an_interrupted_run(
     assert "complete already" in capsys.readouterr().out
 
 
-def test_resume_of_a_complete_run_imports_nothing_heavy(trained: Trained) -> None:
+@pytest.mark.parametrize(
+    ("cases", "said"), [(["ppo-8"], "complete already"), (["ppo-8", "sac-8"], "complete           2")]
+)
+def test_resume_of_complete_runs_imports_nothing_heavy(cases: list[str], said: str, trained: Trained) -> None:
     code = (
-        "import sys; from auvbench.cli import main; code = main(['resume', sys.argv[1]]);"
+        "import sys; from auvbench.cli import main; code = main(['resume', *sys.argv[1:]]);"
         "print([name for name in ('torch', 'hydra', 'omegaconf', 'numba') if name in sys.modules]); sys.exit(code)"
     )
-    typed = [sys.executable, "-c", code, str(trained("ppo-8").path)]
-    shown = subprocess.run(typed, capture_output=True, text=True, check=True).stdout.splitlines()
-    assert "complete already" in shown[0]
-    assert shown[-1] == "[]"
+    typed = [sys.executable, "-c", code, *(str(trained(case).path) for case in cases)]
+    shown = subprocess.run(typed, capture_output=True, text=True, check=True).stdout
+    assert said in shown
+    assert shown.splitlines()[-1] == "[]"
 
 
 @pytest.mark.slow

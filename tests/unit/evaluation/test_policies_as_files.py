@@ -21,7 +21,7 @@ from auvbench.evaluation import exporting
 from auvbench.evaluation.evaluate import make_agent, read_summary
 from auvbench.policies import exported
 from auvbench.runs.directory import RunDirectory
-from auvbench.runs.plan import prepare, resolve_run
+from auvbench.runs.plan import plan, prepare
 from auvbench.vehicles import sheet
 from tests import onnx_files
 from tests.conftest import Once
@@ -275,7 +275,7 @@ def test_a_file_from_plain_torch_is_trained_evaluated_and_ranked(
     table = capsys.readouterr().out
     assert "plain-torch" in table
     assert "by_hand" in table
-    run = resolve_run(compose("train", entered(path, tmp_path / "out")))
+    run = plan(compose("train", entered(path, tmp_path / "out"))).run
     path.unlink()  # the run has a copy of its own
     assert cli.main(["evaluate", str(run.path), *BRIEF, "--force"]) == 0
 
@@ -287,9 +287,9 @@ def test_where_a_file_lies_does_not_matter_and_what_it_holds_does(tmp_path: Path
     here = saved(tmp_path / "a" / "p.onnx", model())
     there = saved(tmp_path / "b" / "p.onnx", model())
     changed = saved(tmp_path / "c" / "p.onnx", model(seed=1))
-    ids = [resolve_run(compose("train", entered(p, tmp_path))).id for p in (here, there, changed)]
+    ids = [plan(compose("train", entered(p, tmp_path))).run.id for p in (here, there, changed)]
     assert ids[0] == ids[1] != ids[2]
-    named = resolve_run(compose("train", entered(here, tmp_path, "algo.name=mine"))).id
+    named = plan(compose("train", entered(here, tmp_path, "algo.name=mine"))).run.id
     assert named.startswith("mine-")
 
 
@@ -388,7 +388,7 @@ def test_a_file_that_answers_no_actions_is_a_failed_run(
     path = saved(tmp_path / "wild.onnx", make())
     assert cli.main(["train", *entered(path, tmp_path / "out")]) == 2
     assert message in capsys.readouterr().err
-    run = resolve_run(compose("train", entered(path, tmp_path / "out")))
+    run = plan(compose("train", entered(path, tmp_path / "out"))).run
     manifest = run.manifest()
     assert manifest["state"] == "failed"
     assert message in manifest["error"]["message"]
@@ -430,7 +430,7 @@ def test_a_run_whose_file_was_lost_or_changed_says_so(
     path = saved(tmp_path / "p.onnx", model())
     line = entered(path, tmp_path / "out")
     assert cli.main(["train", *line]) == 0
-    run = resolve_run(compose("train", line))
+    run = plan(compose("train", line)).run
     kept = run.model / "policy.onnx"
     kept.write_bytes(model(seed=7).SerializeToString())
     assert cli.main(["train", *line]) == 0  # the same command puts it back

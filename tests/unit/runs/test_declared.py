@@ -13,7 +13,7 @@ from auvbench.errors import ConfigError, UserError
 from auvbench.record import measure_names
 from auvbench.runs import declared, identity
 from auvbench.runs.declared import Declared
-from auvbench.runs.plan import prepare, resolve_run
+from auvbench.runs.plan import plan, prepare
 
 ANALYSIS = Declared("par1_time_s", "pid", 1.5, 5)
 
@@ -39,7 +39,7 @@ def test_a_run_carries_the_digest_and_its_folder_the_analysis(tmp_path: Path) ->
 def test_the_same_run_serves_another_analysis(tmp_path: Path) -> None:
     first = prepare(compose("train", settings(tmp_path)))
     other = settings(tmp_path, "analysis.measure=success_rate", "analysis.margin=2")
-    assert resolve_run(compose("train", other)).path == first.path
+    assert plan(compose("train", other)).run.path == first.path
     before = first.manifest()[declared.KEY]
     assert prepare(compose("train", other)).path == first.path
     ((_, found),) = declared.find([tmp_path / "quickstart"])
