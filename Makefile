@@ -26,7 +26,7 @@ MINUTES ?= 60
 REPLICATIONS ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow check format lint type layers docs bench statistics gallery verification parity soak fuzz lock release test-cluster test-programs clean
+.PHONY: help install demo test test-slow check format lint type layers links docs bench statistics gallery verification parity soak fuzz lock release test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -64,11 +64,20 @@ test-slow: $(TOOLS) ## the tests that take seconds each: trainings, kills, virtu
 	$(PYTEST) -m slow
 
 check: $(TOOLS) ## format, lint, types, layers, the links of the documentation
+	@$(MAKE) --no-print-directory --jobs --output-sync=target lint type layers links
+
+lint: $(TOOLS)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+
+type: $(TOOLS)
 	$(BIN)/mypy
+
+layers: $(TOOLS)
 	$(BIN)/lint-imports
-	$(MKDOCS) --site-dir "$$(mktemp -d)"
+
+links: $(TOOLS)
+	site=$$(mktemp -d) && trap 'rm -rf "$$site"' EXIT && $(MKDOCS) --site-dir "$$site"
 
 docs: $(TOOLS) ## the documentation as a site, site/index.html; a broken link or reference is an error
 	$(MKDOCS)

@@ -44,6 +44,18 @@ def validate_fields(config: Any, prefix: str = "") -> None:
             raise ConfigError(f"{key}=null: a value is missing")
 
 
+def check_field(field: dataclasses.Field[Any], value: Any) -> None:
+    """Check a plain value of a field of the type int or str.
+
+    Raises:
+        ConfigError: it has another type, or is out of range.
+    """
+    if type(value).__name__ != field.type:
+        what = {"int": "a whole number", "str": "text"}[str(field.type)]
+        raise ConfigError(f"{field.name}={short(value)}: must be {what}")
+    _check_value(field.name, value, field.metadata)
+
+
 def _check_value(key: str, value: Any, rule: Mapping[str, Any]) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{key}={value}: must be a finite number")

@@ -11,7 +11,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from auvbench.config import algorithms, schema
-from auvbench.config.compose import typed
+from auvbench.config.compose import once_for_all_seeds, typed, with_own
 from auvbench.config.validate import resolved, train_config
 from auvbench.errors import ConfigError
 from auvbench.policies import exported
@@ -33,7 +33,9 @@ def load_config(run: RunDirectory) -> schema.TrainConfig:
         RunError: the directory is no run, or its configuration was changed.
         ConfigError: a value is out of range.
     """
-    return typed(OmegaConf.create(run.check()))
+    values = run.check()
+    config = once_for_all_seeds("run", values, lambda: typed(OmegaConf.create(values)))
+    return with_own(config, values)
 
 
 @dataclass(frozen=True, slots=True)
