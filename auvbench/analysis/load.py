@@ -7,6 +7,7 @@ Format of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
 from __future__ import annotations
 
 import os
+import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +27,7 @@ from auvbench.analysis.evaluations import (
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.records import Problem, RunRecord
-from auvbench.config import installed, plugins
+from auvbench.config import plugins
 from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
@@ -142,6 +143,17 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
         raise ReportError(
             f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, there)}"
         )
+    untested = [
+        str(run.directory)
+        for run in runs
+        if run.state == "complete" and run.archive is None and protocol not in protocols_of(run)
+    ]
+    if untested and not any(problem.kind in ("damaged", "foreign") for problem in problems):
+        which = "" if protocol == "test" else f" protocol={protocol}"
+        raise ReportError(
+            f"none of the {len(runs)} runs was tested by protocol {protocol!r}; "
+            f"type auvbench evaluate {shlex.quote(os.path.commonpath(untested))}{which}"
+        )
     reasons = listed([f"{p.where}: {p.message}" for p in problems], NAMED)
     raise ReportError(
         f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}: {reasons}"
@@ -215,6 +227,8 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
     if release := flat.get("task.package"):
+        from auvbench.config import installed  # composes, which no other run needs here
+
         try:
             installed.enter_task(str(flat.get("task.name")), str(release))
         except ConfigError as error:

@@ -65,7 +65,7 @@ def parser() -> Parser:
 
 def _budget(override: str) -> int:
     """Return the number in `train.total_steps=N`."""
-    from auvbench.config.overrides import whole
+    from auvbench.config.schema import whole
 
     key, _, value = override.partition("=")
     if key != BUDGET:

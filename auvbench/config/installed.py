@@ -21,7 +21,6 @@ from omegaconf.errors import OmegaConfBaseException
 from auvbench import metrics, record
 from auvbench.config import plugins, rewards, schema, tasks
 from auvbench.config.algorithms import AGENTS, Tuned
-from auvbench.config.overrides import whole
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
 
@@ -96,7 +95,7 @@ def _completed(found: plugins.Declared, key: str, node: DictConfig) -> DictConfi
             raise ConfigError(f"{key}.{name}={short(values[name])}: auvbench sets it ({value}); leave it out")
     for name, hint in schema.keys(kind).items():  # 1e6 is a whole number
         if hint in (int, int | None) and isinstance(values.get(name), float):
-            number = whole(str(values[name]))
+            number = schema.whole(str(values[name]))
             values[name] = values[name] if number is None else number
     root = OmegaConf.create({key: OmegaConf.structured(kind)})
     OmegaConf.set_struct(root, True)

@@ -89,26 +89,8 @@ def quote(text: str) -> str:
     return f"'{escaped}{escaped[len(escaped) - trailing :]}'"
 
 
-def whole(text: str) -> int | None:
-    """Return the whole number that a text stands for: 1e6 is one, 1.5 is not.
-
-    >>> whole("1e6"), whole("2_000"), whole("1.5"), whole("many")
-    (1000000, 2000, None, None)
-    """
-    try:
-        return int(text)
-    except ValueError:
-        pass
-    try:
-        number = float(text)
-    except ValueError:
-        return None
-    # Beyond 2^53 a float does not say which whole number is meant.
-    return int(number) if number.is_integer() and abs(number) <= 2**53 else None
-
-
 def _whole(match: re.Match[str]) -> str:
-    number = whole(match[0])
+    number = schema.whole(match[0])
     return match[0] if number is None else str(number)
 
 

@@ -342,6 +342,24 @@ class TrainConfig:
     analysis: Analysis | None = None
 
 
+def whole(text: str) -> int | None:
+    """Return the whole number that a text stands for: 1e6 is one, 1.5 is not.
+
+    >>> whole("1e6"), whole("2_000"), whole("1.5"), whole("many")
+    (1000000, 2000, None, None)
+    """
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        number = float(text)
+    except ValueError:
+        return None
+    # Beyond 2^53 a float does not say which whole number is meant.
+    return int(number) if number.is_integer() and abs(number) <= 2**53 else None
+
+
 def step_limit(task: Any, frequency: float) -> int:
     """Return the agent steps after which an episode times out: `task.time_limit` in steps, else `task.max_steps`.
 

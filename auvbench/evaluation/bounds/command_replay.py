@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.envs.batch import Batch
+from auvbench.evaluation.bounds.files import Commands
 from auvbench.record import Record
 from auvbench.tasks.kernels import F_REFERENCE, F_START_YAW
 
 Floats = NDArray[np.float64]
-Commands = NDArray[np.int8]
 
 UNIT = 127
 """Commands are stored as multiples of 1/127 of their range, and replayed as they are stored."""

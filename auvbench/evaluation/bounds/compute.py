@@ -17,9 +17,10 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
-from auvbench.evaluation.bounds.command_replay import Commands, Scenario, kept, scenarios, silent
+from auvbench.evaluation.bounds.command_replay import Scenario, kept, scenarios, silent
 from auvbench.evaluation.bounds.files import (
     Bound,
+    Commands,
     Found,
     Limits,
     Summary,

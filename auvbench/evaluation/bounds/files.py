@@ -19,14 +19,17 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 
 from auvbench.errors import RunError
-from auvbench.evaluation.bounds.command_replay import Commands
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import as_json, replace_folder, storage
 from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range
+
+Commands = NDArray[np.int8]
+"""(T, n_u), multiples of 1/127 of an actuator's range"""
 
 SCHEMA_VERSION = 2
 LINES = "bounds.jsonl"

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.errors import TrainingError
-from auvbench.evaluation.bounds.command_replay import Commands, Scenario, Trial, actions, kept
-from auvbench.evaluation.bounds.files import Found
+from auvbench.evaluation.bounds.command_replay import Scenario, Trial, actions, kept
+from auvbench.evaluation.bounds.files import Commands, Found
 from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
 
 Floats = NDArray[np.float64]

@@ -308,9 +308,14 @@ def test_why_there_is_nothing_to_report(grid: list[Path]) -> None:
         require(runs, problems, "test")
     for path in grid:
         shutil.rmtree(path / "evaluations")
-    runs, problems = load(grid[:1])
-    with pytest.raises(ReportError, match=rf"auvbench evaluate {grid[0]} protocol=test$"):
-        require(runs, problems, "test")
+    for paths, protocol, command in (
+        (grid[:1], "test", f"auvbench evaluate {grid[0]}"),
+        (grid, "test", f"auvbench evaluate {grid[0].parent}"),
+        (grid, "robustness", f"auvbench evaluate {grid[0].parent} protocol=robustness"),
+    ):
+        runs, problems = load(paths, protocol)
+        with pytest.raises(ReportError, match=rf"tested by protocol '{protocol}'; type {command}$"):
+            require(runs, problems, protocol)
     set_state(grid, "failed", "diverged")
     runs, problems = load(grid[:1])
     with pytest.raises(ReportError, match=r"failed at step 1,000: diverged$"):
