@@ -13,7 +13,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
+from auvbench.config import plugins, schema
 from auvbench.dynamics.compiled import compiled
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ActionError, ConfigError
@@ -291,6 +291,17 @@ class Batch:
         else:
             self.task.C[:, C_EPISODE] -= 1
             self.restarted = self.reset().copy()
+
+
+def load_compiled() -> None:
+    """Load the compiled code of an environment, half a second of each process that is not forked from this one."""
+    from auvbench.config.compose import compose
+    from auvbench.config.validate import train_config
+
+    batch = Batch(train_config(compose("train", ["algo=pid"], folder=None)), 1)
+    batch.reset()
+    batch.step(batch.simulator.command_force)
+    plugins.forget()  # a process looks for installed packages itself
 
 
 def admit(action: Any, clipped: Floats) -> None:

@@ -25,16 +25,19 @@ from auvbench.errors import AuvbenchWarning, TrainingError
 from auvbench.runs import interruption
 
 COMMAND, MODULES = "AUVBENCH_COMMAND_PID", "AUVBENCH_PRELOAD"
-"""environment variables of the server: the pid of its command, and module names with commas between them"""
+"""environment variables of the server: the pid of its command, and what it preloads with commas between"""
 
 PID = os.getpid()
 """of the server, also in the workers that it forks"""
 
 if COMMAND in os.environ:
     interruption.die_with_parent(int(os.environ.pop(COMMAND)))
-    for _module in os.environ.pop(MODULES).split(","):
+    for _name in os.environ.pop(MODULES).split(","):
+        _module, _, _function = _name.partition(":")
         with contextlib.suppress(Exception):  # the worker that needs it reports the error
-            importlib.import_module(_module)
+            _imported = importlib.import_module(_module)
+            if _function:
+                getattr(_imported, _function)()
 
 
 CONTEXT = multiprocessing.get_context("forkserver")
@@ -52,7 +55,7 @@ class WorkerDiedError(TrainingError):
 
 
 def start_server(preload: Sequence[str]) -> None:
-    """Start the fork server and return; the server goes on to import `preload`, module names."""
+    """Start the fork server and return; the server goes on to import modules, and to call functions (`module:function`)."""
     stop_server()
     resource_tracker.ensure_running()  # now, since its start unblocks signals
     environment = dict(os.environ)
@@ -100,7 +103,7 @@ class Pool:
 
     Args:
         workers: how many at most; 0: one per core.
-        preload: names of the modules that jobs need.
+        preload: modules and functions, as of `start_server`, whose work all jobs need.
     """
 
     def __init__(self, workers: int = 0, preload: Sequence[str] = ()) -> None:

@@ -21,16 +21,18 @@ from auvbench.training import worker
 from auvbench.training.worker import TARGET
 
 CONTROLLERS = ("auvbench.training.execute", "auvbench.evaluation.evaluate")
-"""Modules that every run needs."""
+"""What every run needs."""
 
 LEARNERS = (
     *CONTROLLERS,
     "auvbench.training.learning",
-    "stable_baselines3",
+    "auvbench.agents.learned.sb3",
+    "sb3_contrib",
     "torch.utils.tensorboard",
     "torch._dynamo",  # imported by the first optimiser of a process
+    "auvbench.envs.batch:load_compiled",
 )
-"""Modules that a run of a learner needs."""
+"""What a run of a learner needs."""
 
 _SERVER_ENDED = 255
 """exit code that multiprocessing gives to a worker whose fork server has ended; workers have no such code"""

@@ -90,8 +90,6 @@ def versions() -> dict[str, str]:
     except OSError:  # not Linux
         return found
     for line in lines:
-        path = line.rpartition(" ")[2]
-        match = _LIBRARY.search(os.path.realpath(path)) if path.startswith("/") else None
-        if match:
+        if match := _LIBRARY.search(line):  # the kernel names the file, not the link that was opened
             found[match.group(1)] = match.group(2)
     return dict(sorted(found.items()))

@@ -124,6 +124,21 @@ def test_workers_have_the_folder_of_the_command_and_no_module_of_it(
         assert dict(pool.results(where, {0: ()}, "look")) == {0: (str(tmp_path), False)}
 
 
+def loaded() -> bool:
+    """Whether this process has the compiled steps of an environment."""
+    from auvbench.dynamics import kernel
+
+    return bool(kernel.advance.signatures)
+
+
+@pytest.mark.parametrize(
+    ("preload", "expected"), [("auvbench.envs.batch", False), ("auvbench.envs.batch:load_compiled", True)]
+)
+def test_compiled_code_is_loaded_before_the_first_fork(preload: str, expected: bool) -> None:
+    with Pool(1, [preload]) as pool:
+        assert dict(pool.results(loaded, {0: ()}, "look")) == {0: expected}
+
+
 COMMAND = """
 import os, sys
 from tests.unit.runs.test_pool import wait_for_ever
