@@ -248,6 +248,21 @@ def commands() -> Iterator[Row]:
     yield ("auvbench train --cfg job", f"{1e3 * command('train', '--cfg', 'job'):.0f}", "ms", "")
 
 
+def again() -> Iterator[Row]:
+    """Commands typed again where nothing is left to do: each run is looked at, none is carried out."""
+    runs = 50
+    with tempfile.TemporaryDirectory() as folder:
+        typed = {
+            "train -m": ("train", "-m", "algo=pid", f"seed=range({runs})", f"output={folder}"),
+            "evaluate": ("evaluate", folder, "protocol.episodes=10"),
+            "resume": ("resume", folder),
+        }
+        for name in ("train -m", "evaluate"):
+            command(*typed[name], repetitions=1)
+        for name, words in typed.items():
+            yield (f"auvbench {name}, typed again, {runs} complete runs", f"{command(*words):.2f}", "s", "")
+
+
 def reports() -> Iterator[Row]:
     """A whole report of many made-up runs, in all formats and with all figures."""
     from tests.synthetic import write_experiment
@@ -279,6 +294,7 @@ SECTIONS = {
     "evaluation": evaluation,
     "ros2": ros2,
     "commands": commands,
+    "again": again,
     "reports": reports,
     "tuning": tuning.study,
 }
