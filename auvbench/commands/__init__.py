@@ -1,4 +1,4 @@
-"""One short file per command, the only place that joins rooms together."""
+"""One short file per command: reads the command line and calls the other packages."""
 
 COMMANDS: dict[str, str] = {
     "init": "make a project with a controller, task, vehicle and experiment of your own",

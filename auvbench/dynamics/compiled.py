@@ -20,11 +20,11 @@ from numba import njit
 PACKAGE = Path(__file__).parent.parent
 
 
-def compiled(*rooms: str, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], Any]:
     """`njit`, without the interpreter's lock and cached until a source changes that the function came from.
 
     Args:
-        rooms: the folders of the package, besides the function's own, whose functions or constants it uses.
+        folders: of the package, besides the function's own, whose functions or constants it uses.
         options: more of `njit`'s.
     """
 
@@ -32,11 +32,11 @@ def compiled(*rooms: str, **options: Any) -> Callable[[Callable[..., Any]], Any]
         dispatcher: Any = njit(cache=True, nogil=True, **options)(function)
         if dispatcher is function:  # NUMBA_DISABLE_JIT: a debugger wants to see the Python
             return function
-        folders = (Path(function.__code__.co_filename).parent, *(PACKAGE / room for room in rooms))
+        paths = (Path(function.__code__.co_filename).parent, *(PACKAGE / folder for folder in folders))
         # What the cache compares before it trusts its content: a stamp of the function's file. numba has no public
         # way to add to it; a cell in the function's closure would do, but takes a function around each function.
         index = dispatcher._cache._cache_file
-        index._source_stamp = (index._source_stamp, *map(fingerprint, folders))
+        index._source_stamp = (index._source_stamp, *map(fingerprint, paths))
         _tell_of_compiling(dispatcher)
         return dispatcher
 
