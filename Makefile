@@ -64,7 +64,7 @@ test-slow: $(TOOLS) ## the tests that take seconds each: trainings, kills, virtu
 	$(PYTEST) -m slow
 
 check: $(TOOLS) ## format, lint, types, layers, the links of the documentation
-	@$(MAKE) --no-print-directory --jobs --output-sync=target lint type layers links
+	@$(MAKE) --no-print-directory --jobs $(if $(filter output-sync,$(.FEATURES)),--output-sync=target) lint type layers links
 
 lint: $(TOOLS)
 	$(BIN)/ruff format --check .
@@ -77,7 +77,7 @@ layers: $(TOOLS)
 	$(BIN)/lint-imports
 
 links: $(TOOLS)
-	site=$$(mktemp -d) && trap 'rm -rf "$$site"' EXIT && $(MKDOCS) --site-dir "$$site"
+	site=$$(mktemp -d) && trap 'rm -rf "$$site"' EXIT && trap 'exit 130' INT TERM && $(MKDOCS) --site-dir "$$site"
 
 docs: $(TOOLS) ## the documentation as a site, site/index.html; a broken link or reference is an error
 	$(MKDOCS)

@@ -7,7 +7,6 @@ Format of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
 from __future__ import annotations
 
 import os
-import shlex
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -31,7 +30,7 @@ from auvbench.config import plugins
 from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
-from auvbench.runs.directory import missing
+from auvbench.runs.directory import as_words, missing
 from auvbench.runs.identity import LATER
 from auvbench.untrusted import reading
 from auvbench.untrusted.path_safety import child, is_plain
@@ -144,15 +143,15 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
             f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, there)}"
         )
     untested = [
-        str(run.directory)
+        run.directory
         for run in runs
         if run.state == "complete" and run.archive is None and protocol not in protocols_of(run)
     ]
     if untested and not any(problem.kind in ("damaged", "foreign") for problem in problems):
         which = "" if protocol == "test" else f" protocol={protocol}"
+        none = "the run was not" if len(runs) == 1 else f"none of the {len(runs)} runs was"
         raise ReportError(
-            f"none of the {len(runs)} runs was tested by protocol {protocol!r}; "
-            f"type auvbench evaluate {shlex.quote(os.path.commonpath(untested))}{which}"
+            f"{none} tested by protocol {protocol!r}; type auvbench evaluate {as_words(untested)}{which}"
         )
     reasons = listed([f"{p.where}: {p.message}" for p in problems], NAMED)
     raise ReportError(

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shlex
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser, paths_and_overrides
@@ -97,6 +94,7 @@ def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:
 def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, force: bool) -> int:
     from auvbench.commands.progress import RunBar
     from auvbench.evaluation.parallel import PRELOAD, evaluate_all
+    from auvbench.runs.directory import as_words
     from auvbench.runs.interruption import Interrupted, immediate
     from auvbench.runs.pool import Pool
 
@@ -142,8 +140,7 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
             return 1
         raise UserError("nothing could be evaluated")
     which = "" if protocol.name == "test" else f" --protocol {protocol.name}"
-    folder = Path(os.path.commonpath([run.path.parent for run in ready]))
-    print(f"next: auvbench report {shlex.quote(str(folder))}{which}")
+    print(f"next: auvbench report {as_words([run.path for run in ready], alone=0)}{which}")
     return 1 if ends["failed"] or ends["held"] else 0
 
 
@@ -166,6 +163,7 @@ def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunSt
 
 def _left_out(unfinished: Sequence[RunStatus]) -> str:
     """One line: how many are in which state, and the command that finishes them."""
+    from auvbench.runs.directory import as_words
     from auvbench.runs.status import State
 
     counts = Counter(found.state for found in unfinished)
@@ -174,7 +172,7 @@ def _left_out(unfinished: Sequence[RunStatus]) -> str:
     paths = [found.run.path for found in unfinished if found.state is not State.RUNNING]
     if not paths:
         return f"{text}: evaluate again later"
-    return f"{text}; finish with auvbench resume {shlex.quote(os.path.commonpath(paths))}"
+    return f"{text}; finish with auvbench resume {as_words(paths)}"
 
 
 def _lines(run: RunDirectory, summary: dict[str, Any]) -> list[str]:

@@ -198,40 +198,42 @@ OWN = ("seed", "name", "output")
 _shared: dict[tuple[str, str], Any] = {}
 
 
-def once_for_all_seeds(what: str, values: Mapping[str, Any], make: Callable[[], T]) -> T:
+def once_for_all_seeds(
+    what: str, values: Mapping[str, Any], make: Callable[[], T], put: Callable[[T, dict[str, Any]], T]
+) -> T:
     """Return what `make` makes of a run's plain configuration, made once for all runs that differ in `OWN` alone.
 
-    Typing a configuration takes a tenth of a second, and a study has hundreds of runs. `with_own` sets `OWN`.
+    Typing a configuration takes a tenth of a second, and a study has hundreds of runs.
 
     Args:
         what: is made, as a text: a key of the cache.
         values: all of the run.
         make: without side effects.
+        put: returns a copy of what was made, with these values of `OWN`.
     """
-    if installed.releases(values):  # another version of a package may be installed by the next call
+    own = {name: values.get(name) for name in OWN}
+    # Another version of a package may be installed by the next call.
+    if installed.releases(values) or not _is_valid(own):
         return make()
     key = what, repr({name: value for name, value in values.items() if name not in OWN})
     if key not in _shared:
         if len(_shared) >= 256:
             _shared.clear()
         _shared[key] = make()
-    found: T = _shared[key]
-    return found
+    return put(_shared[key], own)
 
 
-def with_own(config: schema.TrainConfig, values: Mapping[str, Any]) -> schema.TrainConfig:
-    """Return a typed configuration with the seed, name and folder of a run's plain one.
+def _is_valid(own: Mapping[str, Any]) -> bool:
+    """Whether values of `OWN` can stand in a typed configuration as they are."""
+    from auvbench.config.validate import check_value
 
-    Raises:
-        ConfigError: one of them has a wrong type or value.
-    """
-    from auvbench.config.validate import check_field
-
-    own = {name: values.get(name) for name in OWN}
-    for field in dataclasses.fields(schema.TrainConfig):
-        if field.name in own:
-            check_field(field, own[field.name])
-    return dataclasses.replace(config, **own)  # type: ignore[arg-type]
+    fields = {field.name: field for field in dataclasses.fields(schema.TrainConfig)}
+    try:
+        for name, value in own.items():
+            check_value(name, value, fields[name].metadata)
+    except (ConfigError, TypeError):
+        return False
+    return "???" not in own.values() and all(type(own[name]).__name__ == fields[name].type for name in own)
 
 
 def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:

@@ -39,24 +39,17 @@ def validate_fields(config: Any, prefix: str = "") -> None:
         if dataclasses.is_dataclass(value):
             validate_fields(value, f"{key}.")
         elif value is not None:
-            _check_value(key, value, field.metadata)
+            check_value(key, value, field.metadata)
         elif not any(word in str(field.type) for word in ("None", "Any", "Optional")):
             raise ConfigError(f"{key}=null: a value is missing")
 
 
-def check_field(field: dataclasses.Field[Any], value: Any) -> None:
-    """Check a plain value of a field of the type int or str.
+def check_value(key: str, value: Any, rule: Mapping[str, Any]) -> None:
+    """Check a value against the metadata of its field.
 
     Raises:
-        ConfigError: it has another type, or is out of range.
+        ConfigError: as `validate_fields`.
     """
-    if type(value).__name__ != field.type:
-        what = {"int": "a whole number", "str": "text"}[str(field.type)]
-        raise ConfigError(f"{field.name}={short(value)}: must be {what}")
-    _check_value(field.name, value, field.metadata)
-
-
-def _check_value(key: str, value: Any, rule: Mapping[str, Any]) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{key}={value}: must be a finite number")
     if "choices" in rule and value not in (known := rule["choices"]()):

@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import installed, schema, tasks
-from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups, with_own
+from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
 from auvbench.config.simulators import Ros2
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError
@@ -49,8 +49,12 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
     Raises:
         ConfigError: an override names an unknown key or a wrong value.
     """
-    conditions = once_for_all_seeds(repr(protocol), config, lambda: _resolved(protocol, config))
-    return [replace(condition, config=with_own(condition.config, config)) for condition in conditions]
+    return once_for_all_seeds(
+        repr(protocol),
+        config,
+        lambda: _resolved(protocol, config),
+        lambda found, own: [replace(one, config=replace(one.config, **own)) for one in found],
+    )
 
 
 def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[ResolvedCondition]:

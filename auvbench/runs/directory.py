@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+import shlex
+from collections.abc import Collection, Iterable, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -267,6 +268,22 @@ def _fresh_manifest(
         "command": command,
         **({} if analysis is None else {declared.KEY: analysis.digest}),
     }
+
+
+def as_words(runs: Collection[Path], alone: int = 1) -> str:
+    """Return runs as words of a command line: the folders that hold them, of more than four those above them.
+
+    Args:
+        runs: their folders.
+        alone: so many runs, or fewer, stand for themselves.
+
+    >>> as_words([Path("outputs/a/one")]), as_words([Path("outputs/a/one"), Path("other/b c/two")])
+    ('outputs/a/one', "outputs/a 'other/b c'")
+    """
+    found = set(runs) if len(runs) <= alone else {run.parent for run in runs}
+    while len(found) > 4 and (above := {folder.parent for folder in found}) != found:
+        found = above
+    return shlex.join(sorted(map(str, found)))
 
 
 def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import copy
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from auvbench.config import algorithms, schema
-from auvbench.config.compose import once_for_all_seeds, typed, with_own
+from auvbench.config.compose import once_for_all_seeds, typed
 from auvbench.config.validate import resolved, train_config
 from auvbench.errors import ConfigError
 from auvbench.policies import exported
@@ -34,8 +34,9 @@ def load_config(run: RunDirectory) -> schema.TrainConfig:
         ConfigError: a value is out of range.
     """
     values = run.check()
-    config = once_for_all_seeds("run", values, lambda: typed(OmegaConf.create(values)))
-    return with_own(config, values)
+    return once_for_all_seeds(
+        "run", values, lambda: typed(OmegaConf.create(values)), lambda config, own: replace(config, **own)
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,16 +30,6 @@ COMMAND, MODULES = "AUVBENCH_COMMAND_PID", "AUVBENCH_PRELOAD"
 PID = os.getpid()
 """of the server, also in the workers that it forks"""
 
-if COMMAND in os.environ:
-    interruption.die_with_parent(int(os.environ.pop(COMMAND)))
-    for _name in os.environ.pop(MODULES).split(","):
-        _module, _, _function = _name.partition(":")
-        with contextlib.suppress(Exception):  # the worker that needs it reports the error
-            _imported = importlib.import_module(_module)
-            if _function:
-                getattr(_imported, _function)()
-
-
 CONTEXT = multiprocessing.get_context("forkserver")
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
@@ -189,3 +179,13 @@ class Pool:
             stop_server()
             self._executor.shutdown(wait=False, cancel_futures=True)
             self._executor = None
+
+
+if COMMAND in os.environ:  # this is the server; its modules may import this one, which is whole by now
+    interruption.die_with_parent(int(os.environ.pop(COMMAND)))
+    for _name in os.environ.pop(MODULES).split(","):
+        _module, _, _function = _name.partition(":")
+        with contextlib.suppress(Exception):  # the worker that needs it reports the error
+            _imported = importlib.import_module(_module)
+            if _function:
+                getattr(_imported, _function)()

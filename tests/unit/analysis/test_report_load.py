@@ -2,6 +2,7 @@
 
 import json
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -320,6 +321,21 @@ def test_why_there_is_nothing_to_report(grid: list[Path]) -> None:
     runs, problems = load(grid[:1])
     with pytest.raises(ReportError, match=r"failed at step 1,000: diverged$"):
         require(runs, problems, "test")
+
+
+def test_what_to_type_for_runs_of_several_folders(grid: list[Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(grid[0].parents[2])
+    one, other = (path.relative_to(Path.cwd()) for path in grid[:2])
+    there = Path.cwd() / "other place" / "b"
+    there.mkdir(parents=True)
+    other.rename(there / other.name)
+    for path in (one, there / other.name):
+        shutil.rmtree(path / "evaluations")
+    runs, problems = load([one, there])
+    with pytest.raises(ReportError) as error:
+        require(runs, problems, "test")
+    command = f"auvbench evaluate {shlex.quote(str(there))} {one.parent}"
+    assert str(error.value) == f"none of the 2 runs was tested by protocol 'test'; type {command}"
 
 
 def test_two_runs_with_one_id(grid: list[Path], tmp_path: Path) -> None:
