@@ -47,9 +47,9 @@ from auvbench.config import overrides as typing
 from auvbench.config.algorithms import AGENTS
 from auvbench.errors import ConfigError, closest
 
-CONFIG_MODULE = "auvbench.conf"
 T = TypeVar("T")
 
+CONFIG_MODULE = "auvbench.conf"
 EVERY_KEY = "all"
 """word after `--help` that has every key shown, not the common ones alone"""
 WORKING_DIRECTORY = Path("conf")
@@ -228,12 +228,14 @@ def _is_valid(own: Mapping[str, Any]) -> bool:
     from auvbench.config.validate import check_value
 
     fields = {field.name: field for field in dataclasses.fields(schema.TrainConfig)}
+    if any(value == "???" or type(value).__name__ != fields[name].type for name, value in own.items()):
+        return False
     try:
         for name, value in own.items():
             check_value(name, value, fields[name].metadata)
-    except (ConfigError, TypeError):
+    except ConfigError:
         return False
-    return "???" not in own.values() and all(type(own[name]).__name__ == fields[name].type for name in own)
+    return True
 
 
 def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:

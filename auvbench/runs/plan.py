@@ -75,14 +75,14 @@ def plan(config: DictConfig) -> Plan:
         VehicleError: the sheet breaks a rule.
         PolicyError: the file of `algo=onnx` cannot be used.
     """
-    typed = train_config(config)
-    vehicle = check_vehicle(typed)
-    if isinstance(typed.algo, algorithms.ONNX):
-        config = _with_policy(config, typed, typed.algo, vehicle)
-    elif isinstance(typed.algo, algorithms.ArduSub):
+    checked = train_config(config)
+    vehicle = check_vehicle(checked)
+    if isinstance(checked.algo, algorithms.ONNX):
+        config = _with_policy(config, checked, checked.algo, vehicle)
+    elif isinstance(checked.algo, algorithms.ArduSub):
         from auvbench.ardusub import sitl
 
-        config = sitl.settled(config, typed.algo)
+        config = sitl.settled(config, checked.algo)
     values = resolved(config)
     analysis = values.pop(declared.KEY, None)  # none of the run's: it lies next to the runs
     if found := identity.first_interpolation(values):  # from a value with \${ in it
@@ -90,7 +90,7 @@ def plan(config: DictConfig) -> Plan:
     chosen = (
         None if analysis is None else declared.Declared(**{key: analysis[key] for key in declared.DECLARED})
     )
-    return Plan(typed, values, chosen)
+    return Plan(checked, values, chosen)
 
 
 def prepare(config: DictConfig, command: str = "") -> RunDirectory:

@@ -21,6 +21,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import forkserver, resource_tracker
 from typing import Any, TypeVar
 
+from auvbench.config import plugins
 from auvbench.errors import AuvbenchWarning, TrainingError
 from auvbench.runs import interruption
 
@@ -45,7 +46,11 @@ class WorkerDiedError(TrainingError):
 
 
 def start_server(preload: Sequence[str]) -> None:
-    """Start the fork server and return; the server goes on to import modules, and to call functions (`module:function`)."""
+    """Start the fork server and return; the server goes on to import and call what `preload` names.
+
+    Args:
+        preload: modules, and functions as module:function.
+    """
     stop_server()
     resource_tracker.ensure_running()  # now, since its start unblocks signals
     environment = dict(os.environ)
@@ -184,8 +189,8 @@ class Pool:
 if COMMAND in os.environ:  # this is the server; its modules may import this one, which is whole by now
     interruption.die_with_parent(int(os.environ.pop(COMMAND)))
     for _name in os.environ.pop(MODULES).split(","):
-        _module, _, _function = _name.partition(":")
         with contextlib.suppress(Exception):  # the worker that needs it reports the error
-            _imported = importlib.import_module(_module)
-            if _function:
-                getattr(_imported, _function)()
+            if ":" in _name:
+                plugins.resolve(_name)()
+            else:
+                importlib.import_module(_name)
