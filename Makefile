@@ -26,7 +26,7 @@ MINUTES ?= 60
 REPLICATIONS ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow check format lint type layers links docs bench statistics gallery verification parity soak fuzz lock release test-cluster test-programs clean
+.PHONY: help install demo test test-slow check format lint type layers links docs bench statistics words gallery verification parity soak fuzz lock release test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -92,6 +92,9 @@ bench: $(TOOLS) ## how fast everything is, as a table
 
 statistics: $(TOOLS) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20)
 	$(BIN)/python -m benchmarks.statistics --replications $(REPLICATIONS) $(ARGS)
+
+words: $(TOOLS) ## how plain the texts are: sentence length and patterns to avoid (ARGS="--sample 60" draws texts to read aloud)
+	@$(BIN)/python -m benchmarks.words $(ARGS)
 
 gallery: $(TOOLS) ## the pictures of the documentation
 	$(BIN)/python -m benchmarks.gallery
