@@ -50,7 +50,9 @@ class Text:
     def sentences(self) -> list[str]:
         """Return its sentences, without code and targets of links."""
         plain = re.sub(r"`[^`]*`", "code", re.sub(r"\]\([^)]*\)", "]", self.content))
-        parts = re.split(r"\n\s*\n|\n\s*(?:(?:[*-]|\d+\.)\s|(?=\w+:\s))|(?<=[.!?:;])\s+(?=[\[*A-Z{])", plain)
+        parts = re.split(
+            r"\n\s*\n(?!\s*[*-]\s)|\n\s*(?:(?:[*-]|\d+\.)\s|(?=\w+:\s))|(?<=[.!?:;])\s+(?=[\[*A-Z{])", plain
+        )
         return [" ".join(part.split()) for part in parts if len(part.split()) > 1]
 
 

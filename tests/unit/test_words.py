@@ -28,4 +28,4 @@ def test_a_link_counts_its_text_and_not_its_target() -> None:
 def test_the_row_counts_length_numbers_and_patterns() -> None:
     long = "word " * 30 + "end."
     texts = [Text("a", long), Text("b", "It is no list: 1, 2.5 and -3 are such numbers.")]
-    assert row(texts) == ["2", "20.5", "50.0 %", "50.0 %", "0", "1", "1", "0"]
+    assert row(texts) == ["2", "21.0", "50.0 %", "50.0 %", "0", "1", "1", "0"]
