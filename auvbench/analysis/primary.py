@@ -5,7 +5,7 @@ verdict is read off its interval, so the two cannot disagree:
 
 * equivalent: the whole interval lies within the margin around zero;
 * ahead, behind: else, the interval lies on one side of zero;
-* open: anything else.
+* open: anything else, and two agents that are both at the measure's limit, such as no success in any episode.
 
 Holm's procedure would decide at most a few comparisons more, but it has no simultaneous intervals that agree with its
 verdicts and say more than their sign (Strassburger & Bretz 2008, Stat. Med. 27:4914).
@@ -16,6 +16,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from auvbench import statistics as st
 from auvbench.analysis.formatting import amount, capitalized, counted, listed, name, rounded_difference, size
@@ -65,6 +67,7 @@ def primary_analysis(
     family = [i for i in range(len(agents)) if i != b and compared[i] and compared[b]]
     level = (1 - confidence) / max(len(family), 1)
     intervals = st.pairs(tests.table, 1 - level)
+    limited = _at_worst(tests)
     found = []
     for i, agent in enumerate(agents):
         if i == b:
@@ -77,6 +80,9 @@ def primary_analysis(
         if not tests.p[i, b] < level:  # the test on two scales may be stricter than the interval
             low, high = min(difference.low, 0.0), max(difference.high, 0.0)
             difference = replace(difference, low=low, high=high)
+        if limited[i] and limited[b]:
+            found.append(Against(agent.label, difference, OPEN))
+            continue
         verdict = verdict_of(difference, margin, m)
         plan = needed(agents, tests, i, b, margin, level) if verdict == OPEN else None
         found.append(Against(agent.label, difference, verdict, plan))
@@ -97,6 +103,25 @@ def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
     if -margin < low and high < margin:
         return EQUIVALENT
     return AHEAD if low > 0 else BEHIND if high < 0 else OPEN
+
+
+def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> str:
+    """Return a sentence on the agents that are, as the baseline is, at the measure's limit; '' without one."""
+    limited = [agent.label for agent, at in zip(agents, _at_worst(tests), strict=True) if at]
+    others = [label for label in limited if primary is not None and label != primary.baseline]
+    if primary is None or not others or len(others) == len(limited):
+        return ""
+    return (
+        f"{primary.baseline} and {listed(others, 4)} are {'both' if len(others) == 1 else 'all'} at the limit of "
+        f"{name(tests.measure)}: this test is too hard to tell them apart, so their comparison is open, not equivalent."
+    )
+
+
+def _at_worst(tests: Tests) -> BoolArray:
+    """Return (n,) whether an agent's mean is the worst possible one, which failures alone give."""
+    table = tests.table
+    worst = table.least if tests.measure.sign > 0 else table.most
+    return np.asarray(np.isfinite(worst) & np.isclose(table.mean, worst, rtol=1e-9, atol=0.0))
 
 
 def default_margin(m: Measure, baseline: float) -> float:

@@ -14,7 +14,7 @@ from auvbench.analysis.conditions import results
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, measure, to_rank_by
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
-from auvbench.analysis.primary import find_baseline, primary_analysis
+from auvbench.analysis.primary import at_limit, find_baseline, primary_analysis
 from auvbench.analysis.records import (
     NO_POLICY,
     Agent,
@@ -101,6 +101,7 @@ def rank(
         )
         for i, agent in enumerate(agents)
     )
+    primary = primary_analysis(agents, tests, compared, reference, margin)
     return Ranking(
         rows=rows,
         rank_by=by.name,
@@ -108,11 +109,11 @@ def rank(
         condition=condition,
         fingerprint=agents[0].fingerprint,
         confidence=confidence,
-        primary=primary_analysis(agents, tests, compared, reference, margin),
+        primary=primary,
         comparisons=tests.comparisons(agents, _listed(compared)),
         problems=(*problems, *_without_values(agents, (by, finer))),
         conditions=results(agents, protocol, confidence, by),
-        notices=tuple(filter(None, (tuned_on_these(agents, protocol),))),
+        notices=tuple(filter(None, (tuned_on_these(agents, protocol), at_limit(agents, tests, primary)))),
         task=task_of(agents[0].runs[0]),
     )
 

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, RunError
+
+if TYPE_CHECKING:
+    from auvbench.runs.directory import RunDirectory
 
 
 def parser() -> Parser:
@@ -61,7 +66,7 @@ def main(arguments: Sequence[str]) -> int:
         print(f"left out, for they have no trained network: {', '.join(without[:3])}{more}")
     if done is None:
         raise RunError(f"none of the {len(runs)} runs was exported")
-    print(f"next: auvbench train algo=onnx algo.path={shlex.quote(str(done.path))}{_clock(done.card_path)}")
+    print(f"next: auvbench train algo=onnx algo.path={shlex.quote(str(done.path))}{_as_trained(done.run)}")
     return 1 if failed else 0
 
 
@@ -80,16 +85,40 @@ def require() -> None:
             raise MissingExtraError(package, extra="onnx", purpose="exported policies")
 
 
-def _clock(path: Path) -> str:
-    """What of the card differs from the defaults and has to be typed."""
-    from auvbench.policies.exported import read_card
+def _as_trained(run: RunDirectory) -> str:
+    """Return the overrides with which `auvbench train algo=onnx` observes and acts as the exported run does."""
+    config = run.check()
+    vehicle, frequency = config["vehicle"]["name"], config["step"]["frequency"]
+    words = [] if vehicle == "bluerov2" else [f"vehicle={vehicle}"]
+    words += [] if frequency == 10.0 else [f"step.frequency={frequency:g}"]
+    words += _task(config["task"])
+    return "".join(f" {shlex.quote(word)}" for word in words)
 
-    card = read_card(path)
-    typed = "" if card.vehicle.name == "bluerov2" else f" vehicle={card.vehicle.name}"
-    typed += "" if card.frequency_hz == 10.0 else f" step.frequency={card.frequency_hz:g}"
-    task = str(card.document["task"].get("name", "waypoint"))
-    if task != "waypoint":
-        return f"{typed} task={task}"
-    return typed + (
-        "" if card.task.position_frame == "world" else f" task.position_frame={card.task.position_frame}"
-    )
+
+def _task(task: Mapping[str, Any]) -> list[str]:
+    """Return `task=NAME` with the same observation; where no file of `conf/task` has it, with the keys that differ."""
+    from omegaconf import OmegaConf
+
+    from auvbench.config import plugins
+    from auvbench.config.compose import option
+    from auvbench.evaluation.protocol import OBSERVED
+    from auvbench.runs.run_filter import flat
+
+    def observed(values: Mapping[str, Any]) -> dict[str, Any]:
+        return flat({key: values[key] for key in OBSERVED if key in values}, "task.")
+
+    wanted, name = observed(task), str(task["name"])
+    others = [choice for choice in plugins.options("task") if choice != name]
+    differing: dict[str, Any] = {}
+    for choice in (name, *others):
+        there = OmegaConf.to_container(option("task", choice))
+        assert isinstance(there, dict)
+        if there["name"] != name:
+            continue
+        has = observed({str(key): value for key, value in there.items()})
+        changed = {key: value for key, value in wanted.items() if has.get(key) != value}
+        if not changed:
+            return [] if choice == "waypoint" else [f"task={choice}"]
+        differing = differing or changed
+    values = [f"{key}={json.dumps(value).replace(', ', ',')}" for key, value in differing.items()]
+    return [*([] if name == "waypoint" else [f"task={name}"]), *(word.replace('"', "") for word in values)]

@@ -61,6 +61,21 @@ def test_each_verdict() -> None:
 
 
 @pytest.mark.parametrize("rank_by", ["success_rate", "par1_steps"])
+def test_agents_that_fail_everything_are_open_and_at_the_limit(rank_by: str) -> None:
+    def failing(name: str, seeds: int) -> Agent:
+        one = agent(name, seeds=seeds)
+        return replace(one, outcome=np.full_like(one.outcome, 2))
+
+    sac, pid = failing("sac", 5), failing("pid", 1)
+    found = rank([sac, pid], rank_by=rank_by)
+    assert [(c.verdict, c.needed) for c in primary(found).comparisons] == [("open", None)]
+    assert any("at the limit" in notice and sac.label in notice for notice in found.notices)
+    able = rank([sac, PID], rank_by=rank_by)
+    assert [c.verdict for c in primary(able).comparisons] == ["behind"]
+    assert able.notices == ()
+
+
+@pytest.mark.parametrize("rank_by", ["success_rate", "par1_steps"])
 def test_verdicts_agree_with_intervals(rank_by: str) -> None:
     """Also where two scales disagree, or a rate is at its end: the interval is all that a verdict is read from."""
     levels = np.linspace(-3, 8, 12)

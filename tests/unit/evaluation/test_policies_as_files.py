@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,11 @@ import pytest
 
 pytest.importorskip("onnx")
 import torch
+from omegaconf import OmegaConf
 
 from auvbench import cli
 from auvbench.agents.learned import learners, trained_policy
+from auvbench.commands import export
 from auvbench.config.compose import compose, typed
 from auvbench.errors import RunError
 from auvbench.evaluation import exporting
@@ -352,6 +355,33 @@ def test_a_card_of_another_vehicle_clock_or_frame_is_told(
     assert message.replace("\\", "") in err
     assert err.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        [],
+        ["task=waypoint_state"],
+        ["task=docking"],
+        ["task.history=3"],
+        ["task.position_frame=body", "task.observation=[yaw_error,position_error]"],
+        ["task=trajectory_tracking", "task.preview.points=2"],
+    ],
+)
+def test_the_words_of_a_task_give_its_observation(words: list[str]) -> None:
+    task = OmegaConf.to_container(compose("train", words).task)
+    assert isinstance(task, dict)
+    assert export._task(task) == words
+
+
+@pytest.mark.slow
+def test_the_next_command_observes_what_the_policy_observes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = trained(tmp_path / "runs", "algo=ppo", "task=waypoint_state", "task.history=3")
+    assert cli.main(["export", str(run.path), "--out", str(tmp_path / "files")]) == 0
+    typed = shlex.split(capsys.readouterr().out.split("next: auvbench ")[1])
+    assert cli.main([*typed, f"output={tmp_path / 'out'}"]) == 0
 
 
 @pytest.mark.slow
