@@ -118,7 +118,9 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     from auvbench.config.tasks import primary_of
     from auvbench.statistics import power
 
-    m = measure(primary_of("waypoint") if options.metric == PRIMARY else options.metric, "--metric")
+    # Two rates are rates of success unless another measure is named.
+    usual = "success_rate" if options.rates is not None else primary_of("waypoint")
+    m = measure(usual if options.metric == PRIMARY else options.metric, "--metric")
     rates = None if options.rates is None else (options.rates[0] / 100, options.rates[1] / 100)
     if options.sd is not None and rates is not None:
         _check_rate(m)
@@ -137,7 +139,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
         raise UserError(
             f"plan: the runs are of the tasks {', '.join(names)}; name one: --where task={names[0]}"
         )
-    if options.metric == PRIMARY:
+    if options.metric == PRIMARY and rates is None:
         m = measure(primary_of(names[0]), "--metric")
     if rates is not None:
         _check_rate(m)

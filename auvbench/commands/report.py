@@ -85,6 +85,8 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
 
     if options.rank_by != PRIMARY:
         to_rank_by(options.rank_by)  # a wrong name is said before anything is read
+    for task, measure in options.primary.items():
+        to_rank_by(measure, f"report: primary.{task}")
     check_columns(options.columns)
     runs, problems = load(paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
@@ -167,7 +169,8 @@ def _measure(part: Section, options: Options) -> str:
 
     if options.rank_by != PRIMARY:
         return options.rank_by
-    return primary_of(str(part.runs[0].config.get("task.name")))
+    task = str(part.runs[0].config.get("task.name"))
+    return options.primary.get(task) or primary_of(task)
 
 
 def _study(

@@ -31,6 +31,7 @@ class Options:
     """The keys of conf/report.yaml, which explains them."""
 
     rank_by: Name
+    primary: dict[Name, Name]
     columns: tuple[Name, ...]
     baseline: Name | None
     protocol: Name
@@ -63,6 +64,7 @@ DECLARED_AS = {"rank_by": "measure", "baseline": "baseline", "margin": "margin"}
 
 
 STORED = (
+    "primary",
     "columns",
     "protocol",
     "condition",
@@ -198,6 +200,7 @@ def _options(settings: Mapping[str, Any], typed: Collection[str] = ()) -> Option
         if isinstance(values[key], str):
             values[key] = list(dict.fromkeys(name.strip() for name in values[key].split(",")))
     values["columns"] = values["columns"] or []
+    values["primary"] = values["primary"] or {}
     try:
         found = typed_json.convert(values, Options)
     except ValueError as error:

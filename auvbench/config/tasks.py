@@ -56,7 +56,7 @@ TASKS = {
             "waypoint",
             "waypoint",
             "auvbench.tasks.waypoint:WaypointTask",
-            "success_rate",
+            "par1_time_s",
             ("yaw_error", "position_error", *STATE, "previous_action"),
             ("success", "collision", "timeout"),
             ("thesis", "goal", "tracking", "exponential"),

@@ -47,7 +47,13 @@ def study_of(trials: Sequence[FrozenTrial]) -> Study:
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     output = tmp_path_factory.mktemp("page")
-    words = ["algo=ppo", "algo.n_epochs=interval(2,20)", "tune.rungs=[100,300]", f"output={output}"]
+    words = [
+        "algo=ppo",
+        "tune.objective=success_rate",
+        "algo.n_epochs=interval(2,20)",
+        "tune.rungs=[100,300]",
+        f"output={output}",
+    ]
     words, ranges, fixed = split(words)
     plan, study = plan_of(compose("tune", words), ranges, fixed, "auvbench tune <script>alert(1)</script>")
     trials = []
