@@ -10,6 +10,7 @@ import math
 import socket
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 from auvbench.ardusub.frames import FRAMES
@@ -36,7 +37,8 @@ class ArduSub:
 
     Simulated time goes on by one period of the pilot with each command while it is armed, and by itself without commands.
 
-    Attributes are switches of a test: `tells` its telemetry, `refuses` to arm, `kind` is its MAV_TYPE.
+    Attributes are switches of a test: `tells` its telemetry, `beats` its heart, `refuses` to arm, `kind` is its MAV_TYPE, `wrong`
+    changes the fields of a message before it is sent.
     """
 
     def __init__(self, port: int, vehicle: str = "bluerov2", *, system: int = 1, period: float = 0.1) -> None:
@@ -52,7 +54,8 @@ class ArduSub:
         }
         self.gain = 1.0
         self.armed, self.mode = False, 0
-        self.tells, self.positions, self.refuses = True, True, False
+        self.tells, self.positions, self.beats, self.refuses = True, True, True, False
+        self.wrong: Callable[[str, list[Any]], Any] = lambda name, fields: None
         self.sticks: list[tuple[int, ...]] = []
         self.heard: list[str] = []
         self.boot = 3_600_000  # ms
@@ -64,7 +67,7 @@ class ArduSub:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self._socket.settimeout(0.01)
-        self._beat = 0.0
+        self._beat, self._beat_boot = 0.0, 0
         self._idle = 0  # waits without a message
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -90,7 +93,9 @@ class ArduSub:
         self.physics.reset()
 
     def send(self, name: str, *fields: Any) -> None:
-        message = getattr(self.d, f"MAVLink_{name}_message")(*fields)
+        values = list(fields)
+        self.wrong(name, values)
+        message = getattr(self.d, f"MAVLink_{name}_message")(*values)
         self._socket.sendto(message.pack(self._mav), self._to)
 
     def _run(self) -> None:
@@ -112,7 +117,9 @@ class ArduSub:
                 self._telemetry()
 
     def beat(self) -> None:
-        self._beat = time.monotonic()
+        self._beat, self._beat_boot = time.monotonic(), self.boot
+        if not self.beats:
+            return
         mode = self.d.MAV_MODE_FLAG_SAFETY_ARMED if self.armed else 0
         self.send(
             "heartbeat",
@@ -162,6 +169,8 @@ class ArduSub:
     def _telemetry(self) -> None:
         if not self.tells:
             return
+        if abs(self.boot - self._beat_boot) >= 100:  # by its own time, which goes on with the commands
+            self.beat()
         state = self.state
         angles = frames.euler(state.quaternion).tolist()
         if self.d.MAVLINK_MSG_ID_ATTITUDE in self._streams:

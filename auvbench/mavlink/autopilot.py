@@ -31,6 +31,10 @@ SILENT = 5.0
 """s after which a second vehicle is forgotten"""
 BACK = 500
 """ms by which a clock that has not been set back may be overtaken"""
+BEAT = 0.1
+"""s between heartbeats, as is asked for: they tell the mode"""
+TURNED = 7.0
+"""rad, beyond every angle of an attitude"""
 WARNING = 4
 """MAV_SEVERITY; what is worse has a lower number"""
 PARAMETERS = {"FRAME_CONFIG": (0.0, 100.0), "JS_THR_GAIN": (0.1, 10.0), "MOT_FV_CPLNG_K": (0.0, 10.0)}
@@ -68,6 +72,9 @@ class Autopilot:
         self._others: dict[tuple[Peer, int], float] = {}  # when each was heard
         self._answers: dict[int, int] = {}  # results by command
         self._told: dict[str, tuple[int, Floats]] = {}  # time in ms and numbers of each message of telemetry
+        self._beaten: tuple[int, int] | None = (
+            None  # its time in ms at the last heartbeat, and ms since the one before
+        )
         self._beat = self._asked = -math.inf
         if not self.until(lambda: self._who is not None, FOUND):
             raise UserError(
@@ -139,6 +146,9 @@ class Autopilot:
             return
         self.armed = bool(message.base_mode & d.MAV_MODE_FLAG_SAFETY_ARMED)
         self.mode = message.custom_mode
+        if self._told:
+            now = self._time
+            self._beaten = (now, min(now - self._beaten[0], 1000) if self._beaten else 1000)
 
     def _handle(self, message: Any) -> None:
         kind = message.get_type()
@@ -164,11 +174,29 @@ class Autopilot:
 
     def _tell(self, kind: str, stamp: int, numbers: list[float]) -> None:
         last = self._told.get(kind, (-1, None))[0]
+        if not all(map(math.isfinite, numbers)) or (
+            kind == "ATTITUDE" and max(map(abs, numbers[:3])) > TURNED
+        ):
+            return
         if stamp < last - BACK:
             self._told.clear()  # it restarted: the rest is of another time
-        elif stamp <= last or not all(map(math.isfinite, numbers)):
+            self._beaten = None
+        elif stamp <= last:
             return
         self._told[kind] = (stamp, np.array(numbers, dtype=np.float64))
+
+    @property
+    def _time(self) -> int:
+        """Its time in ms, as its telemetry says."""
+        return max(stamp for stamp, _ in self._told.values())
+
+    @property
+    def overdue(self) -> float:
+        """Seconds by which its heartbeat is late, by its own clock: other telemetry goes on, and a change of mode is not seen."""
+        if self._beaten is None:
+            return 0.0
+        last, interval = self._beaten
+        return (self._time - last - interval) / 1e3
 
     @property
     def telemetry(self) -> tuple[int, Floats, Floats] | None:
@@ -207,10 +235,11 @@ class Autopilot:
     # Outgoing messages.
 
     def ask_telemetry(self) -> None:
-        """Ask for attitude, position and the joystick's gain."""
+        """Ask for attitude, position, frequent heartbeats and the joystick's gain."""
         d = self._dialect
         for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
             self._command(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, self._interval)
+        self._command(d.MAV_CMD_SET_MESSAGE_INTERVAL, d.MAVLINK_MSG_ID_HEARTBEAT, 1e6 * BEAT)
         # ArduSub sends its named values with this stream alone.
         self._send("request_data_stream", d.MAV_DATA_STREAM_EXTENDED_STATUS, 2, 1, component=True)
 

@@ -124,6 +124,9 @@ class Pilot(loop.Pilot):
             self._take_pose(*told)
             self._take_time(told[0] / 1e9)
 
+    def _ages(self) -> dict[str, float]:
+        return {**super()._ages(), "the heartbeat": self.vehicle.overdue}
+
     def _command(self, quantities: Floats) -> None:
         if not np.any(quantities):
             self.vehicle.manual_control(NEUTRAL)

@@ -2,10 +2,13 @@
 
 It starts disarmed, and commands nothing while disarmed. Armed, it steers only with a young pose within the depth
 limits, a waypoint and a finite action; otherwise it commands zero thrust. Zero thrust is also its last command.
+
+Every ending has the same order: zero thrust, disarmed, then what may fail (the logbook, a closed standard output).
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
 import time
 from abc import ABC, abstractmethod
@@ -22,6 +25,10 @@ Floats = NDArray[np.float64]
 
 RESTS = 3
 """zero commands at the end: one may be lost"""
+FASTEST = 50.0
+"""m/s, and rad/s: a velocity above it, or a jump that needs it, is no measurement"""
+FARTHEST = 1e6
+"""m from the origin"""
 TURN = 0.02
 """s, the longest single wait, and so the delay with which an old pose is noticed"""
 
@@ -41,20 +48,23 @@ class Pilot(ABC):
     def __init__(
         self, steering: Steering, *, sim_time: bool = False, say: Callable[[str], None] = lambda text: None
     ) -> None:
-        self.steering, self.limits, self._say = steering, steering.limits, say
+        self.steering, self.limits, self._speak = steering, steering.limits, say
         self.physical = PhysicalCommands(steering.vehicle)
         self.period = 1.0 / steering.frequency  # s
         self.armed = False
         self.state = ""
         self.pose: Floats = np.full(7, np.nan)
         self.velocity: Floats = np.zeros(6)
-        self._received = -math.inf  # when the pose came, by this machine
+        self._received = (
+            self._ticked
+        ) = -math.inf  # when the pose and the vehicle's time came, by this machine
         self._stamp = -1
         self._now = -1.0  # of the vehicle's clock
         self._sim_time = sim_time
         self._slow = 0
         self._due = 0.0
         self._closed = False
+        self._unsaid: Exception | None = None
 
     # The network.
 
@@ -82,25 +92,57 @@ class Pilot(ABC):
     def _report(self, text: str) -> None:
         self._say(text)
 
+    def _say(self, text: str) -> None:
+        """Tell a state; an error, such as that of a closed standard output, waits for `_settle`."""
+        try:
+            self._speak(text)
+        except Exception as error:
+            self._unsaid = self._unsaid or error
+
+    def _settle(self) -> None:
+        """Do what may fail, and take long: the vehicle rests meanwhile.
+
+        Raises:
+            RunError: the logbook cannot be written.
+            Exception: that of `say`.
+        """
+        if self.steering.ended:
+            if self.armed:
+                self._command(self.physical.neutral)
+            self.steering.write()
+        if self._unsaid is not None:
+            error, self._unsaid = self._unsaid, None
+            raise error
+
     # Incoming messages.
 
     def _take_pose(self, stamp: int, pose: Floats, velocity: Floats) -> None:
         """Take a pose (7,) with its velocity (6,) in body axes, and its time in ns by the vehicle's clock."""
+        if not is_possible(pose, velocity):
+            return
         behind = (self._stamp - stamp) / 1e9  # s
         if behind > self.limits.pose_timeout:
             self._clock_went_back()
-        elif behind >= 0.0 and stamp:
-            return  # repeated or overtaken: the pose gets no younger
-        if not np.all(np.isfinite([*pose, *velocity])) or not is_turn(pose):
-            return
+        elif (behind >= 0.0 and stamp) or self._is_jump(stamp, pose):
+            return  # repeated, overtaken or impossible: the pose gets no younger
         self._stamp = stamp
         self.pose, self.velocity = pose, velocity
         self._received = time.monotonic()
+
+    def _is_jump(self, stamp: int, pose: Floats) -> bool:
+        """Return whether the vehicle cannot have moved so far since the last pose."""
+        age = time.monotonic() - self._received
+        if age > self.limits.lost_after:
+            return False  # the last one says nothing any more
+        seconds = max(age, (stamp - self._stamp) / 1e9)
+        return math.dist(pose[:3], self.pose[:3]) > FASTEST * seconds
 
     def _take_time(self, now: float) -> None:
         """Take the time in s of the vehicle's clock."""
         if now < self._now - self.limits.pose_timeout:
             self._clock_went_back()
+        if now != self._now:
+            self._ticked = time.monotonic()
         self._now = now
 
     def _clock_went_back(self) -> None:
@@ -124,9 +166,9 @@ class Pilot(ABC):
         """Let the controller steer; return why it may not, or an empty text."""
         if self.armed:
             return ""
-        age = self.age
+        what, age = self._oldest()
         if age > self.limits.pose_timeout:
-            return f"{self.source} " + ("never came" if math.isinf(age) else f"is {age:.2g} s old")
+            return f"{what} " + ("never came" if math.isinf(age) else f"is {age:.2g} s old")
         if not self.limits.within(self.pose[2]):
             return self._depth()
         if obstacle := self._take_over():
@@ -136,18 +178,34 @@ class Pilot(ABC):
         return ""
 
     def disarm(self, reason: str) -> None:
-        """Command zero thrust, then nothing until armed again."""
+        """Command zero thrust, then nothing until armed again.
+
+        Raises:
+            RunError: the logbook cannot be written.
+        """
         was = self.armed
         self.armed = False
-        self.steering.end(reason)
-        if was:
-            self._rest()
-        self._set_state(f"disarmed: {reason}")
+        try:
+            if was:
+                self._rest()
+        finally:
+            self.steering.end(reason)
+            self._set_state(f"disarmed: {reason}")
+        self._settle()
+
+    def _ages(self) -> dict[str, float]:
+        """Return the age in s of each thing that the pilot must hear of all the time, by its name."""
+        now = time.monotonic()
+        clock = {"the vehicle's clock": now - self._ticked} if self._sim_time else {}
+        return {self.source: now - self._received, **clock}
+
+    def _oldest(self) -> tuple[str, float]:
+        return max(self._ages().items(), key=lambda item: item[1])
 
     @property
     def age(self) -> float:
-        """Seconds since the pose came."""
-        return time.monotonic() - self._received
+        """Seconds since the pose came, or what else must come."""
+        return self._oldest()[1]
 
     def _set_state(self, state: str) -> None:
         if state != self.state:
@@ -169,6 +227,7 @@ class Pilot(ABC):
             self.steering.waypoint = None
             self.steering.end(outcome)
             self._set_state(f"waypoint {'reached' if outcome == 'success' else 'given up: ' + outcome}")
+        self._settle()
         if self.steering.waypoint is None:
             self._command(self.physical.neutral)
             return
@@ -178,11 +237,11 @@ class Pilot(ABC):
         """Check pose and depth; return whether the controller may steer."""
         if not self.armed:
             return False
-        age = self.age
+        what, age = self._oldest()
         if age > self.limits.lost_after:
-            self.disarm(f"{self.source} is {age:.1f} s old")
+            self.disarm(f"{what} is {age:.1f} s old")
         elif age > self.limits.pose_timeout:
-            self._hold(f"holding: {self.source} is {age:.1f} s old")
+            self._hold(f"holding: {what} is {age:.1f} s old")
         elif not self.limits.within(self.pose[2]):
             self.steering.advance(self.pose)
             self.disarm(self._depth())
@@ -214,7 +273,8 @@ class Pilot(ABC):
     def _failed(self, error: Exception) -> AuvbenchError:
         """Disarm, and return the error with which the command ends."""
         reason = " ".join(str(error).split()) or type(error).__name__
-        self.disarm(f"the controller failed: {reason}")
+        with contextlib.suppress(Exception):  # the logbook's error, say: the first one is told
+            self.disarm(f"the controller failed: {reason}")
         return error if isinstance(error, AuvbenchError) else RunError(f"the controller failed: {reason}")
 
     def run(self, go_on: Callable[[], bool]) -> None:
@@ -234,7 +294,12 @@ class Pilot(ABC):
 
         Raises:
             AuvbenchError: as `run`.
+            Exception: that of `say`.
         """
+        self._spin_once()
+        self._settle()
+
+    def _spin_once(self) -> None:
         period = self.period
         now = self._now if self._sim_time else time.monotonic()
         if self._sim_time and now < self._due - 2 * period:
@@ -258,6 +323,16 @@ class Pilot(ABC):
             self.disarm(reason)
         finally:
             self._leave(was)
+
+
+def is_possible(pose: Floats, velocity: Floats) -> bool:
+    """Return whether a vehicle can have a pose (7,) and a velocity (6,)."""
+    return (
+        bool(np.all(np.isfinite([*pose, *velocity])))
+        and is_turn(pose)
+        and float(np.max(np.abs(pose[:3]))) <= FARTHEST
+        and float(np.max(np.abs(velocity))) <= FASTEST
+    )
 
 
 def is_turn(pose: Floats) -> bool:

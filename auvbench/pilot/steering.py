@@ -71,11 +71,13 @@ class Steering:
     """the present one; it begins with the first action towards a waypoint"""
     action_time: float = field(default=0.0, init=False)
     """s that the controller needed for its last action"""
+    ended: list[tuple[Mission, str]] = field(default_factory=list, init=False)
+    """missions that `write` has not written, and why they ended"""
     _action: Floats | None = field(default=None, init=False)
     """under way since the last step"""
 
     def advance(self, pose: Floats) -> str:
-        """Record the step that ended at `pose` (7,); return the mission's outcome if that ended it."""
+        """Note the step that ended at `pose` (7,); return the mission's outcome if that ended it."""
         if self.mission is None or self._action is None:
             return ""
         action = self._action
@@ -132,14 +134,20 @@ class Steering:
         )
 
     def end(self, reason: str) -> None:
-        """End the present mission, and record it if it has a step.
-
-        Raises:
-            RunError: the logbook cannot be written.
-        """
+        """End the present mission; `write` records it if it has a step."""
         mission, self.mission, self._action = self.mission, None, None
         self._record(mission, reason)
 
     def _record(self, mission: Mission | None, reason: str) -> None:
         if mission is not None and self.logbook is not None and mission.steps:
-            self.logbook.add(mission, reason)
+            self.ended.append((mission, reason))
+
+    def write(self) -> None:
+        """Write the missions that have ended. A disk may be slow, or full: the vehicle must be at rest.
+
+        Raises:
+            RunError: the logbook cannot be written.
+        """
+        while self.ended:
+            assert self.logbook is not None
+            self.logbook.add(*self.ended.pop(0))

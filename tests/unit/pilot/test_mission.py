@@ -136,6 +136,7 @@ def test_a_station_is_held_on_and_becomes_several_missions(tmp_path, monkeypatch
         action = pilot.act(pose, np.zeros(6))
         assert np.abs(action).max() > 0.0  # it turns to the yaw
     pilot.end("by the service stop")
+    pilot.write()
     assert [row["steps"] for row in log._rows] == [5, 5, 1]
     assert [row["outcome"] for row in log._rows] == ["timeout", "timeout", "aborted"]
     assert len(resets) == 1
