@@ -14,20 +14,20 @@ MISTAKES = (
 )
 """shown with their error in docs/grammar.md"""
 
+_EXAMPLE = re.compile(r"<!-- begin: (examples/\S+) -->.*?<!-- end: \1 -->", re.S)
 _BLOCK = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```|^    (auvbench [^\n]*)$", re.M | re.S)
 
 
 def steps(page: Path) -> list[tuple[str, str]]:
     """Return the blocks of a page in order: ("auvbench", a line without that word), ("python", text), ("yaml", text).
 
-    Comments and a final `&` are cut off; `> FILE` stays. Included files are left out: they have tests of their own.
+    Comments and a final `&` are cut off; `> FILE` stays. Files of `examples/` are left out: they have tests of their own.
     """
     found = []
-    text = page.read_text(encoding="utf-8").replace("\\\n", " ")
+    text = _EXAMPLE.sub("", page.read_text(encoding="utf-8")).replace("\\\n", " ")
     for language, block, indented in _BLOCK.findall(text):
         if language in ("python", "yaml"):
-            if "--8<--" not in block:
-                found.append((language, block))
+            found.append((language, block))
             continue
         for line in (block or indented).splitlines():
             for part in re.sub(r"^\$ ", "", line.strip()).split(" && "):

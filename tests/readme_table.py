@@ -1,6 +1,7 @@
-"""Write the tables across conditions of README.md, docs/ and results/ from the published studies.
+"""Write the generated blocks of README.md, docs/ and results/: tables from the published studies, code from `examples/`.
 
-`python -m tests.readme_table` in the root of the repository. The best value of each column is bold.
+`python -m tests.readme_table` in the root of the repository. The best value of each column of a table is bold. A page
+marks a block by `<!-- begin: NAME -->` and `<!-- end: NAME -->`. NAME is a table or the path of a file of code.
 """
 
 from __future__ import annotations
@@ -139,10 +140,26 @@ TABLES: dict[str, Callable[[], str]] = {
     "station": station,
     "suite": suite,
 }
+LANGUAGES = {".py": "python", ".toml": "toml", ".yaml": "yaml"}
+EXAMPLE = "examples/auvbench-example"
+PACKAGE = f"{EXAMPLE}/auvbench_example"
 PAGES = {
     "README.md": ("leaderboard",),
     "docs/index.md": ("leaderboard",),
     "docs/results.md": ("suite",),
+    "docs/adding-a-controller.md": (
+        f"{EXAMPLE}/pyproject.toml",
+        f"{PACKAGE}/conf/algo/pursuit.yaml",
+        f"{PACKAGE}/pursuit.py",
+        f"{PACKAGE}/search.py",
+    ),
+    "docs/adding-a-task.md": (
+        f"{EXAMPLE}/pyproject.toml",
+        f"{PACKAGE}/conf/task/circling.yaml",
+        f"{PACKAGE}/circling.py",
+        f"{PACKAGE}/view.py",
+    ),
+    "docs/adding-a-vehicle.md": ("examples/polyu.yaml",),
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
     "results/station/README.md": ("station",),
@@ -150,19 +167,27 @@ PAGES = {
 
 
 def page(name: str) -> str:
-    """Return a page with its tables as they must be.
+    """Return a page with its blocks renewed.
 
     Raises:
-        ValueError: the page has not exactly one place for each.
+        ValueError: the page does not have exactly one place for each block.
     """
     text = (ROOT / name).read_text(encoding="utf-8")
-    for table in PAGES[name]:
-        begin, end = (f"<!-- {word}: {table} -->" for word in ("begin", "end"))
-        made = f"{begin}\n{TABLES[table]()}\n{end}"
-        text, places = re.subn(f"{begin}.*?{end}", lambda _, made=made: made, text, flags=re.DOTALL)
+    for block in PAGES[name]:
+        begin, end = (f"<!-- {word}: {block} -->" for word in ("begin", "end"))
+        made = f"{begin}\n{TABLES[block]() if block in TABLES else code(block)}\n{end}"
+        text, places = re.subn(
+            f"{re.escape(begin)}.*?{re.escape(end)}", lambda _, made=made: made, text, flags=re.DOTALL
+        )
         if places != 1:
-            raise ValueError(f"{name}: {places} places for the table, {begin} ... {end}")
+            raise ValueError(f"{name}: {places} places for the block {begin} ... {end}, must have 1")
     return text
+
+
+def code(path: str) -> str:
+    """Return a file of the repository as a block of code, with its path above: GitHub shows no title of a block."""
+    text = (ROOT / path).read_text(encoding="utf-8").strip("\n")
+    return f"`{path}`:\n\n```{LANGUAGES[Path(path).suffix]}\n{text}\n```"
 
 
 def _digits(value: float) -> str:

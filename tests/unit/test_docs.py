@@ -1,4 +1,4 @@
-"""The pages of docs/ include the files that they name."""
+"""The pages of docs/: generated blocks, links, length."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from tests import readme_table
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
-INCLUDE = re.compile(r'--8<-- "([^"]+)"')
 GENERATED = {"configuration.md", "verification.md"}
 """pages that a program writes"""
 NOT_BY_HAND = re.compile(
@@ -20,59 +19,37 @@ NOT_BY_HAND = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 """tables and blocks that a program writes between markers, and code"""
-LOOKS_LIKE_AN_INCLUDE = re.compile(r"[-–—]\s*8\s*<|8\s*<\s*[-–—]")
 
 
-def includes(text: str) -> list[str]:
-    """Return the paths that a page includes.
-
-    Raises:
-        ValueError: a marker is malformed, for example `--8 < --"path"`.
-    """
-    paths = []
-    for line in text.splitlines():
-        if LOOKS_LIKE_AN_INCLUDE.search(line):
-            found = INCLUDE.fullmatch(line.strip())
-            if found is None:
-                raise ValueError(f'{line}: write --8<-- "path"')
-            paths.append(found[1])
-    return paths
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda page: page.name)
+def test_a_page_contains_its_code_and_no_marker_of_a_snippet(page: Path) -> None:
+    # GitHub shows the marker of a snippet instead of the code.
+    assert not re.search(r"[-–—]\s*8\s*<|8\s*<\s*[-–—]", page.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_every_included_file_has_content(page: Path) -> None:
-    for path in includes(page.read_text(encoding="utf-8")):
-        assert (ROOT / path).read_text(encoding="utf-8").strip(), path
+def test_the_pages_on_packages_show_each_file_of_the_example_that_they_name() -> None:
+    shown = {path for blocks in readme_table.PAGES.values() for path in blocks if "/" in path}
+    assert {Path(path).name for path in shown} == {
+        *("pyproject.toml", "pursuit.yaml", "pursuit.py", "search.py"),
+        *("circling.yaml", "circling.py", "view.py", "polyu.yaml"),
+    }
 
 
-def test_the_page_on_controllers_includes_the_example() -> None:
-    found = includes((ROOT / "docs" / "adding-a-controller.md").read_text(encoding="utf-8"))
-    assert [Path(path).name for path in found] == [
-        "pyproject.toml",
-        "pursuit.yaml",
-        "pursuit.py",
-        "search.py",
-    ]
+def test_a_file_is_shown_as_code_under_its_path() -> None:
+    path = "examples/auvbench-example/auvbench_example/view.py"
+    first, *lines, last = readme_table.code(path).splitlines()
+    assert (first, lines[:2], last) == (f"`{path}`:", ["", "```python"], "```")
+    assert "\n".join(lines[2:]) + "\n" == (ROOT / path).read_text(encoding="utf-8")
 
 
-def test_the_page_on_tasks_includes_the_example() -> None:
-    found = includes((ROOT / "docs" / "adding-a-task.md").read_text(encoding="utf-8"))
-    assert [Path(path).name for path in found] == [
-        "pyproject.toml",
-        "circling.yaml",
-        "circling.py",
-        "view.py",
-    ]
-
-
-@pytest.mark.parametrize("line", ['--8 < --"a.py"', '–8<– "a.py"', "--8<-- a.py", '--8<-- "a.py" # note'])
-def test_a_malformed_marker_is_an_error(line: str) -> None:
-    with pytest.raises(ValueError, match="write --8<--"):
-        includes(line)
+def test_a_page_without_the_place_of_a_block_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(readme_table.PAGES, "docs/task.md", ("suite",))
+    with pytest.raises(ValueError, match=r"docs/task\.md: 0 places for the block <!-- begin: suite -->"):
+        readme_table.page("docs/task.md")
 
 
 @pytest.mark.parametrize("name", readme_table.PAGES)
-def test_a_table_from_results_is_that_of_the_files(name: str) -> None:
+def test_the_generated_blocks_of_a_page_are_those_of_the_files(name: str) -> None:
     assert (ROOT / name).read_text(encoding="utf-8") == readme_table.page(name), (
         "python -m tests.readme_table"
     )
