@@ -4,7 +4,7 @@ At each step one Gauss-Newton iteration (Diehl et al. 2005, "A real-time iterati
 optimal feedback control") of
 
     min  sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + t |tilt_k|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
-    s.t. x_(k+1) = F(x_k, u_k),  u_min <= u_k <= u_max,  depth limits (soft)
+    s.t. x_(k+1) = F(x_k, u_k),  u_min <= u_k <= u_max,  depth limits (soft; waypoint task)
 
 over the thrusts u of a horizon, held in blocks that grow with time. States at the nodes are variables of their own
 (multiple shooting); they are condensed out of the quadratic programme, which DAQP solves (Arnström et al. 2022, a dual active-set method). The
