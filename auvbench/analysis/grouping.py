@@ -21,6 +21,7 @@ import pandas as pd
 from auvbench.analysis.formatting import counted
 from auvbench.analysis.labels import OWN, is_fixed, labels, sort_key
 from auvbench.analysis.measures import of_the_scenario
+from auvbench.analysis.names import with_names
 from auvbench.analysis.recorded import has_training
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord, run_learns, task_of
 from auvbench.errors import ReportError, closest
@@ -69,7 +70,8 @@ def agents(
     finer = refined(_cells(reported, keys, fixed), keys, fixed)
     groups = [(_key(group[0], finer), group) for group in _cells(reported, finer, fixed)]
     groups.sort(key=lambda group: [sort_key(value) for value in group[0].values()])
-    names = labels([key for key, _ in groups], [trained(group[0]) for _, group in groups], fixed)
+    shown = labels([key for key, _ in groups], [trained(group[0]) for _, group in groups], fixed)
+    names = with_names(shown, [group for _, group in groups])
     result = []
     for label, (key, group) in zip(names, groups, strict=True):
         group.sort(key=lambda run: (run.seed, run.id))

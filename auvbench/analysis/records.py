@@ -60,6 +60,8 @@ class RunRecord:
     """by the protocol's name"""
     archive: Archive | None = None
     """the published study that holds the run; None for a run directory"""
+    name: str = ""
+    """of its agent in the analysis (`names.name_agents`); empty for a label made from the configuration"""
 
 
 @dataclass(frozen=True, slots=True)

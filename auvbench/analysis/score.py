@@ -18,6 +18,7 @@ from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping import frequency_fixed
 from auvbench.analysis.labels import labels, usual_sentence
 from auvbench.analysis.measures import Measure
+from auvbench.analysis.names import with_names
 from auvbench.analysis.primary import default_margin
 from auvbench.analysis.records import NO_POLICY, Agent, learns
 from auvbench.statistics.intervals import Estimate, FloatArray
@@ -162,7 +163,9 @@ def _rows(
     names = list(dict.fromkeys(name for agent in firsts for name in agent.key))
     keys = [{name: agent.key.get(name) for name in names} for agent in firsts]
     fixed = frequency_fixed(a.metrics["frequency_hz"] for a in firsts if "frequency_hz" in a.metrics)
-    shown = labels(keys, [learns(agent) for agent in firsts], fixed)
+    shown = with_names(
+        labels(keys, [learns(agent) for agent in firsts], fixed), [agent.runs for agent in firsts]
+    )
     rows = []
     for label, key, agent, row in zip(shown, keys, firsts, members, strict=True):
         runs = tuple(run.id for cell in row if cell is not None for run in cell[0].runs)

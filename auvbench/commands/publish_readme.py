@@ -101,7 +101,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     made = {
         "table": lambda: "\n\n".join([*scored, _ranked(reports, folder)]),
         "findings": lambda: _findings(reports),
-        "figures": lambda: "\n\n".join(_figures(reports, study.pictures, folder)) or "No figure.",
+        "figures": lambda: "\n\n".join(_figures(reports[0], study.pictures, folder)) or "No figure.",
         "claims": lambda: _claims(reports),
         "policies": lambda: policies,
         "provenance": lambda: readme.provenance(runs, study.command),
@@ -172,7 +172,7 @@ def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, Run
 
 
 def _ranked(reports: Sequence[Report], folder: Path) -> str:
-    """Return headline, main figure and main table of each section; of several, the first has the figure."""
+    """Return headline, main figure and main table of each section."""
     from auvbench.reporting import tables
     from auvbench.reporting.figures import MAIN
 
@@ -180,7 +180,7 @@ def _ranked(reports: Sequence[Report], folder: Path) -> str:
     for report in reports:
         if len(reports) > 1:
             parts.append(_heading(report))
-        figure = _figures(reports, [MAIN], folder) if report is reports[0] else []
+        figure = _figures(report, [MAIN], folder, report.section.folder if report is not reports[0] else "")
         parts.append(tables.markdown(report.ranking, "\n\n".join(figure)).rstrip())
         for conditions in tables.conditions_tables(report.ranking):
             parts += [f"{conditions.title}:", tables.pipes(conditions)]
@@ -215,17 +215,20 @@ def _claims(reports: Sequence[Report]) -> str:
     return "\n".join(parts) or "Nothing can be said of the study's claims."
 
 
-def _figures(reports: Sequence[Report], pictures: Sequence[str], folder: Path) -> list[str]:
-    """Markdown of the pictures of the first section that has them."""
+def _figures(report: Report, pictures: Sequence[str], folder: Path, section: str = "") -> list[str]:
+    """Draw pictures of a section into `figures`, or `figures/SECTION`; return them as Markdown."""
     from auvbench.reporting.figures import draw
     from auvbench.reporting.tables.text_formats import escape
 
-    first = reports[0]
-    drawn = draw(pictures, first.agents, first.ranking, folder)
+    drawn = draw(pictures, report.agents, report.ranking, folder / "figures" / section)
     for figure in drawn:
         figure.svg.unlink(missing_ok=True)
         _shrink(figure.png)
-    return [f"![{escape(f.title)}](figures/{f.png.name})\n\n{escape(f.caption)}" for f in drawn]
+    places = [figure.png.relative_to(folder).as_posix() for figure in drawn]
+    return [
+        f"![{escape(f.title)}]({place})\n\n{escape(f.caption)}"
+        for f, place in zip(drawn, places, strict=True)
+    ]
 
 
 COLOURS = 128

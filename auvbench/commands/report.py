@@ -80,6 +80,7 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     from auvbench.analysis.grouping import sections, split_problems
     from auvbench.analysis.load import load, require
     from auvbench.analysis.measures import to_rank_by
+    from auvbench.analysis.names import name_agents
     from auvbench.analysis.optional_columns import validate_columns as check_columns
     from auvbench.analysis.records import Problem
 
@@ -89,6 +90,7 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
         to_rank_by(measure, f"report: primary.{task}")
     check_columns(options.columns)
     runs, problems = load(paths, options.protocol, options.where)
+    runs = name_agents(runs, options.names)
     require(runs, problems, options.protocol)
     parts = sections(runs, options.protocol)
     measures = dict.fromkeys(_measure(part, options) for part in parts)

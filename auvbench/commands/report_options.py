@@ -32,6 +32,7 @@ class Options:
 
     rank_by: Name
     primary: dict[Name, Name]
+    names: dict[Name, str]
     columns: tuple[Name, ...]
     baseline: Name | None
     protocol: Name
@@ -65,6 +66,7 @@ DECLARED_AS = {"rank_by": "measure", "baseline": "baseline", "margin": "margin"}
 
 STORED = (
     "primary",
+    "names",
     "columns",
     "protocol",
     "condition",
@@ -200,7 +202,8 @@ def _options(settings: Mapping[str, Any], typed: Collection[str] = ()) -> Option
         if isinstance(values[key], str):
             values[key] = list(dict.fromkeys(name.strip() for name in values[key].split(",")))
     values["columns"] = values["columns"] or []
-    values["primary"] = values["primary"] or {}
+    for key in ("primary", "names"):
+        values[key] = values[key] or {}
     try:
         found = typed_json.convert(values, Options)
     except ValueError as error:

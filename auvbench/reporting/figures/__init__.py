@@ -33,24 +33,24 @@ def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list
         The figures, PNG and SVG, and the damage found while drawing.
     """
     shared = scene(agents, ranking)
-    drawn = _draw(shared, list(FIGURES), out)
+    drawn = _draw(shared, list(FIGURES), out / "figures")
     for name in FIGURES.keys() - {figure.name for figure in drawn}:
         for suffix in (".png", ".svg"):
             (out / "figures" / name).with_suffix(suffix).unlink(missing_ok=True)
     return drawn, list(dict.fromkeys(shared.problems))
 
 
-def draw(names: Sequence[str], agents: Sequence[Agent], ranking: Ranking, out: Path) -> list[Figure]:
-    """Draw the named figures into `out`/figures; leave out those that the data do not allow."""
-    return _draw(scene(agents, ranking), names, out)
+def draw(names: Sequence[str], agents: Sequence[Agent], ranking: Ranking, folder: Path) -> list[Figure]:
+    """Draw the named figures into a folder; leave out those that the data do not allow."""
+    return _draw(scene(agents, ranking), names, folder)
 
 
-def _draw(shared: Scene, names: Sequence[str], out: Path) -> list[Figure]:
+def _draw(shared: Scene, names: Sequence[str], folder: Path) -> list[Figure]:
     figures = []
     for name in names:
         with style.styled():
             drawing = FIGURES[name](shared)
             if drawing is not None:
-                png, svg = style.save(drawing.canvas, out / "figures" / name)
+                png, svg = style.save(drawing.canvas, folder / name)
                 figures.append(Figure(name, drawing.title, drawing.caption, png, svg))
     return figures

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
 
 from auvbench.analysis.formatting import name, size, unit_of_difference
 from auvbench.analysis.measures import measure
@@ -38,8 +39,10 @@ AXIS, LETTER, LINE = 2.6, 0.075, 0.19
 """inches of the axis, and of a letter and a line of an agent's name"""
 LETTERS = 72
 """of a line"""
-COMMON = 0.85
-"""share of the agents whose intervals the axis holds whole; the others are cut and marked by an arrow"""
+BAND = "#e4e4e4"
+"""colour of the margin: none of a verdict"""
+NARROW = 0.04
+"""least share of a linear axis that the margin takes; where it would take less, the axis is logarithmic outside of it"""
 
 
 def difference_from_baseline(scene: Scene) -> Drawing | None:
@@ -56,11 +59,16 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     places = np.cumsum(heights) - (heights + 1) / 2  # middles of rows, in lines
     figure = style.canvas(max(4.55, width), 0.9 + LINE * heights.sum())
     ax = figure.subplots()
-    low, high = _axis(primary, m.scale)
-    if math.isfinite(primary.margin):
-        ax.axvspan(
-            -m.scale * primary.margin, m.scale * primary.margin, color="#0072B2", alpha=0.1, linewidth=0
-        )
+    margin = m.scale * primary.margin if math.isfinite(primary.margin) else 0.0
+    low, high = _axis(primary, m.scale, margin)
+    logarithmic = 0 < 2 * margin < NARROW * (high - low)
+    if logarithmic:
+        ax.set_xscale("symlog", linthresh=2 * margin, linscale=0.6)
+        low, high = (end + math.copysign(0.3 * abs(end), end) for end in (low, high))
+        ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        ax.xaxis.set_minor_locator(NullLocator())
+    if margin:
+        ax.axvspan(-margin, margin, color=BAND, linewidth=0)
     ax.axvline(0, color="#444444", linewidth=0.9)
     for y, row in zip(places, rows, strict=True):
         if isinstance(row, Against):
@@ -79,13 +87,14 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
         if primary.having(verdict)
     ]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), handlelength=2.2)
-    within = (
-        f" Blue: within the margin of {size(primary.margin, m)}." if math.isfinite(primary.margin) else ""
-    )
     caption = (
         f"Differences in {name(m)} from {primary.baseline} with intervals that hold together with "
-        f"{100 * primary.confidence:g} %.{within} An arrow: the interval goes on."
+        f"{100 * primary.confidence:g} %."
     )
+    if margin:
+        caption += f" Grey: smaller than the margin of {size(primary.margin, m)}."
+    if logarithmic:
+        caption += f" The axis is linear to {size(2 * primary.margin, m)} and logarithmic beyond."
     return Drawing(figure, f"Difference from {primary.baseline}", caption)
 
 
@@ -95,32 +104,24 @@ def _face(look: Look) -> str:
 
 def _line(ax: Axes, against: Against, y: float, scale: float, ends: tuple[float, float]) -> None:
     look = LOOKS[against.verdict]
-    value, low, high = (
-        scale * x for x in (against.difference.value, against.difference.low, against.difference.high)
-    )
-    left, right = max(low, ends[0]), min(high, ends[1])
-    inset = 0.012 * (ends[1] - ends[0])
-    if math.isfinite(low) and right > left:
+    difference = against.difference
+    left, right = max(scale * difference.low, ends[0]), min(scale * difference.high, ends[1])
+    if math.isfinite(difference.low) and right > left:
         ax.plot([left, right], [y, y], color=look.colour, linewidth=1.8, solid_capstyle="butt")
-    for beyond, at, arrow in (
-        (min(low, value) < ends[0], ends[0] + inset, "<"),
-        (max(high, value) > ends[1], ends[1] - inset, ">"),
-    ):
-        if beyond:
-            ax.plot(at, y, marker=arrow, color=look.colour, markersize=5)
-    if ends[0] <= value <= ends[1]:
-        ax.plot(value, y, marker=look.marker, color=look.colour, markerfacecolor=_face(look), markersize=5.5)
+    ax.plot(
+        scale * difference.value,
+        y,
+        marker=look.marker,
+        color=look.colour,
+        markerfacecolor=_face(look),
+        markersize=5.5,
+    )
 
 
-def _axis(primary: Primary, scale: float) -> tuple[float, float]:
-    """Return the ends of the axis: round zero and the margin, without the few widest intervals."""
+def _axis(primary: Primary, scale: float, margin: float) -> tuple[float, float]:
+    """Return the ends of the axis, which shows zero, the margin and each agent with its interval."""
     ends = np.array([[c.difference.low, c.difference.value, c.difference.high] for c in primary.comparisons])
-    ends *= scale
-    reach = np.nanmax(np.abs(ends), axis=1)
-    reach = reach[np.isfinite(reach)]
-    room = 1.5 * scale * primary.margin if math.isfinite(primary.margin) else 0.0
-    most = max(float(np.quantile(reach, COMMON, method="lower")) if reach.size else 0.0, room) or 1.0
-    low, high = np.nanmin(ends, initial=-room), np.nanmax(ends, initial=room)
-    low, high = max(float(low), -most), min(float(high), most)
-    edge = 0.04 * (high - low)
-    return low - edge, high + edge
+    ends = scale * ends[np.isfinite(ends)]
+    low, high = np.min(ends, initial=-1.5 * margin), np.max(ends, initial=1.5 * margin)
+    edge = 0.04 * (high - low) or 1.0
+    return float(low - edge), float(high + edge)

@@ -18,6 +18,7 @@ from auvbench.analysis.ranking import rank
 from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style, training
 from auvbench.reporting.figures.difference import LOOKS
 from auvbench.reporting.figures.scene import Drawing, Scene, scene, wants_symlog
+from auvbench.statistics import Estimate
 from tests.synthetic import FREQUENCY_SWEEP, GAZEBO, ROBUSTNESS, TRANSFER, seal, write_experiment
 
 BY_CONDITION = {
@@ -467,21 +468,27 @@ def test_the_main_figure_tells_verdicts_by_shape_and_by_colour(small: Scene) -> 
         against = primary.of(row.label)
         value = 100 * against.difference.value if against else 0.0
         drawn = [line for line in points if line.get_ydata()[0] == place and line.get_xdata()[0] == value]
-        assert drawn or not left <= value <= right
-        if against and drawn:
+        assert drawn
+        assert left <= value <= right
+        if against:
             assert (drawn[0].get_color(), drawn[0].get_marker()) == LOOKS[against.verdict][:2]
 
 
-def test_a_wild_interval_does_not_squeeze_the_others(small: Scene) -> None:
+@pytest.mark.parametrize("far", [30.0, 1e4])
+def test_the_axis_shows_every_agent_and_does_not_squeeze_the_margin(small: Scene, far: float) -> None:
     assert small.ranking.primary is not None
     first, *rest = small.ranking.primary.comparisons
-    wild = replace(first, difference=replace(first.difference, low=-1e4, high=1e4), verdict="open")
-    primary = replace(small.ranking.primary, comparisons=(wild, *rest))
+    wild = replace(first, difference=Estimate(far / 2, -far, far), verdict="open")
+    primary = replace(small.ranking.primary, comparisons=(wild, *rest), margin=0.02)
     canvas = draw("difference_from_baseline", scene(small.agents, replace(small.ranking, primary=primary)))
     assert canvas is not None
-    assert max(map(abs, canvas.axes[0].get_xlim())) < 200  # points
-    arrows = [line.get_marker() for line in canvas.axes[0].lines if line.get_marker() in ("<", ">")]
-    assert {"<", ">"} <= set(arrows)
+    (ax,) = canvas.axes
+    left, right = ax.get_xlim()
+    for against in primary.comparisons:
+        assert left <= 100 * against.difference.low
+        assert 100 * against.difference.high <= right
+    (a, _), (b, _) = ax.transAxes.inverted().transform(ax.transData.transform([(-2, 0), (2, 0)]))
+    assert b - a > 0.03
 
 
 @pytest.mark.parametrize("more", ["x" * 20, "current.speed_high=1.2 " * 8])

@@ -1,0 +1,54 @@
+"""Names that an analysis gives to agents, in place of the labels that are made from their configurations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from auvbench.analysis.formatting import listed
+from auvbench.analysis.records import RunRecord
+from auvbench.errors import ReportError, UserError
+from auvbench.runs import run_filter
+
+
+def name_agents(runs: Sequence[RunRecord], names: Mapping[str, str]) -> list[RunRecord]:
+    """Return the runs with the names of their agents.
+
+    Args:
+        runs: as they were loaded.
+        names: terms of `--where`, separated by spaces, by name: {"PPO, no currents": "algo=ppo disturbance.current.speed_high=null"}.
+            A run that several names fit has the first.
+
+    Raises:
+        ReportError: a term is not KEY=VALUE.
+    """
+    terms = {}
+    for name, text in names.items():
+        try:
+            terms[name] = run_filter.parse(text.split())
+        except UserError as error:
+            raise ReportError(f"names: {name}: {str(error).removeprefix('--where ')}") from error
+    return (
+        [replace(run, name=next((n for n in terms if _fits(run, terms[n])), "")) for run in runs]
+        if terms
+        else [*runs]
+    )
+
+
+def _fits(run: RunRecord, terms: Sequence[run_filter.Term]) -> bool:
+    return all(term.holds(run.config.get(term.key, run.config.get(f"{term.key}.name"))) for term in terms)
+
+
+def with_names(labels: Sequence[str], agents: Sequence[Sequence[RunRecord]]) -> list[str]:
+    """Return the labels of agents, each replaced by the name that all runs of the agent have.
+
+    Raises:
+        ReportError: one name fits several agents.
+    """
+    names = [{run.name for run in runs} for runs in agents]
+    named = [next(iter(own)) if len(own) == 1 else "" for own in names]
+    for name in filter(None, named):
+        same = [label for label, own in zip(labels, named, strict=True) if own == name]
+        if len(same) > 1:
+            raise ReportError(f"names: {name} fits {listed(same, 4)}; add a term that only one of them has")
+    return [name or label for label, name in zip(labels, named, strict=True)]
