@@ -164,6 +164,10 @@ class Row:
     """how many of its trainings reach at least half of the test goals"""
     failed_seeds: tuple[int, ...] = ()
     """those of `seeds` whose training failed and counts as success 0"""
+    knows: tuple[str, ...] = ()
+    """what the agent knows beyond noisy readings: sheet, model, preview, true velocities"""
+    trials: int | None = None
+    """trials that chose its settings; None where none are recorded"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -124,6 +124,7 @@ def _analyse(
     part: Section, problems: Sequence[Problem], condition: str, options: Options, several: bool
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
+    from auvbench.analysis.effort import with_effort
     from auvbench.analysis.findings import find
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
@@ -158,6 +159,7 @@ def _analyse(
     )
     ranking = replace(add_optimality(ranking, grouped), declaration=note)
     ranking = with_columns(ranking, grouped, options.columns)
+    ranking = with_effort(ranking, grouped, options.trials)
     by_label = {agent.label: agent for agent in grouped}
     ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
     claims, numbers = _study(part.runs, ordered, options)

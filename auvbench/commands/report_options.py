@@ -19,7 +19,7 @@ from auvbench.runs import declared as analyses
 from auvbench.runs.declared import Declared
 from auvbench.tracking import SERVICES, Service
 from auvbench.untrusted import reading, typed_json
-from auvbench.untrusted.typed_json import Name, Range
+from auvbench.untrusted.typed_json import Count, Name, Range
 
 Format = Literal["terminal", "md", "tex", "csv", "html"]
 Study = Literal["thesis"]
@@ -33,6 +33,7 @@ class Options:
     rank_by: Name
     primary: dict[Name, Name]
     names: dict[Name, str]
+    trials: dict[Name, Count]
     columns: tuple[Name, ...]
     baseline: Name | None
     protocol: Name
@@ -67,6 +68,7 @@ DECLARED_AS = {"rank_by": "measure", "baseline": "baseline", "margin": "margin"}
 STORED = (
     "primary",
     "names",
+    "trials",
     "columns",
     "protocol",
     "condition",
@@ -202,7 +204,7 @@ def _options(settings: Mapping[str, Any], typed: Collection[str] = ()) -> Option
         if isinstance(values[key], str):
             values[key] = list(dict.fromkeys(name.strip() for name in values[key].split(",")))
     values["columns"] = values["columns"] or []
-    for key in ("primary", "names"):
+    for key in ("primary", "names", "trials"):
         values[key] = values[key] or {}
     try:
         found = typed_json.convert(values, Options)

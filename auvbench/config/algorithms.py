@@ -260,6 +260,7 @@ class ArduSub(Algorithm):
 _SB3 = "auvbench.agents.learned.sb3:SB3Learner"
 _RESIDUAL = "auvbench.agents.learned.residual:ResidualLearner"
 _CLASSICAL = "auvbench.agents.classical"
+_SHEET = ("sheet",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,6 +279,10 @@ class AgentSpec:
     """`module:class` of the Stable-Baselines3 algorithm; empty for a controller."""
     exportable: bool = False
     """Whether a feed-forward network maps each observation to the action, so that ONNX can hold the policy."""
+    knows: tuple[str, ...] = ()
+    """What it is given in addition to the observation: `sheet` (the vehicle's data) or `model` (a simulation of it)."""
+    observes: bool = True
+    """Whether it reads the observation at all."""
 
     @property
     def learns(self) -> bool:
@@ -296,16 +301,20 @@ AGENTS: dict[str, AgentSpec] = {
         AgentSpec("crossq", "CrossQ", CrossQ, _SB3, "sb3_contrib:CrossQ", True),
         AgentSpec("trpo", "TRPO", TRPO, _SB3, "sb3_contrib:TRPO", True),
         AgentSpec("recurrent_ppo", "RecurrentPPO", RecurrentPPO, _SB3, "sb3_contrib:RecurrentPPO"),
-        AgentSpec("ppo_residual", "PPO added to PID", PPOResidual, _RESIDUAL, "stable_baselines3:PPO"),
-        AgentSpec("sac_residual", "SAC added to PID", SACResidual, _RESIDUAL, "stable_baselines3:SAC"),
-        AgentSpec("pid", "PID", PID, f"{_CLASSICAL}.pid:controller"),
-        AgentSpec("alos", "ALOS", ALOS, f"{_CLASSICAL}.alos:controller"),
-        AgentSpec("lqr", "LQR", LQR, f"{_CLASSICAL}.lqr:LQRController"),
-        AgentSpec("smc", "SMC", SMC, f"{_CLASSICAL}.smc:SMCController"),
-        AgentSpec("mpc", "MPC", MPC, f"{_CLASSICAL}.mpc:MPCController"),
-        AgentSpec("random", "random", Random, f"{_CLASSICAL}.random:RandomAgent"),
+        AgentSpec(
+            "ppo_residual", "PPO added to PID", PPOResidual, _RESIDUAL, "stable_baselines3:PPO", knows=_SHEET
+        ),
+        AgentSpec(
+            "sac_residual", "SAC added to PID", SACResidual, _RESIDUAL, "stable_baselines3:SAC", knows=_SHEET
+        ),
+        AgentSpec("pid", "PID", PID, f"{_CLASSICAL}.pid:controller", knows=_SHEET),
+        AgentSpec("alos", "ALOS", ALOS, f"{_CLASSICAL}.alos:controller", knows=_SHEET),
+        AgentSpec("lqr", "LQR", LQR, f"{_CLASSICAL}.lqr:LQRController", knows=_SHEET),
+        AgentSpec("smc", "SMC", SMC, f"{_CLASSICAL}.smc:SMCController", knows=_SHEET),
+        AgentSpec("mpc", "MPC", MPC, f"{_CLASSICAL}.mpc:MPCController", knows=("model",)),
+        AgentSpec("random", "random", Random, f"{_CLASSICAL}.random:RandomAgent", observes=False),
         AgentSpec("onnx", "ONNX policy", ONNX, "auvbench.agents.policy_file:PolicyFile"),
-        AgentSpec("ardusub", "ArduSub", ArduSub, "auvbench.agents.ardusub:ArduSubAgent"),
+        AgentSpec("ardusub", "ArduSub", ArduSub, "auvbench.agents.ardusub:ArduSubAgent", observes=False),
     )
 }
 

@@ -51,6 +51,11 @@ SAME_TEST = (
 )
 OWN_TEST = "Each run was tested in its own task, noise and disturbances, at its own frequency."
 
+KNOWS = (
+    "what the agent knows beyond noisy positions: the vehicle's sheet, a model made from it, the reference ahead (preview), true "
+    "velocities"
+)
+
 NEAR_AN_END = 0.1
 """a rate so close to 0 or 1, or closer: seeds that differ strongly are skewed there"""
 FEW_SEEDS = 10
@@ -65,6 +70,7 @@ def main_table(ranking: Ranking) -> Table:
     for metric, weight in (USUAL | dict.fromkeys(ranking.columns, 1)).items():
         if metric != ranking.rank_by:
             columns += _metric(ranking, metric, weight)
+    columns += _effort(ranking)
     lines = tuple(
         Line(tuple(cell(row) for _, cell in columns), verdict_of(ranking, row.label)) for row in ranking.rows
     )
@@ -101,6 +107,22 @@ def _lead(ranking: Ranking) -> list[_Column]:
         columns.append((Heading("budget", "steps", weight=1), _budget))
         heading = Heading("trainings that succeeded", weight=2)
         columns.append((heading, lambda row: _trainings(row, ranking.confidence)))
+    return columns
+
+
+def _effort(ranking: Ranking) -> list[_Column]:
+    """Return what agents know, and the trials that chose their settings; a column without an entry is left out."""
+    columns: list[_Column] = []
+    if any(row.knows for row in ranking.rows):
+        heading = Heading("knows", weight=5, words=True, hint=KNOWS)
+        columns.append((heading, lambda row: Cell(", ".join(row.knows) or NOTHING)))
+    if any(row.trials for row in ranking.rows):
+        heading = Heading(
+            "tuning", "trials", weight=5, hint="trials of a search that chose the settings, as recorded"
+        )
+        columns.append(
+            (heading, lambda row: Cell(f"{row.trials:,}" if row.trials else NOTHING, sort=row.trials))
+        )
     return columns
 
 

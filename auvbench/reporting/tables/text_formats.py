@@ -66,6 +66,8 @@ def csv(ranking: Ranking) -> str:
         line |= {
             "seeds": " ".join(map(str, row.seeds)),
             "succeeded": row.succeeded if row.trained else None,
+            "knows": "; ".join(row.knows),
+            "tuning_trials": row.trials,
             "runs": " ".join(row.run_ids),
             "episodes": row.episodes,
             "protocol": ranking.protocol,

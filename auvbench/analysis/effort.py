@@ -1,0 +1,49 @@
+"""What an agent knows beyond noisy readings, and how many trials chose its settings: comparisons are rarely between equals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from auvbench.analysis.records import Agent, Ranking, RunRecord, run_learns
+from auvbench.config.algorithms import AGENTS
+
+VELOCITIES = ("velocity", "angular_velocity", "velocity_error")
+"""blocks of an observation that are true velocities"""
+
+
+def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, int]) -> Ranking:
+    """Return the ranking with what each agent knows and the trials that chose its settings.
+
+    Args:
+        ranking: of the agents.
+        agents: with their runs.
+        trials: by label, where the runs do not record them.
+    """
+    rows = []
+    for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
+        recorded = [run.config.get("algo.tuned.trials") for run in agent.runs]
+        spent = trials.get(row.label) or max((n for n in recorded if isinstance(n, int)), default=None)
+        rows.append(replace(row, knows=knowledge(agent.runs[0]), trials=spent))
+    return replace(ranking, rows=tuple(rows))
+
+
+def knowledge(run: RunRecord) -> tuple[str, ...]:
+    """Return what a run's agent knows beyond noisy positions: sheet, model, preview, true velocities."""
+    config = run.config
+    spec = AGENTS.get(str(config.get("algo.agent")))
+    known = dict.fromkeys(() if spec is None else spec.knows)
+    observed = _blocks(config)
+    reads = spec is None or spec.observes
+    plans = run_learns(run) or "model" in known  # other controllers follow the reference as it is now
+    if plans and "preview" in observed and config.get("task.preview.points"):
+        known["preview"] = None
+    if reads and any(block in observed for block in VELOCITIES):
+        known["true velocities"] = None
+    return tuple(known)
+
+
+def _blocks(config: Mapping[str, Any]) -> Sequence[Any]:
+    blocks = config.get("task.observation")
+    return blocks if isinstance(blocks, list | tuple) else ()
