@@ -42,6 +42,6 @@ def test_the_table_shows_recorded_and_declared_trials() -> None:
     table = main_table(ranking)
     column = next(i for i, heading in enumerate(table.headings) if heading.title == "tuning")
     assert {line.cells[0].value: line.cells[column].value for line in table.lines} == {
-        "PPO": "50",
-        "PID": "1,000",
+        "PPO K=1 25 Hz": "50",
+        "PID K=1 25 Hz": "1,000",
     }
