@@ -71,7 +71,7 @@ def keys(path: Path) -> Iterator[Key]:
     """Yield the keys of a YAML file of `conf/` in order; a block without a value is a prefix of the keys below it."""
     parents: list[tuple[int, str]] = []
     above: list[str] = []
-    lines = path.read_text(encoding="utf-8").splitlines()
+    lines = _whole(path.read_text(encoding="utf-8"))
     for number, line in enumerate(lines):
         if line.lstrip().startswith("#"):
             above.append(line.strip().lstrip("# "))
@@ -88,6 +88,18 @@ def keys(path: Path) -> Iterator[Key]:
             yield Key(".".join(names), match["value"] or "", match["comment"] or " ".join(above))
         parents.append((indent, match["key"]))
         above = []
+
+
+def _whole(text: str) -> list[str]:
+    """Return the lines of a YAML file; a comment that goes on below, in the same column, is one line."""
+    lines: list[str] = []
+    for line in text.splitlines():
+        column = lines[-1].find(" # ") + 1 if lines else 0
+        if column and line.startswith(" " * column + "# "):
+            lines[-1] += f" {line.strip('# ')}"
+        else:
+            lines.append(line)
+    return lines
 
 
 def _indent(lines: list[str], number: int) -> int:

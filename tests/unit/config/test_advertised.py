@@ -75,3 +75,28 @@ def test_the_page_of_configuration_keys_is_that_of_the_files() -> None:
         parts = key.split(".")
         if parts[0] != "vehicle" and parts[-1] not in configuration_page.FIXED:
             assert shown & {".".join(parts[: i + 1]) for i in range(len(parts))}, key
+
+
+def test_a_meaning_that_goes_on_below_its_line_is_whole(tmp_path: Path) -> None:
+    file = tmp_path / "keys.yaml"
+    file.write_text(
+        "one: 1    # steps, counted\n"
+        "          # from zero\n"
+        "two: 2\n"
+        "block:    # not a key\n"
+        "  # m, in\n"
+        "  # the world\n"
+        "  three: 3\n"
+    )
+    found = {key.path: key.meaning for key in configuration_page.keys(file)}
+    assert found == {"one": "steps, counted from zero", "two": "", "block.three": "m, in the world"}
+
+
+def test_every_key_has_a_meaning_that_begins_with_its_noun() -> None:
+    rows = re.findall(r"^\| `([\w.]+)` .* \| (.*) \|$", configuration_page.page(), re.M)
+    assert len(rows) > 400
+    words = "after|added|and|at|by|for|from|in|of|on top|that|to|with"
+    wrong = [
+        f"{key}: {meaning}" for key, meaning in rows if not meaning or re.match(rf"({words})\b", meaning)
+    ]
+    assert wrong == []
