@@ -56,6 +56,7 @@ class Bridge:
             max_steps=10_000,
             pose_timeout=0.5,
             lost_after=5.0,
+            patience=LIMIT,
         )
         self.vehicle = ArduSub(port)
         self.port = port

@@ -111,9 +111,11 @@ def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments)
     _check(given)
 
+    from auvbench.pilot import guard
     from auvbench.pilot.mission import Logbook
     from auvbench.runs import interruption
 
+    guard.open_standard_streams()
     setup = _setup(given)
     if given.goal is not None and not setup.limits.within(given.goal[2]):
         raise UserError(f"--goal: z={given.goal[2]:g} must be within {setup.limits.depths}; see --depth")
@@ -229,6 +231,7 @@ def _setup(given: argparse.Namespace) -> Steering:
         max_steps=int(task.max_steps),
         pose_timeout=given.pose_timeout,
         lost_after=max(5.0, 2.0 * given.pose_timeout),
+        patience=max(1.0, given.pose_timeout),
         holds=task.name == "station_keeping",
     )
     return Steering(controller, vehicle, frequency, spec, limits, name)

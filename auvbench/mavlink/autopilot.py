@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from auvbench.ardusub.radio import MANUAL
 from auvbench.dynamics import frames
 from auvbench.errors import UserError
-from auvbench.mavlink.link import Link, Peer
+from auvbench.mavlink.link import TURN, Link, Peer
 from auvbench.mavlink.mixer import NEUTRAL, Sticks
 from auvbench.untrusted.text import short
 
@@ -37,6 +37,8 @@ TURNED = 7.0
 """rad, beyond every angle of an attitude"""
 WARNING = 4
 """MAV_SEVERITY; what is worse has a lower number"""
+ROUNDS = 6
+"""of neutral sticks and the order to disarm, in a will: some may be lost"""
 PARAMETERS = {"FRAME_CONFIG": (0.0, 100.0), "JS_THR_GAIN": (0.1, 10.0), "MOT_FV_CPLNG_K": (0.0, 10.0)}
 """what the mixer depends on, and the values that it may have"""
 
@@ -104,7 +106,7 @@ class Autopilot:
             if now >= again:
                 ask()
                 again = now + AGAIN
-            self.receive(min(end, again) - now)
+            self.receive(min(end, again, now + TURN) - now)
         return True
 
     # Incoming messages.
@@ -227,6 +229,12 @@ class Autopilot:
         return ""
 
     @property
+    def peer(self) -> Peer:
+        """Its address."""
+        assert self._who is not None
+        return self._who[0]
+
+    @property
     def who(self) -> str:
         """The vehicle, as text."""
         assert self._who is not None
@@ -245,10 +253,12 @@ class Autopilot:
 
     def manual_control(self, sticks: Sticks) -> None:
         """Set the sticks."""
+        self.link.send(self._manual_control(sticks), self.peer)
+
+    def _manual_control(self, sticks: Sticks) -> Any:
         extensions = 3  # s and t are in the message
-        self._send(
-            "manual_control", sticks.x, sticks.y, sticks.z, sticks.r, 0, 0, extensions, sticks.s, sticks.t
-        )
+        fields = (sticks.x, sticks.y, sticks.z, sticks.r, 0, 0, extensions, sticks.s, sticks.t)
+        return self._message("manual_control", *fields)
 
     def take_over(self) -> str:
         """Switch to MANUAL and arm; return why the vehicle does not, or an empty text."""
@@ -284,6 +294,12 @@ class Autopilot:
             lambda: self._command(arm, 0),
         )
 
+    def will(self) -> list[bytes]:
+        """Return the packets that bring it to rest, whatever the pilot did before."""
+        disarm = (self._dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, *[0.0] * 7)
+        messages = [self._manual_control(NEUTRAL), self._message("command_long", *disarm, component=True)]
+        return [self.link.pack(message) for _ in range(ROUNDS) for message in messages]
+
     def _command(self, command: int, *values: float) -> None:
         numbers = [*values, *[0.0] * (7 - len(values))]
         self._send("command_long", command, 0, *numbers, component=True)
@@ -297,11 +313,13 @@ class Autopilot:
             self.link.send(beat, self._who[0])
 
     def _send(self, name: str, *fields: Any, component: bool = False) -> None:
-        """Send a message to the vehicle; its first fields are system and, if it has one, component."""
+        self.link.send(self._message(name, *fields, component=component), self.peer)
+
+    def _message(self, name: str, *fields: Any, component: bool = False) -> Any:
+        """Return a message to the vehicle; its first fields are system and, if it has one, component."""
         assert self._who is not None
-        peer, system = self._who
-        target = (system, 1) if component else (system,)
-        self.link.send(getattr(self._dialect, f"MAVLink_{name}_message")(*target, *fields), peer)
+        target = (self._who[1], 1) if component else (self._who[1],)
+        return getattr(self._dialect, f"MAVLink_{name}_message")(*target, *fields)
 
 
 def _written(peer: Peer) -> str:

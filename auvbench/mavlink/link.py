@@ -11,6 +11,7 @@ from typing import Any
 
 from auvbench.ardusub.radio import dialect
 from auvbench.errors import RunError, UserError
+from auvbench.pilot.guard import STARTS, Guard
 
 Peer = tuple[str, int]
 """address and port"""
@@ -52,6 +53,7 @@ class Link:
             what = "cannot listen" if kind == "udp" else "cannot connect"
             raise UserError(f"--mavlink {address}: {what}: {error.strerror or error}") from error
         self._server = peer
+        self.guard: Guard | None = None
         # A send to a full buffer must not hold the loop.
         self._socket.settimeout(0.5)
 
@@ -59,8 +61,10 @@ class Link:
         """Yield messages and their senders: those that are here, else the first that comes within `seconds`.
 
         Raises:
-            RunError: the other end closed the connection.
+            RunError: the other end closed the connection, or the supervisor has ended.
         """
+        if self.guard is not None:
+            self.guard.live()
         end = time.monotonic() + seconds + TURN
         while time.monotonic() < end:
             if not select.select([self._socket], [], [], seconds)[0]:
@@ -81,15 +85,42 @@ class Link:
                     yield peer or self._server, message
 
     def send(self, message: Any, peer: Peer) -> None:
-        """Send a message; one that the network does not take is lost, as on the way."""
-        data = message.pack(self._out)
+        """Send a message, by the supervisor if there is one; what the network does not take is lost, as on the way.
+
+        Raises:
+            Unsupervised: the supervisor has ended.
+        """
+        data = self.pack(message)
+        if self.guard is not None and self.guard.forward(data):
+            return
         with contextlib.suppress(OSError):
             if self._stream is None:
                 self._socket.sendto(data, peer)
             else:
                 self._socket.sendall(data)
 
+    def pack(self, message: Any) -> bytes:
+        """Return the bytes of our next message."""
+        data = bytes(message.pack(self._out))
+        self._out.seq = (self._out.seq + 1) % 256
+        return data
+
+    def supervise(self, peer: Peer, patience: float) -> Guard:
+        """Start the supervisor, which sends from now on; s of `patience` as `Guard`.
+
+        Raises:
+            RunError: it does not start.
+        """
+        number = self._socket.fileno()
+        words = ("mavlink", str(number), peer[0], str(peer[1]))
+        self.guard = Guard(*words, patience=patience, descriptors=[number])
+        if not self.guard.wait_until_ready():
+            raise RunError(f"the pilot's supervisor did not start in {STARTS:g} s")
+        return self.guard
+
     def close(self) -> None:
+        if self.guard is not None:
+            self.guard.close()
         self._socket.close()
 
     def _parser(self) -> Any:

@@ -55,6 +55,8 @@ class Pilot(loop.Pilot):
             # Several messages a step, so that a step's pose is young.
             self.vehicle = Autopilot(self.link, min(4.0 * frequency, FASTEST), self._say)
             self._check_frame(motors)
+            self.guard = self.link.supervise(self.vehicle.peer, self.limits.patience)
+            self.guard.leave_will(self.vehicle.will())
             self._say(f"found {self.vehicle.who}; waiting for its attitude and position")
             if not self.vehicle.until(
                 lambda: not self.vehicle.missing, TELEMETRY, self.vehicle.ask_telemetry
@@ -146,11 +148,13 @@ class Pilot(loop.Pilot):
         self._take_telemetry()
         return why
 
-    def _rest(self) -> None:
+    def _rest(self) -> bool:
         super()._rest()
         # In another mode a person or a failsafe has the vehicle.
-        if self.vehicle.mode == MANUAL and not self.vehicle.disarm(1.5):
-            self._report("ArduSub has not said that it is disarmed")
+        if self.vehicle.mode != MANUAL or self.vehicle.disarm(1.5):
+            return True
+        self._report("ArduSub has not said that it is disarmed")
+        return False
 
     def _leave(self, was_armed: bool) -> None:
         self.link.close()

@@ -3,7 +3,8 @@
 It starts disarmed, and commands nothing while disarmed. Armed, it steers only with a young pose within the depth
 limits, a waypoint and a finite action; otherwise it commands zero thrust. Zero thrust is also its last command.
 
-Every ending has the same order: zero thrust, disarmed, then what may fail (the logbook, a closed standard output).
+Every ending has the same order: zero thrust, disarmed, then what may fail (the logbook, a closed standard output). Where the
+pilot cannot keep it, because it was killed or hangs, its supervisor does (`auvbench.pilot.guard`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import AuvbenchError, RunError
+from auvbench.pilot.guard import Guard, Unsupervised
 from auvbench.pilot.steering import Steering
 from auvbench.vehicles.physical import PhysicalCommands
 
@@ -44,6 +46,8 @@ class Pilot(ABC):
 
     source: str
     """what the pose comes from, for messages"""
+    guard: Guard
+    """its supervisor"""
 
     def __init__(
         self, steering: Steering, *, sim_time: bool = False, say: Callable[[str], None] = lambda text: None
@@ -84,10 +88,19 @@ class Pilot(ABC):
     def _leave(self, was_armed: bool) -> None:
         """Wait until the last command has arrived, at most a moment, and leave the network."""
 
-    def _rest(self) -> None:
-        """Command zero thrust several times."""
+    def _rest(self) -> bool:
+        """Command zero thrust several times; return whether the vehicle is known to be at rest."""
         for _ in range(RESTS):
             self._command(self.physical.neutral)
+        return True
+
+    def _rest_and_release(self) -> None:
+        try:
+            if self._rest() or not self._closed:
+                self.guard.release()
+        except Unsupervised as error:
+            self._unsaid = self._unsaid or error  # it ends the pilot
+            self._rest()
 
     def _report(self, text: str) -> None:
         self._say(text)
@@ -163,7 +176,11 @@ class Pilot(ABC):
         return True
 
     def arm(self) -> str:
-        """Let the controller steer; return why it may not, or an empty text."""
+        """Let the controller steer; return why it may not, or an empty text.
+
+        Raises:
+            Unsupervised: the supervisor has ended.
+        """
         if self.armed:
             return ""
         what, age = self._oldest()
@@ -171,7 +188,11 @@ class Pilot(ABC):
             return f"{what} " + ("never came" if math.isinf(age) else f"is {age:.2g} s old")
         if not self.limits.within(self.pose[2]):
             return self._depth()
+        if not self.guard.wait_until_ready():
+            return "its supervisor is not ready"
+        self.guard.hold()
         if obstacle := self._take_over():
+            self.guard.release()
             return obstacle
         self.armed = True
         self._set_state("armed")
@@ -187,7 +208,7 @@ class Pilot(ABC):
         self.armed = False
         try:
             if was:
-                self._rest()
+                self._rest_and_release()
         finally:
             self.steering.end(reason)
             self._set_state(f"disarmed: {reason}")

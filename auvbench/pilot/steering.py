@@ -36,6 +36,7 @@ class Limits:
     max_steps: int  # of the controller, per waypoint
     pose_timeout: float = 0.5  # s: zero thrust while the pose is older
     lost_after: float = 5.0  # s: disarmed when it stays older
+    patience: float = 1.0  # s: a pilot that is silent for longer is dead, and its supervisor disarms
     holds: bool = False  # a station: no arrival ends it, and each `max_steps` are a mission of the logbook
 
     @property

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.pilot import loop
+from auvbench.pilot.guard import Guard
 from auvbench.pilot.observation import yaw_of
 from auvbench.pilot.steering import Steering
 from auvbench.ros2 import discovery, interface
@@ -17,6 +19,8 @@ Floats = NDArray[np.float64]
 
 NODE = "pilot"
 GOAL = "/goal_pose"
+RESTS = 5
+"""zero commands of the supervisor: some may be lost"""
 
 
 class Pilot(loop.Pilot):
@@ -36,6 +40,7 @@ class Pilot(loop.Pilot):
         self.names = interface.Names(interface.namespaces(namespace, 1)[0])
         self.source = self.names.odometry
         self.session = Session()
+        self._publishers: list[Any] = []  # where the supervisor is gone
         try:
             self._make()
         except BaseException:
@@ -46,11 +51,7 @@ class Pilot(loop.Pilot):
     def _make(self) -> None:
         ros, session = self.session.ros, self.session
         self.node = node = session.node(NODE, self.names.namespace)
-        self._float = ros.std.Float64()
-        self._publishers = [
-            node.create_publisher(ros.std.Float64, self.names.command(name), session.qos)
-            for name in self.steering.vehicle.actuators
-        ]
+        self._topics = [self.names.command(name) for name in self.steering.vehicle.actuators]
         policies = ros.qos
         latched = policies.QoSProfile(depth=1, durability=policies.DurabilityPolicy.TRANSIENT_LOCAL)
         self._state = node.create_publisher(ros.std.String, self.names.of(f"{NODE}/state"), latched)
@@ -61,6 +62,10 @@ class Pilot(loop.Pilot):
         node.create_service(ros.services.SetBool, self.names.of(f"{NODE}/arm"), self._arm)
         node.create_service(ros.services.Trigger, self.names.of(f"{NODE}/stop"), self._stop)
         session.renew()
+        self._supervisor = f"pilot_supervisor_{os.getpid()}"
+        words = ("ros", str(interface.DEPTH), self._supervisor, *self._topics)
+        self.guard = Guard(*words, patience=self.limits.patience)
+        self.guard.leave_will([_content(self.physical.neutral)] * RESTS)
 
     def wait_for_odometry(self, seconds: float) -> bool:
         """Wait for the vehicle's odometry at most `seconds`; without it, report the namespaces there are."""
@@ -109,34 +114,49 @@ class Pilot(loop.Pilot):
     # The network of `loop.Pilot`.
 
     def _receive(self, seconds: float) -> None:
+        self.guard.live()
         self.session.spin_once(seconds)
 
     def _command(self, quantities: Floats) -> None:
+        if not self.guard.forward(_content(quantities)):
+            self._publish(quantities)
+
+    def _publish(self, quantities: Floats) -> None:
+        """Command without the supervisor, which is gone."""
+        if not self._publishers:
+            kind, qos = self.session.ros.std.Float64, self.session.qos
+            self._publishers = [self.node.create_publisher(kind, topic, qos) for topic in self._topics]
+            matched = [publisher.get_subscription_count for publisher in self._publishers]
+            self.session.discovered(lambda: all(count() > 0 for count in matched), discovery.FOUND)
         for publisher, value in zip(self._publishers, quantities.tolist(), strict=True):
-            self._float.data = value
-            publisher.publish(self._float)
+            publisher.publish(self.session.ros.std.Float64(data=value))
 
     def _take_over(self) -> str:
-        count = self.node.count_publishers
-        if count(self.names.odometry) > 1:
+        node = self.node
+        if node.count_publishers(self.names.odometry) > 1:
             return f"{self.names.odometry}: several publishers"
-        for name in self.steering.vehicle.actuators:
-            topic = self.names.command(name)
-            if count(topic) > 1:
+        for topic in self._topics:
+            names = [info.node_name for info in node.get_publishers_info_by_topic(topic)]
+            if any(name != self._supervisor for name in names):
                 return f"{topic}: another client commands this vehicle"
-            if self.node.count_subscribers(topic) == 0:
+            if node.count_subscribers(topic) == 0:
                 return f"{topic}: no subscriber"
         return ""
 
     def _leave(self, was_armed: bool) -> None:
         try:
-            if was_armed:
-                duration = self.session.ros.duration.Duration(seconds=1.0)
-                for publisher in self._publishers:
-                    publisher.wait_for_all_acked(duration)
+            self.guard.close()
+            duration = self.session.ros.duration.Duration(seconds=1.0)
+            for publisher in self._publishers:
+                publisher.wait_for_all_acked(duration)
         finally:
             self.session.close()
 
     def _report(self, text: str) -> None:
         self._state.publish(self.session.ros.std.String(data=text))
         super()._report(text)
+
+
+def _content(quantities: Floats) -> bytes:
+    """Return commands (n_u,) as the supervisor takes them."""
+    return np.asarray(quantities, dtype=np.float64).tobytes()

@@ -37,8 +37,7 @@ def comes_to(bridge, ending):
 
 
 def at_rest(bridge):
-    until(lambda: not bridge.vehicle.armed)
-    assert bridge.vehicle.sticks[-1] == NEUTRAL
+    until(lambda: not bridge.vehicle.armed and bridge.vehicle.sticks[-1] == NEUTRAL)
     assert not bridge.pilot.armed
     return True
 

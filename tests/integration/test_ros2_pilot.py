@@ -24,7 +24,13 @@ pytestmark = [dds.needs_ros, pytest.mark.slow]
 
 SPEC = observation_spec(configs.training("algo=pid").task, load("bluerov2").actuators)
 LIMITS = Limits(
-    depth_low=-60.0, depth_high=-1.0, goal_radius=2.0, max_steps=1000, pose_timeout=0.3, lost_after=0.9
+    depth_low=-60.0,
+    depth_high=-1.0,
+    goal_radius=2.0,
+    max_steps=1000,
+    pose_timeout=0.3,
+    lost_after=0.9,
+    patience=LIMIT,
 )
 PUSH = 20.0  # N, of an action of one half
 PATIENCE = 20.0  # s until a question is asked again
@@ -133,9 +139,10 @@ class Tank:
     def meet(self):
         """Wait until each end here has its other end in the pilot, and each end in the pilot its other end here."""
         here = [*self.node.subscriptions, self.goals, self.arming, self.stopping]
-        theirs = [] if self.pilot is None else [*self.pilot._publishers, self.pilot._state]
-        theirs += [] if self.pilot is None else self.pilot.node.subscriptions
+        theirs = [] if self.pilot is None else [self.pilot._state, *self.pilot.node.subscriptions]
         self.until(lambda: dds.matched(*here, *theirs))
+        if self.pilot is not None:
+            assert self.pilot.guard.wait_until_ready(LIMIT)
 
     def ask(self, client, request):
         """Return a service's answer; ask again where it is lost: a service waits 0.1 s to discover its client."""
