@@ -26,6 +26,7 @@ from auvbench.analysis.recorded import has_training
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord, run_learns, task_of
 from auvbench.errors import ReportError, closest
 from auvbench.record import OUTCOMES
+from auvbench.runs import declared
 from auvbench.runs.identity import DESCRIPTIVE, NEUTRAL
 
 GROUPING = ("algo.name", "reward.k", "step.frequency")
@@ -281,20 +282,19 @@ def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
     found: dict[tuple[str, str], list[RunRecord]] = {}
     for run in runs:
         if protocol in run.evaluations:
-            found.setdefault((_subject(run), run.evaluations[protocol].fingerprint), []).append(run)
+            found.setdefault((subject_of(run), run.evaluations[protocol].fingerprint), []).append(run)
     order = sorted(found, key=lambda cell: (-len(found[cell]), cell))
     home = {vehicle: (vehicle, fingerprint) for vehicle, fingerprint in reversed(order)}
     members = {cell: list(found[cell]) for cell in order}
     for run in runs:
         if protocol not in run.evaluations:
-            members[home.get(_subject(run), order[0])].append(run)
+            members[home.get(subject_of(run), order[0])].append(run)
     return [_section(cell, home[cell[0]], found, members[cell], protocol) for cell in order]
 
 
-def _subject(run: RunRecord) -> str:
+def subject_of(run: RunRecord) -> str:
     """Return vehicle and task of a run; the waypoint task goes without saying."""
-    vehicle = str(run.config.get("vehicle.name", "vehicle"))
-    return vehicle if task_of(run) == "waypoint" else f"{vehicle}{TASK}{task_of(run)}"
+    return declared.subject(run.config.get("vehicle.name", "vehicle"), task_of(run))
 
 
 def split_problems(problems: Iterable[Problem], parts: Sequence[Section]) -> list[list[Problem]]:

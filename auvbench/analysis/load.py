@@ -36,7 +36,7 @@ from auvbench.untrusted import reading
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
 
-__all__ = ["agents", "available_protocols", "load", "require"]
+__all__ = ["agents", "available_protocols", "known", "load", "require"]
 
 NAMED = 3
 """problems in the message that there is nothing to report"""
@@ -76,10 +76,7 @@ def load(
     """
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     problems: list[Problem] = []
-    sources = list(_directories(paths, problems))
-    found = _collect((_read_run(source) for source in sources if not is_archive(source)), problems)
-    for study in filter(is_archive, sources):
-        found += _collect(_read_study(study), problems)
+    found = _found(paths, problems)
     if not found:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
@@ -89,6 +86,20 @@ def load(
     read = [_with_evaluations(run, protocols) for run in found]
     runs = _collect(_one_per_id(read, protocols[0]), problems)
     return runs, problems
+
+
+def known(paths: Iterable[str | Path]) -> list[RunRecord]:
+    """Return all readable runs under some paths, without their evaluations."""
+    return _found(paths, [])
+
+
+def _found(paths: Iterable[str | Path], problems: list[Problem]) -> list[RunRecord]:
+    """Return the readable runs; what is wrong with others is added to `problems`."""
+    sources = list(_directories(paths, problems))
+    found = _collect((_read_run(source) for source in sources if not is_archive(source)), problems)
+    for study in filter(is_archive, sources):
+        found += _collect(_read_study(study), problems)
+    return found
 
 
 def _facts(run: RunRecord) -> dict[str, Any]:

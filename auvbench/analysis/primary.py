@@ -20,13 +20,12 @@ from dataclasses import replace
 import numpy as np
 
 from auvbench import statistics as st
-from auvbench.analysis.formatting import amount, capitalized, counted, listed, name, rounded_difference, size
+from auvbench.analysis.formatting import amount, name, rounded_difference, size
 from auvbench.analysis.measures import LIMITED_BY_STEPS, Measure, measure
 from auvbench.analysis.pairwise import Tests
 from auvbench.analysis.planning import needed
-from auvbench.analysis.records import Against, Agent, Primary, Ranking, RunRecord, learns
+from auvbench.analysis.records import Against, Agent, Primary, Ranking, learns
 from auvbench.errors import ReportError, closest
-from auvbench.runs.declared import KEY, Declared
 from auvbench.statistics.intervals import BoolArray, Estimate
 
 AHEAD, EQUIVALENT, BEHIND, OPEN = VERDICTS = ("ahead", "equivalent", "behind", "open")
@@ -202,37 +201,3 @@ def _counts(primary: Primary, m: Measure) -> str:
             noun = "" if parts else " agent" if n == 1 else " agents"
             parts.append(f"{n}{noun} {'is' if n == 1 else 'are'} {words}")
     return ", ".join(parts)
-
-
-def declaration(
-    declared: Declared | None,
-    runs: Sequence[RunRecord],
-    agents: Sequence[Agent],
-    *,
-    instead: Sequence[str] = (),
-    undecided: str = "",
-) -> str:
-    """Return in one line whether the analysis was declared before the first run.
-
-    Args:
-        declared: the analysis that was found with the runs.
-        runs: all runs of the report, whose manifests carry the digest of the analysis they were made under.
-        agents: of the table, whose seeds are compared with the planned ones.
-        instead: options of the report that are not the declared ones.
-        undecided: why none of several analyses is used.
-    """
-    if declared is None:
-        return f"{capitalized(undecided or 'no analysis was declared before the runs')}."
-    if instead:
-        return f"Not the declared analysis ({declared.digest}): {', '.join(instead)}."
-    before = sum(run.manifest.get(KEY) == declared.digest for run in runs)
-    if before == len(runs):
-        text = f"The analysis was declared before the first run ({declared.digest})."
-    else:
-        after = f"{len(runs) - before} of {counted(len(runs), 'run')}"
-        text = f"The analysis ({declared.digest}) was declared after {after} were made."
-    counts = [(agent.label, len(agent.runs)) for agent in agents if learns(agent)]
-    other = [f"{label} has {n}" for label, n in counts if n != declared.seeds]
-    if declared.seeds and other:
-        text += f" Planned: {counted(declared.seeds, 'seed')}; {listed(other, 3)}."
-    return text

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.report_options import STORED, Options, defaults
+from auvbench.commands.report_options import OF_THE_TABLE, STORED, Options, defaults
 
 if TYPE_CHECKING:
     from auvbench.analysis.records import Report, RunRecord
@@ -87,9 +87,8 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     folder = study.folder
     analysis = _stored(options)
     declared.write(folder, analysis)
-    chosen = replace(
-        options, format=("csv",), where=(), out=folder, declared=analysis, instead=(), undecided=""
-    )
+    chosen = replace(options, format=("csv",), where=(), out=folder, undecided="")
+    chosen = replace(chosen, declared=analysis, declared_in=folder, usual=chosen)
     reports = analysed([folder], chosen)
     further = [(name, analysed([folder], _further(chosen, name))) for name in study.also]
     protocols = [(options.protocol, reports), *further]
@@ -147,12 +146,24 @@ def _stored(options: Options) -> Declared:
     from auvbench.runs.declared import Declared
 
     usual = defaults()
-    other = {
-        name: getattr(options, name) for name in STORED if getattr(options, name) != getattr(usual, name)
-    }
-    planned = None if options.declared is None else options.declared.seeds
+    declared = options.declared
+    kept = OF_THE_TABLE if declared is not None and declared.names_runs else STORED
+    other = {name: getattr(options, name) for name in kept if getattr(options, name) != getattr(usual, name)}
     report = {name: list(value) if isinstance(value, tuple) else value for name, value in other.items()}
-    return Declared(options.rank_by, options.baseline, options.margin, planned, report)
+    if declared is None or not declared.names_runs:
+        planned = None if declared is None else declared.seeds
+        return Declared(options.rank_by, options.baseline, options.margin, planned, report=report)
+    first = [options.condition] if options.condition else []
+    rest = [name for name in declared.conditions if name not in first]
+    return replace(
+        declared,
+        measure=options.rank_by,
+        baseline=options.baseline,
+        margin=options.margin,
+        protocol=options.protocol,
+        conditions=(*first, *rest),
+        report=report,
+    )
 
 
 def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, RunRecord]) -> tuple[str, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,7 +17,7 @@ from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
     from auvbench.analysis.grouping import Section
-    from auvbench.analysis.records import Agent, ClaimVerdict, Problem, Report, RunRecord
+    from auvbench.analysis.records import Agent, ClaimVerdict, Problem, Ranking, Report, RunRecord
     from auvbench.analysis.thesis import ComparisonRow
     from auvbench.reporting.figures import Figure
 
@@ -100,11 +100,12 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
             "out (null in a declared analysis), or name one task: --where task=NAME"
         )
     condition = options.condition or default(runs, options.protocol)
+    rows = _declared_rows(paths, runs, options)
     reports: list[Report] = []
     refused: list[tuple[str, ReportError]] = []
     for part, own in zip(parts, split_problems(problems, parts), strict=True):
         try:
-            reports.append(_analyse(part, own, condition, options, several=len(parts) > 1))
+            reports.append(_analyse(part, own, condition, options, rows, several=len(parts) > 1))
         except ReportError as error:
             refused.append((part.title, error))
     if not reports:
@@ -120,8 +121,56 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     return reports
 
 
+def _declared_rows(
+    paths: Sequence[Path], runs: Sequence[RunRecord], options: Options
+) -> Mapping[str, frozenset[str]] | None:
+    """Return the ids of the declared runs by vehicle and task; None without a declared analysis."""
+    from auvbench.analysis.declaration import declared_rows
+
+    if options.declared is None or options.declared_in is None or options.usual is None:
+        return None
+    folder = options.declared_in
+    whole = not options.where and all(path.resolve() == folder for path in paths)
+    return declared_rows(options.declared, folder, options.usual.protocol, runs if whole else None)
+
+
+def _declaration(
+    part: Section,
+    agents: Sequence[Agent],
+    ranking: Ranking,
+    condition: str,
+    options: Options,
+    rows: Mapping[str, frozenset[str]] | None,
+) -> str:
+    """Return the sentence on the declared analysis."""
+    from auvbench.analysis.conditions import default
+    from auvbench.analysis.declaration import Analysed, Plan, sentence, undeclared
+
+    if options.declared is None or options.usual is None or rows is None:
+        return undeclared(options.undecided)
+
+    def analysed(chosen: Options, condition: str) -> Analysed:
+        measure = _measure(part, chosen)
+        return Analysed(
+            measure, chosen.baseline, chosen.margin, chosen.protocol, condition, chosen.confidence
+        )
+
+    usual = options.usual
+    plan = Plan(
+        options.declared,
+        analysed(usual, usual.condition or default(part.runs, options.protocol)),
+        rows.get(part.vehicle, frozenset()),
+    )
+    return sentence(plan, analysed(options, condition), part.runs, agents, ranking)
+
+
 def _analyse(
-    part: Section, problems: Sequence[Problem], condition: str, options: Options, several: bool
+    part: Section,
+    problems: Sequence[Problem],
+    condition: str,
+    options: Options,
+    rows: Mapping[str, frozenset[str]] | None,
+    several: bool,
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
     from auvbench.analysis.effort import with_effort
@@ -129,7 +178,7 @@ def _analyse(
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
     from auvbench.analysis.optional_columns import add_optimality, with_columns
-    from auvbench.analysis.primary import declaration, find_baseline
+    from auvbench.analysis.primary import find_baseline
     from auvbench.analysis.ranking import one_run_of_a_controller, rank
     from auvbench.analysis.records import Problem, Report
 
@@ -154,9 +203,7 @@ def _analyse(
         condition=condition,
         problems=(*problems, *part.problems, *more),
     )
-    note = declaration(
-        options.declared, part.runs, grouped, instead=options.instead, undecided=options.undecided
-    )
+    note = _declaration(part, grouped, ranking, condition, options, rows)
     ranking = replace(add_optimality(ranking, grouped), declaration=note)
     ranking = with_columns(ranking, grouped, options.columns)
     ranking = with_effort(ranking, grouped, options.trials)

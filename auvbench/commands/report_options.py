@@ -48,34 +48,24 @@ class Options:
     out: Any = None
     """folder, a Path; None is that of the experiment"""
     declared: Declared | None = None
-    """the analysis that was declared for the runs"""
-    instead: tuple[str, ...] = ()
-    """options that differ from the declared analysis"""
+    """Analysis that was declared for the runs"""
+    declared_in: Path | None = None
+    """Folder of the declared analysis"""
+    usual: Options | None = None
+    """Options without those of the command line: of the declared analysis"""
     undecided: str = ""
-    """why none of several declared analyses is used"""
+    """Why none of several declared analyses is used"""
 
 
-KEYS = tuple(
-    field.name for field in fields(Options) if field.name not in ("declared", "instead", "undecided")
-)
+OF_THE_DECLARATION = ("declared", "declared_in", "usual", "undecided")
+KEYS = tuple(field.name for field in fields(Options) if field.name not in OF_THE_DECLARATION)
 LISTS = ("columns", "format")
 """options that may be typed with commas"""
 
-DECLARED_AS = {"rank_by": "measure", "baseline": "baseline", "margin": "margin"}
-"""options of a report that a declared analysis sets"""
-
-
-STORED = (
-    "primary",
-    "names",
-    "trials",
-    "columns",
-    "protocol",
-    "condition",
-    "study",
-    "confidence",
-)
-"""other options that a published study stores where they differ from conf/report.yaml"""
+OF_THE_TABLE = ("primary", "names", "trials", "columns", "study", "confidence")
+"""Options that a published study stores where they differ from conf/report.yaml"""
+STORED = (*OF_THE_TABLE, "protocol", "condition")
+"""The same for a study whose declaration names no protocol"""
 
 
 def defaults() -> Options:
@@ -87,14 +77,26 @@ def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict
     """Return paths, options (conf/report.yaml, the declared analysis, the command line) and the values of all flags."""
     given = vars(parser.read(argv))
     settings = _usual()
-    declared, undecided = _declared(given["paths"])
+    declared, folder, undecided = _declared(given["paths"])
     if declared is not None:
-        settings |= _known(declared.report)
-        settings |= {key: getattr(declared, name) for key, name in DECLARED_AS.items()}
+        settings |= _known(declared.report) | _set_by(declared)
     typed = {key: given[key] for key in KEYS if given.get(key) is not None}
-    options = _options(settings | typed, typed)
-    instead = () if declared is None else _differing(options, declared)
-    return given["paths"], replace(options, declared=declared, instead=instead, undecided=undecided), given
+    options = replace(
+        _options(settings | typed, typed),
+        declared=declared,
+        declared_in=folder,
+        usual=_options(settings),
+        undecided=undecided,
+    )
+    return given["paths"], options, given
+
+
+def _set_by(declared: Declared) -> dict[str, Any]:
+    """Return the options that a declared analysis sets."""
+    found = {"rank_by": declared.measure, "baseline": declared.baseline, "margin": declared.margin}
+    if declared.names_runs:
+        found |= {"protocol": declared.protocol, "condition": declared.conditions[0]}
+    return found
 
 
 def _usual() -> dict[str, Any]:
@@ -102,22 +104,19 @@ def _usual() -> dict[str, Any]:
     return _known(reading.yaml_value(text))
 
 
-def _declared(paths: Sequence[Path]) -> tuple[Declared | None, str]:
-    """Return the analysis declared for the runs, or why several leave none."""
+def _declared(paths: Sequence[Path]) -> tuple[Declared | None, Path | None, str]:
+    """Return the analysis declared for the runs with its folder, or why several leave none.
+
+    Of declarations that extend each other, as a published study and its experiment have them, the longest counts.
+    """
     found = analyses.find(paths)
-    if len({analysis.digest for _, analysis in found}) > 1:
-        files = ", ".join(os.path.relpath(file) for file, _ in found[:3])
-        return None, f"several analyses are declared ({files}): name one's folder, or its options"
-    return (found[0][1], "") if found else (None, "")
-
-
-def _differing(options: Options, declared: Declared) -> tuple[str, ...]:
-    """Return the options that are not those of the declared analysis, as they are typed."""
-    return tuple(
-        f"{_flag(key)} {getattr(options, key)}"
-        for key, name in DECLARED_AS.items()
-        if getattr(options, key) != getattr(declared, name)
-    )
+    if not found:
+        return None, None, ""
+    file, longest = max(found, key=lambda one: len(one[1].rows))
+    if all(longest.extends(analysis) for _, analysis in found):
+        return longest, file.parent, ""
+    files = ", ".join(os.path.relpath(file) for file, _ in found[:3])
+    return None, None, f"several analyses are declared ({files}): name one's folder, or its options"
 
 
 def _flag(key: str) -> str:

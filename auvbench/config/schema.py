@@ -276,6 +276,9 @@ class Analysis:
     baseline: str | None
     margin: float | None = number(0.0, open_low=True)  # unit of the measure, percentage points for a rate
     seeds: int | None = number(1, 1_000_000)
+    protocol: str = later(name(), "test")
+    conditions: list[str] | None = None  # the verdicts are about the first; null: all of the protocol
+    episodes: int | None = later(number(1, 1_000_000))  # of a condition; null: as the protocol says
 
 
 @dataclass(kw_only=True)

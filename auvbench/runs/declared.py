@@ -1,14 +1,18 @@
 """The analysis that an experiment declares before its runs, as a file in the experiment's folder.
 
-`analysis.yaml` lies in the folder of the runs, and above the copies of a published study. The manifest of each run
-carries its digest from the moment the run is made, so a report can tell an analysis that was declared before the first run.
-It is no part of a run's identity: one run may serve several analyses.
+`analysis.yaml` lies in the folder of the runs, and in the folder of a published study. It names measure, baseline, margin,
+protocol, conditions and every run, in stages: runs that are declared later are a stage of their own, with its date. The
+manifest of each run has the digest of everything that was declared when the run was made, so a report can tell what was
+declared before the first run. The declaration is no part of a run's identity: one run may serve several analyses.
+
+Declarations of earlier versions name measure, baseline, margin and a number of seeds only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from itertools import accumulate
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,54 +20,159 @@ import yaml
 
 from auvbench.errors import UserError, closest
 from auvbench.record import PRIMARY, measure_names
-from auvbench.runs.atomic_io import write_atomic
+from auvbench.runs.atomic_io import make_folder, write_atomic
 from auvbench.runs.identity import digest_of
-from auvbench.untrusted import reading, typed_json
+from auvbench.untrusted import path_safety, reading, typed_json
 from auvbench.untrusted.text import short
-from auvbench.untrusted.typed_json import Name, Range
+from auvbench.untrusted.typed_json import Count, Name, Range
 
 FILE = "analysis.yaml"
+LOCK = ".analysis.lock"
 KEY = "analysis"
-"""of a configuration, and of a manifest, which has the digest"""
-REPORT = "report"
-"""key of a published analysis: other options of the report that made the shipped tables"""
+"""Key of a configuration, and of a manifest, which has the digest"""
+REPORT, ROWS = "report", "rows"
 SMALLEST = 1e-12
-"""margin"""
+"""Smallest margin"""
 HEADER = "# The analysis that auvbench report uses for these runs; docs/report.md explains the keys.\n"
 
 
 @dataclass(frozen=True, slots=True)
+class Stage:
+    """Runs that were declared at the same time."""
+
+    declared: Name
+    """Time in UTC, ISO 8601"""
+    runs: dict[Name, list[Name]]
+    """Ids of runs by `subject`"""
+
+
+@dataclass(frozen=True, slots=True)
 class Declared:
-    """A declared analysis: the primary measure, the baseline, the margin and the planned training seeds."""
+    """A declared analysis."""
 
     measure: Name
     baseline: Name | None = None
     margin: Annotated[float, Range(SMALLEST)] | None = None
-    """in the measure's unit, percentage points for a rate; None is the report's default"""
+    """Margin in the measure's unit, percentage points for a rate; None is the report's default"""
     seeds: Annotated[int, Range(1)] | None = None
+    """Planned number of training seeds"""
+    protocol: Name | None = None
+    """None in a declaration of an earlier version"""
+    conditions: tuple[Name, ...] = ()
+    """Conditions of the protocol; the verdicts are about the first"""
+    episodes: Annotated[int, Range(1)] | None = None
+    """Test episodes of a condition"""
+    scenario_seed: Count | None = None
+    rows: tuple[Stage, ...] = ()
     report: dict[str, Any] = field(default_factory=dict)
-    """other options of a report; no part of the digest"""
+    """Other options of a report; no part of the digest"""
+
+    @property
+    def names_runs(self) -> bool:
+        """Return whether agents, seeds, protocol and conditions are declared; False for earlier versions."""
+        return self.protocol is not None
 
     @property
     def digest(self) -> str:
-        """16 hexadecimal digits of what was declared."""
-        return digest_of({name: getattr(self, name) for name in DECLARED}, 16)
+        """Return 16 hexadecimal digits of everything that was declared."""
+        return self.digests[-1]
+
+    @property
+    def digests(self) -> list[str]:
+        """Return the digest after each stage; one digest where no runs are declared."""
+        if not self.names_runs:
+            return [digest_of({name: getattr(self, name) for name in EARLIER}, 16)]
+        base = {name: getattr(self, name) for name in (*EARLIER, *LATER)} | {
+            "conditions": list(self.conditions)
+        }
+        stages = accumulate(([asdict(stage)] for stage in self.rows), initial=[])
+        found = [digest_of({**base, ROWS: rows}, 16) for rows in stages]
+        return found[1:] or found
+
+    def stage_of(self, run: str) -> tuple[Stage, str] | None:
+        """Return the stage that declares a run, and its digest; None for a run that is not declared."""
+        for stage, digest in zip(self.rows, self.digests, strict=False):
+            if any(run in ids for ids in stage.runs.values()):
+                return stage, digest
+        return None
+
+    def ids(self, subject: str | None = None) -> set[str]:
+        """Return the ids of all declared runs, or those of a `subject`."""
+        return {
+            id
+            for stage in self.rows
+            for key, ids in stage.runs.items()
+            if subject in (None, key)
+            for id in ids
+        }
+
+    def extends(self, other: Declared) -> bool:
+        """Return whether this is the other declaration, possibly with later stages."""
+        return other.digest in self.digests
 
 
-DECLARED = tuple(f.name for f in fields(Declared) if f.name != REPORT)
+EARLIER = ("measure", "baseline", "margin", "seeds")
+"""What a declaration of an earlier version covers"""
+LATER = ("protocol", "conditions", "episodes", "scenario_seed")
+KNOWN = tuple(f.name for f in fields(Declared))
+
+
+def subject(vehicle: object, task: object) -> str:
+    """Return the name of the runs that share a table: 'rexrov', 'rexrov, task docking'."""
+    return str(vehicle) if task == "waypoint" else f"{vehicle}, task {task}"
 
 
 def write(folder: Path, analysis: Declared) -> None:
-    """Write the analysis into a folder, unless this very one is there.
+    """Write the analysis into a folder, unless it is already there.
 
     Raises:
         OSError: it cannot be written.
     """
-    content = {key: value for key, value in asdict(analysis).items() if value or key in DECLARED}
+    always = (*EARLIER, *LATER) if analysis.names_runs else EARLIER
+    values = asdict(analysis)
+    content = {key: _plain(values[key]) for key in KNOWN if key in always or values[key]}
     data = (HEADER + yaml.safe_dump(content, sort_keys=False)).encode()
     path = folder / FILE
     if not path.is_file() or path.read_bytes() != data:
         write_atomic(path, data)
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def declare(folder: Path, analysis: Declared, runs: Mapping[str, Sequence[str]], now: str) -> Declared:
+    """Declare runs in a folder, before they are made; return the declaration with all its stages.
+
+    Runs that the same analysis declares already keep their stage. Another analysis takes the place of the one in the folder.
+
+    Args:
+        folder: of the experiment.
+        analysis: without stages.
+        runs: ids by `subject`.
+        now: time in UTC, ISO 8601.
+
+    Raises:
+        OSError: the file cannot be written.
+        UserError: the file in the folder is wrong, or its lock is a link.
+    """
+    import filelock
+
+    make_folder(folder)
+    try:
+        lock = path_safety.child(folder, LOCK)
+    except ValueError as error:
+        raise UserError(str(error)) from error
+    with filelock.FileLock(lock, thread_local=False):
+        known = read(folder / FILE) if (folder / FILE).is_file() else None
+        if known is not None and replace(known, rows=(), report={}) == replace(analysis, rows=(), report={}):
+            analysis = known
+        declared = analysis.ids()
+        new = {key: fresh for key, ids in runs.items() if (fresh := [id for id in ids if id not in declared])}
+        if new:
+            analysis = replace(analysis, rows=(*analysis.rows, Stage(now, new)))
+        write(folder, analysis)
+    return analysis
 
 
 def read(path: Path) -> Declared:
@@ -77,13 +186,16 @@ def read(path: Path) -> Declared:
         analysis = typed_json.convert(found, Declared)
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: {short(error)}") from error
-    known = [*DECLARED, REPORT]
     for key in found:
-        if key not in known:
-            raise UserError(f"{path}: unknown key {short(repr(key), 40)}; {closest(str(key), known)}")
+        if key not in KNOWN:
+            raise UserError(f"{path}: unknown key {short(repr(key), 40)}; {closest(str(key), KNOWN)}")
     measures = (PRIMARY, *measure_names())
     if analysis.measure not in measures:
         raise UserError(f"{path}: measure {analysis.measure!r}: {closest(analysis.measure, measures)}")
+    if analysis.names_runs and not (analysis.conditions and analysis.rows):
+        raise UserError(
+            f"{path}: protocol is {analysis.protocol!r}; conditions and rows must not be empty then"
+        )
     return analysis
 
 

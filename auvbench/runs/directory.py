@@ -180,12 +180,15 @@ def place(config: Mapping[str, Any]) -> RunDirectory:
     return RunDirectory(Path(config["output"]) / config["name"] / identity.run_id(config))
 
 
-def freeze(
-    config: Mapping[str, Any], command: str = "", analysis: declared.Declared | None = None
-) -> RunDirectory:
+def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = None) -> RunDirectory:
     """Make the directory of a run with its configuration and a pending manifest, or find the one that exists.
 
     A run that exists and is not complete takes over what the configuration says beyond its identity.
+
+    Args:
+        config: resolved.
+        command: the command line, for the manifest.
+        analysis: digest of the declaration that names the run.
 
     Raises:
         RunError: the directory holds another configuration, or cannot be written.
@@ -193,11 +196,6 @@ def freeze(
     """
     run = place(config)
     path_safety.refuse_links(run.path)
-    if analysis is not None:  # before the first run's manifest, which carries its digest
-        try:
-            declared.write(run.path.parent, analysis)
-        except OSError as error:
-            raise _unwritable(run.path.parent, error) from error
     if run.exists():
         frozen = run.config()
         if identity.relevant(frozen) == identity.relevant(config):
@@ -215,11 +213,11 @@ def freeze(
             run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command, analysis)))
         )
     except OSError as error:
-        raise _unwritable(run.path, error) from error
+        raise unwritable(run.path, error) from error
     return run
 
 
-def _unwritable(path: Path, error: OSError) -> Exception:
+def unwritable(path: Path, error: OSError) -> Exception:
     """Return the error of a full or failing disk, as in the midst of training, or else the user's."""
     if error.errno in FAULTS:
         return storage_error(error, f"cannot write {path}")
@@ -241,11 +239,11 @@ def _renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
     try:
         run.write_config(config)
     except OSError as error:
-        raise _unwritable(run.path, error) from error
+        raise unwritable(run.path, error) from error
 
 
 def _fresh_manifest(
-    run: RunDirectory, config: Mapping[str, Any], command: str, analysis: declared.Declared | None
+    run: RunDirectory, config: Mapping[str, Any], command: str, analysis: str | None
 ) -> dict[str, Any]:
     return {
         "schema_version": SCHEMA_VERSION,
@@ -266,7 +264,7 @@ def _fresh_manifest(
         "attempts": 0,
         "error": None,
         "command": command,
-        **({} if analysis is None else {declared.KEY: analysis.digest}),
+        **({} if analysis is None else {declared.KEY: analysis}),
     }
 
 

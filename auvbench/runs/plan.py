@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,9 @@ from auvbench.config.compose import once_for_all_seeds, typed
 from auvbench.config.validate import resolved, train_config
 from auvbench.errors import ConfigError
 from auvbench.policies import exported
-from auvbench.runs import declared, identity, integrity
+from auvbench.runs import declared, declaring, identity, integrity
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
-from auvbench.runs.directory import RunDirectory, freeze, place
+from auvbench.runs.directory import RunDirectory, freeze, now, place, unwritable
 from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import path_safety
 from auvbench.untrusted.text import short
@@ -46,8 +47,6 @@ class Plan:
     config: schema.TrainConfig
     values: dict[str, Any]
     """all of them, as `config.yaml` will hold them"""
-    analysis: declared.Declared | None
-    """declared with it"""
 
     @property
     def run(self) -> RunDirectory:
@@ -62,9 +61,39 @@ class Plan:
             PolicyError: the file of `algo=onnx` was changed since.
             TrainingError: the disk is full or failing.
         """
+        return freeze_all([self], command)[0]
+
+
+def freeze_all(plans: Sequence[Plan], command: str = "") -> list[RunDirectory]:
+    """Declare the runs of an experiment, then make their directories; return them in the order of the plans.
+
+    Raises:
+        ConfigError: an analysis names an unknown protocol or condition; nothing is written then.
+        RunError, PolicyError, TrainingError: as `Plan.freeze`.
+    """
+    digests = _declare(plans)
+    runs = []
+    for one in plans:
         # Before the manifest, which says that there is a run.
-        _keep_policy(self.run, self.values)
-        return freeze(self.values, command, self.analysis)
+        _keep_policy(one.run, one.values)
+        runs.append(freeze(one.values, command, digests.get(one.run.path)))
+    return runs
+
+
+def _declare(plans: Sequence[Plan]) -> dict[Path, str]:
+    """Declare the runs that have an analysis; return the digests for their manifests."""
+    known: dict[str, declared.Declared] = {}
+    analyses: dict[Path, declared.Declared] = {}
+    for one in plans:
+        if (analysis := one.config.analysis) is not None:
+            if (key := repr(analysis)) not in known:
+                known[key] = declaring.completed(analysis)
+            analyses[one.run.path] = known[key]
+    configs = {one.run.path: one.values for one in plans}
+    try:
+        return declaring.declare_all(analyses, configs, now())
+    except OSError as error:
+        raise unwritable(next(iter(analyses)).parent, error) from error
 
 
 def plan(config: DictConfig) -> Plan:
@@ -84,13 +113,10 @@ def plan(config: DictConfig) -> Plan:
 
         config = sitl.settled(config, checked.algo)
     values = resolved(config)
-    analysis = values.pop(declared.KEY, None)  # none of the run's: it lies next to the runs
+    values.pop(declared.KEY, None)  # not part of the run: it is in the folder of the experiment
     if found := identity.first_interpolation(values):  # from a value with \${ in it
         raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
-    chosen = (
-        None if analysis is None else declared.Declared(**{key: analysis[key] for key in declared.DECLARED})
-    )
-    return Plan(checked, values, chosen)
+    return Plan(checked, values)
 
 
 def prepare(config: DictConfig, command: str = "") -> RunDirectory:

@@ -168,7 +168,7 @@ def carry_out(
         RunError: a run's directory holds another configuration, or cannot be written.
     """
     # Imported here: `auvbench resume` of complete runs needs none of it.
-    from auvbench.runs.plan import Plan, plan
+    from auvbench.runs.plan import Plan, freeze_all, plan
     from auvbench.training.execute import check_runnable
 
     distinct: dict[Path, Plan] = {}
@@ -180,7 +180,7 @@ def carry_out(
     chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):
         raise ConfigError("launcher: a grid has one launcher; it cannot be an axis")
-    runs = [planned.freeze(command) for planned in distinct.values()]
+    runs = freeze_all(list(distinct.values()), command)
     return sweep(runs, chosen, console)
 
 

@@ -11,9 +11,11 @@ import pytest
 from auvbench.cli import main
 from auvbench.runs import declared, integrity
 from auvbench.runs.declared import Declared
-from tests.synthetic import write_experiment
+from tests.synthetic import write_evaluation, write_experiment
 
 ANALYSIS = Declared("par1_steps", "ppo", 7.0, 2)
+"""A declaration of an earlier version, which names no runs"""
+FIRST, SECOND = "2026-11-25T19:00:00+00:00", "2026-11-27T09:00:00+00:00"
 
 
 @pytest.fixture
@@ -33,8 +35,8 @@ def runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Path]:
     return found
 
 
-def carry(run: Path, digest: str) -> None:
-    manifest = json.loads((run / "manifest.json").read_text()) | {declared.KEY: digest}
+def carry(run: Path, digest: str, **changes: str) -> None:
+    manifest = json.loads((run / "manifest.json").read_text()) | {declared.KEY: digest} | changes
     (run / "manifest.json").write_text(json.dumps(integrity.sealed(manifest)))
 
 
@@ -51,7 +53,8 @@ def test_the_declared_analysis_is_the_default(runs: list[Path]) -> None:
     assert {float(row["margin"]) for row in rows} == {7.0}
     steps = [float(row["par1_steps"]) for row in rows]
     assert steps == sorted(steps)
-    assert f"declared before the first run ({ANALYSIS.digest})" in text
+    assert f"Declared before the first run ({ANALYSIS.digest})" in text
+    assert "Agents, protocol and conditions were not part of the declaration" in text
 
 
 def test_what_is_typed_beats_it_and_is_said(runs: list[Path]) -> None:
@@ -100,7 +103,7 @@ def test_a_published_study_reports_itself_without_flags(runs: list[Path], tmp_pa
     words = ["--rank-by", "par1_steps", "--columns", "collision_rate", "--pictures", "success_over_time"]
     assert main(["publish", "outputs/grid", "--to", "results/grid", *words]) == 0
     stored = declared.read(tmp_path / "results/grid" / declared.FILE)
-    assert stored == Declared("par1_steps", "ppo", 7.0, 2, {"columns": ["collision_rate"]})
+    assert stored == Declared("par1_steps", "ppo", 7.0, 2, report={"columns": ["collision_rate"]})
     assert stored.digest == ANALYSIS.digest
     assert main(["report", "results/grid", "--format", "csv", "--out", "again"]) == 0
     shipped = tmp_path / "results/grid"
@@ -108,6 +111,109 @@ def test_a_published_study_reports_itself_without_flags(runs: list[Path], tmp_pa
         if (shipped / name).is_file():
             assert (shipped / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
     readme = (shipped / "README.md").read_text()
-    assert "declared before the first run" in readme
+    assert "Declared before the first run" in readme
     block = readme.partition("<!-- begin: table -->")[2]
     assert block.index("**") < block.index("figures/difference_from_baseline.png") < block.index("| agent |")
+
+
+@pytest.fixture
+def declared_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Declared:
+    """PPO and PID, declared first; SAC, declared later, when the others were finished."""
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "outputs/grid"
+    found = write_experiment(
+        folder,
+        algorithms=("ppo", "sac", "pid"),
+        seeds=(0, 1),
+        episodes=30,
+        train_episodes=20,
+        protocols={"test": ("nominal", "current=1"), "suite": ("nominal",)},
+    )
+    analysis = Declared("par1_steps", "pid", 7.0, None, "test", ("nominal", "current=1"), 30, 123)
+    later = [run for run in found if run.name.startswith("sac")]
+    first = [run for run in found if run not in later]
+    subject = declared.subject("bluerov2", "waypoint")
+    declared.declare(folder, analysis, {subject: [run.name for run in first]}, FIRST)
+    whole = declared.declare(folder, analysis, {subject: [run.name for run in found]}, SECOND)
+    for run in found:
+        stage = whole.stage_of(run.name)
+        assert stage is not None
+        carry(run, stage[1], created=stage[0].declared, ended=stage[0].declared)
+    return whole
+
+
+def test_runs_that_are_declared_later_are_named_with_their_date(declared_runs: Declared) -> None:
+    text = report()[1]
+    assert f"declared on 25 November 2026, before the first run ({declared_runs.digest})" in text
+    assert "Declared later: SAC (27 November 2026, after 3 of 5 runs)." in text
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--where", "algo!=sac"], "2 of 5 declared runs are missing (sac)"),
+        (["--where", "algo=sac,pid"], "2 of 5 declared runs are missing (ppo)"),
+        (["--where", "seed!=1"], "2 of 5 declared runs are missing (ppo and sac)"),
+        (["--where", "algo!=pid"], "the baseline is SAC instead of pid"),
+        (["--baseline", "ppo"], "--baseline ppo"),
+        (["--rank-by", "success_rate"], "--rank-by success_rate"),
+        (["--margin", "5"], "--margin 5"),
+        (["--confidence", "0.9"], "--confidence 0.9"),
+        (["--condition", "current=1"], "--condition current=1"),
+        (["--protocol", "suite"], "--protocol suite"),
+    ],
+)
+def test_anything_else_than_the_declared_analysis_is_named(
+    declared_runs: Declared, words: list[str], said: str
+) -> None:
+    text = report(*words)[1].replace("\\", "")
+    assert f"Not the declared analysis ({declared_runs.digest})" in text
+    assert said in text
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--baseline", "PID"],
+        ["--condition", "nominal"],
+        ["--where", "algo=ppo,sac,pid"],
+        ["--confidence", "0.95"],
+    ],
+)
+def test_the_declared_analysis_typed_in_other_words_is_the_declared_one(
+    declared_runs: Declared, words: list[str]
+) -> None:
+    assert "Not the declared analysis" not in report(*words)[1]
+
+
+def test_runs_and_scenarios_that_were_not_declared_are_named(declared_runs: Declared) -> None:
+    write_experiment(Path("outputs/grid"), algorithms=("td3",), seeds=(0, 1), episodes=30, train_episodes=5)
+    assert "2 runs were not declared (TD3)" in report()[1]
+    for run in Path("outputs/grid").glob("*/manifest.json"):
+        write_evaluation(run.parent, "test", ("nominal",), 25, 0)
+    assert "25 test episodes instead of 30" in report()[1]
+
+
+def test_a_single_run_of_a_declared_grid_is_not_the_declared_analysis(declared_runs: Declared) -> None:
+    runs = [
+        str(run.parent)
+        for run in Path("outputs/grid").glob("*/manifest.json")
+        if "pid" not in run.parent.name
+    ]
+    assert main(["report", *runs, "--format", "md", "--no-figures", "--out", "out"]) == 0
+    assert "1 of 5 declared runs is missing (pid)" in Path("out/report.md").read_text()
+
+
+@pytest.mark.slow
+def test_a_published_study_keeps_its_declaration(declared_runs: Declared) -> None:
+    assert main(["publish", "outputs/grid", "--to", "results/grid", "--pictures", "", "--no-paths"]) == 0
+    assert declared.read(Path("results/grid") / declared.FILE) == declared_runs
+    assert (
+        "Declared later: SAC (27 November 2026, after 3 of 5 runs)."
+        in Path("results/grid/README.md").read_text()
+    )
+    assert (
+        main(["report", "results/grid", "outputs/grid", "--format", "md", "--no-figures", "--out", "both"])
+        == 0
+    )
+    assert "before the first run" in Path("both/report.md").read_text()

@@ -1,0 +1,79 @@
+"""Declare the runs of an experiment before they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from auvbench.config import plugins, schema
+from auvbench.config.compose import compose
+from auvbench.config.validate import evaluate_config
+from auvbench.errors import ConfigError, closest
+from auvbench.runs import declared
+from auvbench.runs.declared import Declared
+
+UNDISTURBED = "nominal"
+"""Name of the condition that a report shows where none is named"""
+
+
+def completed(analysis: schema.Analysis) -> Declared:
+    """Return the declaration of a configuration, with what it leaves to its protocol, and without runs.
+
+    Raises:
+        ConfigError: the protocol or a condition is unknown.
+    """
+    known = plugins.options("protocol")
+    if analysis.protocol not in known:
+        raise ConfigError(f"analysis.protocol={analysis.protocol}: {closest(analysis.protocol, known)}")
+    protocol = evaluate_config(compose("evaluate", [f"protocol={analysis.protocol}"])).protocol
+    names = [condition.name for condition in protocol.conditions]
+    for name in analysis.conditions or []:
+        if name not in names:
+            raise ConfigError(f"analysis.conditions={name}: {closest(name, names)}")
+    usual = sorted(names, key=lambda name: name != UNDISTURBED)
+    return Declared(
+        analysis.measure,
+        analysis.baseline,
+        analysis.margin,
+        analysis.seeds,
+        analysis.protocol,
+        tuple(analysis.conditions or usual),
+        analysis.episodes or protocol.episodes,
+        protocol.seed,
+    )
+
+
+def declare_all(
+    analyses: Mapping[Path, Declared], configs: Mapping[Path, Mapping[str, Any]], now: str
+) -> dict[Path, str]:
+    """Declare runs in the folders of their experiments; return the digest for the manifest of each run.
+
+    Args:
+        analyses: by the run's folder, for runs that have one.
+        configs: the run's resolved configuration.
+        now: time in UTC, ISO 8601.
+
+    Raises:
+        OSError, UserError: as `declared.declare`.
+    """
+    found: dict[Path, str] = {}
+    groups: dict[tuple[Path, str], list[Path]] = {}
+    for run, analysis in analyses.items():
+        groups.setdefault((run.parent, analysis.digest), []).append(run)
+    for (folder, _), runs in groups.items():
+        declaration = declared.declare(folder, analyses[runs[0]], _by_subject(runs, configs), now)
+        for run in runs:
+            if (stage := declaration.stage_of(run.name)) is not None:
+                found[run] = stage[1]
+    return found
+
+
+def _by_subject(runs: Sequence[Path], configs: Mapping[Path, Mapping[str, Any]]) -> dict[str, list[str]]:
+    """Return the ids of runs by vehicle and task."""
+    ids: dict[str, list[str]] = {}
+    for run in runs:
+        config = configs[run]
+        subject = declared.subject(config["vehicle"]["name"], config["task"]["name"])
+        ids.setdefault(subject, []).append(run.name)
+    return ids
