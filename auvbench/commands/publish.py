@@ -142,6 +142,7 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     ids = {run.id for run in chosen}
     _refuse_loss(folder, ids)
     left = archive.write(chosen, folder, protocols, trajectories=study.paths, compact=study.compact)
+    left += archive.write_history(runs, folder)
     untested = [p for p in problems if p.kind == "missing"]
     left += [
         f"{p.where}: {p.message}"

@@ -82,7 +82,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     from auvbench.commands.report import analysed
     from auvbench.reporting import readme
     from auvbench.reporting import write as files
-    from auvbench.runs import declared
+    from auvbench.runs import declared, history
 
     folder = study.folder
     analysis = _stored(options)
@@ -103,7 +103,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
         "figures": lambda: "\n\n".join(_figures(reports[0], study.pictures, folder)) or "No figure.",
         "claims": lambda: _claims(reports),
         "policies": lambda: policies,
-        "provenance": lambda: readme.provenance(runs, study.command),
+        "provenance": lambda: readme.provenance(runs, study.command, history.read(folder)),
     }
     path = folder / "README.md"
     blocks = {name: made[name]() for name in names}

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
-from auvbench.errors import RunError
-from auvbench.runs import identity, run_filter, status
+from auvbench.errors import RunError, UserError
+from auvbench.runs import history, identity, run_filter, status
 from auvbench.runs.directory import RunDirectory, find_runs
 from auvbench.runs.status import State
 from auvbench.untrusted.text import LONGEST, plain, short
@@ -66,12 +68,19 @@ def parser() -> Parser:
     add = parser.add_argument
     add("paths", nargs="*", default=["outputs"], metavar="PATH", help="runs or folders of runs")
     add("--json", action="store_true", help="print a JSON list instead of a table")
+    add(
+        "--history",
+        action="store_true",
+        help="print each training and test of the experiments, those of deleted runs too, as JSON lines",
+    )
     return parser
 
 
 def main(argv: Sequence[str]) -> int:
     """Exit code 1 when a run could not be read: the others are listed, and it is named."""
     given = parser().read(argv)
+    if given.history:
+        return _print_history(given.paths, given.where or given.json)
     found, problems = rows(find_runs(given.paths))
     chosen = run_filter.select(found, run_filter.parse(given.where), _facts)
     chosen = sorted(chosen, key=lambda row: (row.name, row.id))
@@ -79,9 +88,45 @@ def main(argv: Sequence[str]) -> int:
         print(json.dumps([{**asdict(row), "progress": row.progress} for row in chosen], indent=1))
     else:
         _show(chosen, of=len(found))
+        _tell_deleted(given.paths, [row.id for row in found])
     for problem in problems:
         print(f"auvbench: {problem}", file=sys.stderr)
     return 1 if problems else 0
+
+
+def _print_history(paths: Sequence[str], narrowed: bool) -> int:
+    """Print the lines of the histories under some paths."""
+    if narrowed:
+        raise UserError("--history: prints all lines as JSON; leave --where and --json out")
+    folders = [path for given in paths for path in _experiments(Path(given))]
+    if not folders:
+        raise UserError(f"{' '.join(paths)}: no {history.FILE} here; auvbench train and evaluate write it")
+    try:
+        lines = history.merged(history.read(folder) for folder in folders)
+    except (OSError, ValueError) as error:
+        raise UserError(f"{history.FILE}: {short(error)}") from error
+    for line in lines:
+        print(line.text)
+    return 0
+
+
+def _tell_deleted(paths: Sequence[str], ids: Sequence[str]) -> None:
+    """Print how many trainings and tests of the histories are of runs that are deleted."""
+    folders = {
+        folder for given in paths for folder in _experiments(Path(given)) if folder != Path(given).parent
+    }
+    with contextlib.suppress(OSError, ValueError):
+        lines = history.merged(map(history.read, sorted(folders)))
+        if history.deleted(lines, ids):
+            print(f"history: {history.summary(lines, ids)} (auvbench runs --history)")
+
+
+def _experiments(path: Path) -> list[Path]:
+    """Return the folders with a history: the path, the folder of a run, or folders in it."""
+    candidates = [path, *([path.parent] if (path / "manifest.json").is_file() else [])]
+    if path.is_dir():
+        candidates += sorted(child for child in path.iterdir() if child.is_dir())
+    return [folder for folder in candidates if (folder / history.FILE).is_file()]
 
 
 def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:

@@ -30,7 +30,7 @@ from auvbench.evaluation.protocol import (
 )
 from auvbench.evaluation.rollout import Rollout, roll_out, time_actions
 from auvbench.record import columns, record_columns
-from auvbench.runs import identity, integrity, lock, provenance
+from auvbench.runs import history, identity, integrity, lock, provenance
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.plan import load_config
@@ -223,11 +223,28 @@ def _evaluate(
     }
     folder = run.evaluation(protocol.name)
     summary[integrity.FILES] = _write(folder, summary, rollouts)
+    history.append(run.path.absolute().parent, _tested(run, summary))
     # The rows, which may have taken hours, are on disk before actions are timed.
     summary["inference"] = _time(run, conditions[0].config)
     with storage(f"cannot write {folder}"):
         write_atomic(folder / "summary.json", as_json(integrity.sealed(summary)))
     return summary
+
+
+def _tested(run: RunDirectory, summary: dict[str, Any]) -> history.Line:
+    """Return the line of a test for the history of the experiment."""
+    manifest = run.manifest()
+    return history.Line(
+        summary["created"],
+        history.TESTED,
+        run.id,
+        manifest["algo"],
+        manifest["seed"],
+        manifest["steps"],
+        summary["protocol"],
+        summary["fingerprint"],
+        sum(condition["episodes"] for condition in summary["conditions"]),
+    )
 
 
 def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | None:

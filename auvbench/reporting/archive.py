@@ -16,7 +16,7 @@ from auvbench.analysis.evaluations import Damage, disagreement
 from auvbench.analysis.recorded import has_paths, paths, training, validation_rows
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.errors import ReportError
-from auvbench.runs import integrity
+from auvbench.runs import history, integrity
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.directory import RunDirectory
 from auvbench.untrusted import tables
@@ -100,6 +100,24 @@ def write(
     # Last, because it vouches for the others.
     table = pd.DataFrame(rows)
     write_atomic(folder / archive.RUNS, tables.parquet(table, archive.note(table, files)))
+    return problems
+
+
+def write_history(runs: Sequence[RunRecord], folder: Path) -> list[str]:
+    """Write the histories of the runs' experiments as one file, where there is one; return what was left out.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    problems: list[str] = []
+    histories = []
+    for place in sorted({run.directory.absolute().parent for run in runs} | {folder.absolute()}):
+        try:
+            histories.append(history.read(place))
+        except (OSError, ValueError) as error:
+            problems.append(f"{place / history.FILE}: {short(error)}")
+    if lines := history.merged(histories):
+        write_atomic(folder / history.FILE, history.as_bytes(lines))
     return problems
 
 

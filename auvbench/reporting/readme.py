@@ -12,6 +12,7 @@ from auvbench.analysis.records import RunRecord
 from auvbench.errors import UserError
 from auvbench.reporting.tables.text_formats import escape
 from auvbench.reporting.write import facts
+from auvbench.runs import history
 from auvbench.runs.progress import duration
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
@@ -88,8 +89,8 @@ def _block(name: str, text: str) -> str:
     return f"{begin}\n{text.strip()}\n{end}"
 
 
-def provenance(runs: Sequence[RunRecord], command: str) -> str:
-    """How the numbers came about: runs, time, machines, versions and commands, as Markdown."""
+def provenance(runs: Sequence[RunRecord], command: str, events: Sequence[history.Line] = ()) -> str:
+    """Return how the numbers came about as Markdown: runs, time, machines, versions, commands and history."""
     manifests = [run.manifest for run in runs]
     days = sorted(str(m[key])[:10] for m in manifests for key in ("started", "ended") if m.get(key))
     steps = sum(int(m.get("steps") or 0) for m in manifests)
@@ -99,6 +100,8 @@ def provenance(runs: Sequence[RunRecord], command: str) -> str:
         f"{_time(manifests)}; how long the tests took is not recorded",
         *(f"{name.lower()}: {'; '.join(values)}" for name, values in facts(runs)),
     ]
+    if events:
+        lines.append(f"{history.FILE} has {history.summary(events, [run.id for run in runs])}")
     if days:
         lines.append(f"dates: {days[0]}" + (f" to {days[-1]}" if days[-1] != days[0] else ""))
     items = "\n".join(f"* {escape(line)}" for line in lines)

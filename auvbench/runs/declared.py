@@ -20,6 +20,7 @@ import yaml
 
 from auvbench.errors import UserError, closest
 from auvbench.record import PRIMARY, measure_names
+from auvbench.runs import history
 from auvbench.runs.atomic_io import make_folder, write_atomic
 from auvbench.runs.identity import digest_of
 from auvbench.untrusted import path_safety, reading, typed_json
@@ -172,6 +173,8 @@ def declare(folder: Path, analysis: Declared, runs: Mapping[str, Sequence[str]],
         if new:
             analysis = replace(analysis, rows=(*analysis.rows, Stage(now, new)))
         write(folder, analysis)
+        if new:
+            history.append(folder, history.Line(now, history.DECLARED, analysis=analysis.digest))
     return analysis
 
 

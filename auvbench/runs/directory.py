@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 
 from auvbench.errors import RunError
-from auvbench.runs import declared, identity, integrity
+from auvbench.runs import declared, history, identity, integrity
 from auvbench.runs.atomic_io import (
     FAULTS,
     as_json,
@@ -139,6 +139,8 @@ class RunDirectory:
         """Write the manifest with some entries replaced; return it."""
         manifest = integrity.sealed(self.manifest() | changes)
         write_json(self.manifest_path, manifest)
+        if "state" in changes:
+            history.entered(self.path.absolute().parent, manifest, now())
         return manifest
 
     def write_model(self, files: Mapping[str, bytes]) -> dict[str, integrity.Entry]:

@@ -166,7 +166,7 @@ def test_each_task_is_drawn_with_its_reference_or_its_dock(task, tmp_path, monke
     words = [f"task={task}", "vehicle=bluerov2_heavy", "task.time_limit=2.0"]
     words += ["task.hold_time=1.0", "task.settling=0.5"] if task == "station_keeping" else []
     assert main(["train", "algo=pid", f"output={tmp_path}", *words]) == 0
-    (path,) = (tmp_path / "default").iterdir()
+    path = next((tmp_path / "default").glob("*/manifest.json")).parent
     protocol = evaluate_config(compose("evaluate", [])).protocol
     shown = replay(RunDirectory(path), protocol, "nominal", 0)
     assert (shown.reference is not None) == (task in ("trajectory_tracking", "path_following"))

@@ -285,7 +285,7 @@ def test_a_mistyped_namespace_is_corrected_by_the_next_command(elsewhere, tmp_pa
     torch.set_num_threads(1)
     command = ["train", f"output={tmp_path}", *LEARNER, "simulator.timeout=1", "train.total_steps=64"]
     assert main([*command, "simulator.namespace=blurov2"]) == 2
-    (path,) = (tmp_path / "default").iterdir()
+    path = next((tmp_path / "default").glob("*/manifest.json")).parent
     ros2.leave()
     with dds.serving("--lockstep"):
         words = ["simulator.namespace=bluerov2", f"simulator.timeout={LIMIT:g}"]

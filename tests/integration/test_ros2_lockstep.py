@@ -92,7 +92,7 @@ def test_a_test_has_the_same_rows_as_in_process(two_vehicles, algo, task, tmp_pa
         *(learner if algo == "ppo" else []),
     ]
     assert main(["train", *arguments]) == 0
-    (path,) = (tmp_path / "default").iterdir()
+    path = next((tmp_path / "default").glob("*/manifest.json")).parent
     wanted = ["protocol=ros2", "protocol.episodes=3", "--workers", "1"]
     assert main(["evaluate", str(path), *wanted]) == 0
     folder = RunDirectory(path).evaluation("ros2")

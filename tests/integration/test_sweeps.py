@@ -199,7 +199,7 @@ def wait_for_work(folder: Path, process: subprocess.Popen[Any]) -> None:
     """Wait until a worker has a run, or the sweep is over."""
 
     def begun() -> bool:
-        return folder.exists() and any(lock.living_holder(path) for path in folder.iterdir())
+        return folder.exists() and any(lock.living_holder(path) for path in folder.glob("*/"))
 
     until(lambda: begun() or process.poll() is not None, "a worker with a run")
 

@@ -228,7 +228,7 @@ def test_nothing_of_tuning_ever_draws_a_test_scenario(
     assert "0 of 1 trial of pid begun" in capsys.readouterr().out
     study = StudyFolder(tmp_path / "tune" / "pid")
     plan = study.read()
-    for run in [*study.runs.iterdir(), *study.fresh.iterdir()]:
+    for run in [*study.runs.glob("*/"), *study.fresh.glob("*/")]:
         from auvbench.runs.directory import RunDirectory
 
         summaries = list((run / "evaluations").iterdir())
@@ -244,7 +244,7 @@ def test_nothing_of_tuning_ever_draws_a_test_scenario(
     assert {seed for _, seed in asked} == {plan.protocol.seed, plan.protocol.seed + 1}
     forbidden = schema.Protocol(**{**vars(plan.protocol), "scenarios": "test"})
     with pytest.raises(ConfigError, match="those of a test"):
-        runs.test(RunDirectory(next(study.runs.iterdir())), forbidden)
+        runs.test(RunDirectory(next(study.runs.glob("*/"))), forbidden)
 
 
 def trials(output: Path, name: str) -> list[tuple[object, ...]]:
@@ -301,7 +301,7 @@ def test_after_three_kills_nothing_is_lost_or_trained_twice(tmp_path: Path) -> N
     fixed = [word for word in PPO[1:] if word.startswith("algo.") and "choice" not in word]
     line = ["train", "algo=ppo", *fixed, *straight, "seed=0", "train.total_steps=384"]
     assert cli.main([*line, f"output={tmp_path}", "name=straight"]) == 0
-    run = next((tmp_path / "straight").iterdir())
+    run = next((tmp_path / "straight").glob("*/"))
     promoted = study.runs / run.name
     assert (run / "model" / "policy.pt").read_bytes() == (promoted / "model" / "policy.pt").read_bytes()
 

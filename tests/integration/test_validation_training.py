@@ -38,7 +38,7 @@ def case(request: pytest.FixtureRequest) -> str:
 @pytest.fixture(scope="module")
 def watched(case: str, once: Once) -> RunDirectory:
     folder = once(f"watched-{case}", lambda folder: execute(frozen(folder, "watched", case, [WATCHED])))
-    (path,) = (folder / "watched").iterdir()
+    path = next((folder / "watched").glob("*/manifest.json")).parent
     return RunDirectory(path)
 
 

@@ -35,7 +35,7 @@ from rich.console import Console
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.local import LocalBackend
 from auvbench.scheduling.grid import sweep
-runs = [RunDirectory(path) for path in sorted(Path(sys.argv[1]).iterdir())]
+runs = [RunDirectory(path) for path in sorted(Path(sys.argv[1]).glob("*/"))]
 backend = LocalBackend(2, target="tests.fake_training:execute", preload=())
 sys.exit(sweep(runs, backend, Console(width=200)).exit_code)
 """
@@ -69,7 +69,7 @@ def start_sweep(folder: Path) -> subprocess.Popen[str]:
 
 
 def living_workers(folder: Path) -> list[lock.Holder]:
-    holders = [lock.living_holder(path) for path in sorted(folder.iterdir())]
+    holders = [lock.living_holder(path) for path in sorted(folder.glob("*/"))]
     return [holder for holder in holders if holder is not None]
 
 
