@@ -20,7 +20,7 @@ from dataclasses import replace
 import numpy as np
 
 from auvbench import statistics as st
-from auvbench.analysis.formatting import amount, name, rounded_difference, size
+from auvbench.analysis.formatting import amount, listed, name, rounded_difference, size
 from auvbench.analysis.measures import LIMITED_BY_STEPS, Measure, measure
 from auvbench.analysis.pairwise import Tests
 from auvbench.analysis.planning import needed

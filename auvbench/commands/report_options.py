@@ -62,10 +62,10 @@ KEYS = tuple(field.name for field in fields(Options) if field.name not in OF_THE
 LISTS = ("columns", "format")
 """options that may be typed with commas"""
 
-OF_THE_TABLE = ("primary", "names", "trials", "columns", "study", "confidence")
+STORED = ("primary", "names", "trials", "columns", "protocol", "condition", "study", "confidence")
 """Options that a published study stores where they differ from conf/report.yaml"""
-STORED = (*OF_THE_TABLE, "protocol", "condition")
-"""The same for a study whose declaration names no protocol"""
+OF_THE_TABLE = tuple(name for name in STORED if name not in ("protocol", "condition"))
+"""The same for a study whose declaration names protocol and conditions"""
 
 
 def defaults() -> Options:
