@@ -114,7 +114,7 @@ def trained(once: Once) -> Trained:
         execute(frozen(folder, "trained", case, []))
 
     def run(case: str) -> RunDirectory:
-        (path,) = (once(case, lambda folder: make(folder, case)) / "trained").iterdir()
+        (path,) = (once(case, lambda folder: make(folder, case)) / "trained").glob("*/")
         return RunDirectory(path)
 
     return run
