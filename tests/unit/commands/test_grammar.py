@@ -163,7 +163,7 @@ def test_a_run_in_a_folder_with_a_foreign_name(
     (here / "conf" / "experiment" / "mine.yaml").write_text("# @package _global_\nname: mine\nseed: 7\n")
     monkeypatch.chdir(here)
     assert cli.main(["train", "experiment=mine", "algo=pid", "output=Läufe"]) == 0
-    (run,) = (here / "Läufe" / "mine").iterdir()
+    (run,) = (here / "Läufe" / "mine").glob("*/")
     assert json.loads((run / "manifest.json").read_text(encoding="utf-8"))["seed"] == 7
 
 

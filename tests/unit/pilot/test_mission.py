@@ -168,7 +168,7 @@ def policy(tmp_path_factory):
     folder = tmp_path_factory.mktemp("policy")
     learner = ["algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=64"]
     assert main(["train", "algo=ppo", f"output={folder}", "train.progress=false", *learner]) == 0
-    (run,) = (folder / "default").iterdir()
+    (run,) = (folder / "default").glob("*/")
     assert main(["export", str(run), "--out", str(folder / "exports")]) == 0
     (file,) = (folder / "exports").glob("*.onnx")
     return file
