@@ -36,27 +36,6 @@ TASKS = {  # title, measure, unit and its factor
     "docking": ("docking, PAR-1 time", "par1_time_s", "s", 1.0),
 }
 SIGNS = {"ahead": "▲", "equivalent": "■", "behind": "▼", "open": "○", "baseline": ""}
-RECIPE = "PPO, robust, trained with disturbance="
-UNOBSERVED = "unobserved=velocity, angular_velocity, gravity"
-VARIANTS = {
-    "PPO, robust": "`ppo_robust`: on drawn vehicles in currents",
-    f"{RECIPE}none": "without drawn vehicles",
-    "PPO, robust, trained with current.speed_high=unset": "without currents",
-    f"{RECIPE}none current.speed_high=unset": "without both",
-    f"PPO, robust {UNOBSERVED}": "without velocities and gravity observed",
-    f"PPO, robust history=4 {UNOBSERVED}": "without them, four observations",
-    "PPO, robust history=4": "four observations instead of one",
-    "PPO, robust 200k steps": "200,000 steps instead of a million",
-    "RecurrentPPO": "with an LSTM",
-    "PID, robust": "`pid_robust`",
-}
-IN_WAVES = {
-    f"{RECIPE}unknown_vehicle current.speed_high=1.2 waves.height=0.88": "`ppo_robust`: on drawn vehicles in currents and waves",
-    f"{RECIPE}sea_state_3 current.speed_high=1.2 waves.height=0.88": "without drawn vehicles",
-    f"{RECIPE}unknown_vehicle current.speed_high=unset waves.height=0.88": "without currents",
-    f"{RECIPE}unknown_vehicle current.speed_high=1.2 waves.height=0": "without waves",
-    f"{RECIPE}none waves.height=0": "without all three",
-}
 SEA = {  # title, condition
     "trained round": "nominal",
     "`bluerov2_wu2018`": "vehicle=bluerov2-wu2018",
@@ -95,7 +74,7 @@ def robust() -> str:
     agents = [row["agent"] for row in ranked]
     times = [_time(row, row is ranked[0]) for row in ranked]
     columns = [times, *(_success(ROBUST, agents, condition) for condition in MODELS.values())]
-    return _table(("agent", "mean time", *MODELS), [VARIANTS.get(name, name) for name in agents], columns)
+    return _table(("agent", "mean time", *MODELS), agents, columns)
 
 
 def station() -> str:
@@ -113,7 +92,7 @@ def station() -> str:
     ]
     heads = ("agent", *SEA, *(f"held, {title}" for title in list(SEA)[1:]))
     held = [_success(STATION, agents, condition) for condition in list(SEA.values())[1:]]
-    return _table(heads, [IN_WAVES.get(name, name) for name in agents], [*columns, *held])
+    return _table(heads, agents, [*columns, *held])
 
 
 def suite() -> str:
