@@ -1,5 +1,7 @@
 """A pilot over real DDS: it steers when all is well, and zero thrust is its answer to everything else."""
 
+import contextlib
+import os
 import signal
 import time
 
@@ -9,6 +11,7 @@ import pytest
 from auvbench.cli import main
 from auvbench.commands import pilot as command
 from auvbench.errors import RunError
+from auvbench.pilot.guard import Unsupervised
 from auvbench.pilot.mission import Logbook
 from auvbench.pilot.observation import observe
 from auvbench.pilot.steering import Limits, Steering
@@ -394,6 +397,37 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
         assert [values[step] for values in tank.history] == tank.pilot.physical.of_action(previous).tolist()
     tank.pilot.close("the test is over")
     tank.session.close()
+
+
+def test_without_its_supervisor_a_pilot_commands_zero_thrust_and_ends(steering):
+    pilot = steering.pilot
+    os.kill(pilot.guard._process.pid, signal.SIGKILL)
+    with pytest.raises(Unsupervised, match="a pilot does not steer without one"):
+        steering.until(lambda: False)
+    with contextlib.suppress(Unsupervised):
+        pilot.close("the pilot was ended")
+    steering.pilot = None
+    steering.until(steering.rests)
+    steering.pilot = pilot
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_pilot_that_dies_or_halts_ends_with_zero_thrust(number):
+    with dds.domain():
+        tank = Tank()
+        pilot = dds.Process("pilot", "pid", "--goal", "20", "5", "-12", "--pose-timeout", "5")
+        try:
+            pilot.says("arm it")
+            tank.meet()
+            tank.until(lambda: tank.arm().success)
+            tank.until(lambda: len(tank.commands) == 6 and any(tank.commands.values()))
+            pilot.send(number)
+            tank.until(tank.rests)
+            pilot.says("zero thrust was sent")
+        finally:
+            pilot.process.kill()
+            pilot.ends()
+            tank.session.close()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
