@@ -51,6 +51,10 @@ class ArduSub:
             "FRAME_CONFIG": float(self.frame.config),
             "JS_THR_GAIN": 1.0,
             "MOT_FV_CPLNG_K": 1.0,
+            "FS_PILOT_INPUT": 2.0,
+            "FS_PILOT_TIMEOUT": 3.0,
+            "FS_GCS_ENABLE": 2.0,
+            "FS_GCS_TIMEOUT": 5.0,
         }
         self.gain = 1.0
         self.armed, self.mode = False, 0

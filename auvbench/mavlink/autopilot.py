@@ -11,30 +11,24 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from auvbench.ardusub.radio import MANUAL
-from auvbench.dynamics import frames
 from auvbench.errors import UserError
+from auvbench.mavlink.failsafes import FAILSAFES
 from auvbench.mavlink.link import TURN, Link, Peer
 from auvbench.mavlink.mixer import NEUTRAL, Sticks
+from auvbench.mavlink.telemetry import FIELDS, Telemetry
 from auvbench.untrusted.text import short
-
-Floats = NDArray[np.float64]
 
 FOUND = 10.0
 """s in which a vehicle that runs is heard, and answers"""
 AGAIN = 0.5
 """s until a request without an answer is sent again"""
+TOLD = 2.0
+"""s in which it tells parameters that an older ArduSub does not have"""
 SILENT = 5.0
 """s after which a second vehicle is forgotten"""
-BACK = 500
-"""ms by which a clock that has not been set back may be overtaken"""
 BEAT = 0.1
-"""s between heartbeats, as is asked for: they tell the mode"""
-TURNED = 7.0
-"""rad, beyond every angle of an attitude"""
+"""s between its heartbeats, as is asked for: they tell the mode"""
 WARNING = 4
 """MAV_SEVERITY; what is worse has a lower number"""
 ROUNDS = 6
@@ -55,7 +49,8 @@ class Autopilot:
         armed: as its last heartbeat said.
         mode: likewise.
         gain: of the joystick, as it tells.
-        parameters: by the names of `PARAMETERS`.
+        parameters: by the names of `PARAMETERS`, and of `FAILSAFES` where it has them.
+        telemetry: its attitude, position and heartbeats.
         warning: its last one.
 
     Raises:
@@ -73,10 +68,7 @@ class Autopilot:
         self._who: tuple[Peer, int] | None = None
         self._others: dict[tuple[Peer, int], float] = {}  # when each was heard
         self._answers: dict[int, int] = {}  # results by command
-        self._told: dict[str, tuple[int, Floats]] = {}  # time in ms and numbers of each message of telemetry
-        self._beaten: tuple[int, int] | None = (
-            None  # its time in ms at the last heartbeat, and ms since the one before
-        )
+        self.telemetry = Telemetry()
         self._beat = self._asked = -math.inf
         if not self.until(lambda: self._who is not None, FOUND):
             raise UserError(
@@ -84,8 +76,8 @@ class Autopilot:
                 " (SITL: --serial0 udpclient:HOST:PORT; BlueOS: an endpoint) and that no other program has the port"
             )
         for name in PARAMETERS:
-            ask = partial(self._send, "param_request_read", name.encode(), -1, component=True)
-            self._need(lambda name=name: name in self.parameters, name, ask)  # type: ignore[misc]
+            self._need(lambda name=name: name in self.parameters, name, partial(self._ask, name))  # type: ignore[misc]
+        self.until(lambda: self.parameters.keys() >= FAILSAFES.keys(), TOLD, self._ask_failsafes)
         self._need(lambda: not math.isnan(self.gain), "NAMED_VALUE_FLOAT PilotGain", self.ask_telemetry)
 
     def _need(self, condition: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
@@ -108,6 +100,13 @@ class Autopilot:
                 again = now + AGAIN
             self.receive(min(end, again, now + TURN) - now)
         return True
+
+    def _ask(self, name: str) -> None:
+        self._send("param_request_read", name.encode(), -1, component=True)
+
+    def _ask_failsafes(self) -> None:
+        for name in FAILSAFES.keys() - self.parameters.keys():
+            self._ask(name)
 
     # Incoming messages.
 
@@ -148,21 +147,14 @@ class Autopilot:
             return
         self.armed = bool(message.base_mode & d.MAV_MODE_FLAG_SAFETY_ARMED)
         self.mode = message.custom_mode
-        if self._told:
-            now = self._time
-            self._beaten = (now, min(now - self._beaten[0], 1000) if self._beaten else 1000)
+        self.telemetry.beat()
 
     def _handle(self, message: Any) -> None:
         kind = message.get_type()
-        if kind == "ATTITUDE":
-            numbers = [message.roll, message.pitch, message.yaw]
-            numbers += [message.rollspeed, message.pitchspeed, message.yawspeed]
-            self._tell(kind, message.time_boot_ms, numbers)
-        elif kind == "LOCAL_POSITION_NED":
-            numbers = [message.x, message.y, message.z, message.vx, message.vy, message.vz]
-            self._tell(kind, message.time_boot_ms, numbers)
+        if kind in FIELDS:
+            self.telemetry.take(message)
         elif kind == "PARAM_VALUE":
-            low, high = PARAMETERS.get(message.param_id, (math.inf, -math.inf))
+            low, high = {**PARAMETERS, **FAILSAFES}.get(message.param_id, (math.inf, -math.inf))
             if low <= message.param_value <= high:
                 self.parameters[message.param_id] = message.param_value
         elif kind == "NAMED_VALUE_FLOAT":
@@ -173,52 +165,6 @@ class Autopilot:
         elif kind == "STATUSTEXT" and message.severity <= WARNING:
             self.warning = short(message.text, 80)
             self._say(f"ArduSub: {self.warning}")
-
-    def _tell(self, kind: str, stamp: int, numbers: list[float]) -> None:
-        last = self._told.get(kind, (-1, None))[0]
-        if not all(map(math.isfinite, numbers)) or (
-            kind == "ATTITUDE" and max(map(abs, numbers[:3])) > TURNED
-        ):
-            return
-        if stamp < last - BACK:
-            self._told.clear()  # it restarted: the rest is of another time
-            self._beaten = None
-        elif stamp <= last:
-            return
-        self._told[kind] = (stamp, np.array(numbers, dtype=np.float64))
-
-    @property
-    def _time(self) -> int:
-        """Its time in ms, as its telemetry says."""
-        return max(stamp for stamp, _ in self._told.values())
-
-    @property
-    def overdue(self) -> float:
-        """Seconds by which its heartbeat is late, by its own clock: other telemetry goes on, and a change of mode is not seen."""
-        if self._beaten is None:
-            return 0.0
-        last, interval = self._beaten
-        return (self._time - last - interval) / 1e3
-
-    @property
-    def telemetry(self) -> tuple[int, Floats, Floats] | None:
-        """Its time in ns, pose (7,) in ENU and velocity (6,) in body axes FLU; None until both messages have come.
-
-        The time is that of the older message.
-        """
-        if len(self._told) < 2:
-            return None
-        (turned, attitude), (placed, position) = self._told["ATTITUDE"], self._told["LOCAL_POSITION_NED"]
-        turn = frames.quaternion(attitude[:3])
-        straight = frames.rotation(turn).T @ position[3:]
-        # Both conversions are their own inverses.
-        pose = np.array([*frames.ned(position[:3].tolist()), *frames.ned_attitude(turn.tolist())])
-        return min(turned, placed) * 1_000_000, pose, frames.flip([*straight, *attitude[3:]])
-
-    @property
-    def missing(self) -> str:
-        """The message of telemetry that has not come, for messages."""
-        return next((kind for kind in ("ATTITUDE", "LOCAL_POSITION_NED") if kind not in self._told), "")
 
     @property
     def company(self) -> str:

@@ -12,6 +12,7 @@ from auvbench.ardusub.frames import Motors, motors_of
 from auvbench.ardusub.radio import MANUAL
 from auvbench.errors import UserError
 from auvbench.mavlink.autopilot import Autopilot
+from auvbench.mavlink.failsafes import weak
 from auvbench.mavlink.link import Link
 from auvbench.mavlink.mixer import NEUTRAL, Mixer
 from auvbench.pilot import loop
@@ -59,10 +60,10 @@ class Pilot(loop.Pilot):
             self.guard.leave_will(self.vehicle.will())
             self._say(f"found {self.vehicle.who}; waiting for its attitude and position")
             if not self.vehicle.until(
-                lambda: not self.vehicle.missing, TELEMETRY, self.vehicle.ask_telemetry
+                lambda: not self.vehicle.telemetry.missing, TELEMETRY, self.vehicle.ask_telemetry
             ):
                 raise UserError(
-                    f"--mavlink {address}: {self.vehicle.missing} did not come in {TELEMETRY:g} s; a position needs an origin"
+                    f"--mavlink {address}: {self.vehicle.telemetry.missing} did not come in {TELEMETRY:g} s; a position needs an origin"
                     " and a sensor that the estimator uses (DVL, GPS, external vision)"
                 )
         except BaseException:
@@ -122,12 +123,12 @@ class Pilot(loop.Pilot):
             self._report(f"ArduSub was armed, and is left alone: {why}")
 
     def _take_telemetry(self) -> None:
-        if (told := self.vehicle.telemetry) is not None:
-            self._take_pose(*told)
-            self._take_time(told[0] / 1e9)
+        if (state := self.vehicle.telemetry.state) is not None:
+            self._take_pose(*state)
+            self._take_time(state[0] / 1e9)
 
     def _ages(self) -> dict[str, float]:
-        return {**super()._ages(), "the heartbeat": self.vehicle.overdue}
+        return {**super()._ages(), "the heartbeat": self.vehicle.telemetry.overdue}
 
     def _command(self, quantities: Floats) -> None:
         if not np.any(quantities):
@@ -140,6 +141,8 @@ class Pilot(loop.Pilot):
     def _take_over(self) -> str:
         if company := self.vehicle.company:
             return f"a second vehicle is on {self.link.address}: {company}; give each its own port"
+        if warning := weak(self.vehicle.parameters):
+            self._report(warning)
         try:
             why = self.vehicle.take_over()
         except BaseException:  # such as a second Ctrl-C

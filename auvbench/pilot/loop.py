@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from auvbench.errors import AuvbenchError, RunError
 from auvbench.pilot.guard import Guard, Unsupervised
+from auvbench.pilot.possible import is_jump, is_possible
 from auvbench.pilot.steering import Steering
 from auvbench.vehicles.physical import PhysicalCommands
 
@@ -27,10 +28,6 @@ Floats = NDArray[np.float64]
 
 RESTS = 3
 """zero commands at the end: one may be lost"""
-FASTEST = 50.0
-"""m/s, and rad/s: a velocity above it, or a jump that needs it, is no measurement"""
-FARTHEST = 1e6
-"""m from the origin"""
 TURN = 0.02
 """s, the longest single wait, and so the delay with which an old pose is noticed"""
 
@@ -136,19 +133,16 @@ class Pilot(ABC):
         behind = (self._stamp - stamp) / 1e9  # s
         if behind > self.limits.pose_timeout:
             self._clock_went_back()
-        elif (behind >= 0.0 and stamp) or self._is_jump(stamp, pose):
-            return  # repeated, overtaken or impossible: the pose gets no younger
+        elif behind >= 0.0 and stamp:
+            return  # repeated or overtaken: the pose gets no younger
+        else:
+            age = time.monotonic() - self._received
+            # A pose that is lost says nothing about the next one.
+            if age <= self.limits.lost_after and is_jump(self.pose, pose, max(age, -behind)):
+                return
         self._stamp = stamp
         self.pose, self.velocity = pose, velocity
         self._received = time.monotonic()
-
-    def _is_jump(self, stamp: int, pose: Floats) -> bool:
-        """Return whether the vehicle cannot have moved so far since the last pose."""
-        age = time.monotonic() - self._received
-        if age > self.limits.lost_after:
-            return False  # the last one says nothing any more
-        seconds = max(age, (stamp - self._stamp) / 1e9)
-        return math.dist(pose[:3], self.pose[:3]) > FASTEST * seconds
 
     def _take_time(self, now: float) -> None:
         """Take the time in s of the vehicle's clock."""
@@ -344,18 +338,3 @@ class Pilot(ABC):
             self.disarm(reason)
         finally:
             self._leave(was)
-
-
-def is_possible(pose: Floats, velocity: Floats) -> bool:
-    """Return whether a vehicle can have a pose (7,) and a velocity (6,)."""
-    return (
-        bool(np.all(np.isfinite([*pose, *velocity])))
-        and is_turn(pose)
-        and float(np.max(np.abs(pose[:3]))) <= FARTHEST
-        and float(np.max(np.abs(velocity))) <= FASTEST
-    )
-
-
-def is_turn(pose: Floats) -> bool:
-    """Return whether the orientation of a pose (7,) is a unit quaternion."""
-    return abs(float(np.linalg.norm(pose[3:])) - 1.0) <= 0.01

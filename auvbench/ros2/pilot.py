@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from auvbench.pilot import loop
 from auvbench.pilot.guard import Guard
 from auvbench.pilot.observation import yaw_of
+from auvbench.pilot.possible import is_turn
 from auvbench.pilot.steering import Steering
 from auvbench.ros2 import discovery, interface
 from auvbench.ros2.middleware import Session
@@ -91,7 +92,7 @@ class Pilot(loop.Pilot):
         interface.read_pose(message.pose, pose)
         if frame not in ("", interface.WORLD):
             self._report(f"waypoint ignored: the frame is {frame!r}, must be {interface.WORLD!r}")
-        elif self.limits.holds and not loop.is_turn(pose):
+        elif self.limits.holds and not is_turn(pose):
             self._report("waypoint ignored: the orientation is not a unit quaternion")
         else:
             self.steer_to(pose[:3].tolist(), yaw_of(pose))

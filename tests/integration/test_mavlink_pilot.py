@@ -68,7 +68,9 @@ def test_the_pose_is_that_of_the_vehicle(bridge):
     physics = bridge.vehicle.physics
     bridge.vehicle.tells = False
     bridge.until(
-        lambda: bridge.pilot._stamp == 1_000_000 * max(s for s, _ in bridge.pilot.vehicle._told.values())
+        lambda: (
+            bridge.pilot._stamp == 1_000_000 * max(s for s, _ in bridge.pilot.vehicle.telemetry.told.values())
+        )
     )
     bridge.vehicle.__exit__()
     pose = physics.simulator.pose[0]
@@ -254,6 +256,38 @@ def test_messages_over_tcp_survive_garbage_before_them_and_an_end_is_one_line():
         with pytest.raises(RunError, match="closed the connection"):
             until(lambda: list(opened.receive(0.1)) and False)
         opened.close()
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"FS_PILOT_INPUT": 0.0}, ["FS_PILOT_INPUT is 0 (off), should be 2 (disarm)"]),
+        ({"FS_GCS_ENABLE": 1.0}, ["FS_GCS_ENABLE is 1 (only warns)"]),
+        (
+            {"FS_PILOT_INPUT": None, "FS_GCS_TIMEOUT": 60.0},
+            ["FS_PILOT_INPUT is unknown", "FS_GCS_TIMEOUT is 60 s"],
+        ),
+        ({"FS_GCS_TIMEOUT": None}, []),
+        ({"FS_GCS_ENABLE": 4.0}, []),
+    ],
+)
+def test_failsafes_of_the_vehicle_that_are_off_are_named_before_it_arms(clock, monkeypatch, changed, words):
+    monkeypatch.setattr(autopilot, "TOLD", 0.5)
+    made = Bridge(clock, free_port())
+    parameters = {**made.vehicle.parameters, **changed}
+    made.vehicle.parameters = {name: value for name, value in parameters.items() if value is not None}
+    with made.vehicle:
+        made.open()
+        armed = []
+        made.pilot.vehicle.take_over = lambda take_over=made.pilot.vehicle.take_over: (
+            armed.append(len(made.said)) or take_over()
+        )
+        made.fly()
+        warnings = [text for text in made.said[: armed[0]] if text.startswith("warning: ")]
+        made.pilot.close("the test is over")
+    assert len(warnings) == bool(words)
+    for word in words:
+        assert word in warnings[0]
 
 
 # The command.

@@ -169,7 +169,7 @@ def test_heartbeats_that_stop_are_stale_telemetry(bridge):
     bridge.vehicle.beats = False
     bridge.until(lambda: bridge.pilot.state.startswith("holding: the heartbeat"), step=0.05)
     until(lambda: bridge.vehicle.sticks[-1] == NEUTRAL)
-    assert bridge.pilot.vehicle.overdue < bridge.limits.pose_timeout + 1.0
+    assert bridge.pilot.vehicle.telemetry.overdue < bridge.limits.pose_timeout + 1.0
     bridge.vehicle.beats = True
     bridge.until(lambda: bridge.vehicle.sticks[-1][0] > 100, step=0.05)
     bridge.vehicle.beats = False
