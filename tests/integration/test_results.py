@@ -72,6 +72,18 @@ def test_so_does_one_by_another_protocol(protocol, tmp_path, capsys):
     assert_same_numbers(json.dumps(here), json.dumps(there), rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    "file", sorted(ROOT.glob("results/*/conditions.csv")), ids=lambda file: file.parent.name
+)
+def test_the_conditions_of_a_study_name_the_tasks_of_its_runs(file):
+    configurations = pd.read_parquet(file.parent / "runs.parquet", columns=["config"])["config"]
+    tasks = {json.loads(text)["task"]["name"] for text in configurations}
+    found = rows(file)
+    assert {row["task"] for row in found} == tasks
+    for row in found:
+        assert row.get("vehicle", "").partition(", task ")[2] in ("", row["task"])
+
+
 IN_GAZEBO = {
     "PPO added to PID": "PPO added to PID, trained at 10 Hz in fossen",
     "PPO, 10 Hz": "PPO, trained at 10 Hz in fossen",

@@ -107,7 +107,7 @@ def _with_ends(name: str, estimate: Estimate | None) -> dict[str, float | None]:
 
 
 def conditions_csv(ranking: Ranking) -> str:
-    """A row per agent and condition of the protocol; an empty string for one condition.
+    """Return a row per agent and condition of the protocol, with the task; an empty string for one condition.
 
     Success from 0 to 1, and the changes of success and of PAR-1 steps against the undisturbed condition, paired by seed and
     scenario: empty where there is none, where seeds did not meet both, and of steps where frequency or limit differ. The
@@ -116,6 +116,7 @@ def conditions_csv(ranking: Ranking) -> str:
     measured = any(condition.measured for condition in ranking.conditions)
     return lines(
         {
+            "task": ranking.task,
             "agent": row.label,
             "condition": condition.name,
             **_with_ends("success_rate", success),

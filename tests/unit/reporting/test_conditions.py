@@ -4,6 +4,7 @@ import csv as csv_module
 import doctest
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -178,6 +179,9 @@ def test_files_show_every_condition(grid: Path) -> None:
     rows = list(csv_module.DictReader(io.StringIO(tables.conditions_csv(ranking))))
     assert len(rows) == len(ranking.rows) * len(ROBUSTNESS)
     assert rows[0]["agent"] == ranking.rows[0].label
+    assert {row["task"] for row in rows} == {"waypoint"}
+    docked = tables.conditions_csv(replace(ranking, task="docking"))
+    assert {row["task"] for row in csv_module.DictReader(io.StringIO(docked))} == {"docking"}
 
 
 @needs_pdflatex
