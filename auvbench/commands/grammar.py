@@ -130,6 +130,7 @@ class Parser(argparse.ArgumentParser):
                 word.startswith("-")
                 or in_where
                 or not separator
+                or not re.fullmatch(r"[\w.@/:+~-]+!?", key)  # 'PPO gamma=0.99' is an agent's label
                 or before in takes_value
                 or os.path.exists(word)
             ):

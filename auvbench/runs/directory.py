@@ -54,13 +54,22 @@ class RunDirectory:
 
     def __init__(self, path: Path | str) -> None:
         self.path = Path(path)
+        self._id = ""
 
     def __repr__(self) -> str:
         return f"RunDirectory({str(self.path)!r})"
 
     @property
     def id(self) -> str:
-        return self.path.name
+        """Return the id in the manifest, since a folder may be renamed; without a valid manifest the folder's name."""
+        if not self._id:
+            try:
+                recorded = str(integrity.read(self.manifest_path, integrity.Manifest)["id"])
+            except (OSError, ValueError):
+                return self.path.name
+            # It becomes a part of paths.
+            self._id = recorded if path_safety.is_plain(recorded) else self.path.name
+        return self._id
 
     @property
     def config_path(self) -> Path:
@@ -158,7 +167,7 @@ class RunDirectory:
         return {f"{self.model.name}/{name}": integrity.entry(data) for name, data in files.items()}
 
     def check(self) -> dict[str, Any]:
-        """Return the configuration, if its hash is the folder's.
+        """Return the configuration, if its hash is that of the run's id.
 
         Raises:
             RunError: `config.yaml` was changed since the run was made, or a link lies in the run.

@@ -96,6 +96,17 @@ def test_a_mistake_names_what_is_right(
     assert words in capsys.readouterr().err
 
 
+def test_the_labels_that_are_listed_are_taken(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    synthetic.write_experiment(folder, algorithms=("ppo",), reward_k=(1.0, 40.0), seeds=(0, 1), episodes=40)
+    assert cli.main(["compare", "PPO K=1", "PPO K=4", "--in", str(folder)]) == 2
+    assert "did you mean 'PPO K=40'" in capsys.readouterr().err
+    assert cli.main(["compare", "PPO K=1", "PPO K=40", "--in", str(folder)]) == 0
+    assert cli.main(["compare", "algo=ppo", "pid", "--in", str(folder)]) == 2
+    assert "--where algo=ppo" in capsys.readouterr().err
+
+
 def test_more_episodes_narrow_the_interval(tmp_path: Path) -> None:
     widths = []
     for episodes in (20, 320):

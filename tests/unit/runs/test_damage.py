@@ -105,6 +105,7 @@ def test_resume_refuses_a_configuration_of_other_types_that_has_the_run_s_id(
     config["train"] = config["train"] | train if isinstance(train, dict) else train
     run.write_config(config)
     try:
+        run.update_manifest(id=identity.run_id(config))
         moved = run.path.rename(run.path.with_name(identity.run_id(config)))
     except (TypeError, AttributeError):  # such a configuration has no id
         moved = run.path

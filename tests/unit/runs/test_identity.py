@@ -190,3 +190,20 @@ def test_compiled_updates_take_relu_alone():
     with pytest.raises(ConfigError, match=r"algo.activation=tanh: must be relu with algo.updates=compiled"):
         typed(OmegaConf.create(plain("algo=td3", "algo.activation=tanh")))
     typed(OmegaConf.create(plain("algo=td3", "algo.activation=tanh", "algo.updates=sb3")))
+
+
+def test_a_folder_may_be_renamed(tmp_path):
+    """The manifest has the id; the configuration is compared with it."""
+    run = freeze(plain("algo=pid", f"output={tmp_path}"))
+    renamed = RunDirectory(run.path.rename(tmp_path / "my_best"))
+    assert renamed.id == run.path.name
+    assert renamed.check() == renamed.config()
+    renamed.config_path.write_text(renamed.config_path.read_text().replace("effort: 1.0", "effort: 0.5"))
+    with pytest.raises(RunError, match="does not belong to this run"):
+        renamed.check()
+
+
+def test_a_manifest_names_no_folder_elsewhere(tmp_path):
+    run = freeze(plain("algo=pid", f"output={tmp_path}"))
+    run.update_manifest(id="../../elsewhere")
+    assert RunDirectory(run.path).id == run.path.name
