@@ -23,11 +23,10 @@ def main(arguments: Sequence[str]) -> int:
 
     read_named_sheets(arguments)
     words, ranges, fixed = split(arguments)
-    command = shlex.join(["auvbench", "tune", *arguments])
 
     def studies(configs: Sequence[DictConfig]) -> int:
         _check_search(configs, arguments)
-        return _studies(configs, ranges, fixed, command)
+        return _studies(configs, ranges, fixed, arguments)
 
     return int(run("tune", words, job=lambda config: studies([config]), grid=studies) or 0)
 
@@ -98,10 +97,13 @@ def _studies(
     configs: Sequence[DictConfig],
     ranges: Mapping[str, str],
     fixed: Mapping[str, str],
-    command: str,
+    arguments: Sequence[str],
 ) -> int:
     """One study after the other; all of them are checked before the first begins."""
+    command = shlex.join(["auvbench", "tune", *arguments])
     found = [plan_of(config, ranges, fixed, command) for config in configs]
+    for plan, _ in found:
+        _refuse_ignored(plan, arguments)
     names = [study.path for _, study in found]
     for path in names:
         if names.count(path) > 1:
@@ -164,6 +166,30 @@ def plan_of(
     study = StudyFolder(Path(output) / "tune" / name)
     tune.space = {dimension.key: dimension.text for dimension in dimensions}
     return Plan(name, seed, base, tune, protocol, Prose(command)), study
+
+
+def _refuse_ignored(plan: Plan, arguments: Sequence[str]) -> None:
+    """Raise ConfigError where a protocol's own values replace typed ones, and no training uses the typed ones."""
+    from omegaconf import OmegaConf
+
+    from auvbench.config.compose import typed
+    from auvbench.evaluation.protocol import resolve_conditions
+
+    words = {}
+    for word in arguments:
+        if match := re.match(r"\+*(task|noise|disturbance|step)[.=]", word):
+            words[match[1]] = word
+    if plan.learns or not words:
+        return
+    config = {**plan.base, "name": plan.name, "output": "", "seed": plan.seed}
+    own = typed(OmegaConf.create(config))
+    for condition in resolve_conditions(plan.protocol, config):
+        for group, word in words.items():
+            if getattr(condition.config, group) != getattr(own, group):
+                raise ConfigError(
+                    f"{word}: has no effect, since protocol={plan.protocol.name} tests with another {group}; "
+                    "leave out the protocol, or type the value in protocol.overrides"
+                )
 
 
 def _study(plan: Plan, study: StudyFolder, config: DictConfig) -> int:

@@ -23,6 +23,7 @@ from hydra.core.override_parser.types import Override
 from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, open_dict
 
+from auvbench.config.overrides import whole_numbers
 from auvbench.errors import ConfigError
 
 MOST_JOBS = 10_000
@@ -143,7 +144,11 @@ def from_config(parser: OverridesParser, node: Any) -> list[Grid]:
             raise ConfigError(
                 f"hydra.sweeper.grids: {entry} must map keys to values, e.g. {{algo: 'sac,ppo'}}"
             )
-        grids.append(axes(parser, [f"{key}={_written(value)}" for key, value in entry.items()]))
+        grids.append(
+            axes(
+                parser, [f"{key}={whole_numbers(str(key), _written(value))}" for key, value in entry.items()]
+            )
+        )
     return grids
 
 

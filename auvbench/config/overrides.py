@@ -68,8 +68,7 @@ def read(overrides: Sequence[str]) -> list[str]:
 def _read(override: str) -> str:
     key, separator, value = override.partition("=")
     key = CHOICES.get(key, key)
-    if key.lstrip("+") in whole_keys():
-        value = _NUMBER.sub(_whole, value)
+    value = whole_numbers(key.lstrip("+"), value)
     if key in PATHS:
         value = os.path.expanduser(value)  # leaves an unknown user as it is, where pathlib raises
     written = f"{key}{separator}{value}"
@@ -80,6 +79,11 @@ def _read(override: str) -> str:
         except (HydraException, RecursionError):
             return f"{key}={quote(value)}"
     return written
+
+
+def whole_numbers(key: str, text: str) -> str:
+    """Return the text of a value, with 1e6 as 1000000 where the key holds whole numbers."""
+    return _NUMBER.sub(_whole, text) if key in whole_keys() else text
 
 
 def quote(text: str) -> str:

@@ -8,20 +8,24 @@ user who types `auvbench train` there. So a file may set none of this.
 from __future__ import annotations
 
 import copy
+import io
 import os
+import warnings
 from collections.abc import Iterator
 from functools import cache
 from importlib import resources
 from typing import Any
 
+import yaml
 from hydra._internal.core_plugins.file_config_source import FileConfigSource
 from hydra._internal.core_plugins.importlib_resources_config_source import ImportlibResourcesConfigSource
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult, ConfigSource
 from omegaconf import OmegaConf
+from omegaconf._utils import get_yaml_loader
 
-from auvbench.config import plugins
-from auvbench.errors import ConfigError
+from auvbench.config import plugins, schema
+from auvbench.errors import AuvbenchWarning, ConfigError
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
 
@@ -29,6 +33,9 @@ SCHEME, INSTALLED, PACKAGE = "conf", "installed", "package"
 
 ALLOWED = ("hydra.mode", "hydra.sweeper.grids", "hydra.sweeper.params", "hydra.help")
 """Hydra's own keys that a file or an override may set"""
+
+ENTRIES = ("train.yaml", "evaluate.yaml", "tune.yaml", "simulate.yaml")
+"""files of the commands; many programs that use Hydra have a conf/train.yaml of their own"""
 
 
 class OwnFiles(FileConfigSource):
@@ -41,18 +48,41 @@ class OwnFiles(FileConfigSource):
     def scheme() -> str:
         return SCHEME
 
+    def is_config(self, config_path: str) -> bool:
+        if not super().is_config(config_path):
+            return False
+        name = self._normalize_file_name(config_path)
+        return name not in ENTRIES or _is_ours(os.path.join(self.path, name), name)
+
     def load_config(self, config_path: str) -> ConfigResult:
         name = self._normalize_file_name(config_path)
         path = os.path.realpath(os.path.join(self.path, name))
         shown = os.path.join(os.path.basename(self.path), name)
-        if os.path.exists(path):
-            try:
-                reading.check_yaml(reading.content(path))
-            except ValueError as error:
-                raise ConfigError(f"{shown}: {error}") from None
-        result = super().load_config(config_path)
-        check_file(shown, name, OmegaConf.to_container(result.config), result.header.get("package"))
-        return result
+        if not os.path.exists(path):
+            return super().load_config(config_path)  # raises
+        try:
+            data = reading.content(path)
+            reading.check_yaml(data)
+            text = data.decode("utf-8-sig")  # editors of Windows begin a file with a byte order mark
+            header = self._get_header_dict(text[:512])
+        except UnicodeDecodeError as error:
+            raise ConfigError(f"{shown}: is no text in UTF-8: {error.reason} at byte {error.start}") from None
+        except ValueError as error:
+            raise ConfigError(f"{shown}: {error}") from None
+        stream = io.StringIO(text)
+        stream.name = path  # type: ignore[attr-defined]  # for the place of an error
+        content = yaml.load(stream, Loader=get_yaml_loader())
+        if not isinstance(content, dict | None):
+            raise ConfigError(f"{shown}: must map keys to values, e.g. seed: 1")
+        group = os.path.dirname(name)
+        if header["package"] is None and group == "experiment":
+            header["package"] = "_global_"  # an experiment sets keys of the whole configuration
+        check_file(shown, name, content, header["package"])
+        package = header["package"] or group.replace(os.sep, ".")
+        config = OmegaConf.create(_with_whole_numbers(content or {}, package.removeprefix("_global_")))
+        return ConfigResult(
+            provider=self.provider, path=f"{self.scheme()}://{self.path}", config=config, header=header
+        )
 
 
 class InstalledFiles(OwnFiles):
@@ -90,6 +120,43 @@ class PackageFiles(ImportlibResourcesConfigSource):
 @cache
 def _parsed(provider: str, package: str, config_path: str) -> ConfigResult:
     return ImportlibResourcesConfigSource(provider, f"pkg://{package}").load_config(config_path)
+
+
+def _is_ours(path: str, name: str) -> bool:
+    """Return whether a file in place of one of `ENTRIES` starts from its schema; another program's is passed over."""
+    try:
+        ours = f"{name.removesuffix('.yaml')}_schema".encode() in reading.content(path)
+    except (OSError, ValueError):
+        ours = True  # reading it says what is wrong
+    if not ours:
+        _pass_over(path)
+    return ours
+
+
+@cache
+def _pass_over(path: str) -> None:
+    shown = os.path.join(os.path.basename(os.path.dirname(path)), os.path.basename(path))
+    warnings.warn(
+        f"{shown} is not read: it is no configuration of auvbench, since its defaults do not name "
+        f"{os.path.basename(path).removesuffix('.yaml')}_schema",
+        AuvbenchWarning,
+        stacklevel=2,
+    )
+
+
+def _with_whole_numbers(node: Any, prefix: str) -> Any:
+    """Return a file's values with 1e6, which YAML takes for a float, as a whole number where the key needs one."""
+    from auvbench.config.overrides import whole_keys  # which imports this module
+
+    if isinstance(node, dict):
+        above = f"{prefix}." if prefix else ""
+        return {key: _with_whole_numbers(value, f"{above}{key}") for key, value in node.items()}
+    if isinstance(node, list):
+        return [_with_whole_numbers(value, prefix) for value in node]
+    if isinstance(node, float) and prefix in whole_keys():
+        number = schema.whole(repr(node))
+        return node if number is None else number
+    return node
 
 
 def register() -> None:

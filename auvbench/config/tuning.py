@@ -65,7 +65,7 @@ def refuse_test(protocol: schema.Protocol) -> None:
     if protocol.scenarios != STREAM:
         raise ConfigError(
             f"protocol={protocol.name}: its scenarios are those of a test (protocol.scenarios={protocol.scenarios}); "
-            f"settings are chosen on protocol=validation, which no test shares"
+            f"settings are chosen on protocol=tuning, which no test shares"
         )
 
 

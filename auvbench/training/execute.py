@@ -20,6 +20,7 @@ from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
+from auvbench.tasks.disturbances import parameters
 from auvbench.tasks.observation import check_vehicle
 from auvbench.training import worker
 from auvbench.vehicles import sheet
@@ -32,13 +33,14 @@ def check_runnable(config: schema.TrainConfig) -> None:
     start later.
 
     Raises:
-        ConfigError: the vehicle cannot do the task, the controller cannot steer it, or Gazebo is not installed.
+        ConfigError: the vehicle cannot do the task or lacks the actuator that fails, the controller cannot steer it, or Gazebo is not installed.
         VehicleError: Gazebo cannot simulate the vehicle.
         MissingExtraError: the controller, or train.log, needs a package that is not installed.
     """
     tracking.prepare(config.train.log, config.name)
     vehicle = sheet.load(config.vehicle)
     check_vehicle(config.task, vehicle)
+    parameters.check(config, vehicle)
     if isinstance(config.simulator, simulators.Gazebo):
         from auvbench.simulators.gazebo import bindings, sdf
 

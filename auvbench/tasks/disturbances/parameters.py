@@ -234,6 +234,28 @@ def _range(low: float, high: float | None) -> tuple[float, float]:
     return low, low if high is None else high
 
 
+def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+    """Check disturbances against the vehicle before a run is made.
+
+    Raises:
+        ConfigError: as `Disturbances`; also for a named actuator that the vehicle lacks and that does not fail.
+    """
+    fault = config.disturbance.fault
+    _parameters(config.disturbance, vehicle, config.step.frequency)
+    if fault.mode != "none" and fault.probability > 0.0:
+        _candidates(fault, vehicle)
+    _check_actuator(fault, vehicle)
+
+
+def _check_actuator(fault: schema.Fault, vehicle: VehicleModel) -> None:
+    names = vehicle.actuators
+    if fault.actuator is not None and fault.actuator not in names:
+        raise ConfigError(
+            f"disturbance.fault.actuator={fault.actuator}: {vehicle.name} has no such actuator; "
+            f"{closest(fault.actuator, names)}"
+        )
+
+
 def _candidates(fault: schema.Fault, vehicle: VehicleModel) -> Integers:
     """Return the indices of the actuators that may fail."""
     thrusters = [i for i, _ in vehicle.thrusters]
@@ -244,11 +266,7 @@ def _candidates(fault: schema.Fault, vehicle: VehicleModel) -> Integers:
                 f"disturbance.fault.actuator=null: {vehicle.name} has no thrusters; name one of {', '.join(names)}"
             )
         return np.array(thrusters, dtype=np.int64)
-    if fault.actuator not in names:
-        raise ConfigError(
-            f"disturbance.fault.actuator={fault.actuator}: {vehicle.name} has no such actuator; "
-            f"{closest(fault.actuator, names)}"
-        )
+    _check_actuator(fault, vehicle)
     index = names.index(fault.actuator)
     if fault.mode != "stuck" and index not in thrusters:
         raise ConfigError(
