@@ -15,6 +15,7 @@ from typing import Any
 
 from auvbench.config import rewards, schema, simulation, simulators, tasks, tuning
 from auvbench.config.algorithms import AGENTS
+from auvbench.config.validate import limit
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "configuration.md"
@@ -137,8 +138,8 @@ def _class(hint: Any) -> type:
 
 
 def _range(low: float, high: float, open_low: bool) -> str:
-    lower = "" if low == -schema.INF else f"{'>' if open_low else '≥'} {low:.6g}"
-    upper = "" if high == schema.INF else f"≤ {high:.6g}"
+    lower = "" if low == -schema.INF else f"{'>' if open_low else '≥'} {limit(low, least=True, digits=6)}"
+    upper = "" if high == schema.INF else f"≤ {limit(high, least=False, digits=6)}"
     return ", ".join(part for part in (lower, upper) if part)
 
 

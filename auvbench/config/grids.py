@@ -45,6 +45,7 @@ def compose(
     parsed = parser.parse_overrides(list(overrides))
     own = [line for line, one in zip(overrides, parsed, strict=True) if one.is_hydra_override()]
     choices = [line for line, one in zip(overrides, parsed, strict=True) if not _sets_a_value(loader, one)]
+    _refuse_several_grids(loader, entry, parsed)
     # Values may belong to a swept file, so they are set per job: `algo=sac,td3 algo.learning_starts=300`.
     chosen = loader.load_configuration(entry, choices, RunMode.MULTIRUN).hydra
     if not multirun and chosen.mode != RunMode.MULTIRUN:
@@ -70,6 +71,20 @@ def compose(
         return bases[files]
 
     return [with_values(loader, line, base) for line in lines]
+
+
+def _refuse_several_grids(loader: ConfigLoaderImpl, entry: str, parsed: Sequence[Override]) -> None:
+    """Raise ConfigError for experiment=[A,B] of two experiments with grids: the second would replace the first's."""
+    for override in parsed:
+        names = override.value() if override.key_or_group == "experiment" else None
+        if not isinstance(names, list) or len(names) < 2:
+            continue
+        words = [f"experiment={name}" for name in names]
+        found = [loader.load_configuration(entry, [word], RunMode.MULTIRUN).hydra.sweeper for word in words]
+        if sum(bool(sweeper.get("grids")) for sweeper in found) > 1:
+            raise ConfigError(
+                f"{override.input_line}: an experiment with grids is swept alone, one at a time"
+            )
 
 
 def single(loader: ConfigLoaderImpl, entry: str, overrides: Sequence[str]) -> DictConfig:

@@ -18,7 +18,7 @@ from hydra.errors import HydraException, MissingConfigException, OverrideParseEx
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
-from auvbench.config import schema, simulation, simulators, suggestions, tuning
+from auvbench.config import misfits, plugins, schema, simulation, simulators, suggestions, tuning
 from auvbench.config.algorithms import AGENTS
 from auvbench.config.restricted_yaml import ALLOWED
 from auvbench.errors import ConfigError, closest
@@ -54,6 +54,10 @@ def read(overrides: Sequence[str]) -> list[str]:
     """
     for override in overrides:
         key = override.partition("=")[0].lstrip("+~")
+        if not key:
+            raise ConfigError(f"{override!r}: an override is written key=value")
+        if re.match(r"~\w+(=|$)", override) and key not in ("experiment", "search"):
+            raise ConfigError(f"{override}: a key cannot be removed; type {key}=VALUE")
         if re.match("hydra[./]", key) and not key.startswith(ALLOWED):
             raise ConfigError(
                 f"{override}: has no effect here; output=FOLDER and name=NAME choose where runs lie, launcher=NAME where "
@@ -143,8 +147,12 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
             f"{error.override}: the value cannot be read; put the whole in single quotes and each text with special "
             f"characters in double quotes: '{key}=\"TEXT\"'"
         )
+    if reason := _misfit(compose, overrides):
+        return ConfigError(reason)
     if isinstance(error, MissingConfigException) and error.options:
         group, _, wanted = str(error.missing_cfg_file).rpartition("/")
+        if misnamed := plugins.misnamed(group, wanted):
+            return ConfigError(f"{misnamed}: is not read; rename it to {misnamed.with_suffix('.yaml').name}")
         options = [name for name in error.options if not name.endswith("_schema")]
         path = f"; a file of your own goes to ./conf/{group}" if wanted.endswith(".yaml") else ""
         return ConfigError(
@@ -170,10 +178,39 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
         key, _, values = several[1].partition("=")
         if entry not in ("train", "tune"):
             return ConfigError(f"{key}={values}: give one value; grids are for auvbench train -m")
+        if reason := _first_wrong(key, values, compose, overrides):
+            return ConfigError(reason)
         return ConfigError(
             f"{key}={values}: several values make a grid: auvbench {entry} -m {key}={values}; a list is written [{values}]"
         )
     return ConfigError(_unread(error, overrides) or text)
+
+
+def _misfit(compose: Compose, overrides: Sequence[str]) -> str:
+    """Return what is wrong with an override that does not fit the configuration; '' where all do."""
+    if not overrides:
+        return ""
+    try:
+        given = [_read(override) for override in overrides]
+        return misfits.explain(given, misfits.plain(compose(misfits.chosen(given))))
+    except (*FAULTS, ConfigError):  # a file is wrong, and no override
+        return ""
+
+
+def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[str]) -> str:
+    """Return what is wrong with one of several values, which no grid would mend; '' where each is valid."""
+    from auvbench.config.validate import train_config
+
+    others = [override for override in overrides if override.lstrip("+").partition("=")[0] != key]
+    for value in values.split(","):
+        try:
+            train_config(compose(read([*others, f"{key}={value}"])))
+        except ConfigError as error:
+            if str(error).startswith(f"{key}={value}:"):
+                return str(error)
+        except FAULTS:
+            continue
+    return ""
 
 
 def _unread(error: BaseException, overrides: Sequence[str]) -> str:
@@ -192,12 +229,6 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
             f"{group}: name an option, e.g. {group.partition('=')[0]}=NAME (auvbench train --help lists them)"
         )
     if isinstance(error, INNER):
-        declared = next((override for override in overrides if override.startswith("analysis")), None)
-        if declared is not None and "NoneType" in str(error):  # the configuration has none to change
-            return (
-                f"{declared}: an analysis is declared in the file of an experiment, in ./conf/experiment, before its runs; "
-                "experiment=NAME takes one"
-            )
         return f"{' '.join(overrides)}: cannot be composed ({' '.join(str(error).split())})"
     return ""
 

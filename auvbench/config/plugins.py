@@ -178,6 +178,12 @@ def options(group: str) -> list[str]:
     return sorted({e.name.removesuffix(".yaml") for e in entries if e.name.endswith(".yaml")})
 
 
+def misnamed(group: str, name: str) -> Path | None:
+    """Return the user's file of an option that ends in .yml, which no command reads; None without one."""
+    path = Path("conf") / group / f"{name.removesuffix('.yml').removesuffix('.yml.yaml')}.yml"
+    return path if re.fullmatch(r"[\w./-]+", name) and ".." not in name and path.is_file() else None
+
+
 def forget() -> None:
     """Clear what is cached; `installed.forget` clears the registries too."""
     for cached in (_entry_points, declared, load, folders):

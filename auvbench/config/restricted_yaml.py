@@ -70,7 +70,7 @@ class OwnFiles(FileConfigSource):
         except ValueError as error:
             raise ConfigError(f"{shown}: {error}") from None
         stream = io.StringIO(text)
-        stream.name = path  # type: ignore[attr-defined]  # for the place of an error
+        stream.name = path  # for the place of an error
         content = yaml.load(stream, Loader=get_yaml_loader())
         if not isinstance(content, dict | None):
             raise ConfigError(f"{shown}: must map keys to values, e.g. seed: 1")

@@ -35,6 +35,28 @@ def owners(key: str) -> list[str]:
     return [name for name, spec in AGENTS.items() if key in schema.keys(spec.schema, "algo.")]
 
 
+MEANT = {
+    **dict.fromkeys(("agent", "algorithm", "controller", "policy", "learner"), "algo"),
+    **dict.fromkeys(("env", "environment", "scenario"), "task"),
+    **dict.fromkeys(("robot", "auv", "sheet", "model"), "vehicle"),
+    **dict.fromkeys(("sim", "engine", "physics"), "simulator"),
+    **dict.fromkeys(("steps", "timesteps", "total_timesteps", "budget"), "train.total_steps"),
+    **dict.fromkeys(("lr", "algo.lr"), "algo.learning_rate"),
+    **dict.fromkeys(("k", "K", "reward.K"), "reward.k"),
+    **dict.fromkeys(("hz", "freq", "rate", "dt"), "step.frequency"),
+    **dict.fromkeys(("current", "current_speed", "disturbance.current_speed"), "disturbance.current.speed"),
+    **dict.fromkeys(("waves", "wave", "sea", "wave_height"), "disturbance.waves.height"),
+    **dict.fromkeys(("fault", "faults"), "disturbance.fault.mode"),
+    **dict.fromkeys(("out", "output_dir", "out_dir", "folder", "dir"), "output"),
+    **dict.fromkeys(("experiment_name", "run_name"), "name"),
+    **dict.fromkeys(("jobs", "processes", "n_jobs"), "launcher.workers"),
+    "evaluation": "protocol",
+    "episodes": "protocol.episodes",
+    "trials": "tune.trials",
+}
+"""Keys by the names that other programs have for them."""
+
+
 def unknown_key(key: str, known: Collection[str], program: str) -> str:
     """Return the hint for a key that a configuration does not have.
 
@@ -45,6 +67,8 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
     """
     if key == "algo.base" and "algo.residual" in known:
         return "algo.base=NAME chooses the controller, whose values are keys of algo.residual"
+    if (meant := MEANT.get(key)) in known:
+        return f"did you mean {meant}? ({program} --cfg job shows all keys)"
     if having := owners(key):
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
     shows = f"{program} --cfg job shows all keys"
@@ -72,7 +96,9 @@ def unknown_flag(
     """
     flag, separator, own = word.partition("=")
     key = flag.lstrip("-").replace("-", "_")
-    meant = min((name for name in keys if f".{name}".endswith(f".{key}")), key=len, default=None)
+    meant = MEANT.get(key)
+    if meant not in keys:
+        meant = min((name for name in keys if f".{name}".endswith(f".{key}")), key=len, default=None)
     if meant is not None:
         following = next(iter(typed[typed.index(word) + 1 :]), "-")
         shown = own if separator else "VALUE" if following.startswith("-") else following

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import decimal
 import math
 import re
 from collections.abc import Mapping
@@ -69,11 +70,24 @@ def _show(value: Any) -> str:
 
 
 def _range(low: float, high: float, open_low: bool) -> str:
-    lower = f"{'more than' if open_low else 'at least'} {low:.12g}"
-    upper = f"at most {high:.12g}"
+    lower = f"{'more than' if open_low else 'at least'} {limit(low, least=True)}"
+    upper = f"at most {limit(high, least=False)}"
     if math.isinf(high):
         return lower
     return upper if math.isinf(low) else f"{lower} and {upper}"
+
+
+def limit(value: float, *, least: bool, digits: int = 12) -> str:
+    """Return the end of a range as text that is itself in the range: rounded into it, whole numbers in full.
+
+    >>> limit(2 * math.pi, least=False, digits=6), limit(2**32 - 1, least=False, digits=6), limit(0.5, least=True)
+    ('6.28318', '4294967295', '0.5')
+    """
+    if isinstance(value, int):
+        return str(value)
+    rounding = decimal.ROUND_CEILING if least else decimal.ROUND_FLOOR
+    inside = decimal.Context(prec=digits, rounding=rounding).create_decimal(decimal.Decimal(repr(value)))
+    return f"{float(inside):.{digits}g}"
 
 
 def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
@@ -84,6 +98,11 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
     """
     node = config[key] if key else config
     prefix = f"{key}." if key else ""
+    required = (field.name for field in dataclasses.fields(kind) if _has_no_default(field))  # type: ignore[arg-type]
+    if isinstance(node, DictConfig) and (
+        removed := next((name for name in required if name not in node), "")
+    ):
+        raise ConfigError(f"{prefix}{removed}: a value is missing")
     try:
         typed = OmegaConf.to_object(node)
     except MissingMandatoryValue as error:
@@ -107,6 +126,10 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
             )
     validate_fields(typed, prefix)
     return typed
+
+
+def _has_no_default(field: dataclasses.Field[Any]) -> bool:
+    return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
 def resolved(config: DictConfig) -> dict[str, Any]:
