@@ -16,10 +16,11 @@ unexport PYTHONDONTWRITEBYTECODE
 # Without the theme's announcement of its successor.
 # Not --quiet, which hides warnings from --strict too.
 MKDOCS := NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
-# SIGKILLs per case of `make soak`, power cuts of a training, flipped bits.
+# SIGKILLs per case of `make soak`, power cuts of a training, flipped bits, faults of a pilot.
 KILLS ?= 100
 CUTS ?= 200
 FLIPS ?= 2000
+TRIALS ?= 3000
 # Of `make fuzz`.
 MINUTES ?= 60
 # Simulated tables and experiments per row of `make statistics`.
@@ -105,10 +106,11 @@ verification: $(TOOLS) ## compute docs/verification.md anew
 parity: $(TOOLS) ## the embedded simulator against Gazebo: tables of docs/parity.md (needs Gazebo)
 	$(BIN)/python -m benchmarks.gazebo.parity
 
-soak: $(TOOLS) ## kills, power cuts and flipped bits for a long time
+soak: $(TOOLS) ## kills, power cuts, flipped bits and faults of pilots for a long time
 	$(BIN)/python -m tests.soak.results --cuts $(CUTS) --kills $(KILLS) --flips $(FLIPS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.tuning --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
+	$(BIN)/python -m tests.soak.pilot --trials $(TRIALS) --seed $$(date +%s)
 
 lock: $(TOOLS) ## the hashes of all files that an installation may take
 	$(PIP) uv

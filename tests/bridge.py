@@ -62,9 +62,9 @@ class Bridge:
         self.port = port
         self.pilot = None
 
-    def open(self):
+    def open(self, address=None):
         steering = Steering(self.controller, load("bluerov2"), 10.0, SPEC, self.limits)
-        self.pilot = Pilot(f"udp:127.0.0.1:{self.port}", steering, say=self.said.append)
+        self.pilot = Pilot(address or f"udp:127.0.0.1:{self.port}", steering, say=self.said.append)
         assert self.pilot.steer_to([1e4, 0.0, -20.0])
         return self.pilot
 

@@ -41,11 +41,19 @@ class ArduSub:
     changes the fields of a message before it is sent.
     """
 
-    def __init__(self, port: int, vehicle: str = "bluerov2", *, system: int = 1, period: float = 0.1) -> None:
+    def __init__(
+        self,
+        port: int,
+        vehicle: str = "bluerov2",
+        *,
+        system: int = 1,
+        period: float = 0.1,
+        physics: Physics | None = None,
+    ) -> None:
         self.d = dialect()
         self.system, self.period = system, period
         self.kind = self.d.MAV_TYPE_SUBMARINE
-        self.physics = Physics(configs.training("algo=pid", f"vehicle={vehicle}"))
+        self.physics = physics or Physics(configs.training("algo=pid", f"vehicle={vehicle}"))
         self.frame = self.physics.motors.frame
         self.parameters = {
             "FRAME_CONFIG": float(self.frame.config),

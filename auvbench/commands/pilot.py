@@ -43,8 +43,8 @@ _EPILOG = """examples:
   auvbench pilot policy.onnx --mavlink udp:127.0.0.1:14550 --goal 5 3 -12 --arm
 
 It starts disarmed, and steers to the waypoint on /goal_pose, or holds the station there. It commands zero thrust while the pose is too old, outside
-the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink on Enter, too. Topics and rules:
-docs/ros2.md; ArduSub: docs/mavlink.md.
+the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink on Enter, too. If it dies, or is silent
+for 1 s (for --pose-timeout, if that is longer), its supervisor does so. Topics and rules: docs/ros2.md; ArduSub: docs/mavlink.md.
 """
 
 

@@ -56,7 +56,13 @@ class Datagrams:
                 self.socket.sendall(data)
 
     def close(self) -> None:
-        self.socket.close()
+        # A connection that is closed with unread bytes is reset, and the last messages may be lost.
+        with contextlib.suppress(OSError):
+            if self.socket.type == socket.SOCK_STREAM:
+                self.socket.shutdown(socket.SHUT_WR)
+                end = time.monotonic() + 1.0
+                while time.monotonic() < end and self.socket.recv(1 << 16):
+                    pass
 
 
 class Topics:
@@ -73,7 +79,7 @@ class Topics:
 
         import rclpy  # isort: skip
 
-        self.message, self.second = Float64, Duration(seconds=1.0)
+        self.message, self.share = Float64, Duration(seconds=1.0 / len(topics))
         context = Context()
         rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         options: dict[str, Any] = {"use_global_arguments": False, "start_parameter_services": False}
@@ -90,7 +96,7 @@ class Topics:
 
     def close(self) -> None:
         for publisher in self.publishers:
-            publisher.wait_for_all_acked(self.second)
+            publisher.wait_for_all_acked(self.share)
         self.node.destroy_node()
         self.shutdown()
 

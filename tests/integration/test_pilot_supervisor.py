@@ -1,13 +1,16 @@
 """A pilot that dies or hangs, and a supervisor that does: the vehicle ends neutral and disarmed."""
 
 import os
+import select
 import signal
+import socket
+import threading
 
 import pytest
 
 from auvbench.cli import main
 from auvbench.errors import RunError
-from auvbench.pilot import guard
+from auvbench.pilot import guard, supervisor
 from auvbench.pilot.guard import Unsupervised
 from tests import dds
 from tests.bridge import NEUTRAL, Bridge, Clock
@@ -143,6 +146,52 @@ def test_an_error_while_it_arms_leaves_that_to_the_supervisor(bridge):
     assert bridge.vehicle.armed
     bridge.pilot.close("it cannot arm")
     until(lambda: at_rest(bridge.vehicle))
+
+
+@pytest.fixture
+def stream():
+    """A vehicle behind a TCP port, and the port."""
+    over = threading.Event()
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as relay,
+    ):
+        relay.bind(("127.0.0.1", 0))
+
+        def carry():
+            connection, _ = server.accept()
+            vehicle = None
+            with connection:
+                while not over.is_set():
+                    for ready in select.select([connection, relay], [], [], 0.05)[0]:
+                        if ready is relay:
+                            data, vehicle = relay.recvfrom(4096)
+                            connection.sendall(data)
+                        elif vehicle is not None and (data := connection.recv(4096)):
+                            relay.sendto(data, vehicle)
+                        else:
+                            return  # both ends of the pilot are closed
+
+        thread = threading.Thread(target=carry)
+        with ArduSub(relay.getsockname()[1]) as sub:
+            thread.start()
+            yield sub, server.getsockname()[1]
+            over.set()
+            thread.join()
+
+
+def test_over_tcp_the_supervisor_sends_on_the_connection_of_the_pilot(stream, monkeypatch):
+    sub, port = stream
+    clock = Clock()
+    monkeypatch.setattr("auvbench.pilot.loop.time", clock)
+    made = Bridge(clock, port)
+    made.vehicle = sub
+    made.open(f"tcp:127.0.0.1:{port}")
+    made.fly()
+    made.pilot.guard._socket.close()  # as if the pilot had died
+    until(lambda: at_rest(sub))
+    assert made.pilot.guard._process.wait(LIMIT) == supervisor.SENT
+    made.pilot.link._socket.close()
 
 
 def test_a_vehicle_that_does_not_confirm_is_told_once_more_at_the_end(bridge):
