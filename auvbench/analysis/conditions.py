@@ -12,6 +12,7 @@ from auvbench.analysis.measures import UNKNOWN, Measure, metric_of
 from auvbench.analysis.records import Agent, Condition, Evaluation, RunRecord
 from auvbench.statistics import crossed, means, wilson
 from auvbench.statistics.intervals import Estimate, FloatArray
+from auvbench.untrusted.text import short
 
 UNDISTURBED = "nominal"
 UNITS = {
@@ -45,6 +46,22 @@ def in_words(condition: str) -> tuple[str, str]:
     factor, level = split(condition)
     unit = UNITS.get(factor, "")
     return factor, f"× {level}" if unit == "times" else f"{level} {unit}".strip()
+
+
+def sealed_note(runs: Sequence[RunRecord], protocol: str) -> str:
+    """Return the files of a sealed protocol and what was not tested; empty for other protocols."""
+    files: dict[str, None] = {}
+    missing: dict[str, None] = {}
+    for run in runs:
+        evaluation = run.evaluations.get(protocol)
+        if evaluation is None or not (seal := evaluation.summary.get("sealed")):
+            continue
+        files |= {f"{short(name, 60)} {short(digest, 12)}": None for name, digest in seal["sha256"].items()}
+        missing |= dict.fromkeys(short(what) for what in seal["not_tested"])
+    if not files:
+        return ""
+    tested = f" Not tested: {'; '.join(missing)}." if missing else ""
+    return f"Sealed protocol (SHA-256: {', '.join(files)}).{tested}"
 
 
 def default(runs: Sequence[RunRecord], protocol: str) -> str:

@@ -285,6 +285,8 @@ class Ranking:
     """which of the times among them were taken on other processors; nothing where all are of one"""
     declaration: str = ""
     """whether the analysis was declared before the first run"""
+    sealed: str = ""
+    """Files of a sealed protocol and what was not tested; empty for other protocols"""
     notices: tuple[str, ...] = ()
     """what must be read before the table: unequal budgets of training"""
     limit: Limit | None = None

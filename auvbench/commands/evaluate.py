@@ -6,6 +6,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser, paths_and_overrides
@@ -27,6 +28,7 @@ protocols:
   suite             one disturbance at a time, waves too, for every task
   models            the published models of a BlueROV2, in still water and in 1 m/s of current
   own               each run in the task, noise and disturbances of its training
+  FILE.json         a sealed protocol (docs/sealed.md)
 
 Exit code 0 when every complete run is tested; 1 when a test failed or another process works on a run; 2 when there is
 nothing to test or an argument is wrong.
@@ -34,6 +36,7 @@ nothing to test or an argument is wrong.
 examples:
   auvbench evaluate outputs
   auvbench evaluate outputs/default protocol=thesis
+  auvbench evaluate outputs protocol=sealed-example.json
 """
 
 KEYS = ("protocol", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
@@ -65,16 +68,38 @@ def main(arguments: Sequence[str]) -> int:
 
     paths, overrides = paths_and_overrides(given.words)
     _refuse_mixed(overrides, given.where)
-    composed = compose("evaluate", overrides)
-    if given.cfg:
-        from omegaconf import OmegaConf
+    protocol: Protocol
+    if file := _sealed(overrides):
+        from auvbench.evaluation import sealed
 
-        print(OmegaConf.to_yaml(composed), end="")
-        return 0
-    config = evaluate_config(composed)
+        protocol = sealed.read(file)
+        for what in protocol.not_tested:
+            print(f"auvbench: {protocol.name}: not tested: {what}", file=sys.stderr)
+    else:
+        composed = compose("evaluate", overrides)
+        if given.cfg:
+            from omegaconf import OmegaConf
+
+            print(OmegaConf.to_yaml(composed), end="")
+            return 0
+        protocol = evaluate_config(composed).protocol
     if not paths:
         raise UserError("name a run directory or a folder that holds runs, e.g. auvbench evaluate outputs")
-    return _evaluate_all(run_filter.find(paths, given.where), config.protocol, given.workers, given.force)
+    return _evaluate_all(run_filter.find(paths, given.where), protocol, given.workers, given.force)
+
+
+def _sealed(overrides: Sequence[str]) -> Path | None:
+    """Return the file of a sealed protocol; None for a protocol by name.
+
+    Raises:
+        UserError: the command changes it.
+    """
+    files = [word for word in overrides if word.startswith("protocol=") and word.endswith(".json")]
+    if not files:
+        return None
+    if others := [word for word in overrides if word not in files[:1]]:
+        raise UserError(f"{others[0]}: a sealed protocol is tested as it is; leave {others[0]} out")
+    return Path(files[0].removeprefix("protocol="))
 
 
 def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:

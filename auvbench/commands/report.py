@@ -174,6 +174,7 @@ def _analyse(
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
     from auvbench.analysis.effort import with_effort
+    from auvbench.analysis.conditions import sealed_note
     from auvbench.analysis.findings import find
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit
@@ -204,7 +205,8 @@ def _analyse(
         problems=(*problems, *part.problems, *more),
     )
     note = _declaration(part, grouped, ranking, condition, options, rows)
-    ranking = replace(add_optimality(ranking, grouped), declaration=note)
+    seal = sealed_note(part.runs, options.protocol)
+    ranking = replace(add_optimality(ranking, grouped), declaration=note, sealed=seal)
     ranking = with_columns(ranking, grouped, options.columns)
     ranking = with_effort(ranking, grouped, options.trials)
     by_label = {agent.label: agent for agent in grouped}

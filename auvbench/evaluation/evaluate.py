@@ -21,11 +21,13 @@ from auvbench.config.schema import step_limit
 from auvbench.config.tasks import TASKS
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import AgentError, AuvbenchError, AuvbenchWarning, RunError
+from auvbench.evaluation import sealed
 from auvbench.evaluation.protocol import (
     ResolvedCondition,
     as_played,
     fingerprint,
     fingerprint_parts,
+    left_out,
     resolve_conditions,
 )
 from auvbench.evaluation.rollout import Rollout, roll_out, time_actions
@@ -216,6 +218,7 @@ def _evaluate(
         "scenarios": protocol.scenarios,
         # Rows depend on the clock that counts steps over ROS 2.
         **({"clocks": clocks} if clocks else {}),
+        **({"sealed": _seal(protocol, conditions)} if isinstance(protocol, sealed.Protocol) else {}),
         "conditions": [_condition_summary(c, r) for c, r in rollouts],
         "inference": None,
         "created": now(),
@@ -229,6 +232,12 @@ def _evaluate(
     with storage(f"cannot write {folder}"):
         write_atomic(folder / "summary.json", as_json(integrity.sealed(summary)))
     return summary
+
+
+def _seal(protocol: sealed.Protocol, conditions: list[ResolvedCondition]) -> dict[str, Any]:
+    """Return the digests of a sealed protocol's files, and what was not tested."""
+    others = [f"condition {name}: not for this vehicle" for name in left_out(protocol, conditions)]
+    return {"sha256": protocol.sha256, "not_tested": [*protocol.not_tested, *others]}
 
 
 def _tested(run: RunDirectory, summary: dict[str, Any]) -> history.Line:

@@ -16,8 +16,8 @@ from auvbench.config import installed, schema, tasks
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
 from auvbench.config.simulators import Ros2
 from auvbench.envs.simulator_factory import at_frequency
-from auvbench.errors import ConfigError
-from auvbench.evaluation import reference
+from auvbench.errors import ConfigError, VehicleError
+from auvbench.evaluation import reference, sealed
 from auvbench.evaluation.rollout import batch_of, embedded
 from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
@@ -61,11 +61,19 @@ def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[Resolve
     trained = sheet.load(config["vehicle"])
     # Its packages must be there before their options are.
     installed.complete(OmegaConf.create(config), frozen=True)
+    if isinstance(protocol, sealed.Protocol):
+        protocol.refuse_task(str(config["task"]["name"]))
     base = _resolve(protocol, (), config, f"protocol {protocol.name}")
     found = []
     for condition in protocol.conditions:
         where = f"protocol {protocol.name}, condition {condition.name}"
-        if _groups(condition) <= WITHIN:
+        if isinstance(condition, sealed.Condition):
+            try:
+                vehicle = condition.vehicle(config["vehicle"])
+            except VehicleError:
+                continue  # this vehicle has no such thruster; `left_out` names it
+            resolved = _resolve(protocol, condition.overrides, {**config, "vehicle": vehicle}, where)
+        elif _groups(condition) <= WITHIN:
             resolved = _with_disturbance(base, condition, where)
         else:
             resolved = _resolve(protocol, condition.overrides, config, where)
@@ -75,6 +83,12 @@ def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[Resolve
         if resolved.vehicle == config["vehicle"] or _wired_alike(trained, sheet.load(resolved.vehicle)):
             found.append(ResolvedCondition(condition.name, resolved, frequency is not None))
     return found
+
+
+def left_out(protocol: schema.Protocol, conditions: Sequence[ResolvedCondition]) -> list[str]:
+    """Return the conditions of a protocol that a run's vehicle cannot meet."""
+    met = {condition.name for condition in conditions}
+    return [condition.name for condition in protocol.conditions if condition.name not in met]
 
 
 def _wired_alike(one: VehicleModel, other: VehicleModel) -> bool:

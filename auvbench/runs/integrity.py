@@ -242,6 +242,15 @@ class Inference:
 
 
 @dataclass(frozen=True, slots=True)
+class Sealed:
+    """A sealed protocol of a test."""
+
+    sha256: dict[str, str]
+    """Digest by the name of the file"""
+    not_tested: list[str]
+
+
+@dataclass(frozen=True, slots=True)
 class Summary:
     """summary.json of an evaluation."""
 
@@ -257,6 +266,7 @@ class Summary:
     inference: Inference | None
     versions: dict[str, str]
     clocks: dict[str, str] | None = None
+    sealed: Sealed | None = None
 
 
 def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ A new kind is a class here, entered in `KINDS`, and its force in `dynamics/appen
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.dynamics import layout
+from auvbench.errors import closest
 from auvbench.vehicles.curves import Curve, Lag, Power, t200_curve
 from auvbench.vehicles.reader import Document, Keys
 
@@ -98,7 +99,7 @@ class Thruster(Actuator):
     @classmethod
     def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
         aim = ("directions", "angles")
-        optional = ("lag", "transfer_function", "power", *aim)
+        optional = ("lag", "transfer_function", "power", "gain", *aim)
         section = document.section(at, ("type", "curve", "positions"), optional)
         curve, rotor = _thrust_curve(document, (*at, "curve"))
         lag = _lag(document, at, section)
@@ -112,17 +113,19 @@ class Thruster(Actuator):
         given = [key for key in aim if key in section]
         if len(given) != 1:
             document.fail(at, f"give exactly one of {', '.join(aim)}, which say where the thrusters push")
+        placed = _placed(document, at, given[0], "thrusters")
+        gains = _gains(document, at, [name for name, _, _ in placed]) if "gain" in section else {}
         return [
             cls(
                 name=name,
-                curve=curve,
+                curve=curve if rotor else curve.times(gains.get(name, 1.0)),
                 lag=lag,
                 position=position * turn,
                 direction=direction * turn,
-                rotor_constant=rotor,
+                rotor_constant=rotor * gains.get(name, 1.0),
                 power=power,
             )
-            for name, position, direction in _placed(document, at, given[0], "thrusters")
+            for name, position, direction in placed
         ]
 
     @property
@@ -325,6 +328,22 @@ def _placed(document: Document, at: Keys, aim: str, what: str) -> list[tuple[str
     if set(positions) != set(directions):
         document.fail((*at, aim), f"does not name the same {what} as 'positions'")
     return [(name, position, directions[name]) for name, position in positions.items()]
+
+
+def _gains(document: Document, at: Keys, names: Sequence[str]) -> dict[str, float]:
+    """Return the factor on the force of each thruster of a group that the sheet gives one."""
+    where = (*at, "gain")
+    values = document.sourced(where, "1")
+    if not isinstance(values, Mapping):
+        document.fail((*where, "value"), f"expected a factor under each thruster's name, got {values!r}")
+    found = {}
+    for name, value in values.items():
+        if name not in names:
+            document.fail((*where, "value", str(name)), f"unknown key; {closest(str(name), names)}")
+        found[str(name)] = float(document.numbers((*where, "value", str(name)), value, ((),)))
+        if found[name] <= 0.0:
+            document.fail((*where, "value", str(name)), f"a factor is positive, got {found[name]:g}")
+    return found
 
 
 def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]:

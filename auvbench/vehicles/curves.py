@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 from importlib import resources
 
@@ -44,6 +44,19 @@ class Curve:
         if self.kind == "table":
             return np.interp(a, np.linspace(-1.0, 1.0, self.table.size), self.table)
         return np.asarray(np.polynomial.polynomial.polyval(a, self.coefficients))
+
+    def times(self, factor: float) -> Curve:
+        """Return the curve with all its values multiplied."""
+        if factor == 1.0:
+            return self
+        low, high = self.limits
+        return replace(
+            self,
+            limits=(factor * low, factor * high),
+            table=factor * self.table,
+            coefficients=factor * self.coefficients,
+            neutral=factor * self.neutral,
+        )
 
     def inverse(self, value: ArrayLike) -> FloatArray:
         """A command (...) that gives `value`, clipped to what the monotone part of the curve reaches.

@@ -1,0 +1,145 @@
+"""Changes to a vehicle sheet: factors on its numbers, net buoyancy, a payload, a lag, and thrusters that keep a share.
+
+The result is a sheet again, so everything that reads sheets works with it.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.errors import VehicleError
+from auvbench.vehicles import sheet
+
+FloatArray = NDArray[np.float64]
+
+SCALES = ("mass", "inertia", "added_mass", "linear_damping", "quadratic_damping", "thrust")
+SOURCE = "changed"
+"""Source of numbers that are not the sheet's own"""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Changes in the order in which they are applied."""
+
+    scale: Mapping[str, float] = field(default_factory=dict)
+    """Factors by the names in `SCALES`; buoyancy follows the mass: net buoyancy stays"""
+    net_buoyancy: float | None = None
+    """Buoyancy less weight, N"""
+    payload: float = 0.0
+    """Mass of a point without volume, kg"""
+    payload_at: Sequence[float] = (0.0, 0.0, 0.0)
+    """Position of the payload in body FLU, m"""
+    lag: float | None = None
+    """Time constant of every thruster's first-order lag, s"""
+    shares: Mapping[int, float] = field(default_factory=dict)
+    """Share of thrust that a thruster keeps, by its number from 1"""
+
+    def __bool__(self) -> bool:
+        """Return whether there is any change."""
+        return self != Changes()
+
+
+def changed(values: Mapping[str, Any], changes: Changes) -> dict[str, Any]:
+    """Return a sheet with changes.
+
+    Args:
+        values: the content of a sheet, without parents.
+        changes: what changes.
+
+    Raises:
+        VehicleError: the sheet is wrong, has no such thruster, or a change leaves it impossible.
+    """
+    if not changes:
+        return dict(values)
+    found = copy.deepcopy(dict(values))
+    found["sources"] = {**found["sources"], SOURCE: {"title": "changed for a test"}}
+    _scale(found, changes.scale)
+    if changes.net_buoyancy is not None:
+        _float(found, changes.net_buoyancy)
+    elif "mass" in changes.scale:
+        before = sheet.load(values)
+        _float(found, before.buoyancy - before.weight)
+    if changes.payload:
+        _load(found, changes)
+    _thrust(found, changes)
+    sheet.load(found)
+    return found
+
+
+def _scale(found: dict[str, Any], scale: Mapping[str, float]) -> None:
+    places = {
+        "mass": [("rigid_body", "mass"), ("rigid_body", "weight")],
+        "inertia": [("rigid_body", "inertia")],
+        "added_mass": [("hydrodynamics", "added_mass")],
+        "linear_damping": [("hydrodynamics", "linear_damping")],
+        "quadratic_damping": [("hydrodynamics", "quadratic_damping")],
+    }
+    for name, factor in scale.items():
+        for section, key in places.get(name, []):
+            quantity = found[section].get(key)
+            if quantity is not None:
+                value = factor * np.array(quantity["value"], dtype=np.float64)
+                found[section][key] = {**quantity, "value": value.tolist()}
+
+
+def _float(found: dict[str, Any], net: float) -> None:
+    """Set net buoyancy in N."""
+    found["buoyancy"] = {"center": found["buoyancy"]["center"], "net": _quantity(net, "N")}
+
+
+def _load(found: dict[str, Any], changes: Changes) -> None:
+    """Add a point mass; the volume stays."""
+    vehicle = sheet.load(found)
+    body, payload = vehicle.mass, changes.payload
+    at = np.array(changes.payload_at, dtype=np.float64)
+    whole = body + payload
+    center = (body * vehicle.center_of_gravity + payload * at) / whole
+    inertia = vehicle.inertia.copy()
+    for mass, place in ((body, vehicle.center_of_gravity), (payload, at)):
+        arm = place - center
+        inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    turn = np.array([1.0, -1.0, -1.0]) if found["frame"] == "ned" else np.ones(3)
+    found["rigid_body"] = {
+        "mass": _quantity(whole, "kg"),
+        "center_of_gravity": _quantity((center * turn).tolist(), "m"),
+        "inertia": _quantity((inertia * np.outer(turn, turn)).tolist(), "kg m2"),
+        "weight": _quantity(vehicle.weight + payload * vehicle.gravity, "N"),
+    }
+    found["buoyancy"] = {"center": found["buoyancy"]["center"], "force": _quantity(vehicle.buoyancy, "N")}
+
+
+def _thrust(found: dict[str, Any], changes: Changes) -> None:
+    """Set lag and gain of thrusters."""
+    factor = changes.scale.get("thrust", 1.0)
+    numbers = dict(enumerate(_thrusters(found), start=1))
+    for number in changes.shares:
+        if number not in numbers:
+            raise VehicleError(
+                f"vehicle {found['name']}: has {len(numbers)} thrusters, not a thruster {number}"
+            )
+    gains = {name: factor * changes.shares.get(number, 1.0) for number, name in numbers.items()}
+    for group in found["actuators"].values():
+        if group["type"] != "thruster":
+            continue
+        if changes.lag is not None:
+            group.pop("transfer_function", None)
+            group["lag"] = _quantity(changes.lag, "s")
+        if any(gain != 1.0 for gain in gains.values()):
+            own = group.get("gain", {}).get("value", {})
+            names = group["positions"]["value"]
+            group["gain"] = _quantity({name: gains[name] * own.get(name, 1.0) for name in names}, "1")
+
+
+def _thrusters(found: Mapping[str, Any]) -> list[str]:
+    groups = [group for group in found["actuators"].values() if group["type"] == "thruster"]
+    return [str(name) for group in groups for name in group["positions"]["value"]]
+
+
+def _quantity(value: Any, unit: str) -> dict[str, Any]:
+    return {"value": value, "unit": unit, "source": SOURCE}
