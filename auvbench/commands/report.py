@@ -173,8 +173,8 @@ def _analyse(
     several: bool,
 ) -> Report:
     """What can be said of the runs of one section; of `several`, one may be without the baseline."""
-    from auvbench.analysis.effort import with_effort
     from auvbench.analysis.conditions import sealed_note
+    from auvbench.analysis.effort import with_effort
     from auvbench.analysis.findings import find
     from auvbench.analysis.load import agents
     from auvbench.analysis.measures import in_unit

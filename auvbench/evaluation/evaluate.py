@@ -69,6 +69,11 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         return f"its summary belongs to the run {summary['run']}"
     if lost := integrity.lacking(folder, summary):
         return lost
+    if (
+        isinstance(protocol, sealed.Protocol)
+        and (summary.get("sealed") or {}).get("sha256") != protocol.sha256
+    ):
+        return "the files of its sealed protocol differ"
     if summary["model"] != integrity.digests(run.manifest(), "model/"):
         return "the run's model has changed since the test"
     played = as_played(resolve_conditions(protocol, run.check()), summary.get("clocks") or {})

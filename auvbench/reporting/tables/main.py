@@ -13,6 +13,7 @@ from auvbench.analysis.measures import measure
 from auvbench.analysis.planning import MOST_EPISODES
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import Needed, Primary, Problem, Ranking, Row
+from auvbench.evaluation.scenario_sets import cited
 from auvbench.metrics import METRICS
 from auvbench.reporting.tables.table import (
     DAGGER,
@@ -180,15 +181,14 @@ def notes(ranking: Ranking) -> list[str]:
     counts = sorted({row.episodes for row in ranking.rows})
     episodes = " to ".join(str(c) for c in dict.fromkeys((counts[0], counts[-1]))) if counts else "0"
     lines = [
-        f"Protocol {ranking.protocol}, condition {ranking.condition}, scenarios {ranking.fingerprint}: "
+        f"Protocol {ranking.protocol}, condition {ranking.condition}, scenarios {cited(ranking.fingerprint)}: "
         f"{episodes} episodes per training seed, the same for every agent. Training seeds: {_seeds(ranking)}.",
         OWN_TEST if ranking.protocol == OWN else SAME_TEST,
     ]
     if ranking.primary is not None:
         lines += explained(ranking.primary)
     lines += usual_sentence([row.key for row in ranking.rows], [row.trained for row in ranking.rows])
-    if ranking.declaration:
-        lines.append(ranking.declaration)
+    lines += [line for line in (ranking.sealed, ranking.declaration) if line]
     if any(metric.startswith("par") for metric in (ranking.rank_by, *ranking.columns)):
         lines.append("PAR-1: a failure counts as the limit of the episode; PAR-2: as twice the limit.")
     lines += remarks(ranking)

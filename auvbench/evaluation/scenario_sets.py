@@ -1,0 +1,67 @@
+"""Names and versions of the scenarios of the protocol `test`, with their fingerprints.
+
+A set is one task's scenarios: `waypoint-2026a`. Whoever changes what is drawn, or how it is played, adds a version here and
+says why; a test compares the newest version of each set with the code. Earlier versions stay: results name them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+VEHICLES = ("bluerov2", "bluerov2_heavy", "bluerov2_realistic_inertia")
+"""Vehicles of the published studies; a fingerprint covers the vehicle"""
+
+
+@dataclass(frozen=True, slots=True)
+class ScenarioSet:
+    """One version of a task's scenarios in the protocol `test`."""
+
+    task: str
+    version: str
+    """Year and a letter"""
+    fingerprints: tuple[str, ...]
+    """One for each of `VEHICLES`"""
+    change: str
+    """What is new in this version"""
+
+    @property
+    def name(self) -> str:
+        """Return the name for citations: waypoint-2026a."""
+        return f"{self.task}-{self.version}"
+
+
+FIRST = "first version"
+SETS: tuple[ScenarioSet, ...] = (
+    ScenarioSet("waypoint", "2026a", ("cc8e88038a09e4a8", "29a4df74710034ad", "cfa964bbf0f12f5b"), FIRST),
+    ScenarioSet(
+        "station_keeping", "2026a", ("ac60a774b51aff74", "9056a02043239a5c", "f1d0b724378e8600"), FIRST
+    ),
+    ScenarioSet(
+        "trajectory_tracking", "2026a", ("c981cab602c35cd2", "8c1e6d3e051f3c1e", "27077ec998ce0e9c"), FIRST
+    ),
+    ScenarioSet(
+        "path_following", "2026a", ("d4c0239f2eea07ff", "726992aad6f64924", "65f420dbb29076e5"), FIRST
+    ),
+    ScenarioSet("docking", "2026a", ("372a8e4102eeb023", "68ac90e484f69317", "e6b823ffe4dcd4b8"), FIRST),
+)
+"""All versions, those of a task from the oldest to the newest"""
+
+
+def newest() -> dict[str, ScenarioSet]:
+    """Return the newest version of each task's set."""
+    return {one.task: one for one in SETS}
+
+
+def name_of(fingerprint: str) -> str:
+    """Return the name of the set with a fingerprint; empty where it is none of them.
+
+    >>> name_of("0123456789abcdef")
+    ''
+    """
+    return next((one.name for one in SETS if fingerprint in one.fingerprints), "")
+
+
+def cited(fingerprint: str) -> str:
+    """Return a fingerprint as a report prints it: after the name of its set, where it has one."""
+    name = name_of(fingerprint)
+    return f"{name} ({fingerprint})" if name else fingerprint
