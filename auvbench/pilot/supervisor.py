@@ -71,17 +71,16 @@ class Topics:
     done = "zero thrust was sent"
 
     def __init__(self, depth: str, node: str, *topics: str) -> None:
+        from rclpy import init
         from rclpy.context import Context
         from rclpy.duration import Duration
         from rclpy.node import Node
         from rclpy.signals import SignalHandlerOptions
         from std_msgs.msg import Float64
 
-        import rclpy  # isort: skip
-
         self.message, self.share = Float64, Duration(seconds=1.0 / len(topics))
         context = Context()
-        rclpy.init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
+        init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
         options: dict[str, Any] = {"use_global_arguments": False, "start_parameter_services": False}
         self.node: Any = Node(node, context=context, enable_rosout=False, **options)
         self.publishers = [self.node.create_publisher(Float64, topic, int(depth)) for topic in topics]
@@ -110,9 +109,9 @@ def watch(control: socket.socket, sender: Datagrams | Topics, will: list[bytes])
             ready = True
             control.send(READY)
         wait = min(due - time.monotonic(), math.inf if ready else 0.02)
-        if wait <= 0.0:
-            return f"the pilot has been silent for {time.monotonic() - heard:.2f} s"
-        if not select.select([control], [], [], None if wait == math.inf else wait)[0]:
+        if not select.select([control], [], [], None if wait == math.inf else max(wait, 0.0))[0]:
+            if (now := time.monotonic()) >= due:
+                return f"the pilot has been silent for {now - heard:.2f} s"
             continue
         news = b""
         with contextlib.suppress(ConnectionError):
@@ -123,13 +122,12 @@ def watch(control: socket.socket, sender: Datagrams | Topics, will: list[bytes])
         while len(received) >= MESSAGE.size:
             due, kind, length, content = MESSAGE.unpack(received[: MESSAGE.size])
             received = received[MESSAGE.size :]
-            if due <= time.monotonic():
-                break  # too old to be sent
-            heard = time.monotonic()
             if kind == WILL:
                 will[:] = [*will, content[:length]] if length else []
-            elif length:
-                sender.send(content[:length])
+            elif time.monotonic() < due:  # else it is too old to be sent
+                heard = time.monotonic()
+                if length:
+                    sender.send(content[:length])
 
 
 def main(control: str, kind: str, *arguments: str) -> int:
