@@ -6,9 +6,9 @@ A new metric is one entry here (docs/adding-a-metric.md). Nothing heavy is impor
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 
 class Totals(NamedTuple):
@@ -56,6 +56,10 @@ key, scenario, episode: a column of the records; what identifies a row, what eve
 agent: an optional column of a report (`analysis.optional_columns`)"""
 
 
+Failed = Literal["", "high", "bounds", "time"]
+"""what a failed episode counts as: what the task computes, the metric's `high`, the task's bounds (m) or its time limit (s)"""
+
+
 @dataclass(frozen=True, slots=True)
 class Metric:
     """One metric."""
@@ -83,6 +87,7 @@ class Metric:
     """that have it; empty: all"""
     counts_failures: bool = False
     """whether a failed episode counts as the worst value, not as the value that it measured"""
+    failed: Failed = ""
 
     def is_of(self, task: str) -> bool:
         """Return whether a task has the metric."""
@@ -130,6 +135,7 @@ def column(
     high: float = math.inf,
     tasks: tuple[str, ...] = (),
     counts_failures: bool = False,
+    failed: Failed = "",
 ) -> Metric:
     """Return a column whose value the task computes: `own_metrics()[name]`.
 
@@ -143,6 +149,7 @@ def column(
         high: largest possible value.
         tasks: that have it; `add` sets that of an installed package.
         counts_failures: whether a failed episode counts as the worst value, not as the value that it measured.
+        failed: what it counts as where the task does not compute it.
     """
     return Metric(
         name,
@@ -155,7 +162,8 @@ def column(
         low=low,
         high=high,
         tasks=tasks,
-        counts_failures=counts_failures,
+        counts_failures=counts_failures or bool(failed),
+        failed=failed,
     )
 
 
@@ -207,13 +215,13 @@ METRICS: list[Metric] = [
         "initial_distance_m",
         "m",
         "initial distance",
-        "distance from start to waypoint",
+        "distance from the start to the reference, in the waypoint task the waypoint",
         lambda t: t.initial_distance,
         kind="scenario",
         better="",
     ),
     Metric(
-        "final_distance_m", "m", "final distance", "distance to the waypoint at the end", lambda t: t.distance
+        "final_distance_m", "m", "final distance", "distance to the reference at the end", lambda t: t.distance
     ),
     Metric(
         "deviation_mean_m",
@@ -305,7 +313,7 @@ METRICS: list[Metric] = [
         "root mean square of the distance to the reference, station keeping after the settling time; an episode that "
         "left the bounds or the water counts as the bounds",
         tasks=("station_keeping", "trajectory_tracking"),
-        counts_failures=True,
+        failed="bounds",
     ),
     column(
         "cross_track_rms_m",
@@ -313,30 +321,34 @@ METRICS: list[Metric] = [
         "RMS cross-track distance",
         "root mean square of the distance to the path; an episode that did not reach its end counts as the bounds",
         tasks=("path_following",),
-        counts_failures=True,
+        failed="bounds",
     ),
     column(
         "yaw_error_rms_rad",
         "rad",
         "RMS yaw error",
-        "root mean square of the yaw error over the same steps",
+        "root mean square of the yaw error over the same steps; a failed episode counts as pi",
         tasks=TRACKED,
         high=math.pi,
+        failed="high",
     ),
     column(
         "settling_time_s",
         "s",
         "settling time",
-        "time after which position and yaw stay within the tolerances to the end",
+        "time after which position and yaw stay within the tolerances to the end; a failed episode counts as the time limit",
         tasks=("station_keeping",),
+        failed="time",
     ),
     column(
         "lag_s",
         "s",
         "lag",
-        "mean of the position error along the velocity of the reference over its speed; positive: behind",
+        "mean of the position error along the velocity of the reference over its speed; positive: behind; a failed "
+        "episode counts as the time limit",
         tasks=("trajectory_tracking",),
         low=-math.inf,
+        failed="time",
     ),
     column(
         "completion",
@@ -351,18 +363,29 @@ METRICS: list[Metric] = [
         "speed_error_m_per_s",
         "m/s",
         "speed error",
-        "mean of the absolute difference of the speed along the path from the speed asked for",
+        "mean of the absolute difference of the speed along the path from the speed asked for; a failed episode counts "
+        "at least as a vehicle at rest",
         tasks=("path_following",),
+        counts_failures=True,
     ),
     column(
         "final_position_error_m",
         "m",
         "final position error",
-        "distance to the dock at the end",
+        "distance to the dock at the end; a failed episode counts as the bounds",
         tasks=("docking",),
+        failed="bounds",
     ),
     column("final_speed_m_per_s", "m/s", "final speed", "speed over ground at the end", tasks=("docking",)),
-    column("final_yaw_error_rad", "rad", "final yaw error", "at the end", tasks=("docking",), high=math.pi),
+    column(
+        "final_yaw_error_rad",
+        "rad",
+        "final yaw error",
+        "at the end; a failed episode counts as pi",
+        tasks=("docking",),
+        high=math.pi,
+        failed="high",
+    ),
     Metric(
         "time_over_best_known",
         "",
@@ -386,6 +409,23 @@ METRICS: list[Metric] = [
     ),
 ]
 """auvbench's own, and those of tasks of installed packages (`add`)"""
+
+
+def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a failed episode counts as, by column, for those of `names` where a bound says it.
+
+    Args:
+        names: columns.
+        limits: the bounds (m) and the time limit (s) of the task, as far as they are known, by `Metric.failed`.
+    """
+    known = {**limits, "": None}
+    found = {
+        metric.name: metric.high if metric.failed == "high" else known.get(metric.failed)
+        for metric in METRICS
+        if metric.name in names
+    }
+    return {name: value for name, value in found.items() if value is not None}
+
 
 SHARED = (
     "position_error_rms_m",

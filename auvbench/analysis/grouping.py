@@ -24,7 +24,9 @@ from auvbench.analysis.measures import of_the_scenario
 from auvbench.analysis.names import with_names
 from auvbench.analysis.recorded import has_training
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord, run_learns, task_of
+from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError, closest
+from auvbench.metrics import of_failures
 from auvbench.record import OUTCOMES
 from auvbench.runs import declared
 from auvbench.runs.identity import DESCRIPTIVE, NEUTRAL
@@ -171,6 +173,7 @@ def _agent(
         if column not in NOT_METRICS and pd.api.types.is_numeric_dtype(dtype):
             metrics[str(column)] = values = np.full(outcome.shape, np.nan)
             values[tested] = np.array(table[column], dtype=np.float64).reshape(len(tested), len(some))
+    _count_failures(str(group[0].config.get("task.name")), outcome, metrics, limit)
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
     for column in of_the_scenario():  # a training that failed has those of all agents
         if column in metrics:
@@ -179,6 +182,16 @@ def _agent(
             scenario = known[column].to_numpy(dtype=np.float64)
             metrics[column] = np.where(np.isnan(metrics[column]), scenario, metrics[column])
     return Agent(label, key, tuple(group), fingerprint, outcome, metrics, limit)
+
+
+def _count_failures(task: str, outcome: np.ndarray, metrics: dict[str, Any], limit: float) -> None:
+    """Write what failed episodes count as; rows of earlier versions have what was measured until the failure."""
+    if task not in TASKS:
+        return
+    failed = np.isin(outcome, [OUTCOMES.index(name) for name in TASKS[task].failures])
+    seconds = {"time": limit / metrics["frequency_hz"]} if "frequency_hz" in metrics else {}
+    for column, value in of_failures(metrics, seconds).items():
+        metrics[column] = np.where(failed, value, metrics[column])
 
 
 SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)

@@ -42,6 +42,8 @@ class TaskSpec:
     """whether the reference has a yaw of its own; otherwise it is the bearing of the reference"""
     schema: type | None = None
     """of its configuration, below `TaskConfig`, where an installed package brings it; auvbench's own are `SCHEMAS`"""
+    failures: tuple[str, ...] = ("collision", "out_of_bounds")
+    """outcomes of which an episode counts as its bounds in every error (`Metric.failed`)"""
     metrics: tuple[Metric, ...] = ()
     """that an installed package brings with it (`metrics.column`), in addition to `metrics.SHARED`"""
 
@@ -90,6 +92,7 @@ TASKS = {
             _FOUR_ENDS,
             ("path", *_TRACKING, "gym_auv_path"),
             needs_thrusters=False,
+            failures=("collision", "timeout", "out_of_bounds"),
         ),
         TaskSpec(
             "docking",
@@ -197,6 +200,15 @@ class PathFollowing(Tracked):
     start_radius: float = number(0.0, 1e4)  # m
     goal_radius: float = number(0.0, 1e3, open_low=True)  # m
 
+    @property
+    def overshoot(self) -> float:
+        """The largest height in m of the path over the higher, or depth below the lower, of two points between which it is.
+
+        A cubic Hermite curve leaves the range of its ends by at most a quarter of the larger slope; Catmull and Rom's is
+        the mean of two rises from point to point.
+        """
+        return 0.25 * self.spacing * math.sin(self.climb)
+
 
 @dataclass(kw_only=True)
 class Docking(Tracked):
@@ -211,6 +223,7 @@ class Docking(Tracked):
     cone: float = number(0.0, math.pi / 2, open_low=True)  # rad
     clearance: float = number(0.0, 1e3)  # m
     standoff: float = number(0.0, 1e3, open_low=True)  # m
+    tilt: float | None = later(number(0.0, math.pi, open_low=True))  # rad
 
 
 SCHEMAS: dict[str, type] = {

@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
-from auvbench.config import algorithms, rewards, schema, simulators, tasks
+from auvbench.config import algorithms, feasible, rewards, schema, simulators, tasks
 from auvbench.config.algorithms import AGENTS
 from auvbench.errors import ConfigError, closest
 from auvbench.untrusted.text import short
@@ -205,6 +205,7 @@ def check_across(config: schema.TrainConfig) -> None:
             f"task.time_limit={task.time_limit:g}: is {limit} steps at {frequency:g} Hz; must be from "
             f"{1 / frequency:g} to {MOST_STEPS / frequency:g} s there"
         )
+    feasible.check_length(task, frequency)
     current, fault = config.disturbance.current, config.disturbance.fault
     _below("disturbance.current.speed", current.speed, "disturbance.current.speed_high", current.speed_high)
     if sea := config.disturbance.sea:
@@ -247,9 +248,7 @@ def _task(task: tasks.Task) -> None:
         low_key, high_key = f"{key}_low", f"{key}_high"
         if hasattr(task, low_key):
             _below(f"task.{low_key}", getattr(task, low_key), f"task.{high_key}", getattr(task, high_key))
-    if isinstance(task, tasks.StationKeeping) and task.time_limit is not None:
-        for key in ("settling", "hold_time"):
-            _below(f"task.{key}", getattr(task, key), "task.time_limit", task.time_limit)
+    feasible.check_starts(task)
     tasks.check_observation(task)
 
 

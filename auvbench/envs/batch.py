@@ -171,17 +171,32 @@ class Batch:
         waypoint: Floats | None = None,
         distance: Floats | None = None,
     ) -> None:
-        start = self.task.reset(indices)
+        if pose is None and waypoint is None and distance is None:
+            start = self.task.reset(indices)
+        else:
+            start = self._place(indices, pose, waypoint, distance)
         self._over[indices] = False
-        if not (pose is None and waypoint is None and distance is None):
-            start = start if pose is None else pose
-            if distance is not None:
-                waypoint = _at(distance, start[:, :3], self.task.reference[indices])
-            self.task.place(indices, start, **({} if waypoint is None else {"waypoint": waypoint}))
         scales = None if self.disturbances is None else self.disturbances.draw(indices)
         self.simulator.reset(indices, start, np.zeros((len(indices), 6)), scales)
         if self.disturbances is not None:
             self.disturbances.begin(indices, self.simulator)
+
+    def _place(
+        self, indices: NDArray[np.int64], pose: Floats | None, waypoint: Floats | None, distance: Floats | None
+    ) -> Floats:
+        """Begin episodes of the task as `reset` says; return the start poses (k, 7)."""
+        task, before = self.task, self.task.state_dict()
+        start = task.reset(indices)
+        start = start if pose is None else pose
+        if distance is not None:
+            depths = self.config.task.depth_low, self.config.task.depth_high
+            waypoint = _at(distance, start[:, :3], task.reference[indices], depths)
+        task.place(indices, start, **({} if waypoint is None else {"waypoint": waypoint}))
+        for i in indices.tolist():
+            if wrong := task.misplaced(i):
+                task.load_state_dict(before)
+                raise ConfigError(f"options['{'waypoint' if pose is None else 'pose'}']: {wrong}")
+        return start
 
     def _measured(self) -> tuple[Floats, Floats]:
         """Return the poses (n, 7) and velocities (n, 6) that arrive now."""
@@ -337,12 +352,21 @@ def clip(action: NDArray[Any], clipped: Floats) -> int:
     return -1
 
 
-def _at(distance: Floats, start: Floats, waypoint: Floats) -> Floats:
-    """Return waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); eastwards where they lay at the start."""
+def _at(distance: Floats, start: Floats, waypoint: Floats, depths: tuple[float, float]) -> Floats:
+    """Return waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); eastwards where they lay at the start.
+
+    Where the line leads out of the depth limits `depths`, the waypoint is at the limit, on the same course.
+    """
     line = waypoint - start
     length = np.linalg.norm(line, axis=1, keepdims=True)
     direction = np.where(length > 0.0, line / np.maximum(length, 1e-300), np.array([1.0, 0.0, 0.0]))
-    return np.asarray(start + direction * distance[:, None])
+    found = np.asarray(start + direction * distance[:, None])
+    z = np.clip(found[:, 2], *depths)
+    for i in np.flatnonzero(z != found[:, 2]):
+        course = np.arctan2(line[i, 1], line[i, 0])
+        level = np.sqrt(distance[i] ** 2 - (z[i] - start[i, 2]) ** 2)
+        found[i] = start[i, 0] + level * np.cos(course), start[i, 1] + level * np.sin(course), z[i]
+    return found
 
 
 def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:

@@ -19,7 +19,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from auvbench.config import schema, tasks
+from auvbench.config import feasible, schema, tasks
 from auvbench.errors import ConfigError, closest
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig
     None and STEPS, which Gymnasium passes by default, leave it as it is; -1 takes it away.
 
     Raises:
-        ConfigError: another number below 1.
+        ConfigError: another number below 1, or too few steps for the task.
     """
     if steps is None or steps == STEPS:
         return config
@@ -114,6 +114,11 @@ def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig
     if steps != -1 and not 1 <= steps <= most:
         raise ConfigError(f"max_episode_steps={steps}: must be from 1 to {most}, or -1 for no limit")
     task = dataclasses.replace(config.task, max_steps=most if steps == -1 else int(steps), time_limit=None)
+    if steps != -1:
+        try:
+            feasible.check_length(task, config.step.frequency)
+        except ConfigError as error:
+            raise ConfigError(f"max_episode_steps={steps}: {error}") from None
     return dataclasses.replace(config, task=task)
 
 
@@ -185,6 +190,7 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
             raise ConfigError(
                 f"options['waypoint']: is {_show(away)} m from the start; the observation reaches {_show(bounds)} m"
             )
+        _within_depths("waypoint", waypoint, task)
     if distance is not None:
         distance = _rows("distance", _numbers("distance", distance), (), count, "m")
         for value in distance:
@@ -207,12 +213,16 @@ def _pose(value: Any, count: int, task: tasks.Task) -> Floats:
     if (norm < 1e-6).any():
         raise ConfigError("options['pose']: its quaternion is 0; (1, 0, 0, 0) is level, facing east")
     rows[:, 3:] /= norm[:, None]
+    _within_depths("pose", rows, task)
+    return rows
+
+
+def _within_depths(name: str, rows: Floats, task: tasks.Task) -> None:
     for z in rows[:, 2]:
         if not task.depth_low <= z <= task.depth_high:
             raise ConfigError(
-                f"options['pose']: z = {z:g} m must lie within {task.depth_low:g} and {task.depth_high:g} m"
+                f"options[{name!r}]: z = {z:g} m must lie within {task.depth_low:g} and {task.depth_high:g} m"
             )
-    return rows
 
 
 def _show(values: Floats) -> str:

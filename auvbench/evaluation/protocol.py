@@ -12,7 +12,7 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from auvbench.config import installed, schema, tasks
+from auvbench.config import feasible, installed, schema, tasks
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
 from auvbench.config.simulators import Ros2
 from auvbench.envs.simulator_factory import at_frequency
@@ -80,6 +80,7 @@ def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[Resolve
         frequency = condition.frequency or protocol.frequency
         if frequency is not None:
             resolved = at_frequency(resolved, frequency)
+            _check_length(resolved, where)
         if resolved.vehicle == config["vehicle"] or _wired_alike(trained, sheet.load(resolved.vehicle)):
             found.append(ResolvedCondition(condition.name, resolved, frequency is not None))
     return found
@@ -89,6 +90,14 @@ def left_out(protocol: schema.Protocol, conditions: Sequence[ResolvedCondition])
     """Return the conditions of a protocol that a run's vehicle cannot meet."""
     met = {condition.name for condition in conditions}
     return [condition.name for condition in protocol.conditions if condition.name not in met]
+
+
+def _check_length(config: schema.TrainConfig, where: str) -> None:
+    """Check the length of episodes at the frequency of the protocol."""
+    try:
+        feasible.check_length(config.task, config.step.frequency)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
 
 
 def _wired_alike(one: VehicleModel, other: VehicleModel) -> bool:
@@ -215,9 +224,10 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
     config = condition.config
     # A limit in seconds enters only where it is set: fingerprints are older than it.
     limit = "time_limit" if config.task.time_limit is None else "max_steps"
-    # So do waves: fingerprints are older than they are.
+    # So do waves and a largest tilt: fingerprints are older than they are.
     calm = () if config.disturbance.sea else ("waves",)
-    task = {key: value for key, value in asdict(config.task).items() if key not in (*OBSERVED, limit)}
+    level = ("tilt",) if getattr(config.task, "tilt", None) is None else ()
+    task = {key: value for key, value in asdict(config.task).items() if key not in (*OBSERVED, limit, *level)}
     return {
         "task": task,
         "noise": asdict(config.noise),

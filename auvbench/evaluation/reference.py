@@ -25,6 +25,7 @@ from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.evaluation.rollout import embedded
 from auvbench.record import OUTCOMES, record_columns
+from auvbench.tasks.base import factory
 
 Floats = NDArray[np.float64]
 
@@ -95,8 +96,9 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
             look = (result.observation, result.reward, simulator.pose, simulator.velocity, simulator.power)
             for name, value in zip(seen, look, strict=True):
                 seen[name].append(np.array(value, dtype=np.float64))
-        for index, record in zip(result.ended.tolist(), result.records, strict=True):
-            records.setdefault(index, record)
+        # What was measured: fingerprints are older than the rule that a failed episode counts as its bounds.
+        for index in result.ended.tolist():
+            records.setdefault(index, batch.task.measured(index))
     for name, looks in seen.items():
         yield name, np.stack(looks)
     yield "ended", np.array(sorted(records), dtype=np.float64)
@@ -116,10 +118,10 @@ def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.Tra
 
 def _observed(task: tasks.Task) -> dict[str, Any]:
     """Return what the reference play observes: the same for every agent."""
-    if isinstance(task, tasks.Tracked):
-        known = [name for name in tasks.TASKS[task.name].blocks if name != "preview"]
-        return {"observation": known, "history": 1}
-    return {"position_frame": "world", "observation": [*tasks.THESIS_BLOCKS], "history": 1}
+    declared = factory(task.name).reference_blocks
+    known = [*declared] or [name for name in tasks.TASKS[task.name].blocks if name != "preview"]
+    frame = {} if isinstance(task, tasks.Tracked) else {"position_frame": "world"}
+    return {**frame, "observation": known, "history": 1}
 
 
 def _set_out(batch: Batch) -> None:

@@ -44,6 +44,7 @@ LATER: dict[str, Any] = {
     "task.time_limit": None,
     "task.observation": ["yaw_error", "position_error", "previous_action"],
     "task.history": 1,
+    "task.tilt": None,
     "algo.horizon_s": None,
     "algo.tuned": None,
     "algo.n_steps": 1,

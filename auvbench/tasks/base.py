@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench import metrics
 from auvbench.config import plugins, rewards, schema, tasks
 from auvbench.dynamics import frames
 from auvbench.dynamics.random import TEST, VALIDATION
@@ -21,7 +22,7 @@ from auvbench.metrics import Totals
 from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.tasks import kernels as k
-from auvbench.tasks.bounds import bounded_spec
+from auvbench.tasks.bounds import bounded_spec, start_bounds
 from auvbench.tasks.observation import CODES, check_vehicle
 from auvbench.tasks.rewards import FOREIGN
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -52,7 +53,10 @@ class Task:
     success_ends: ClassVar[bool] = True
     """whether success ends the episode for good; otherwise it is a property of a whole episode, which then times out"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
-    """columns of a record that a fingerprint covers; empty: all that the task has"""
+    """columns of a record that a fingerprint covers (`evaluation.reference`); empty: all that the task has. Where they are
+    declared, a new metric leaves the fingerprints of published results valid."""
+    reference_blocks: ClassVar[tuple[str, ...]] = ()
+    """blocks of an observation that a fingerprint covers; empty: all that the task has"""
     reference_key: ClassVar[str] = "reference"
     """of the reference in `info`"""
 
@@ -74,6 +78,10 @@ class Task:
         n_u = len(vehicle.actuators)
         self.spec: ObservationSpec = bounded_spec(config, vehicle)
         """of the observation"""
+        self.reach = start_bounds(config, vehicle)
+        """(3,) m, largest position errors with which an episode may begin"""
+        self.limits = _limits(config)
+        """what the errors of a failed episode count as, by the `failed` of their metrics"""
         self.blocks = np.array([CODES[name] for name in tasks.blocks(config.task)], dtype=np.int64)
         self.reads_velocity = bool(
             {"velocity", "angular_velocity", "velocity_error"} & {*tasks.blocks(config.task)}
@@ -173,12 +181,26 @@ class Task:
     def place(self, indices: Integers, pose: Floats) -> None:
         """Replace the drawn start poses (k, 7) of environments that were just reset."""
         F, P = self.F, self.parameters
-        distance = np.linalg.norm(self.reference[indices] - pose[:, :3], axis=1)
         F[indices, k.F_START : k.F_START + 3] = F[indices, k.F_POSITION : k.F_POSITION + 3] = pose[:, :3]
         F[indices, k.F_START_YAW] = frames.yaw(pose[:, 3:])
+        self.refer(indices)
+        distance = np.linalg.norm(self.reference[indices] - pose[:, :3], axis=1)
         F[indices, k.F_DISTANCE] = F[indices, k.F_INITIAL_DISTANCE] = distance
         depth = pose[:, 2]
         F[indices, k.F_DEPTH_MARGIN] = np.minimum(P[k.P_DEPTH_HIGH] - depth, depth - P[k.P_DEPTH_LOW])
+
+    def refer(self, indices: Integers) -> None:
+        """Write the references of environments that begin at F_START, where a reference depends on the place."""
+
+    def misplaced(self, i: int) -> str:
+        """Return why environment i cannot begin where it was placed, and what is valid; empty if it can."""
+        error = np.abs(self.reference[i] - self.F[i, k.F_START : k.F_START + 3])
+        if self.parameters[k.P_BODY_FRAME]:
+            error[:2] = np.hypot(error[0], error[1])
+        if (error <= self.reach).all():
+            return ""
+        away, most = (", ".join(f"{value:g}" for value in values) for values in (error, self.reach))
+        return f"is ({away}) m from the {self.reference_key}; must be at most ({most}) m"
 
     # Each of these does it for the environments start .. stop - 1, by default all; threads share the environments.
 
@@ -234,7 +256,16 @@ class Task:
 
     def records(self, indices: Integers) -> list[Record]:
         """Return the records of episodes that just ended."""
-        return [record_of(self._totals(int(i)), self.name) for i in indices]
+        return [self._counted(self.measured(int(i))) for i in indices]
+
+    def measured(self, i: int) -> Record:
+        """Return what the episode of environment i measured, before a failure counts as its bounds."""
+        return record_of(self._totals(i), self.name)
+
+    def _counted(self, record: Record) -> Record:
+        if record["outcome"] in tasks.TASKS[self.name].failures:
+            record |= metrics.of_failures(record, self.limits)
+        return record
 
     def _totals(self, i: int) -> Totals:
         f = self.F[i].tolist()
@@ -271,6 +302,12 @@ class Task:
 class TrackingTask(Task):
     """A task whose reference has a yaw of its own, with the errors that such tasks have in common."""
 
+    def misplaced(self, i: int) -> str:
+        distance, most = float(self.F[i, k.F_DISTANCE]), self.limits.get("bounds", math.inf)
+        if distance > most:
+            return f"is {distance:g} m from the reference; must be at most task.bounds={most:g} m"
+        return super().misplaced(i)
+
     def errors(self, i: int, failed: float) -> dict[str, float]:
         """Return root mean squares of the position and the yaw error, and start and goal.
 
@@ -291,6 +328,15 @@ class TrackingTask(Task):
             "yaw_error_rms_rad": math.sqrt(yaw_squared / max(counted, 1.0)),
             **scenario,
         }
+
+
+def _limits(config: schema.TrainConfig) -> dict[str, float]:
+    """Return the time limit in s and, for auvbench's own tasks with bounds, these in m; `Metric.failed` names them."""
+    task = config.task
+    found = {"time": schema.step_limit(task, config.step.frequency) / config.step.frequency}
+    if isinstance(task, tasks.Tracked) and not isinstance(task, tasks.TaskConfig):
+        found["bounds"] = task.bounds
+    return found
 
 
 def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
@@ -315,7 +361,7 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
     return factory(config.task.name)(config, vehicle, n, seed, **stream)
 
 
-def factory(name: str) -> Callable[..., Task]:
-    """Return the class of one of auvbench's own tasks."""
-    found: Callable[..., Task] = plugins.resolve(tasks.TASKS[name].factory)
+def factory(name: str) -> type[Task]:
+    """Return the class of a task."""
+    found: type[Task] = plugins.resolve(tasks.TASKS[name].factory)
     return found

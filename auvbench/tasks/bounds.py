@@ -31,16 +31,27 @@ def bounded_spec(config: schema.TrainConfig, vehicle: VehicleModel) -> Observati
 
 def position_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats:
     """Return the largest position errors (3,) in m, with the errors of the readings."""
+    seconds = step_limit(config.task, config.step.frequency) / config.step.frequency
+    return np.asarray(
+        np.ceil(np.minimum(_true_bounds(config, vehicle, seconds) + _misreading(config, seconds), LONGEST))
+    )
+
+
+def start_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats:
+    """Return the largest position errors (3,) in m whose readings are within the bounds of the observation."""
+    seconds = step_limit(config.task, config.step.frequency) / config.step.frequency
+    return position_bounds(config, vehicle) - _misreading(config, seconds)
+
+
+def _true_bounds(config: schema.TrainConfig, vehicle: VehicleModel, seconds: float) -> Floats:
+    """Return the largest position errors (3,) in m."""
     task = config.task
-    seconds = step_limit(task, config.step.frequency) / config.step.frequency
     speed = top_speed(vehicle, config.disturbance)
     if isinstance(task, tasks.Waypoint):
-        bounds = _until_timeout(task, speed, seconds, config.step.frequency)
-    else:
-        # The last step may lead out of bounds; those of a dock are not round the reference.
-        aside = task.standoff if isinstance(task, tasks.Docking) else 0.0
-        bounds = np.full(3, task.bounds + aside + speed / config.step.frequency)
-    return np.asarray(np.ceil(np.minimum(bounds + _misreading(config, seconds), LONGEST)))
+        return _until_timeout(task, speed, seconds, config.step.frequency)
+    # The last step may lead out of bounds; those of a dock are not round the reference.
+    aside = task.standoff if isinstance(task, tasks.Docking) else 0.0
+    return np.full(3, task.bounds + aside + speed / config.step.frequency)
 
 
 def _until_timeout(task: tasks.Waypoint, speed: float, seconds: float, frequency: float) -> Floats:

@@ -10,14 +10,16 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from auvbench.config import tasks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks import fingerprint
 from auvbench.tasks import kernels as k
-from auvbench.tasks.base import Floats, Integers, TrackingTask
-from auvbench.tasks.rewards import reward_row
+from auvbench.tasks.base import Floats, Integers, Task, TrackingTask
+from auvbench.tasks.rewards import reward_row, roll_pitch
 
 F_ERROR = k.F_OWN + 3  # m from the dock, now
 F_YAW_ERROR = k.F_OWN + 4  # rad, now
@@ -32,9 +34,7 @@ P_CONE = k.P_OWN + 8
 P_CLEARANCE = k.P_OWN + 9
 P_STANDOFF = k.P_OWN + 10
 P_BOUNDS = k.P_OWN + 11
-
-SHALLOWEST = 1.0
-"""m from a depth limit, of a start"""
+P_TILT = k.P_OWN + 12  # rad; pi where roll and pitch end no episode
 ALIGNED = 1.0 / 3.0
 """share of the cone within which the reference is the dock"""
 TURNED = 2.0
@@ -76,6 +76,15 @@ def _refer(i: int, x: float, y: float, z: float, F: Floats, P: Floats) -> float:
     return float(P[P_STANDOFF] * far * (1.0 + turn))
 
 
+@njit(nogil=True)
+def _tilted(i: int, pose: Floats, P: Floats) -> bool:
+    """Return whether roll or pitch of pose i are larger than the task allows."""
+    if P[P_TILT] >= math.pi:
+        return False
+    roll, pitch = roll_pitch(i, pose)
+    return bool(abs(roll) > P[P_TILT] or abs(pitch) > P[P_TILT])
+
+
 @compiled("dynamics")
 def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: Floats) -> None:
     """Draw yaw of the dock and start of the environments in `indices`."""
@@ -84,11 +93,11 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
         u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
         v = uniform4(C[i, k.C_SEED], SCENARIO | test, 1, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
         distance = P[P_START] + (P[P_START + 1] - P[P_START]) * u[1]
-        rise = distance * (2.0 * u[2] - 1.0)
+        rise = distance * k.rise_row(u[2], P[P_DOCK + 2], distance, P)
         level = math.sqrt(distance * distance - rise * rise)
         F[i, k.F_START] = P[P_DOCK] + level * math.cos(2.0 * math.pi * u[3])
         F[i, k.F_START + 1] = P[P_DOCK + 1] + level * math.sin(2.0 * math.pi * u[3])
-        z = min(P[k.P_DEPTH_HIGH] - SHALLOWEST, max(P[k.P_DEPTH_LOW] + SHALLOWEST, P[P_DOCK + 2] + rise))
+        z = P[P_DOCK + 2] + rise
         F[i, k.F_START + 2] = z
         for axis in range(3):
             F[i, k.F_GOAL + axis] = P[P_DOCK + axis]
@@ -136,7 +145,7 @@ def advance(
             outcome = k.SUCCESS
         elif error < P[P_CLEARANCE] and angle > P[P_CONE]:
             outcome = k.COLLISION
-        elif error > P[P_BOUNDS]:
+        elif error > P[P_BOUNDS] or _tilted(i, pose, P):
             outcome = k.OUT_OF_BOUNDS
         elif C[i, k.C_STEPS] >= P[k.P_MAX_STEPS]:
             outcome = k.TIMEOUT
@@ -147,10 +156,12 @@ def advance(
 
 @compiled("dynamics")
 def refer(indices: Integers, F: Floats, P: Floats) -> None:
-    """Write the references of the environments in `indices`, whose episodes begin."""
+    """Write references and distances from the dock of the environments in `indices`, whose episodes begin."""
     for row in range(indices.shape[0]):
         i = indices[row]
-        _refer(i, F[i, k.F_START], F[i, k.F_START + 1], F[i, k.F_START + 2], F, P)
+        x, y, z = F[i, k.F_START], F[i, k.F_START + 1], F[i, k.F_START + 2]
+        F[i, F_ERROR] = _angle(i, x, y, z, F)[0]
+        _refer(i, x, y, z, F, P)
 
 
 class DockingTask(TrackingTask):
@@ -158,13 +169,22 @@ class DockingTask(TrackingTask):
 
     draw = staticmethod(draw)
     kernel = staticmethod(advance)
+    reference_columns = (
+        *fingerprint.COLUMNS,
+        "yaw_error_rms_rad",
+        "final_position_error_m",
+        "final_speed_m_per_s",
+        "final_yaw_error_rad",
+    )
+    reference_blocks = (*fingerprint.BLOCKS, "goal_error")
     own_floats = 6
 
     def own_parameters(self, task: Any) -> list[float]:
         assert isinstance(task, tasks.Docking)
         tolerances = [task.tolerance, task.yaw_tolerance, task.speed]
         dock = [task.cone, task.clearance, task.standoff, task.bounds]
-        return [*task.dock, task.start_low, task.start_high, *tolerances, *dock]
+        tilt = math.pi if task.tilt is None else task.tilt
+        return [*task.dock, task.start_low, task.start_high, *tolerances, *dock, tilt]
 
     def goal(self, i: int) -> Floats:
         return self.F[i, k.F_GOAL : k.F_GOAL + 3].copy()
@@ -172,9 +192,21 @@ class DockingTask(TrackingTask):
     def dock_yaw(self, i: int) -> float:
         return float(self.F[i, k.F_REFERENCE_YAW])
 
-    def place(self, indices: Integers, pose: Floats) -> None:
-        super().place(indices, pose)
+    def refer(self, indices: Integers) -> None:
         refer(indices, self.F, self.parameters)
+
+    def misplaced(self, i: int) -> str:
+        P, way = self.parameters, self.goal(i) - self.F[i, k.F_START : k.F_START + 3]
+        distance, yaw = float(np.linalg.norm(way)), self.dock_yaw(i)
+        if distance > P[P_BOUNDS]:
+            return f"is {distance:g} m from the dock; must be at most task.bounds={P[P_BOUNDS]:g} m"
+        ahead = way[0] * math.cos(yaw) + way[1] * math.sin(yaw)
+        if distance < P[P_CLEARANCE] and ahead < distance * math.cos(P[P_CONE]):
+            return (
+                f"is {distance:g} m from the dock, outside of the cone in front of it; must be at least "
+                f"task.clearance={P[P_CLEARANCE]:g} m there"
+            )
+        return Task.misplaced(self, i)
 
     def own_metrics(self, i: int) -> dict[str, float]:
         error, yaw_error, speed = self.F[i, F_ERROR : F_SPEED + 1].tolist()

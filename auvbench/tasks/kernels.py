@@ -91,6 +91,9 @@ GOAL_ERROR = 9
 
 F_GOAL = F_OWN  # x, y, z in m, of a task with a goal that is not its reference
 
+SHALLOWEST = 1.0
+"""m: no start is drawn nearer to a depth limit, unless what it is drawn round is nearer"""
+
 _TWO_PI = 2.0 * math.pi
 
 
@@ -168,10 +171,36 @@ def begin_row(i: int, k: int, yaw: float, F: Floats, C: Integers, P: Floats, pos
 
 
 @njit(nogil=True)
-def ball_row(i: int, u: float, v: float, w: float, radius: float, F: Floats) -> None:
-    """Put F_START uniformly into a ball of a radius in m round the reference, by three uniform draws."""
+def rise_row(v: float, centre: float, radius: float, P: Floats) -> float:
+    """Return the height of a place on a sphere over its centre, as a share of the radius, by a uniform draw.
+
+    The place is uniform on the part of the sphere where starts may lie: at least SHALLOWEST within the depth limits, or
+    as near to them as the centre.
+
+    Args:
+        v: the draw.
+        centre: z of the centre in m, within the depth limits.
+        radius: m.
+        P: parameters of the task.
+    """
+    share = 2.0 * v - 1.0
+    if radius <= 0.0:
+        return share
+    bottom = max(-1.0, min(0.0, P[P_DEPTH_LOW] + SHALLOWEST - centre) / radius)
+    top = min(1.0, max(0.0, P[P_DEPTH_HIGH] - SHALLOWEST - centre) / radius)
+    return 0.5 * (bottom + top) + 0.5 * (top - bottom) * share
+
+
+@njit(nogil=True)
+def ball_row(i: int, u: float, v: float, w: float, radius: float, F: Floats, P: Floats | None = None) -> None:
+    """Put F_START into a ball of a radius in m round the reference, by three uniform draws.
+
+    It is uniform in the ball. With the parameters P of the task it stays within the depth limits (`rise_row`).
+    """
     length = radius * u ** (1.0 / 3.0)
     z = 2.0 * v - 1.0
+    if P is not None:
+        z = rise_row(v, F[i, F_REFERENCE + 2], length, P)
     level = length * math.sqrt(1.0 - z * z)
     F[i, F_START] = F[i, F_REFERENCE] + level * math.cos(_TWO_PI * w)
     F[i, F_START + 1] = F[i, F_REFERENCE + 1] + level * math.sin(_TWO_PI * w)

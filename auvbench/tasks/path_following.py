@@ -14,6 +14,7 @@ from numba import njit
 from auvbench.config import tasks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks import fingerprint
 from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, TrackingTask
 from auvbench.tasks.rewards import reward_row
@@ -34,9 +35,12 @@ P_RADIUS = k.P_OWN + 8
 P_GOAL = k.P_OWN + 9
 P_BOUNDS = k.P_OWN + 10
 P_INTERVAL = k.P_OWN + 11
+P_MARGIN = k.P_OWN + 12  # m
 
 DEPTH_MARGIN = 5.0
-"""m from a depth limit; a path that comes nearer turns back"""
+"""m from a depth limit: a path turns back before its points come nearer"""
+SAMPLES = 16
+"""places of a piece of the path from which the nearest point is searched"""
 
 
 @njit(nogil=True)
@@ -54,14 +58,14 @@ def _hermite(i: int, progress: float, axis: int, last: int, F: Floats) -> tuple[
 
 
 @njit(nogil=True)
-def _project(i: int, pose: Floats, last: int, F: Floats) -> None:
-    """Move the progress to the point of the path next to pose i: two steps of Gauss and Newton."""
+def _project(i: int, place: Floats, last: int, F: Floats) -> None:
+    """Move the progress to the point of the path next to a place: two steps of Gauss and Newton."""
     progress = F[i, F_PROGRESS]
     for _ in range(2):
         along, squared = 0.0, 1e-12
         for axis in range(3):
             p, v = _hermite(i, progress, axis, last, F)
-            along += v * (pose[i, axis] - p)
+            along += v * (place[axis] - p)
             squared += v * v
         progress += min(0.25, max(-0.25, along / squared))
         progress = min(float(last), max(0.0, progress))
@@ -69,8 +73,26 @@ def _project(i: int, pose: Floats, last: int, F: Floats) -> None:
 
 
 @njit(nogil=True)
+def _search(i: int, last: int, farthest: float, F: Floats) -> None:
+    """Put the progress, at most `farthest`, at the point of the path next to F_START."""
+    nearest = math.inf
+    for sample in range(SAMPLES * last + 1):
+        progress = sample / SAMPLES
+        if progress > farthest:
+            break
+        squared = 0.0
+        for axis in range(3):
+            squared += (_hermite(i, progress, axis, last, F)[0] - F[i, k.F_START + axis]) ** 2
+        if squared < nearest:
+            nearest = squared
+            F[i, F_PROGRESS] = progress
+    for _ in range(2):
+        _project(i, F[i, k.F_START : k.F_START + 3], last, F)
+
+
+@njit(nogil=True)
 def _refer(i: int, last: int, F: Floats, P: Floats) -> None:
-    """Write the reference at the progress, and the previewed points."""
+    """Write the reference at the progress, and the previewed points. At the end of the path the reference stands still."""
     squared = 1e-12
     for axis in range(3):
         F[i, k.F_REFERENCE + axis], v = _hermite(i, F[i, F_PROGRESS], axis, last, F)
@@ -81,6 +103,9 @@ def _refer(i: int, last: int, F: Floats, P: Floats) -> None:
         F[i, k.F_REFERENCE_VELOCITY + axis] *= scale
     F[i, k.F_REFERENCE_YAW] = math.atan2(F[i, k.F_REFERENCE_VELOCITY + 1], F[i, k.F_REFERENCE_VELOCITY])
     progress = F[i, F_PROGRESS]
+    if progress >= last:
+        for axis in range(3):
+            F[i, k.F_REFERENCE_VELOCITY + axis] = 0.0
     for point in range(int(P[k.P_PREVIEWED])):
         squared = 1e-12
         for axis in range(3):
@@ -94,7 +119,7 @@ def _refer(i: int, last: int, F: Floats, P: Floats) -> None:
 def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: Floats) -> None:
     """Draw path and start of the environments in `indices`."""
     last = int(P[P_POINTS]) - 1
-    low, high = P[k.P_DEPTH_LOW] + DEPTH_MARGIN, P[k.P_DEPTH_HIGH] - DEPTH_MARGIN
+    low, high = P[k.P_DEPTH_LOW] + P[P_MARGIN], P[k.P_DEPTH_HIGH] - P[P_MARGIN]
     for row in range(indices.shape[0]):
         i = indices[row]
         u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
@@ -108,16 +133,24 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
             course = 2.0 * math.pi * v[0] if point == 0 else course + P[P_TURN] * (2.0 * v[0] - 1.0)
             rise = P[P_CLIMB] * (2.0 * v[1] - 1.0)
             at = F_POINTS + 3 * point
+            # A point nearer to a depth limit than the margin is followed by none that is nearer still.
+            bottom, top = min(low, F[i, at + 2]), max(high, F[i, at + 2])
             z = F[i, at + 2] + P[P_SPACING] * math.sin(rise)
-            if z < low or z > high:
+            if z < bottom or z > top:
                 z = F[i, at + 2] - P[P_SPACING] * math.sin(rise)
+            if z < bottom or z > top:
+                z = min(top, max(bottom, z))
+                rise = math.asin((z - F[i, at + 2]) / P[P_SPACING])
             F[i, at + 3] = F[i, at] + P[P_SPACING] * math.cos(rise) * math.cos(course)
             F[i, at + 4] = F[i, at + 1] + P[P_SPACING] * math.cos(rise) * math.sin(course)
             F[i, at + 5] = z
         F[i, F_PROGRESS] = 0.0
         F[i, F_SPEED_ERROR] = 0.0
         _refer(i, last, F, P)
-        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
+        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F, P)
+        # No farther than a ball round the first point reaches: a path may come back to its beginning.
+        _search(i, last, 1.0 + 2.0 * P[P_RADIUS] / P[P_SPACING], F)
+        _refer(i, last, F, P)
         k.begin_row(i, row, k.wrap(2.0 * math.pi * u[0]), F, C, P, pose)
 
 
@@ -147,7 +180,8 @@ def advance(
             v = F[i, k.F_REFERENCE_VELOCITY + axis]
             along += v * k.velocity_row(i, pose, velocity, axis)
             squared += v * v
-        _project(i, pose, last, F)
+        asked = P[P_SPEED] if F[i, F_PROGRESS] < last else 0.0
+        _project(i, pose[i], last, F)
         _refer(i, last, F, P)
         distance = k.distance_row(i, pose, i, F)
         if not math.isfinite(distance):
@@ -155,7 +189,7 @@ def advance(
         C[i, k.C_STEPS] += 1
         yaw_error = k.wrap(F[i, k.F_REFERENCE_YAW] - k.yaw_row(i, pose))
         k.add_errors_row(i, distance, yaw_error, F)
-        F[i, F_SPEED_ERROR] += abs(along / math.sqrt(squared) - P[P_SPEED])
+        F[i, F_SPEED_ERROR] += abs(along / math.sqrt(squared) - asked)
         outcome = -1
         if k.leaves_water(i, pose, P):
             outcome = k.COLLISION
@@ -168,6 +202,15 @@ def advance(
         r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
         ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
     return ended
+
+
+@compiled("dynamics")
+def refer(indices: Integers, F: Floats, P: Floats) -> None:
+    """Put progress and reference of the environments in `indices` at the point of the path next to the start."""
+    last = int(P[P_POINTS]) - 1
+    for row in range(indices.shape[0]):
+        _search(indices[row], last, float(last), F)
+        _refer(indices[row], last, F, P)
 
 
 @njit(nogil=True)
@@ -184,13 +227,20 @@ class PathFollowingTask(TrackingTask):
 
     draw = staticmethod(draw)
     kernel = staticmethod(advance)
+    reference_columns = (*fingerprint.COLUMNS, "cross_track_rms_m", "yaw_error_rms_rad", "completion", "speed_error_m_per_s")
+    reference_blocks = fingerprint.BLOCKS
     own_floats = 3 * MOST_POINTS + 2
 
     def own_parameters(self, task: Any) -> list[float]:
         assert isinstance(task, tasks.PathFollowing)
-        self.bounds, self.last = task.bounds, task.waypoints - 1
+        self.bounds, self.last, self.speed = task.bounds, task.waypoints - 1, task.speed
         path = [task.waypoints, task.spacing, task.turn, task.climb, task.speed]
-        return [*task.start, *path, task.start_radius, task.goal_radius, task.bounds, task.preview.interval]
+        limits = [task.start_radius, task.goal_radius, task.bounds, task.preview.interval]
+        margin = max(DEPTH_MARGIN, k.SHALLOWEST + task.overshoot)
+        return [*task.start, *path, *limits, margin]
+
+    def refer(self, indices: Integers) -> None:
+        refer(indices, self.F, self.parameters)
 
     def goal(self, i: int) -> Floats:
         at = F_POINTS + 3 * self.last
@@ -200,9 +250,11 @@ class PathFollowingTask(TrackingTask):
         F = self.F[i]
         errors = self.errors(i, self.bounds)
         reached = self.C[i, k.C_OUTCOME] == k.SUCCESS
+        speed_error = float(F[F_SPEED_ERROR]) / float(F[k.F_COUNTED])
         return {
             **errors,
             "cross_track_rms_m": errors["position_error_rms_m"] if reached else self.bounds,
             "completion": 1.0 if reached else float(F[F_PROGRESS]) / self.last,
-            "speed_error_m_per_s": float(F[F_SPEED_ERROR]) / float(F[k.F_COUNTED]),
+            # A path that is not followed to its end is followed no better than by a vehicle at rest.
+            "speed_error_m_per_s": speed_error if reached else max(speed_error, self.speed),
         }

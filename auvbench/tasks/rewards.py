@@ -143,7 +143,7 @@ def _marinegym_hover(
 
 
 @njit(nogil=True)
-def _roll_pitch(i: int, pose: Floats) -> tuple[float, float]:
+def roll_pitch(i: int, pose: Floats) -> tuple[float, float]:
     """Return roll and pitch of pose i in rad, the bow up."""
     w, x, y, z = pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
@@ -160,7 +160,8 @@ def _gym_auv_path(i: int, effort: float, pose: Floats, velocity: Floats, F: Floa
         F[i, k.F_REFERENCE_VELOCITY + 2],
     )
     level = math.sqrt(tx * tx + ty * ty)
-    course, climb = math.atan2(ty, tx), math.atan2(tz, level)
+    # At the end of the path the reference has a yaw, but no velocity.
+    course, climb = F[i, k.F_REFERENCE_YAW], math.atan2(tz, level)
     dx, dy = pose[i, 0] - F[i, k.F_REFERENCE], pose[i, 1] - F[i, k.F_REFERENCE + 1]
     dz = pose[i, 2] - F[i, k.F_REFERENCE + 2]
     # Cross-track errors, to port and up.
@@ -172,7 +173,7 @@ def _gym_auv_path(i: int, effort: float, pose: Floats, velocity: Floats, F: Floa
     vz = k.velocity_row(i, pose, velocity, 2)
     course_error = k.wrap(math.atan2(vy, vx) - course) / math.pi
     climb_error = k.wrap(math.atan2(vz, math.sqrt(vx * vx + vy * vy)) - climb) / math.pi
-    roll, _ = _roll_pitch(i, pose)
+    roll, _ = roll_pitch(i, pose)
     return float(
         -P[p + 2] * (course_error**2 + climb_error**2)
         - P[p + 3] * roll**2
@@ -193,7 +194,7 @@ def _gym_dockauv(
     distance, near, far = math.sqrt(level * level + dz * dz), P[p + 2], P[p + 3]
     # 0 at the goal's radius, 1 at the bounds.
     away = 1.0 - min(1.0, max(0.0, math.log(max(distance, 1e-3) / far) / math.log(near / far)))
-    roll, pitch = _roll_pitch(i, pose)
+    roll, pitch = roll_pitch(i, pose)
     elevation = pitch - math.atan2(dz, level)
     heading = k.wrap(math.atan2(dy, dx) - k.yaw_row(i, pose))
     # Rates of the Euler angles. The source's episodes end at a pitch of 60 degrees: the rates grow no more beyond it.

@@ -8,6 +8,7 @@ from typing import Any
 from auvbench.config import tasks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks import fingerprint
 from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, TrackingTask
 from auvbench.tasks.rewards import reward_row
@@ -38,7 +39,7 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
         F[i, k.F_REFERENCE_YAW] = P[P_STATION_YAW]
         F[i, F_HELD] = 0.0
         F[i, F_OUTSIDE] = 0.0
-        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
+        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F, P)
         k.begin_row(i, row, k.wrap(2.0 * math.pi * u[0]), F, C, P, pose)
 
 
@@ -91,6 +92,8 @@ class StationKeepingTask(TrackingTask):
 
     draw = staticmethod(draw)
     kernel = staticmethod(advance)
+    reference_columns = (*fingerprint.COLUMNS, "position_error_rms_m", "yaw_error_rms_rad", "settling_time_s")
+    reference_blocks = fingerprint.BLOCKS
     own_floats = 2
     success_ends = False
 

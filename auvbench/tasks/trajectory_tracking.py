@@ -15,6 +15,7 @@ from numba import njit
 from auvbench.config import tasks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import SCENARIO, uniform4
+from auvbench.tasks import fingerprint
 from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, TrackingTask
 from auvbench.tasks.rewards import reward_row
@@ -125,7 +126,7 @@ def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: 
         F[i, F_RATE] = (P[P_SPEED] + (P[P_SPEED + 1] - P[P_SPEED]) * v[2]) / fastest
         F[i, F_BEHIND] = 0.0
         _refer(i, 0.0, F, P)
-        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F)
+        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F, P)
         yaw = F[i, k.F_REFERENCE_YAW] + P[P_START_YAW] * (2.0 * u[0] - 1.0)
         k.begin_row(i, row, k.wrap(yaw), F, C, P, pose)
 
@@ -179,6 +180,8 @@ class TrajectoryTrackingTask(TrackingTask):
 
     draw = staticmethod(draw)
     kernel = staticmethod(advance)
+    reference_columns = (*fingerprint.COLUMNS, "position_error_rms_m", "yaw_error_rms_rad", "lag_s")
+    reference_blocks = fingerprint.BLOCKS
     own_floats = 35
     success_ends = False
 

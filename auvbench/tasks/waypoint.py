@@ -35,8 +35,6 @@ REFERENCE_COLUMNS = (
     "waypoint_z_m",
     "start_yaw_rad",
 )
-"""The columns of a record that a fingerprint covers (`evaluation.reference`). A new metric does not enter: fingerprints of
-published results stay valid."""
 
 P_GOAL = k.P_OWN
 P_START = k.P_OWN + 1  # x, y, z
@@ -118,11 +116,15 @@ class WaypointTask(Task):
     draw = staticmethod(draw)
     kernel = staticmethod(advance)
     reference_columns = REFERENCE_COLUMNS
+    reference_blocks = ("yaw_error", "position_error", "previous_action")
     reference_key = "waypoint"
 
     def own_parameters(self, task: Any) -> list[float]:
         assert isinstance(task, tasks.Waypoint)
-        return [task.goal_radius, *task.start, *task.waypoint_low, *task.waypoint_high]
+        # The part of the box between the depth limits, out of which no waypoint is reached.
+        low, high = [*task.waypoint_low], [*task.waypoint_high]
+        low[2], high[2] = max(low[2], task.depth_low), min(high[2], task.depth_high)
+        return [task.goal_radius, *task.start, *low, *high]
 
     def place(self, indices: Integers, pose: Floats, waypoint: Floats | None = None) -> None:
         if waypoint is not None:

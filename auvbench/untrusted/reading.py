@@ -12,7 +12,9 @@ import errno
 import json
 import math
 import os
+import re
 import stat
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -96,7 +98,7 @@ def _no_constant(name: str) -> NoReturn:
 
 
 def yaml_value(data: bytes) -> Any:
-    """Return a YAML value of bounded depth and size, by the safe loader.
+    """Return a YAML value of bounded depth and size, read as Hydra reads it: `1e-3` is a number, a date is a text.
 
     Raises:
         ValueError: what is wrong with it, in one line.
@@ -105,13 +107,13 @@ def yaml_value(data: bytes) -> Any:
 
     try:
         check_yaml(data)
-        return yaml.load(data, Loader=_loader())
+        return yaml.load(data, Loader=_reader())
     except yaml.YAMLError as error:
         raise ValueError(no_yaml(error)) from error
 
 
 def check_yaml(data: bytes) -> None:
-    """Refuse YAML that is nested too deep, repeats itself too often or names the type of a value.
+    """Refuse YAML that is nested too deep, repeats itself too often, names the type of a value or has a key that is no text.
 
     A text that is no YAML passes: the loader fails on it, and says where.
 
@@ -128,8 +130,18 @@ def _check_events(data: bytes) -> None:
     import yaml
 
     depth = anchored = events = aliases = 0  # anchored: depth of the outermost open collection with an anchor
+    resolver = yaml.resolver.Resolver()
+    parts: list[int | None] = [None]  # of each open collection: how many keys and values; None for a list
     for event in yaml.parse(data, Loader=_loader()):
         events += 1
+        if isinstance(event, yaml.NodeEvent) and parts[-1] is not None:
+            if parts[-1] % 2 == 0 and isinstance(event, yaml.ScalarEvent):
+                _check_key(event, resolver)
+            parts[-1] += 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            parts.append(0 if isinstance(event, yaml.MappingStartEvent) else None)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            parts.pop()
         if isinstance(event, yaml.CollectionStartEvent):
             depth += 1
             if depth > DEPTH:
@@ -151,11 +163,70 @@ def _check_events(data: bytes) -> None:
         raise ValueError(f"its aliases stand for more than {VALUES:,} values")
 
 
+def _check_key(event: yaml.ScalarEvent, resolver: Any) -> None:
+    """Refuse a key that YAML reads as another value than its text: `on` and `yes` would be one key, true."""
+    import yaml
+
+    tag = resolver.resolve(yaml.ScalarNode, event.value, event.implicit)
+    if tag in (f"tag:yaml.org,2002:{kind}" for kind in ("bool", "null", "int", "float", "timestamp")):
+        kind = tag.rpartition(":")[2]
+        raise ValueError(
+            f"line {event.start_mark.line + 1}: the key {event.value or '~'} is read as {_KINDS[kind]}, not as a text; write "
+            f'"{event.value or "~"}" in quotes'
+        )
+
+
+_KINDS = {
+    "bool": "a truth value",
+    "null": "null",
+    "int": "a number",
+    "float": "a number",
+    "timestamp": "a date",
+}
+
+
 def no_yaml(error: yaml.YAMLError) -> str:
     """Return what is wrong with a text that is no YAML, in one line."""
     mark = getattr(error, "problem_mark", None)
     line = f"line {mark.line + 1}: " if mark is not None else ""
     return f"{line}{getattr(error, 'problem', None) or 'not valid YAML'}"
+
+
+@cache
+def _reader() -> Any:
+    """Return a loader that reads values as OmegaConf's does, which is not imported here, and refuses a key given twice."""
+    import yaml
+
+    class Reader(_loader()):  # type: ignore[misc]
+        def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+            seen: set[str] = set()
+            for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
+                if key.value in seen:
+                    why = f"found duplicate key {key.value}"
+                    raise yaml.constructor.ConstructorError(None, None, why, key.start_mark)
+                seen.add(key.value)
+            return dict(super().construct_mapping(node, deep))
+
+    number, date = "tag:yaml.org,2002:float", "tag:yaml.org,2002:timestamp"
+    Reader.add_implicit_resolver(number, _FLOAT, list("-+0123456789."))
+    Reader.yaml_implicit_resolvers = {
+        first: [(tag, pattern) for tag, pattern in found if tag != date]
+        for first, found in Reader.yaml_implicit_resolvers.items()
+    }
+    return Reader
+
+
+_FLOAT = re.compile(
+    r"""^(?:
+     [-+]?[0-9]+(?:_[0-9]+)*\.[0-9_]*(?:[eE][-+]?[0-9]+)?
+    |[-+]?[0-9]+(?:_[0-9]+)*(?:[eE][-+]?[0-9]+)
+    |\.[0-9]+(?:_[0-9]+)*(?:[eE][-+][0-9]+)?
+    |[-+]?[0-9]+(?:_[0-9]+)*(?::[0-5]?[0-9])+\.[0-9_]*
+    |[-+]?\.(?:inf|Inf|INF)
+    |\.(?:nan|NaN|NAN))$""",
+    re.X,
+)
+"""numbers with a point or an exponent, by omegaconf 2.3"""
 
 
 def _loader() -> Any:

@@ -12,8 +12,6 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-import yaml
-
 from auvbench.config import plugins
 from auvbench.errors import VehicleError, closest
 from auvbench.untrusted import reading
@@ -113,32 +111,18 @@ def _parent(name: str, heir: Document, heirs: tuple[str, ...]) -> Document:
     return _compose(known[name], label, heirs)
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuse a key that is given twice, as Hydra does; a pilot reads sheets without it."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-            if key.value in seen:
-                why = f"found duplicate key {key.value}"
-                raise yaml.constructor.ConstructorError(None, None, why, key.start_mark)
-            seen.add(key.value)
-        return super().construct_mapping(node, deep)
-
-
 def _parse(entry: Traversable, label: str) -> dict[str, Any]:
     """Return the content of a file."""
     try:
         data = reading.content(entry) if isinstance(entry, Path) else entry.read_bytes()
-        reading.check_yaml(data)
-        found = yaml.load(data.decode("utf-8"), Loader=_Loader)
+        data.decode("utf-8")
+        found = reading.yaml_value(data)
     except UnicodeDecodeError:
         raise VehicleError(f"{label}: is no UTF-8: save the sheet as UTF-8 text") from None
     except OSError as error:
         raise VehicleError(f"{label}: cannot be read: {error.strerror}") from None
-    except (ValueError, yaml.YAMLError) as error:
-        reason = reading.no_yaml(error) if isinstance(error, yaml.YAMLError) else error
-        raise VehicleError(f"{label}: not valid YAML: {reason}") from None
+    except ValueError as error:
+        raise VehicleError(f"{label}: not valid YAML: {error}") from None
     if not isinstance(found, dict):
         raise VehicleError(f"{label}: a vehicle sheet is a mapping of keys")
     return found

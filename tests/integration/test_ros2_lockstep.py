@@ -50,8 +50,12 @@ def batches(*overrides, n=2):
         ["disturbance=randomised", "step.frequency=25"],
         *(
             [f"task={task}", "noise=thesis", "disturbance=moderate", "task.time_limit=null"]
-            for task in ("station_keeping", "trajectory_tracking", "path_following", "docking")
+            for task in ("trajectory_tracking", "path_following", "docking")
         ),
+        [
+            *("task=station_keeping", "noise=thesis", "disturbance=moderate", "task.time_limit=null"),
+            *("task.settling=1", "task.hold_time=1"),
+        ],
     ],
     ids=lambda overrides: overrides[0],
 )

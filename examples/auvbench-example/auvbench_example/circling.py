@@ -80,7 +80,7 @@ def draw(indices, F, C, P, test, pose):
         F[i, TURN] = 1.0 if u[1] < 0.5 else -1.0
         F[i, SEEN], F[i, CLOSEST] = 0.0, P[RADIUS] + P[BOUNDS]
         refer(i, 0.0, F, P)
-        k.ball_row(i, v[0], v[1], v[2], P[START], F)
+        k.ball_row(i, v[0], v[1], v[2], P[START], F, P)
         k.begin_row(i, row, k.wrap(2.0 * math.pi * u[2]), F, C, P, pose)
 
 

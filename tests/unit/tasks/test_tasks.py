@@ -211,7 +211,8 @@ def test_yaw_counts_for_success_of_station_keeping() -> None:
 
 def test_time_ends_tasks_of_fixed_length_and_success_the_others() -> None:
     for task, ends in (("station_keeping", False), ("trajectory_tracking", False), ("docking", True)):
-        batch = batch_of(task, "task.time_limit=null", "task.max_steps=2")
+        brief = ("task.settling=0.1", "task.hold_time=0.1") if task == "station_keeping" else ()
+        batch = batch_of(task, "task.time_limit=null", "task.max_steps=2", *brief)
         if task == "docking":
             put(batch, batch.task.goal(0), yaw=float(batch.task.F[0, k.F_REFERENCE_YAW]))
         batch.task.C[0, k.C_STEPS] = 0 if ends else 1

@@ -1,0 +1,96 @@
+"""Refuse tasks in which no episode can succeed, or none is measured: starts out of bounds, goals out of the water, too little time."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from auvbench.config import tasks
+from auvbench.config.schema import step_limit
+from auvbench.errors import ConfigError
+
+SHALLOWEST = 1.0
+"""m that a path keeps from the depth limits"""
+RANDOM_HEIGHT = 0.3
+"""share of a random curve's size by which it rises and falls"""
+HELIX_CLIMB = 0.2 / math.hypot(1.0, 0.2)
+"""share of a helix's speed with which it rises"""
+
+
+def check_starts(task: tasks.Task) -> None:
+    """Refuse a task without a start, or without a goal, from which an episode can succeed.
+
+    Raises:
+        ConfigError: names the key, the value and the valid range.
+    """
+    if isinstance(task, tasks.Waypoint):
+        bottom, top = task.waypoint_low[2], task.waypoint_high[2]
+        what = "no waypoint would be between the depth limits"
+        _refuse(bottom > task.depth_high, "waypoint_low", task, f"have a z of at most {task.depth_high:g}", what)
+        _refuse(top < task.depth_low, "waypoint_high", task, f"have a z of at least {task.depth_low:g}", what)
+    elif isinstance(task, tasks.Docking):
+        _at_most("start_high", task, "bounds")
+        what = f"be at least task.clearance={task.clearance:g}"
+        _refuse(task.start_low < task.clearance, "start_low", task, what, "nearer to the dock is a collision")
+    elif isinstance(task, tasks.StationKeeping | tasks.TrajectoryTracking | tasks.PathFollowing):
+        _at_most("start_radius", task, "bounds")
+    if isinstance(task, tasks.PathFollowing):
+        _check_path(task)
+
+
+def check_length(task: tasks.Task, frequency: float) -> None:
+    """Refuse a task whose episodes are too short for its measure, or so long that its reference leaves the water.
+
+    Raises:
+        ConfigError: names the key, the value and the valid range.
+    """
+    steps = step_limit(task, frequency)
+    source = f"task.max_steps={task.max_steps}" if task.time_limit is None else "task.time_limit"
+    length = f"the {steps / frequency:g} s of an episode ({source} at {frequency:g} Hz)"
+    if isinstance(task, tasks.StationKeeping):
+        what = "the RMS errors leave that time out, and need a step"
+        _refuse(round(task.settling * frequency) >= steps, "settling", task, f"be less than {length}", what)
+        held = round(task.hold_time * frequency)
+        _refuse(held > steps, "hold_time", task, f"be at most {length}")
+        _refuse(held < 1, "hold_time", task, f"be at least a step, {1 / frequency:g} s")
+    elif isinstance(task, tasks.TrajectoryTracking):
+        _check_curve(task, steps / frequency, length)
+
+
+def _check_path(task: tasks.PathFollowing) -> None:
+    room = SHALLOWEST + task.overshoot
+    low, high = task.depth_low + room, task.depth_high - room
+    key, why = "task.depth_low", f"a path may leave the depths of its points by {task.overshoot:.3g} m"
+    if low > high:
+        raise ConfigError(
+            f"{key}={task.depth_low:g}: must be at most {task.depth_high - 2 * room:g}, {2 * room:.3g} m below "
+            f"task.depth_high={task.depth_high:g}: {why}"
+        )
+    inside = low <= task.start[2] <= high
+    _refuse(not inside, "start", task, f"have a z of at least {low:.4g} and at most {high:.4g}", why)
+
+
+def _check_curve(task: tasks.TrajectoryTracking, seconds: float, length: str) -> None:
+    height = RANDOM_HEIGHT * task.size_high if task.curve in ("random", "any") else 0.0
+    rise = HELIX_CLIMB * task.speed_high * seconds if task.curve in ("helix", "any") else 0.0
+    low, high = task.depth_low + height, task.depth_high - max(height, rise)
+    if low > high:
+        raise ConfigError(
+            f"task.curve={task.curve}: rises by up to {max(height, rise):.3g} m in {length}; must fit between "
+            f"task.depth_low={task.depth_low:g} and task.depth_high={task.depth_high:g}"
+        )
+    what = f"have a z of at least {low:.4g} and at most {high:.4g}"
+    why = f"task.curve={task.curve} rises by up to {max(height, rise):.3g} m in {length}"
+    _refuse(not low <= task.centre[2] <= high, "centre", task, what, why)
+
+
+def _at_most(key: str, task: Any, limit: str) -> None:
+    most = getattr(task, limit)
+    _refuse(getattr(task, key) > most, key, task, f"be at most task.{limit}={most:g}", "farther is out of bounds")
+
+
+def _refuse(wrong: bool, key: str, task: Any, what: str, why: str = "") -> None:
+    if wrong:
+        value = getattr(task, key)
+        shown = f"{value:.12g}" if isinstance(value, float) else value
+        raise ConfigError(f"task.{key}={shown}: must {what}{f': {why}' if why else ''}")

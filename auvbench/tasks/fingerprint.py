@@ -1,0 +1,42 @@
+"""What fingerprints cover of the records and observations of auvbench's own tasks with a yaw (`evaluation.reference`).
+
+These lists do not grow: a new metric or block leaves the fingerprints of published results valid.
+"""
+
+from __future__ import annotations
+
+COLUMNS = (
+    "episode",
+    "environment",
+    "outcome",
+    "steps",
+    "duration_s",
+    "return",
+    "initial_distance_m",
+    "final_distance_m",
+    "command_norm_mean_N",
+    "command_norm_sum_N",
+    "energy_J",
+    "path_length_m",
+    "smoothness_per_s",
+    "depth_margin_m",
+    "start_yaw_rad",
+    "start_x_m",
+    "start_y_m",
+    "start_z_m",
+    "goal_x_m",
+    "goal_y_m",
+    "goal_z_m",
+)
+"""columns of a record; each task adds its own"""
+
+BLOCKS = (
+    "yaw_error",
+    "position_error",
+    "velocity_error",
+    "velocity",
+    "angular_velocity",
+    "gravity",
+    "depth_margin",
+    "previous_action",
+)
