@@ -221,7 +221,11 @@ METRICS: list[Metric] = [
         better="",
     ),
     Metric(
-        "final_distance_m", "m", "final distance", "distance to the reference at the end", lambda t: t.distance
+        "final_distance_m",
+        "m",
+        "final distance",
+        "distance to the reference at the end",
+        lambda t: t.distance,
     ),
     Metric(
         "deviation_mean_m",

@@ -26,7 +26,9 @@ def check_starts(task: tasks.Task) -> None:
     if isinstance(task, tasks.Waypoint):
         bottom, top = task.waypoint_low[2], task.waypoint_high[2]
         what = "no waypoint would be between the depth limits"
-        _refuse(bottom > task.depth_high, "waypoint_low", task, f"have a z of at most {task.depth_high:g}", what)
+        _refuse(
+            bottom > task.depth_high, "waypoint_low", task, f"have a z of at most {task.depth_high:g}", what
+        )
         _refuse(top < task.depth_low, "waypoint_high", task, f"have a z of at least {task.depth_low:g}", what)
     elif isinstance(task, tasks.Docking):
         _at_most("start_high", task, "bounds")
@@ -86,7 +88,9 @@ def _check_curve(task: tasks.TrajectoryTracking, seconds: float, length: str) ->
 
 def _at_most(key: str, task: Any, limit: str) -> None:
     most = getattr(task, limit)
-    _refuse(getattr(task, key) > most, key, task, f"be at most task.{limit}={most:g}", "farther is out of bounds")
+    _refuse(
+        getattr(task, key) > most, key, task, f"be at most task.{limit}={most:g}", "farther is out of bounds"
+    )
 
 
 def _refuse(wrong: bool, key: str, task: Any, what: str, why: str = "") -> None:

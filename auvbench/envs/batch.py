@@ -182,7 +182,11 @@ class Batch:
             self.disturbances.begin(indices, self.simulator)
 
     def _place(
-        self, indices: NDArray[np.int64], pose: Floats | None, waypoint: Floats | None, distance: Floats | None
+        self,
+        indices: NDArray[np.int64],
+        pose: Floats | None,
+        waypoint: Floats | None,
+        distance: Floats | None,
     ) -> Floats:
         """Begin episodes of the task as `reset` says; return the start poses (k, 7)."""
         task, before = self.task, self.task.state_dict()

@@ -188,7 +188,7 @@ def rise_row(v: float, centre: float, radius: float, P: Floats) -> float:
         return share
     bottom = max(-1.0, min(0.0, P[P_DEPTH_LOW] + SHALLOWEST - centre) / radius)
     top = min(1.0, max(0.0, P[P_DEPTH_HIGH] - SHALLOWEST - centre) / radius)
-    return 0.5 * (bottom + top) + 0.5 * (top - bottom) * share
+    return float(0.5 * (bottom + top) + 0.5 * (top - bottom) * share)
 
 
 @njit(nogil=True)

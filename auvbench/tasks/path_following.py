@@ -227,7 +227,13 @@ class PathFollowingTask(TrackingTask):
 
     draw = staticmethod(draw)
     kernel = staticmethod(advance)
-    reference_columns = (*fingerprint.COLUMNS, "cross_track_rms_m", "yaw_error_rms_rad", "completion", "speed_error_m_per_s")
+    reference_columns = (
+        *fingerprint.COLUMNS,
+        "cross_track_rms_m",
+        "yaw_error_rms_rad",
+        "completion",
+        "speed_error_m_per_s",
+    )
     reference_blocks = fingerprint.BLOCKS
     own_floats = 3 * MOST_POINTS + 2
 

@@ -171,7 +171,7 @@ def _check_key(event: yaml.ScalarEvent, resolver: Any) -> None:
     if tag in (f"tag:yaml.org,2002:{kind}" for kind in ("bool", "null", "int", "float", "timestamp")):
         kind = tag.rpartition(":")[2]
         raise ValueError(
-            f"line {event.start_mark.line + 1}: the key {event.value or '~'} is read as {_KINDS[kind]}, not as a text; write "
+            f"line {mark.line + 1 if (mark := event.start_mark) else 0}: the key {event.value or '~'} is read as {_KINDS[kind]}, not as a text; write "
             f'"{event.value or "~"}" in quotes'
         )
 

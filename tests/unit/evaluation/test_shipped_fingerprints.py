@@ -13,7 +13,8 @@ from auvbench import metrics, record
 from auvbench.config import tasks
 from auvbench.evaluation import reference
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
-from auvbench.tasks import base, fingerprint as frozen
+from auvbench.tasks import base
+from auvbench.tasks import fingerprint as frozen
 from tests import configs
 
 RESULTS = Path(__file__).parents[3] / "results"
@@ -58,7 +59,9 @@ def test_fingerprints_cover_columns_and_blocks_that_a_task_declares(task: str) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("task", tasks.OWN)
-def test_a_new_metric_and_a_new_block_change_no_fingerprint(task: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_new_metric_and_a_new_block_change_no_fingerprint(
+    task: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     config = configs.training(f"task={task}", "vehicle=bluerov2_heavy")
     before = reference.digest(config, None)
     added = metrics.Metric("effort_J", "J", "effort", "energy once more", lambda t: 1.0 + t.energy)

@@ -63,7 +63,9 @@ def test_random_commands_are_not_ahead_of_pid_in_yaw() -> None:
 
 
 def test_rows_of_earlier_versions_count_as_bounds_in_tables() -> None:
-    outcome = np.array([[OUTCOMES.index(name) for name in ("success", "collision", "out_of_bounds", "timeout")]])
+    outcome = np.array(
+        [[OUTCOMES.index(name) for name in ("success", "collision", "out_of_bounds", "timeout")]]
+    )
     measured = {
         "yaw_error_rms_rad": np.array([[0.1, 0.0, 0.0, 0.2]]),
         "settling_time_s": np.array([[4.0, 3.0, 2.0, 60.0]]),
@@ -115,14 +117,20 @@ def test_the_last_step_is_enough() -> None:
 
 
 def test_the_length_is_checked_in_gymnasium_and_at_the_frequency_of_a_protocol() -> None:
-    with pytest.raises(ConfigError, match=r"max_episode_steps=90: task.settling=10: must be less than the 9 s"):
-        gymnasium.make_vec("auvbench/StationKeeping-v0", num_envs=2, vehicle="bluerov2_heavy", max_episode_steps=90)
-    gymnasium.make_vec("auvbench/StationKeeping-v0", num_envs=2, vehicle="bluerov2_heavy", max_episode_steps=400)
+    with pytest.raises(
+        ConfigError, match=r"max_episode_steps=90: task.settling=10: must be less than the 9 s"
+    ):
+        gymnasium.make_vec(
+            "auvbench/StationKeeping-v0", num_envs=2, vehicle="bluerov2_heavy", max_episode_steps=90
+        )
+    gymnasium.make_vec(
+        "auvbench/StationKeeping-v0", num_envs=2, vehicle="bluerov2_heavy", max_episode_steps=400
+    )
     run = configs.plain("task=station_keeping", HEAVY)
     fast = dataclasses.replace(
         configs.protocol("protocol=test"), overrides=["task=same", "task.time_limit=null"], frequency=100.0
     )
-    with pytest.raises(ConfigError, match="condition nominal: task.settling=10: must be less than the 6 s"):
+    with pytest.raises(ConfigError, match=r"condition nominal: task.settling=10: must be less than the 6 s"):
         resolve_conditions(fast, run)
 
 
@@ -131,7 +139,9 @@ def test_the_length_is_checked_in_gymnasium_and_at_the_frequency_of_a_protocol()
     [(("task.curve=helix", "task.time_limit=200"), 31.4), (("task.curve=any", "task.centre=[0,0,-5]"), 9.41)],
 )
 def test_a_curve_that_leaves_the_water_is_refused(overrides: tuple[str, ...], length: float) -> None:
-    with pytest.raises(ConfigError, match=f"task.centre=.*must have a z of at least .*rises by up to {length} m"):
+    with pytest.raises(
+        ConfigError, match=f"task.centre=.*must have a z of at least .*rises by up to {length} m"
+    ):
         configs.training("task=trajectory_tracking", HEAVY, *overrides)
 
 

@@ -178,7 +178,9 @@ def test_a_short_path_is_followed_to_its_end() -> None:
     from auvbench.evaluation.rollout import roll_out
     from auvbench.vehicles import sheet
 
-    config = configs.training("task=path_following", "algo=pid", HEAVY, "task.waypoints=2", "task.spacing=0.3")
+    config = configs.training(
+        "task=path_following", "algo=pid", HEAVY, "task.waypoints=2", "task.spacing=0.3"
+    )
     records = roll_out(
         config, make(config, sheet.load(config.vehicle)), episodes=np.arange(20), seed=123, batch=20
     ).records
@@ -210,7 +212,9 @@ def test_a_pose_out_of_bounds_is_refused_and_changes_nothing(task: str, pose: li
     env.step(np.zeros(8))
 
 
-@pytest.mark.parametrize("task", ["waypoint", "waypoint_state", "station_keeping", "path_following", "docking"])
+@pytest.mark.parametrize(
+    "task", ["waypoint", "waypoint_state", "station_keeping", "path_following", "docking"]
+)
 def test_accepted_poses_are_in_the_observation_space(task: str) -> None:
     env = env_of(task)
     rng, accepted = np.random.default_rng(0), 0
@@ -225,7 +229,9 @@ def test_accepted_poses_are_in_the_observation_space(task: str) -> None:
     assert accepted
 
 
-@pytest.mark.parametrize(("roll", "pitch"), [(1.04, 0.0), (-1.05, 0.0), (0.0, 1.05), (0.2, -1.05), (0.0, 1.04)])
+@pytest.mark.parametrize(
+    ("roll", "pitch"), [(1.04, 0.0), (-1.05, 0.0), (0.0, 1.05), (0.2, -1.05), (0.0, 1.04)]
+)
 def test_a_tilt_ends_docking_where_the_task_says_so(roll: float, pitch: float) -> None:
     from scipy.spatial.transform import Rotation
 
