@@ -257,7 +257,9 @@ def test_starts_lie_where_the_tasks_say() -> None:
     n = 3000
     for task, radius in (("station_keeping", 2.5), ("trajectory_tracking", 0.5), ("path_following", 2.0)):
         batch = batch_of(task, n=n)
-        away = np.linalg.norm(batch.simulator.pose[:, :3] - batch.task.reference, axis=1)
+        first = path_following.F_POINTS if task == "path_following" else k.F_REFERENCE
+        centre = batch.task.F[:, first : first + 3]
+        away = np.linalg.norm(batch.simulator.pose[:, :3] - centre, axis=1)
         assert away.max() <= radius
         # Uniform in a ball: the cube of the distance is uniform.
         share = (away / radius) ** 3
