@@ -15,17 +15,21 @@ import os
 import platform
 import shlex
 import sys
-import tempfile
-import time
 import traceback
-import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from auvbench import __version__
+from auvbench import __version__, isolation
 from auvbench.commands import COMMANDS
-from auvbench.errors import AuvbenchError, UserError, closest, plain_warnings
-from auvbench.untrusted.text import forgiving, message, say, short, silence
+from auvbench.errors import (
+    AgentError,
+    AuvbenchError,
+    PluginImportError,
+    UserError,
+    closest,
+    plain_warnings,
+)
+from auvbench.untrusted.text import forgiving, message, present, say, short, silence
 
 MEANT = {
     **dict.fromkeys(("list", "ls", "status", "ps"), "runs"),
@@ -79,6 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _dispatch(arguments: Sequence[str]) -> int:
+    isolation.isolate()
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(usage())
         return 0
@@ -90,6 +95,10 @@ def _dispatch(arguments: Sequence[str]) -> int:
     if name not in COMMANDS:
         hint = f"did you mean {MEANT[name]!r}?" if name in MEANT else closest(short(name), COMMANDS)
         raise UserError(f"unknown command {short(name)!r}; {hint}")
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise UserError(f"the working directory is gone ({error.strerror}): cd to another folder") from None
     command = importlib.import_module(f"auvbench.commands.{name.replace('-', '_')}")
     return int(command.main(rest) or 0)
 
@@ -101,6 +110,7 @@ def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
         command: does the work.
         arguments: the command line, for the report about a defect.
     """
+    present()
     forgiving()
     code = _carried_out(command, arguments)
     try:
@@ -135,7 +145,12 @@ def _carried_out(command: Callable[[], int], arguments: Sequence[str]) -> int:
 
 def _failed(error: Exception, arguments: Sequence[str]) -> int:
     if isinstance(error, AuvbenchError):
-        say(f"auvbench: {message(error)}")
+        text = str(error)
+        if isinstance(error, AgentError | PluginImportError):
+            from auvbench.runs.error_file import naming_traceback
+
+            text = naming_traceback(error)
+        say(f"auvbench: {message(text)}")
         return error.exit_code
     if type(error).__module__.partition(".")[0] in ("omegaconf", "hydra"):
         # ${nope} in a value: it is resolved where the value is first asked for, which may be anywhere.
@@ -163,20 +178,9 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
 
 def _save(error: BaseException, arguments: Sequence[str]) -> Path | None:
     """Write versions, command and traceback into a new file; return None where no folder takes it."""
-    from auvbench.runs.lock import state_folder
+    from auvbench.runs import error_file
 
-    content = _details(error, arguments)
-    name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-{uuid.uuid4().hex[:6]}.txt"
-    for folder in (state_folder(), Path(tempfile.gettempdir())):
-        path = folder / name
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with open(path, "x", encoding="utf-8", errors="backslashreplace") as file:
-                file.write(content)
-        except OSError:
-            continue
-        return path
-    return None
+    return error_file.save(_details(error, arguments))
 
 
 def _details(error: BaseException, arguments: Sequence[str]) -> str:

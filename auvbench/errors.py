@@ -28,6 +28,10 @@ class ConfigError(UserError):
     """A key, a type or a value of the configuration is not right."""
 
 
+class PluginImportError(ConfigError):
+    """The code of an installed package cannot be imported."""
+
+
 class VehicleError(UserError):
     """A vehicle sheet breaks a rule; the message names the line and the rule."""
 

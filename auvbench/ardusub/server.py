@@ -298,6 +298,8 @@ def started(address: str, port: int) -> str:
 
 
 def _listen(address: Address) -> socket.socket:
+    if not address[0].strip():  # the socket would listen at all addresses
+        raise UserError("--address '': must be an IPv4 address of this machine; 0.0.0.0 listens at all")
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     listener.setblocking(False)
     try:

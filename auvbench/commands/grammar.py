@@ -38,7 +38,8 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     """Return the `type` of a flag that takes a whole number from `low` to `high`."""
 
     def read(text: str) -> int:
-        if not text.isdecimal() or not low <= int(text) <= high:
+        # Python reads no number of 5,000 digits.
+        if not text.isdecimal() or len(text) > 100 or not low <= int(text) <= high:
             raise argparse.ArgumentTypeError(f"must be a whole number from {low} to {high}, got {text}")
         return int(text)
 

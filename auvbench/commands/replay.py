@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser
+from auvbench.commands.grammar import Parser, whole
 from auvbench.errors import ConfigError, RunError, UserError
 
 if TYPE_CHECKING:
@@ -25,7 +25,9 @@ def parser() -> Parser:
         metavar="RUN",
         help="a run directory, or a folder of `auvbench pilot --record`; several runs are shown in one scene",
     )
-    parser.add_argument("--episode", type=int, default=0, help="episode of the protocol (default: 0)")
+    parser.add_argument(
+        "--episode", type=whole(0, 10**9), default=0, help="episode of the protocol (default: 0)"
+    )
     parser.add_argument("--protocol", default="test", help="protocol (default: test)")
     parser.add_argument("--condition", help="condition (default: the protocol's first)")
     parser.add_argument("--out", type=Path, help="folder of the figure (default: the run's replays/)")

@@ -46,6 +46,7 @@ from auvbench.config import (
 from auvbench.config import overrides as typing
 from auvbench.config.algorithms import AGENTS
 from auvbench.errors import ConfigError, closest
+from auvbench.untrusted.text import plain_lines
 
 T = TypeVar("T")
 
@@ -311,15 +312,21 @@ def run(
         overrides = typing.read(parsed.overrides)
         with _loader(WORKING_DIRECTORY) as loader:
             if parsed.help:
-                return print(_help(Hydra("auvbench", loader), entry, overrides))
-            if parsed.cfg:
-                return print(OmegaConf.to_yaml(grids.single(loader, entry, overrides)), end="")
-            if parsed.multirun and grid is None:
+                shown = f"{_help(Hydra('auvbench', loader), entry, overrides)}\n"
+            elif parsed.cfg:
+                shown = OmegaConf.to_yaml(grids.single(loader, entry, overrides))
+            elif parsed.multirun and grid is None:
                 raise ConfigError(f"-m: {entry} takes one value for each key; grids are for auvbench train")
-            composed = grids.compose(loader, entry, overrides, parsed.multirun)
-        composed = [installed.complete(config) for config in composed]
+            else:
+                shown = ""
+                composed = grids.compose(loader, entry, overrides, parsed.multirun)
+                composed = [installed.complete(config) for config in composed]
     except typing.FAULTS as error:
         raise translate(error, entry, arguments) from error
+    if parsed.help or parsed.cfg:
+        return print(
+            plain_lines(shown), end=""
+        )  # outside: a closed pipe is not an error of the configuration
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
     return job(composed[0])

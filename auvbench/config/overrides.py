@@ -22,7 +22,7 @@ from auvbench.config import misfits, plugins, schema, simulation, simulators, su
 from auvbench.config.algorithms import AGENTS
 from auvbench.config.restricted_yaml import ALLOWED
 from auvbench.errors import ConfigError, closest
-from auvbench.untrusted.reading import no_yaml
+from auvbench.untrusted.reading import DIGITS, no_yaml
 
 PATHS = ("output", "plot")
 """Keys that hold a path."""
@@ -47,7 +47,7 @@ def read(overrides: Sequence[str]) -> list[str]:
     """Return the overrides in Hydra's grammar.
 
     Raises:
-        ConfigError: one sets a key of Hydra's own that has no effect, or has an invisible character.
+        ConfigError: one sets a key of Hydra's own that has no effect, or has an invisible character or too many digits.
 
     >>> read(["train.total_steps=1e6", "output=Größe", "algo.gamma=0.9"])
     ['train.total_steps=1000000', "output='Größe'", 'algo.gamma=0.9']
@@ -63,6 +63,8 @@ def read(overrides: Sequence[str]) -> list[str]:
                 f"{override}: has no effect here; output=FOLDER and name=NAME choose where runs lie, launcher=NAME where "
                 "they are carried out"
             )
+        if (digits := max(map(len, re.findall(r"\d+", override)), default=0)) > DIGITS:
+            raise ConfigError(f"{key}: a number has {digits:,} digits; at most {DIGITS} are read")
         hidden = next((character for character in override if unicodedata.category(character) == "Cf"), None)
         if hidden is not None:
             raise ConfigError(f"{override}: contains U+{ord(hidden):04X}, a character that is not shown")

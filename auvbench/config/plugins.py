@@ -18,7 +18,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from auvbench.errors import AgentError, AuvbenchError, ConfigError
+from auvbench.errors import AgentError, AuvbenchError, ConfigError, PluginImportError
 from auvbench.untrusted.text import first_line, short
 
 AGENTS, TASKS, REWARDS = "auvbench.agents", "auvbench.tasks", "auvbench.rewards"
@@ -110,7 +110,7 @@ def load(one: Declared) -> Any:
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # all that a package may do when it is imported, an exit included
-        raise one.error(f"cannot be imported: {describe_error(error)}") from error
+        raise PluginImportError(str(one.error(f"cannot be imported: {describe_error(error)}"))) from error
 
 
 def resolve(target: str) -> Any:

@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Iterator
 from functools import cache
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -27,7 +28,7 @@ from omegaconf._utils import get_yaml_loader
 from auvbench.config import plugins, schema
 from auvbench.errors import AuvbenchWarning, ConfigError
 from auvbench.untrusted import reading
-from auvbench.untrusted.text import short
+from auvbench.untrusted.text import plain, short
 
 SCHEME, INSTALLED, PACKAGE = "conf", "installed", "package"
 
@@ -39,7 +40,10 @@ ENTRIES = ("train.yaml", "evaluate.yaml", "tune.yaml", "simulate.yaml")
 
 
 class OwnFiles(FileConfigSource):
-    """Hydra's source of files for `./conf`: bounded, and without code."""
+    """Hydra's source of files for `./conf`: bounded, without code, and nothing from outside of the folder."""
+
+    closed = True
+    """whether ".." and links out of the folder are refused"""
 
     def __init__(self, provider: str, path: str) -> None:
         ConfigSource.__init__(self, provider=provider, path=path)
@@ -60,6 +64,8 @@ class OwnFiles(FileConfigSource):
         shown = os.path.join(os.path.basename(self.path), name)
         if not os.path.exists(path):
             return super().load_config(config_path)  # raises
+        if self.closed and not Path(path).is_relative_to(os.path.realpath(self.path)):
+            raise ConfigError(f"{plain(shown)}: lies outside of conf/; copy the file into conf/")
         try:
             data = reading.content(path)
             reading.check_yaml(data)
@@ -87,6 +93,8 @@ class OwnFiles(FileConfigSource):
 
 class InstalledFiles(OwnFiles):
     """Hydra's source of files for the folder of an installed package; no two packages may have the same file."""
+
+    closed = False  # package managers link files
 
     @staticmethod
     def scheme() -> str:

@@ -6,6 +6,8 @@ adds the lines. It needs matplotlib, which is imported when the first picture is
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -45,7 +47,21 @@ LOOK: Any = {
     "figure.autolayout": False,
     "figure.constrained_layout.use": False,
 }
-"""what pictures of an environment and figures of a report have in common, independent of a user's matplotlibrc"""
+"""what pictures of an environment and figures of a report have in common"""
+
+
+@contextmanager
+def own_style(style: dict[str, Any]) -> Iterator[None]:
+    """Apply a style over Matplotlib's defaults, so that no setting of the user counts, and restore the caller's.
+
+    Args:
+        style: values of rcParams.
+    """
+    import matplotlib as mpl
+
+    values: Any = {name: value for name, value in mpl.rcParamsDefault.items() if name != "backend"} | style
+    with mpl.rc_context(values):
+        yield
 
 
 def speed(frequency: float) -> float | int:
@@ -209,7 +225,6 @@ class Scene:
 
     def _prepare(self, position: Floats) -> None:
         """Draw axes that hold the trail and leave room to go on."""
-        import matplotlib as mpl
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
         from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -221,7 +236,7 @@ class Scene:
         while self._end < (len(position) - 1) * self._duration:
             self._end *= 2.0
         self._farthest = 1.25 * max(*trail.distance, tolerance(self._task))
-        with mpl.rc_context(LOOK):
+        with own_style(LOOK):
             figure = Figure(figsize=SIZE, dpi=DPI, layout=ConstrainedLayoutEngine(wspace=0.12))
             self._canvas = FigureCanvasAgg(figure)  # typed Any: its stubs are not complete
             self._axes = panels(

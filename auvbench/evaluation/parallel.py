@@ -17,6 +17,7 @@ from auvbench.evaluation.evaluate import Report, Roll, evaluate, make_agent, sta
 from auvbench.evaluation.protocol import ResolvedCondition, resolve_conditions
 from auvbench.evaluation.rollout import Rollout, one_episode
 from auvbench.runs.directory import RunDirectory
+from auvbench.runs.error_file import naming_traceback
 from auvbench.runs.lock import RunHeldError
 from auvbench.runs.pool import Pool, WorkerDiedError
 
@@ -120,7 +121,7 @@ def _test(
     try:
         return Result(run, evaluate(run, protocol, report, unless_done=unless_done, roll=roll))
     except AuvbenchError as error:
-        return Result(run, error=str(error), held=isinstance(error, RunHeldError))
+        return Result(run, error=naming_traceback(error), held=isinstance(error, RunHeldError))
 
 
 def _on_all(pool: Pool) -> Roll:

@@ -17,6 +17,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from auvbench import isolation
 from auvbench.errors import ConfigError, MissingExtraError, closest
 from auvbench.ros2 import interface
 from auvbench.untrusted.text import first_line
@@ -29,9 +30,6 @@ SLICE = 0.05
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """The variable that names a file of profiles to Fast DDS of ROS 2 Jazzy."""
-
-OWN_PROFILES = "DEFAULT_FASTRTPS_PROFILES.xml"
-"""The file of profiles that Fast DDS reads from the working directory unasked."""
 
 DISCOVERY = Path(__file__).with_name("discovery.xml")
 
@@ -67,8 +65,8 @@ def load() -> Any:
         ConfigError: it does not load, or an environment variable is wrong.
     """
     check_surroundings()  # with a wrong value the middleware ends the process
-    if not Path(OWN_PROFILES).exists():
-        os.environ.setdefault(PROFILES, str(DISCOVERY))
+    os.environ.update(isolation.DDS)
+    os.environ.setdefault(PROFILES, str(DISCOVERY))
     found = {}
     for name, module in _MODULES.items():
         try:

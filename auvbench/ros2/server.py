@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from auvbench.errors import AuvbenchError
 from auvbench.ros2 import interface
 from auvbench.ros2.middleware import SLICE, InterfaceError, Session
-from auvbench.ros2.vehicle_node import Settings, VehicleNode
+from auvbench.ros2.vehicle_node import ALLOWED, Settings, VehicleNode, is_current
+from auvbench.untrusted.text import say
 
 Floats = NDArray[np.float64]
 
@@ -95,6 +96,9 @@ class Server:
         self.currents[:, 7] = 1.0
         self.session = Session()
         self._missing = n * n_u
+        self._refused: tuple[float, ...] | None = None
+        self.goes_on: Callable[[], bool] = lambda: True
+        """whether to serve on; long services ask it between two steps"""
         self._due = time.monotonic()
         ros = self.session.ros
         self.vehicles = [
@@ -192,7 +196,11 @@ class Server:
 
     def _set_current(self, message: Any) -> None:
         water = (message.x, message.y, message.z)
-        if np.all(np.isfinite(water)):
+        if wrong := is_current(water):
+            if water != self._refused:  # once, however often it is published
+                say(f"auvbench: {interface.CURRENT}: must be {ALLOWED['current']}, and {wrong}; ignored")
+            self._refused = water
+        else:
             self.currents[:, :3] = self.currents[:, 3:6] = water
             self.apply_currents()
 
@@ -202,6 +210,7 @@ class Server:
         Raises:
             AuvbenchError: the simulator failed, or a server that began earlier has one of the namespaces.
         """
+        self.goes_on = go_on
         self._due = look = time.monotonic()
         while go_on():
             self.spin_once()

@@ -39,12 +39,15 @@ MEANING = {
     "steps": "number of steps of the service step",
 }
 
+FASTEST = 20.0
+"""m/s, of each component of a current: beyond, the motion of some vehicles leaves the finite numbers"""
+
 ALLOWED = {
     "start_pose": "7 doubles: x y z in -1e9 .. 1e9 m and a unit quaternion w x y z",
     "start_velocity": "6 doubles in -1e9 .. 1e9",
     "scales": "6 doubles in 0.1 .. 10",
     "effectiveness": "a double in 0 .. 1 for each actuator",
-    "current": "3 or 8 doubles in -1e9 .. 1e9",
+    "current": f"3 or 8 doubles: velocities in -{FASTEST:g} .. {FASTEST:g} m/s, and depths in -1e9 .. 1e9 m",
     "step_duration": "a double in 0.0001 .. 60 s",
     "pace": "a double in 0 .. 1000000",
     "steps": "an integer in 1 .. 1000000",
@@ -173,7 +176,7 @@ class VehicleNode:
             "start_velocity": lambda value: _numbers(value, (6,)),
             "scales": lambda value: _numbers(value, (len(SCALES),), low=0.1, high=10.0),
             "effectiveness": lambda value: _numbers(value, (n_u,), low=0.0, high=1.0),
-            "current": _is_current,
+            "current": is_current,
             "step_duration": lambda value: "" if 1e-4 <= value <= 60.0 else f"is {value}",
             "pace": lambda value: "" if 0.0 <= value <= 1e6 else f"is {value}",
             "steps": lambda value: "" if 1 <= value <= 1_000_000 else f"is {value}",
@@ -205,9 +208,13 @@ class VehicleNode:
 
     def _step(self, _request: Any, response: Any) -> Any:
         self.server.set_paused(True)
-        for _ in range(self.server.settings.steps):
+        steps = self.server.settings.steps
+        made = 0
+        while made < steps and self.server.goes_on():
             self.server.advance()
-        response.success = True
+            made += 1
+        response.success = made == steps
+        response.message = "" if response.success else f"the server stops after {made} of {steps} steps"
         return response
 
     def _lockstep(self, request: Any, response: Any) -> Any:
@@ -239,8 +246,9 @@ def _is_pose(value: Any) -> str:
     return "" if abs(length - 1.0) < 1e-3 else f"its quaternion has length {length:.4g}"
 
 
-def _is_current(value: Any) -> str:
-    wrong = _numbers(value, (3, 8))
+def is_current(value: Any) -> str:
+    """Return what is wrong with a current; empty if nothing is."""
+    wrong = _numbers(value, (3, 8)) or _numbers(value[:6], (3, 6), -FASTEST, FASTEST)
     if not wrong and len(value) == 8 and not value[7] > value[6]:
         wrong = f"the depth of the bottom, {value[7]:g} m, is not below that of the top, {value[6]:g} m"
     return wrong

@@ -21,6 +21,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import forkserver, resource_tracker
 from typing import Any, TypeVar
 
+from auvbench import isolation
 from auvbench.config import plugins
 from auvbench.errors import AuvbenchWarning, TrainingError
 from auvbench.runs import interruption
@@ -52,13 +53,10 @@ def start_server(preload: Sequence[str]) -> None:
         preload: modules, and functions as module:function.
     """
     stop_server()
-    resource_tracker.ensure_running()  # now, since its start unblocks signals
     environment = dict(os.environ)
-    os.environ |= ONE_THREAD | {
-        COMMAND: str(os.getpid()),
-        MODULES: ",".join(preload),
-        "PYTHONSAFEPATH": "1",  # no module of the working directory
-    }
+    os.environ |= isolation.ENVIRONMENT
+    resource_tracker.ensure_running()  # now, since its start unblocks signals
+    os.environ |= ONE_THREAD | {COMMAND: str(os.getpid()), MODULES: ",".join(preload)}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, interruption.SIGNALS)
     try:
         CONTEXT.set_forkserver_preload([__name__])
@@ -170,14 +168,23 @@ class Pool:
         try:
             if self._executor is None:
                 start_server(self._preload)
-                self._executor = ProcessPoolExecutor(
-                    self.workers, CONTEXT, initializer=begin_worker, initargs=(os.getcwd(),)
-                )
+                self._executor = self._make()
             return self._executor.submit(function, *arguments)
         except (BrokenProcessPool, EOFError, OSError) as error:  # a worker or the server has died since
             failed: Future[T] = Future()
             failed.set_exception(BrokenProcessPool(str(error)))
             return failed
+
+    def _make(self) -> ProcessPoolExecutor:
+        try:
+            return ProcessPoolExecutor(
+                self.workers, CONTEXT, initializer=begin_worker, initargs=(os.getcwd(),)
+            )
+        except OSError as error:  # its queues have semaphores
+            raise TrainingError(
+                f"no semaphore for worker processes can be made ({error.strerror}): is /dev/shm writable? "
+                "--workers 1 needs none where a command has it"
+            ) from error
 
     def _end(self) -> None:
         if self._executor is not None:
@@ -187,6 +194,7 @@ class Pool:
 
 
 if COMMAND in os.environ:  # this is the server; its modules may import this one, which is whole by now
+    isolation.isolate()
     interruption.die_with_parent(int(os.environ.pop(COMMAND)))
     for _name in os.environ.pop(MODULES).split(","):
         with contextlib.suppress(Exception):  # the worker that needs it reports the error

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Protocol
 
-from auvbench.errors import RunError, UserError
+from auvbench.errors import AgentError, PluginImportError, RunError, UserError
 from auvbench.runs import interruption, lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.interruption import SIGNALS
@@ -104,6 +104,9 @@ class Backend(Protocol):
     def close(self) -> None:
         """Ends what the backend itself started; jobs of an outside cluster go on."""
 
+
+_FOREIGN = (AgentError.__name__, PluginImportError.__name__)
+"""Types of errors that the code of an installed package causes"""
 
 TICK = 0.25  # s between two looks at the jobs
 TRIES = 3  # how often a run is started whose node or server died under it
@@ -227,8 +230,11 @@ class Loop:
         if self.active:
             verb = "are killed" if force else "save and leave; once more kills them"
             self.view.say(f"interrupted: the {len(self.active)} running {verb}")
-        for job in self.active:
+        for job, run in list(self.active.items()):
             job.cancel(force=force)
+            if force and job.mark is not None:  # a cluster may take minutes to say that the job has ended
+                del self.active[job]
+                self._settle(run, Outcome.INTERRUPTED, f"{job} is told to end")
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.signals += 1
@@ -245,7 +251,12 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
         return Outcome.HELD, f"held by {lock.current(run.path) or 'a process that has ended by now'}"
     # An error in the manifest of a job that was killed is that of an earlier attempt.
     if state == "failed" and manifest["error"] and (status.code is None or status.code > 0):
-        return Outcome.FAILED, str(manifest["error"]["message"])
+        log = (
+            "; its traceback is in " + str(run.train / "log.txt")
+            if manifest["error"]["type"] in _FOREIGN
+            else ""
+        )
+        return Outcome.FAILED, f"{manifest['error']['message']}{log}"
     if cancelled or status.code in {128 + number for number in SIGNALS}:
         if state == "pending":
             return Outcome.INTERRUPTED, "stopped before it started"

@@ -285,7 +285,13 @@ def command(arguments: Sequence[str], *, check: bool = True) -> str:
     """
     environment = {**os.environ, "SLURM_TIME_FORMAT": "standard"}
     done = subprocess.run(
-        arguments, capture_output=True, text=True, check=False, env=environment, timeout=120
+        arguments,
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+        timeout=120,
+        start_new_session=True,  # a second Ctrl-C is for auvbench, not for the scancel of the first
     )
     if done.returncode and check:
         last = (done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode}").splitlines()[-1]

@@ -139,16 +139,14 @@ def write(trajectory: Trajectory, path: Path) -> None:
 
 def draw(trajectory: Trajectory, path: Path, title: str = "") -> None:
     """Write `trajectory` to `path`, a .png, .svg or .pdf file."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
+    from matplotlib.figure import Figure
 
     rows = trajectory.rows()
     time, position, angles, velocity = rows[:, 0], rows[:, 1:4], np.degrees(rows[:, 4:7]), rows[:, 7:]
     vertical = "down" if trajectory.frame == "ned" else "up"
     world = "north, east, down" if trajectory.frame == "ned" else "east, north, up"
-    figure, axes = plt.subplots(2, 2, figsize=(10, 7), layout="constrained", sharex=True)
+    figure = Figure(figsize=(10, 7), layout="constrained")
+    axes = figure.subplots(2, 2, sharex=True)
     _lines(axes[0, 0], time, position, ("x", "y", f"z ({vertical})"), "position, m")
     _lines(axes[0, 1], time, angles, ("roll", "pitch", "yaw"), "attitude, deg")
     _lines(axes[1, 0], time, velocity[:, :3], ("u surge", "v sway", "w heave"), "velocity, m/s")
@@ -159,7 +157,6 @@ def draw(trajectory: Trajectory, path: Path, title: str = "") -> None:
     heading = f"{title}   (world {world}; {len(time)} samples)"
     figure.suptitle(heading, fontsize=11).set_parse_math(False)
     figure.savefig(path, dpi=150)
-    plt.close(figure)
 
 
 def _lines(ax: Axes, time: FloatArray, values: FloatArray, names: tuple[str, ...], label: str) -> None:

@@ -53,6 +53,8 @@ def prepare(service: str, experiment: str) -> None:
         module = _client(service)
         if service == "mlflow":
             module.experiment(experiment)
+        else:
+            module.refuse_settings()
 
 
 def start(service: str, key: str, config: Mapping[str, Any], name: str) -> Tracker | None:

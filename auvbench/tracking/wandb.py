@@ -10,6 +10,8 @@ from typing import Any
 
 import wandb
 
+from auvbench.errors import ConfigError
+
 PROJECT = "auvbench"
 
 
@@ -49,7 +51,23 @@ def table(name: str, csv: str, files: list[Path]) -> None:
     run.finish()
 
 
+def refuse_settings() -> None:
+    """Refuse W&B's settings of the working directory: they choose the server that gets the user's key.
+
+    Raises:
+        ConfigError: names the file.
+    """
+    for folder in ("wandb", ".wandb"):
+        path = Path(folder, "settings")
+        if "WANDB_DIR" not in os.environ and path.exists():
+            raise ConfigError(
+                f"{path}: W&B would take server and project from this folder; remove the file and set WANDB_BASE_URL, "
+                "WANDB_PROJECT or WANDB_MODE instead"
+            )
+
+
 def _init(**arguments: Any) -> Any:
+    refuse_settings()
     # The client would take over the output of this process, which the run's own log has.
     settings = wandb.Settings(console="off", silent=True, disable_git=True, disable_code=True)
     return wandb.init(project=os.environ.get("WANDB_PROJECT", PROJECT), settings=settings, **arguments)

@@ -22,10 +22,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from auvbench import isolation
 from auvbench.config import plugins
 from auvbench.errors import AuvbenchError, plain_warnings
 from auvbench.runs import interruption, lock, status
 from auvbench.runs.directory import RunDirectory, now
+from auvbench.runs.error_file import is_foreign
 from auvbench.runs.interruption import Interrupted, Request
 from auvbench.runs.pool import ONE_THREAD
 from auvbench.untrusted import path_safety, text
@@ -46,6 +48,7 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     plain_warnings()
     text.forgiving()
     try:
+        isolation.isolate()
         run = RunDirectory(Path(path))
         path_safety.refuse_links(run.path)
         if log:
@@ -57,12 +60,17 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
         print(f"auvbench: {error}", file=sys.stderr)
         return HELD
     except AuvbenchError as error:
+        if is_foreign(error):
+            traceback.print_exc()
         print(f"auvbench: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt as error:
         return error.exit_code if isinstance(error, Interrupted) else 128 + signal.SIGINT
-    except BaseException:
-        traceback.print_exc()
+    except BaseException as error:
+        if isinstance(error, OSError) and not Path(path).is_dir():
+            print(f"auvbench: {path}: was renamed or removed; this process stops", file=sys.stderr)
+        else:
+            traceback.print_exc()
         return 1
     return 0
 

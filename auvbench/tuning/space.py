@@ -114,7 +114,7 @@ def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
         raise ConfigError(f"{key}: unknown key; {suggestions.unknown_key(key, known, 'auvbench tune')}")
     try:
         sweep = OverridesParser.create().parse_override(f"{key}={text}").value()
-    except (HydraException, RecursionError) as error:
+    except (HydraException, RecursionError, ValueError) as error:
         why = " ".join(str(error).split())
         raise ConfigError(f"{key}={short(text, 200)}: {short(why, 300)}; write {FORMS}") from error
     try:

@@ -32,6 +32,8 @@ DEPTH = 100
 """levels of nesting; a run's configuration has six"""
 WHOLE = 2**64
 """largest whole number; no counter reaches it"""
+DIGITS = 1000
+"""digits of a number; Python refuses to read 4301"""
 VALUES = 1_000_000
 """values of a YAML document, each repeated as often as there are aliases"""
 
@@ -156,6 +158,9 @@ def _check_events(data: bytes) -> None:
             aliases += 1
             if anchored:
                 raise ValueError(f"*{event.anchor} lies inside of what has an anchor itself; write it out")
+        text = event.value if isinstance(event, yaml.ScalarEvent) and not event.style else ""
+        if len(text) > DIGITS and text.lstrip("+-").replace("_", "").isdecimal():
+            raise ValueError(f"a number in it has more than {DIGITS} digits")
         # The loader fails on some tags with errors of its own, for instance on `!!bool maybe`.
         if (tag := getattr(event, "tag", None)) is not None:
             raise ValueError(f"{tag} is a tag, which names a type; only plain values are read")

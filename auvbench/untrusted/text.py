@@ -25,6 +25,15 @@ def plain(text: object) -> str:
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
+def plain_lines(text: str) -> str:
+    r"""Return a text whose line breaks stay, with each line as `plain` returns it.
+
+    >>> plain_lines("a\x1b[2J\n  b\n")
+    'a\\x1b[2J\n  b\n'
+    """
+    return "\n".join(map(plain, text.split("\n")))
+
+
 def short(text: object, limit: int = LONGEST) -> str:
     """Return `plain` text, cut at `limit` characters."""
     shown = plain(str(text)[: 2 * limit] if len(str(text)) > 2 * limit else text)
@@ -66,6 +75,22 @@ def cell(value: object) -> object:
     except ValueError:
         return f"'{value}"
     return value
+
+
+def present() -> None:
+    """Open closed standard streams on the null device: the next file would else get their numbers."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            nowhere = os.open(os.devnull, os.O_RDWR)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+                os.close(nowhere)
+            os.set_inheritable(number, True)  # workers have it as well
+        if getattr(sys, name) is None:
+            mode = "r" if name == "stdin" else "w"
+            setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
 
 
 def forgiving() -> None:

@@ -70,6 +70,15 @@ def test_one_that_gives_no_actions_is_a_failed_run_and_the_others_go_on(
 
 
 @pytest.mark.slow
+def test_a_grid_names_the_log_with_the_traceback(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    steering(site, "return observation.nothing")
+    assert cli.main(["train", "-m", "algo=mine", "launcher.workers=1"]) == 1
+    log = runs()["mine"].train / "log.txt"
+    assert f"its traceback is in {log}" in capsys.readouterr().out
+    assert "return observation.nothing" in log.read_text()
+
+
+@pytest.mark.slow
 def test_a_grid_goes_on_without_it(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     steering(site, "return np.full((len(observation), self.n_u), np.nan)")
     assert cli.main(["train", "-m", "algo=mine,pid,random", "launcher.workers=1"]) == 1

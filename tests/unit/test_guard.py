@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import pytest
 
 from auvbench import cli
 from auvbench.commands import runs as runs_command
+from auvbench.config import plugins
 from auvbench.untrusted.text import message
 from tests.waiting import LIMIT
 
@@ -159,3 +161,106 @@ def test_a_long_value_is_cut_and_the_hint_after_it_is_kept() -> None:
     line = message(f"{'x' * 9000}: no such key; did you mean 'reward.k'?")
     assert len(line) < 300
     assert line.endswith("did you mean 'reward.k'?")
+
+
+CLOSED = """
+import os, sys
+for number in {closed}:
+    os.close(number)
+os.execv(sys.executable, [sys.executable, "-m", "auvbench", *sys.argv[1:]])
+"""
+
+
+def closed(numbers: tuple[int, ...], *arguments: str) -> subprocess.CompletedProcess[bytes]:
+    """Run auvbench as a shell with `>&-` does."""
+    return subprocess.run(
+        [sys.executable, "-c", CLOSED.format(closed=numbers), *arguments],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        timeout=LIMIT,
+        check=False,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("numbers", [(1,), (2,), (0, 1, 2)])
+def test_closed_streams_change_no_run(numbers: tuple[int, ...], tmp_path: Path) -> None:
+    grid = ["train", "-m", "algo=random", "seed=0,1", f"output={tmp_path}"]
+    done = closed(numbers, *grid)
+    assert (done.returncode, b"Traceback" in done.stdout + done.stderr) == (0, False)
+    manifests = list(tmp_path.glob("*/*/manifest.json"))
+    assert [json.loads(path.read_text())["state"] for path in manifests] == ["complete"] * 2
+
+
+def test_a_mistake_has_its_exit_code_without_streams() -> None:
+    assert closed((1, 2), "frobnicate").returncode == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [["train", "--help"], ["train", "--cfg", "job"]])
+def test_a_reader_that_leaves_is_no_error(arguments: list[str]) -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    code, _, error = auvbench(*arguments, stdout=writing, PYTHONUNBUFFERED="1")
+    os.close(writing)
+    assert (code, error) == (0, "")
+
+
+def test_a_removed_working_directory_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "gone"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    folder.rmdir()
+    for command in (["runs"], ["train"], ["vehicles"]):
+        assert cli.main(command) == 2
+        error = capsys.readouterr().err
+        assert error.count("\n") == 1
+        assert "the working directory is gone" in error
+    assert cli.main(["--help"]) == 0
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["train", "seed={}"],
+        ["train", "-m", "seed=1,{}"],
+        ["tune", "algo.gamma=range(0,{})"],
+        ["evaluate", "x", "--workers", "{}"],
+        ["replay", "x", "--episode", "{}"],
+        ["train", "experiment=big"],
+    ],
+)
+def test_a_number_without_end_is_one_line(
+    arguments: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    digits = "9" * 5000
+    preset = tmp_path / "conf" / "experiment" / "big.yaml"
+    preset.parent.mkdir(parents=True)
+    preset.write_text(f"# @package _global_\nseed: {digits}\n")
+    assert cli.main([word.format(digits) for word in arguments]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "set_int_max_str_digits" not in error
+    assert "number" in error
+
+
+def test_the_error_of_a_package_names_its_traceback(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def foreign(_: object) -> int:
+        with plugins.telling("algo=theirs of theirs==1", "act fails"):
+            raise LookupError("no such thruster")
+
+    monkeypatch.setattr(runs_command, "main", foreign)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert cli.main(["runs"]) == 1
+    error = capsys.readouterr().err
+    (saved,) = (tmp_path / "auvbench").iterdir()
+    assert error.endswith(f"no such thruster; traceback: {saved}\n")
+    assert "in foreign" in saved.read_text()

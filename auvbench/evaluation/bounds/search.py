@@ -14,6 +14,7 @@ same from everywhere, so the start enters through its depth alone.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -53,6 +54,8 @@ LONGEST = 1000.0
 _IPOPT: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
+    # Else IPOPT would read ipopt.opt of the working directory, which may name libraries to load.
+    "option_file_name": os.devnull,
     "linear_solver": "mumps",
     # A fifth faster here than with the scalings that MUMPS would choose.
     "mumps_pivot_order": 0,

@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
@@ -83,7 +82,7 @@ def palette(n: int) -> tuple[str, ...]:
 @contextmanager
 def styled() -> Iterator[None]:
     """Apply the style of the figures, and restore that of the caller."""
-    with mpl.rc_context(_RC):
+    with rendering.own_style(_RC):
         yield
 
 

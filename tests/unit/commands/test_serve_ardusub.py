@@ -24,6 +24,7 @@ ARDUSUB = ("serve", "--face", "ardusub")
         (["--give-up", "3"], "--give-up: belongs to --face ardusub"),
         (["--face", "ardusub", "algo=pid"], "serve has no such key"),
         (["--face", "ardusub", "--port", "0"], "from 1 to 65535"),
+        (["--face", "ardusub", "--address", ""], "must be an IPv4 address"),
         (["--face", "ardusub", "--port", "65530", "--vehicles", "2"], "at most 65525"),
         (["--face", "ardusub", "--vehicles", "0"], "from 1 to 1000"),
         (["--face", "ardusub", "--battery", "nan"], "from 6 to 24"),

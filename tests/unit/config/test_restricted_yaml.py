@@ -78,6 +78,40 @@ def test_what_is_typed_reaches_no_code_either(override: str, capsys: pytest.Capt
     assert capsys.readouterr().err.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("experiment/evil.yaml", f"{PRESET}defaults: [/../secret@reward]"),
+        ("experiment/evil.yaml", f"{PRESET}defaults: [/noise/../../secret@reward]"),
+        ("experiment/evil.yaml", None),  # a link
+    ],
+)
+def test_no_file_outside_of_conf_is_read(
+    name: str, content: str | None, somewhere: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (somewhere / "secret.yaml").write_text("password: hunter2\n")
+    path = somewhere / "conf" / name
+    path.parent.mkdir(parents=True)
+    (somewhere / "conf" / "noise").mkdir()
+    if content is None:
+        path.symlink_to(somewhere / "secret.yaml")
+    else:
+        path.write_text(content)
+    assert cli.main(["train", "--cfg", "job", "experiment=evil"]) == 2
+    captured = capsys.readouterr()
+    assert "hunter2" not in captured.out + captured.err
+    assert captured.err.count("\n") == 1
+    assert "lies outside of conf/" in captured.err
+
+
+def test_help_of_a_folder_is_shown_as_text(somewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = somewhere / "conf" / "hydra" / "help" / "auvbench_train.yaml"
+    path.parent.mkdir(parents=True)
+    path.write_text('template: "\\e[2Jhello\\nworld\\n\\e]0;title\\a"\n')
+    assert cli.main(["train", "--help"]) == 0
+    assert capsys.readouterr().out == "\\x1b[2Jhello\nworld\n\\x1b]0;title\\x07\n"
+
+
 def test_presets_and_sheets_of_one_s_own_work(somewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
     preset = somewhere / "conf" / "experiment" / "mine.yaml"
     preset.parent.mkdir(parents=True)

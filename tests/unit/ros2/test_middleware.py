@@ -35,8 +35,12 @@ def test_ours_where_there_is_no_other(tmp_path):
 @pytest.mark.slow
 def test_the_users_own_stays(tmp_path):
     assert chosen(tmp_path, **{middleware.PROFILES: "/mine.xml"}) == "/mine.xml"
-    (tmp_path / middleware.OWN_PROFILES).write_text("<dds/>")
-    assert chosen(tmp_path) == "None"
+
+
+@pytest.mark.slow
+def test_the_working_directory_has_no_say(tmp_path):
+    (tmp_path / "DEFAULT_FASTRTPS_PROFILES.xml").write_text("<dds/>")
+    assert chosen(tmp_path) == str(middleware.DISCOVERY)
 
 
 @pytest.mark.parametrize(("tag", "value"), [("count", "50"), ("leaseAnnouncement", None)])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from auvbench.errors import AuvbenchWarning
+from auvbench.errors import AuvbenchWarning, TrainingError
 from auvbench.runs.interruption import SIGNALS
 from auvbench.runs.pool import Pool, WorkerDiedError
 from tests.waiting import until
@@ -173,3 +174,12 @@ def test_a_killed_command_leaves_no_process(importing: bool, tmp_path: Path) -> 
     process.kill()
     until(lambda: not any(lives(child.pid) for child in left), "the end of all processes")
     process.wait()
+
+
+def test_without_semaphores_the_reason_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*_: object, **__: object) -> None:
+        raise OSError(errno.EROFS, "Read-only file system")
+
+    monkeypatch.setattr("auvbench.runs.pool.ProcessPoolExecutor", refused)
+    with Pool(2) as pool, pytest.raises(TrainingError, match=r"Read-only file system.*/dev/shm"):
+        dict(pool.results(divmod, {"one": (1, 1)}, "division"))

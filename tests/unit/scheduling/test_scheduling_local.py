@@ -21,6 +21,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.grid import sweep
 from auvbench.scheduling.local import LocalBackend
 from auvbench.scheduling.loop import Outcome, Result, judge
+from auvbench.training import worker
 from tests import fake_training
 from tests.waiting import LIMIT, until
 
@@ -258,6 +259,17 @@ def test_a_worker_computes_with_one_thread(folder: Path) -> None:
     backend = LocalBackend(1, target="tests.fake_training:report_threads", preload=("torch",))
     assert sweep([run], backend, Console(file=io.StringIO())).exit_code == 0
     assert json.loads((run.path / "threads.json").read_text()) == {"torch": 1, "OMP_NUM_THREADS": "1"}
+
+
+def test_a_worker_whose_run_is_renamed_ends_with_one_line(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = fake_training.make(folder / "before")
+
+    monkeypatch.setattr(worker.path_safety, "refuse_links", lambda path: path.rename(folder / "after"))
+    assert worker.work(run.path, log=True) == 1
+    error = capsys.readouterr().err
+    assert error == f"auvbench: {folder / 'before'}: was renamed or removed; this process stops\n"
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -11,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rich.console import Console
 
 from auvbench.config.compose import compose
 from auvbench.config.schema import Slurm
 from auvbench.errors import UserError
 from auvbench.runs.directory import RunDirectory
-from auvbench.scheduling import grid, slurm
+from auvbench.scheduling import grid, loop, slurm, views
 from auvbench.scheduling.loop import Phase, SubmitError
 from auvbench.scheduling.slurm import SlurmBackend
 from auvbench.untrusted import path_safety
@@ -287,3 +289,20 @@ def test_the_line_that_names_the_mistake_is_passed_on(
     with pytest.raises(SubmitError, match=r"^sbatch refused: unrecognized option --foo$") as caught:
         backend().submit(run.path)
     assert caught.value.exit_code == 2
+
+
+def test_a_second_signal_leaves_at_once(cluster: Cluster, run: RunDirectory) -> None:
+    job = submit(cluster, run, "launcher.grace=100000")
+    cluster.queue[job.number] = ("RUNNING", run.id)
+    found = loop.Loop([run], job.backend, views.View(Console(), [run]))
+    adopted = job.backend.adopt(run.path)
+    assert adopted is not None
+    found.waiting.clear()
+    found.active[adopted] = run
+    for _ in range(2):
+        found._note(signal.SIGINT, None)
+        found._obey()
+    assert cluster.asked[-1] == ["scancel", job.number]
+    assert not found.goes_on()
+    assert found.result.of(loop.Outcome.INTERRUPTED) == {run.path: f"{adopted} is told to end"}
+    assert found.result.exit_code == 130
