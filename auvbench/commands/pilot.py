@@ -111,11 +111,9 @@ def main(arguments: Sequence[str]) -> int:
     given = parser().read(arguments)
     _check(given)
 
-    from auvbench.pilot import guard
     from auvbench.pilot.mission import Logbook
     from auvbench.runs import interruption
 
-    guard.open_standard_streams()
     setup = _setup(given)
     if given.goal is not None and not setup.limits.within(given.goal[2]):
         raise UserError(f"--goal: z={given.goal[2]:g} must be within {setup.limits.depths}; see --depth")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import select
 import socket
 import subprocess
@@ -159,12 +158,3 @@ class Guard:
         self._socket.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(2 * supervisor.LONGEST)
-
-
-def open_standard_streams() -> None:
-    """Open the null device in place of closed standard streams, so that no socket gets their numbers."""
-    for number in range(3):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)

@@ -117,7 +117,7 @@ def test_a_pilot_without_a_vehicle_may_be_silent(vehicle):
     vehicle.guard.hold()
     vehicle.guard.release()
     with pytest.raises(subprocess.TimeoutExpired):
-        vehicle.guard._process.wait(0.5)
+        vehicle.guard._process.wait(0.3)
     vehicle.hears_no_more()
 
 
@@ -194,14 +194,6 @@ def test_a_supervisor_that_ends_at_its_start_is_one_line(capfd):
     broken.close()
     (line,) = capfd.readouterr().err.splitlines()
     assert line.startswith("pilot: its supervisor cannot start: ValueError")
-
-
-def test_closed_standard_streams_get_no_socket():
-    code = "from auvbench.pilot.guard import open_standard_streams as o; import os; o(); print(os.open('/', os.O_RDONLY) > 2)"
-    done = subprocess.run(
-        ["sh", "-c", 'exec "$0" -c "$1" <&- 2>&-', sys.executable, code], capture_output=True, timeout=LIMIT
-    )
-    assert done.stdout == b"True\n"
 
 
 def test_its_program_fits_on_two_screens_and_imports_little():
