@@ -179,5 +179,32 @@ def nested(depth: int) -> bytes:
     return with_graph(model(), field(13, field(1, b"deep") + field(2, data)))
 
 
+def least_over_minus_one(kind: str, dtype: Any, *, folded: bool) -> Any:
+    """The least whole number through -1, at which x86 stops a process; `folded`: while the file is loaded."""
+    least = numpy_helper.from_array(np.array([np.iinfo(dtype).min], dtype=dtype), "least")
+    minus = numpy_helper.from_array(np.array([-1], dtype=dtype), "minus")
+    whole = helper.np_dtype_to_tensor_dtype(np.dtype(dtype))
+    sign = (
+        []
+        if folded
+        else [
+            helper.make_node("ReduceSum", ["x"], ["all"], keepdims=0),
+            helper.make_node("Abs", ["all"], ["size"]),
+            helper.make_node("Cast", ["size"], ["n"], to=whole),
+            helper.make_node("Max", ["n", "zero"], ["k"]),
+            helper.make_node("Sub", ["minus", "k"], ["below"]),
+            helper.make_node("Max", ["below", "minus"], ["one"]),  # -1, whatever is observed
+        ]
+    )
+    made = linear(
+        *sign,
+        helper.make_node(kind, ["least", "minus" if folded else "one"], ["q"]),
+        helper.make_node("Cast", ["q"], ["f"], to=TensorProto.FLOAT),
+        helper.make_node("Add", ["h", "f"], ["a"]),
+    )
+    made.graph.initializer.extend([least, minus, numpy_helper.from_array(np.array([0], dtype=dtype), "zero")])
+    return made
+
+
 def write_weights(path: Path) -> None:
     path.write_bytes(weights().tobytes())

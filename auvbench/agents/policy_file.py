@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from hashlib import sha256
 from pathlib import Path
 
@@ -38,6 +39,11 @@ class PolicyFile:
             )
         sizes = {"observations": self._spec.size, "actions": self._n_u}
         self.policy = exported.Policy(data, str(path), card=card, **sizes)
+
+    def processor_time(self) -> float:
+        """Return the seconds of processor time that this process and that of the policy have taken."""
+        assert self.policy is not None, "load comes first"
+        return time.process_time() + self.policy.seconds
 
     def reset(self, episodes: Integers) -> None:
         """Do nothing: the network keeps no state."""

@@ -24,6 +24,7 @@ from auvbench.analysis.evaluations import Damage, named
 from auvbench.record import columns
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import sha256
+from auvbench.untrusted import columns as schemas
 from auvbench.untrusted import reading, tables, typed_json
 from auvbench.untrusted.text import short
 
@@ -70,18 +71,18 @@ class Archive:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        frame, notes = self._read(RUNS)
+        with named(RUNS):
+            frame, notes = tables.read_parquet(reading.content(folder / RUNS, tables.FILE))
         with named(f"the footer of {RUNS}"):
             note = typed_json.convert(reading.json_value(notes.get(NOTE, "null").encode()), Note)
         if note.content != digest(frame):
             raise Damage(f"{RUNS} was changed or damaged")
         self._files = {integrity.FILES: {name: asdict(entry) for name, entry in note.files.items()}}
-        missing = {"run", "config", "manifest", "evaluations", "validation"} - set(frame.columns)
-        if missing:
-            raise Damage(f"{RUNS} lacks the columns {', '.join(sorted(missing))}")
+        with named(RUNS):
+            frame = schemas.checked(frame, schemas.RUNS)
         names = frame["run"].astype(object)
-        if names.isna().any() or names.duplicated().any():
-            raise Damage(f"{RUNS} names a run twice, or not at all")
+        if names.duplicated().any():
+            raise Damage(f"{RUNS} names a run twice")
         self._rows = frame.astype(object).set_index(names)
 
     def __reduce__(self) -> tuple[type[Archive], tuple[Path]]:
@@ -121,8 +122,6 @@ class Archive:
         for name in frame.columns:
             if isinstance(frame[name].dtype, pd.CategoricalDtype):
                 frame[name] = frame[name].astype(object)
-            elif name in ("episode", "environment", "steps", "step"):
-                frame[name] = _whole(frame[name], name)
         for name, (one, operation, other) in FOLLOWING.items():
             if {one, other} <= set(frame.columns):
                 frame[name] = operation(frame[one], frame[other])
@@ -159,7 +158,7 @@ class Archive:
 
     @cached_property
     def _episodes(self) -> pd.DataFrame:
-        return self._table(EPISODES, {"run", "protocol", "condition", "episode", "outcome", "steps"})
+        return self._table(EPISODES, schemas.of_study())
 
     @cached_property
     def _episodes_of(self) -> Mapping[Any, Any]:
@@ -167,25 +166,18 @@ class Archive:
 
     @cached_property
     def _trajectories(self) -> pd.DataFrame:
-        return self._table(TRAJECTORIES, {"run", "protocol", "condition", "episode", *SCALE})
+        return self._table(TRAJECTORIES, schemas.TRAJECTORIES)
 
     @cached_property
     def _trajectories_of(self) -> Mapping[Any, Any]:
         return self._trajectories.groupby(["run", "protocol", "condition"], observed=True).indices
 
-    def _table(self, name: str, needed: set[str]) -> pd.DataFrame:
+    def _table(self, name: str, schema: schemas.Schema) -> pd.DataFrame:
         with named(name):
             data = reading.content(self.folder / name, tables.FILE)
-        if wrong := integrity.difference(self._files, name, data):
-            raise Damage(f"{name} {wrong}")
-        frame, _ = self._read(name)
-        if missing := sorted(needed - set(frame.columns)):
-            raise Damage(f"{name} lacks the columns {', '.join(missing)}")
-        return frame
-
-    def _read(self, name: str) -> tuple[pd.DataFrame, dict[str, str]]:
-        with named(name):
-            return tables.read_parquet(self.folder / name)
+            if wrong := integrity.difference(self._files, name, data):
+                raise Damage(f"{name} {wrong}")
+            return schemas.checked(tables.read_parquet(data, schema)[0], schema)
 
 
 def note(runs: pd.DataFrame, files: Mapping[str, bytes]) -> dict[str, str]:
@@ -198,10 +190,3 @@ def digest(runs: pd.DataFrame) -> str:
     """Return the SHA-256 of the names and texts of a table."""
     cells = [*runs.columns, *(str(cell) for name in runs.columns for cell in runs[name].tolist())]
     return sha256("\0".join(cells).encode("utf-8", "surrogatepass"))
-
-
-def _whole(values: pd.Series, name: str) -> pd.Series:
-    numbers = pd.to_numeric(values, errors="coerce")
-    if numbers.isna().any() or (numbers != numbers.round()).any() or (numbers.abs() > 2**53).any():
-        raise Damage(f"{EPISODES}: {name} is not a whole number in every row")
-    return numbers.astype(np.int64)

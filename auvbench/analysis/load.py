@@ -14,7 +14,6 @@ from typing import Any
 
 from auvbench.analysis.archive import RUNS, Archive, is_archive
 from auvbench.analysis.evaluations import (
-    LARGEST,
     Damage,
     check_belongs,
     disagreement,
@@ -33,6 +32,7 @@ from auvbench.runs import run_filter as filters
 from auvbench.runs.directory import as_words, missing
 from auvbench.runs.identity import LATER
 from auvbench.untrusted import reading
+from auvbench.untrusted.columns import LARGEST
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
 

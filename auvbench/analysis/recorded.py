@@ -6,7 +6,7 @@ import csv
 import io
 import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis.archive import TRAIN
+from auvbench.analysis.archive import EPISODES, TRAIN
 from auvbench.analysis.evaluations import Damage, check_digest, finite, named
 from auvbench.analysis.records import Evaluation, RunRecord
-from auvbench.record import OUTCOMES
 from auvbench.runs import integrity
 from auvbench.statistics.intervals import FloatArray
-from auvbench.untrusted import archives, reading, tables
+from auvbench.untrusted import archives, columns, reading, tables
 
 NAME = "trajectories.npz"
 REQUIRED = ("waypoint", "position", "time")
@@ -59,8 +58,9 @@ def paths(run: str, evaluation: Evaluation, condition: str, episodes: int) -> It
         return
     rows = evaluation.episodes
     rows = rows[rows["condition"] == condition].set_index("episode")
-    named = "waypoint" if "waypoint_x_m" in rows.columns else "goal"
-    waypoints = rows[[f"{named}_{axis}_m" for axis in "xyz"]].to_numpy(dtype=np.float64)
+    goal = "waypoint" if "waypoint_x_m" in rows.columns else "goal"
+    with named(EPISODES):
+        waypoints = rows[[f"{goal}_{axis}_m" for axis in "xyz"]].to_numpy(dtype=np.float64)
     where = {int(episode): i for i, episode in enumerate(rows.index)}
     found = evaluation.archive.paths(run, evaluation.protocol, condition)
     for episode, position, time in itertools.islice(found, episodes):
@@ -73,10 +73,10 @@ def paths(run: str, evaluation: Evaluation, condition: str, episodes: int) -> It
 def _of_file(file: Path, condition: str, episodes: int) -> Iterator[StoredPath]:
     with named(file.name):
         data = reading.content(file, reading.DATA)
-        with archives.opened(data) as arrays:
-            named_so = re.compile(rf"position_{re.escape(condition)}_(\d+)")
-            there = sorted(int(match[1]) for key in arrays.files if (match := named_so.fullmatch(key)))
-            found = [_episode(arrays, f"{condition}_{episode}", episode) for episode in there[:episodes]]
+        arrays = archives.paths(data, condition, episodes)
+        named_so = re.compile(rf"position_{re.escape(condition)}_(\d+)")
+        there = sorted(int(match[1]) for key in arrays if (match := named_so.fullmatch(key)))
+        found = [_episode(arrays, f"{condition}_{episode}", episode) for episode in there[:episodes]]
     # Last, for what can be said of the damage says more.
     with named("summary.json"):
         summary = integrity.read(file.with_name("summary.json"), integrity.Summary)
@@ -84,14 +84,14 @@ def _of_file(file: Path, condition: str, episodes: int) -> Iterator[StoredPath]:
     yield from found
 
 
-def _episode(arrays: Any, suffix: str, episode: int) -> StoredPath:
+def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath:
     """Return one episode of a file.
 
     Raises:
         ValueError: one has another type or shape, or is not finite.
     """
     wanted = {n: f"{n}_{suffix}" for n in (*REQUIRED, *OPTIONAL)}
-    raw = {n: arrays[key] for n, key in wanted.items() if n in REQUIRED or key in arrays.files}
+    raw = {n: arrays[key] for n, key in wanted.items() if n in REQUIRED or key in arrays}
     # Before they are widened to float64: a byte would take eight.
     if any(array.dtype.kind != "f" for array in raw.values()):
         raise ValueError(f"episode {episode} holds no floating-point numbers")
@@ -112,10 +112,6 @@ def _episode(arrays: Any, suffix: str, episode: int) -> StoredPath:
 
 TRAINING = "train/episodes.csv"
 
-NUMBERS = ("step", "steps", "return")
-COLUMNS = ("outcome", *NUMBERS)
-"""of train/episodes.csv, that a report uses"""
-
 
 def has_training(run: RunRecord) -> bool:
     """Return whether the run has training episodes."""
@@ -135,24 +131,13 @@ def training(run: RunRecord) -> pd.DataFrame | None:
     if not has_training(run):
         return None
     if run.archive is not None:
-        return _checked_training(run.archive.episodes(run.id, TRAIN).filter(items=COLUMNS))
+        frame = run.archive.episodes(run.id, TRAIN)
+        with named(TRAINING):
+            return columns.checked(frame, columns.TRAINING)
     with named(TRAINING):
         data = reading.content(run.directory / TRAINING, reading.DATA)
-        frame = tables.csv(data, COLUMNS)
-    frame = _checked_training(frame)
+        frame = columns.checked(tables.csv(data, columns.TRAINING), columns.TRAINING)
     check_digest(run.manifest, TRAINING, data)
-    return frame
-
-
-def _checked_training(frame: pd.DataFrame) -> pd.DataFrame:
-    if missing := [c for c in COLUMNS if c not in frame.columns]:
-        raise Damage(f"{TRAINING} lacks the columns {', '.join(missing)}")
-    if frame.empty:
-        return frame
-    if bad := {str(outcome) for outcome in frame["outcome"].unique()} - set(OUTCOMES):
-        raise Damage(f"{TRAINING} has the outcome {min(bad)!r}, not one of {', '.join(OUTCOMES)}")
-    if not finite(frame[list(NUMBERS)].to_numpy()):
-        raise Damage(f"{TRAINING} is cut short or has values that are not finite numbers")
     return frame
 
 

@@ -35,6 +35,9 @@ CONTROLLERS = ("pid", "smc", "lqr")
 TASKS = ("waypoint", "station_keeping")
 """Tasks whose reference is a pose at rest, as `/goal_pose` gives it."""
 
+ANSWER = 1
+"""s of processor time that a policy has for an action, and five times as long by the clock, before the pilot disarms"""
+
 _EPILOG = """examples:
   auvbench pilot policy.onnx --goal 5 3 -12 --record missions/first
   auvbench pilot pid --vehicle bluerov2 --depth -30 -2
@@ -196,7 +199,7 @@ def _setup(given: argparse.Namespace) -> Steering:
     if word.endswith(".onnx"):
         from auvbench.policies import exported
 
-        policy = exported.load(word)
+        policy = exported.load(word, seconds=ANSWER)
         card = policy.card
         if card is None:
             raise UserError(

@@ -29,7 +29,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import load_config
 from auvbench.tasks.bounds import bounded_spec
 from auvbench.tasks.observation import observation_spec
-from auvbench.untrusted import onnx_file, path_safety
+from auvbench.untrusted import path_safety
 from auvbench.vehicles import sheet
 from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -173,16 +173,14 @@ def make_card(
     run: RunDirectory, config: schema.TrainConfig, vehicle: VehicleModel, data: bytes, name: str
 ) -> dict[str, Any]:
     """Return the card of a run's policy, without the result of the comparison."""
+    from auvbench.agents.learned import onnx_export
+
     task = config.task
     plain = run.config()
-    found = onnx_file.parse(data)
+    policy = exported.Policy(data, name)
     ports = [
-        {
-            "name": p.name,
-            "type": p.type,
-            "shape": ["n" if length is None else length for length in p.shape or ()],
-        }
-        for p in (found.inputs[0], found.outputs[0])
+        {"name": p.name, "type": p.type, "shape": ["n" if length is None else length for length in p.shape]}
+        for p in (policy.input, policy.output)
     ]
     waypoints = {}
     if isinstance(task, tasks.Waypoint):
@@ -201,7 +199,7 @@ def make_card(
             "name": name,
             "bytes": len(data),
             "sha256": sha256(data),
-            "opset": found.opset,
+            "opset": onnx_export.OPSET,
             "input": ports[0],
             "output": ports[1],
         },
@@ -304,7 +302,7 @@ def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
     policy.act(observe_edges(config))
     seen = observe_episodes(config, agent, CHECK_STEPS, scenarios="validation")
     if not np.array_equal(policy.act(seen), policy.act(seen)):
-        raise PolicyError(f"{policy.where}: answers the same observations differently the second time")
+        raise PolicyError(f"{policy.where}: {exported.DIFFERENT}")
     _check_rows(policy, seen[:: max(1, len(seen) // 64)][:64])
 
 

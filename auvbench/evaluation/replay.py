@@ -19,7 +19,7 @@ from auvbench.evaluation.rollout import one_episode
 from auvbench.pilot.mission import CONDITION, FORMAT, SCHEMA_VERSION
 from auvbench.record import Record
 from auvbench.runs.directory import RunDirectory
-from auvbench.untrusted import archives, reading, tables
+from auvbench.untrusted import archives, columns, reading, tables
 
 Floats = NDArray[np.float32]
 
@@ -99,18 +99,24 @@ def read_mission(folder: Path, number: int) -> Replay:
             raise ValueError("mission.json has another format")
         if about.get("schema_version") != SCHEMA_VERSION:
             raise ValueError(f"mission.json has version {about.get('schema_version')}, not {SCHEMA_VERSION}")
-        table = tables.csv(reading.content(folder / "episodes.csv", reading.DATA))
+        schema = columns.of_test()
+        table = tables.csv(
+            reading.content(folder / "episodes.csv", reading.DATA), schema, words=("condition",)
+        )
+        table = columns.checked(table, schema)
         if not 0 <= number < len(table):
             raise UserError(f"--episode {number}: {folder} holds missions 0 to {len(table) - 1}")
-        with archives.opened(reading.content(folder / "trajectories.npz", reading.DATA)) as stored:
-            arrays = {
-                name: np.asarray(stored[f"{name}_{CONDITION}_{number}"], dtype=np.float32) for name in ARRAYS
-            }
+        data = reading.content(folder / "trajectories.npz", reading.DATA)
+        stored = archives.paths(data, CONDITION, [number])
+        arrays = {
+            name: np.asarray(stored[f"{name}_{CONDITION}_{number}"], dtype=np.float32) for name in ARRAYS
+        }
         frequency = float(about["frequency_hz"])
         limits: dict[str, Any] = {
             key: float(about[f"{key}_m"]) for key in ("goal_radius", "depth_low", "depth_high")
         }
         actuators = tuple(str(name) for name in about["actuators"])
+        _check_shapes(arrays, len(actuators))
         controller = str(about["controller"])
     except (OSError, ValueError, KeyError, TypeError, *archives.FAULTS) as error:
         raise RunError(f"{folder}: missions cannot be read: {error}") from error
@@ -126,3 +132,14 @@ def read_mission(folder: Path, number: int) -> Replay:
         record={str(key): value for key, value in table.iloc[number].to_dict().items()},
         **arrays,
     )
+
+
+def _check_shapes(arrays: dict[str, Floats], n_u: int) -> None:
+    """Raise ValueError unless all arrays of an episode are of one length, and finite."""
+    n = len(arrays["time"])
+    shapes = {"time": (n,), "position": (n, 3), "yaw": (n,), "command": (n - 1, n_u), "waypoint": (3,)}
+    for name, array in arrays.items():
+        if array.shape != shapes[name]:
+            raise ValueError(f"{name} has shape {array.shape}, must be {shapes[name]}")
+        if not np.isfinite(array).all():
+            raise ValueError(f"{name} has numbers that are not finite")

@@ -241,6 +241,8 @@ def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
 
 def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:
     """Yield the processor time of each action in s, episode after episode."""
+    # An agent may compute in a process of its own.
+    clock: Callable[[], float] = getattr(agent, "processor_time", time.process_time)
     for episode in count():
         numbers = np.array([episode])
         batch = batch_of("validation", config, numbers, 0)
@@ -248,8 +250,8 @@ def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:
         agent.reset(numbers)
         ended = False
         while not ended:
-            before = time.process_time()
+            before = clock()
             action = agent.act(observation)
-            yield time.process_time() - before
+            yield clock() - before
             result = batch.step(action)
             observation, ended = result.observation, len(result.ended) > 0

@@ -1,14 +1,19 @@
 """A policy as a file: an ONNX network and, next to it, a card in JSON that says what its numbers mean.
 
-Reading one needs NumPy, onnx and ONNX Runtime alone: no torch, no Stable-Baselines3, nothing that is compiled. The network
+Reading one needs NumPy and ONNX Runtime alone: no torch, no Stable-Baselines3, nothing that is compiled. The network
 takes raw observations (n, n_obs) in the units of the environment and returns actions (n, n_u) in [-1, 1]; scaling and
-clipping are in the file. Files and cards of other people are checked (`auvbench/untrusted/onnx_file.py`), and the runtime
-gets only what was checked.
+clipping are in the file.
+
+ONNX Runtime reads the file, and answers, in a process of its own that may open no file, and has limits of memory and time
+(`auvbench/untrusted/sandbox.py`). Which operators the file has does not matter then: a file that crashes, never ends or
+takes all memory is one line. What a policy must be is asked of its answers: of one shape, the same for the same
+observation, and actions.
 """
 
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import os
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,16 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import MissingExtraError, RunError
-from auvbench.untrusted import onnx_file, reading, typed_json
-from auvbench.untrusted.onnx_file import Port
+from auvbench.untrusted import reading, sandbox, typed_json
 from auvbench.untrusted.text import plain, short
 
 FORMAT = "auvbench-policy"
 SCHEMA_VERSION = 1
 """of the card"""
 
-LARGEST = 1 << 20
-"""bytes of a card"""
+LARGEST, LARGEST_CARD = 16 << 20, 1 << 20
+"""bytes of a network and of a card"""
 
 MOST = 1000
 """observations or actions"""
@@ -43,6 +47,25 @@ SLACK = 1e-6
 ROWS = 64
 """of each forward pass: matrix products of another shape may round differently, and an answer must not depend on how
 many are asked for together"""
+
+
+DIFFERENT = "answers the same observations differently the second time"
+
+Lengths = tuple[int | None, ...]
+"""of an array; None for an open one"""
+
+
+@dataclass(frozen=True, slots=True)
+class Port:
+    """An input or output of a network."""
+
+    name: str
+    type: str  # float32, float64, or as ONNX Runtime names it
+    shape: Lengths
+
+    def __str__(self) -> str:
+        lengths = ", ".join("n" if length is None else str(length) for length in self.shape)
+        return f"{short(self.name, 60)!r} ({lengths}) {short(self.type, 40)}"
 
 
 class PolicyError(RunError):
@@ -107,7 +130,7 @@ def read_card(path: Path | str) -> Card:
     Raises:
         PolicyError: it is missing, or no card.
     """
-    card = parse_card(content(Path(path), LARGEST), str(path))
+    card = parse_card(content(Path(path), LARGEST_CARD), str(path))
     if card is None:
         raise PolicyError(f'{path}: is no card of a policy ("format" is not "{FORMAT}")')
     return card
@@ -164,9 +187,10 @@ class Policy:
         actions: number of actuators; None for any.
         card: of the file; its names must be as many as inputs and outputs.
         rows: of each forward pass (see `ROWS`), unless the file fixes them; 1 acts fastest on one observation.
+        seconds: of the processor for each answer, after which the policy is given up.
 
     Raises:
-        PolicyError: the file is damaged, foreign, of another shape, or holds what is refused.
+        PolicyError: the file is damaged, foreign, of another shape, or its answers depend on more than the observation.
         MissingExtraError: ONNX Runtime is not installed.
     """
 
@@ -179,57 +203,94 @@ class Policy:
         actions: int | None = None,
         card: Card | None = None,
         rows: int = ROWS,
+        seconds: int = sandbox.SECONDS,
     ) -> None:
+        if not installed("onnxruntime"):
+            raise MissingExtraError("onnxruntime", extra="onnx", purpose="policies as ONNX files")
         self.where = where
         self.card = card
         self.sha256 = hashlib.sha256(data).hexdigest()
+        self.seconds = 0.0
+        """of the processor that its answers took, in its own process"""
+        self.input, self.output = self._opened(data, seconds)
         try:
-            self.file = file = onnx_file.parse(data)
-            self._input = _only(file.inputs, "input", "observation (n, length)")
-            self._output = _only(file.outputs, "output", "action (n, actuators)")
-            _fits("input", self._input, observations, card.observed if card else None)
-            fixed, width = self._input.shape or (None, None)
+            _fits("input", self.input, observations, card.observed if card else None)
+            _fits("output", self.output, actions, card.actuators if card else None)
+            fixed, width = self.input.shape
             width = width or observations or (len(card.observation) if card else None)
             if width is None:
-                raise ValueError(f"its input {self._input} leaves the length of an observation open")
+                raise ValueError(f"its input {self.input} leaves the length of an observation open")
             self._rows = fixed or rows
-            shape = file.answer(self._rows, width)
-            if shape[:1] != (self._rows,):
-                raise ValueError(f"it answers {self._rows} observations with an array of shape {shape}")
-            answer = replace(self._output, shape=(None, *shape[1:]))
+            tried = np.random.default_rng(0).normal(size=(self._rows, width)).astype(self.input.type)
+            first, second = self._asked(tried), self._asked(tried)
+            answer = replace(self.output, shape=(None, *first.shape[1:]))
             _fits("output", answer, actions, card.actuators if card else None)
+            if not np.array_equal(first, second, equal_nan=True):
+                raise ValueError(DIFFERENT)
         except ValueError as error:
             raise PolicyError(f"{where}: {error}") from error
-        self.n_observations, self.n_actions = width, shape[1] or 0
-        self._session = _session(file.serialised(), where)
+        self.n_observations, self.n_actions = width, first.shape[1]
+
+    def _opened(self, data: bytes, seconds: int) -> tuple[Port, Port]:
+        """Start the process of the policy; return its input and its output."""
+        try:
+            self._child = sandbox.Child(sandbox.POLICY, data, seconds=seconds)
+            ports, _ = self._child.answer()
+        except ValueError as error:
+            raise PolicyError(
+                f"{self.where}: is no ONNX file that ONNX Runtime can load: {_reason(error)}"
+            ) from error
+        try:
+            return (
+                _only(_ports(ports.get("inputs")), "input", "observation (n, length)"),
+                _only(_ports(ports.get("outputs")), "output", "action (n, actuators)"),
+            )
+        except ValueError as error:
+            raise PolicyError(f"{self.where}: {error}") from error
 
     def act(self, observation: NDArray[np.floating]) -> Floats:
         """Return actions (n, n_u) in [-1, 1] for raw observations (n, n_obs) in their units.
 
         Raises:
-            PolicyError: it answers with a NaN, an infinity, an action out of range, or one of another shape.
+            PolicyError: it answers with a NaN, an infinity, an action out of range, or one of another shape, or its process
+                has ended.
         """
-        given = np.ascontiguousarray(observation, dtype=self._input.type)
+        given = np.ascontiguousarray(observation, dtype=self.input.type)
         if given.ndim != 2:
             raise PolicyError(f"{self.where}: was given observations of shape {given.shape}, not (n, length)")
-        rows = self._rows
-        parts = [self._pass(given[at : at + rows]) for at in range(0, len(given), rows)]
-        action = np.concatenate(parts) if parts else np.zeros((0, self.n_actions), dtype=np.float32)
+        if not len(given):
+            return np.zeros((0, self.n_actions), dtype=np.float32)
+        try:
+            action = self._asked(given)
+        except ValueError as error:
+            raise PolicyError(f"{self.where}: {error}") from error
+        if action.shape != (len(given), self.n_actions):
+            raise PolicyError(
+                f"{self.where}: answers {len(given)} observations with an array of shape {action.shape}"
+            )
         self._refuse(given, action)
         return np.clip(action, -1.0, 1.0)
 
-    def _pass(self, part: NDArray[Any]) -> Floats:
-        rows = np.zeros((self._rows, part.shape[1]), dtype=part.dtype)
-        rows[: len(part)] = part
+    def _asked(self, given: NDArray[np.floating]) -> Floats:
+        """Return the unchecked answer (n, ...) to observations (n, n_obs).
+
+        Raises:
+            ValueError: there is none.
+        """
         try:
-            (answer,) = self._session.run([self._output.name], {self._input.name: rows})
-        except Exception as error:  # the runtime raises of all kinds
-            raise PolicyError(f"{self.where}: cannot be computed: {_reason(error)}") from error
-        if np.shape(answer) != (len(rows), self.n_actions):
-            raise PolicyError(
-                f"{self.where}: answers {len(rows)} observations with an array of shape {np.shape(answer)}"
-            )
-        return np.asarray(answer[: len(part)], dtype=np.float32)
+            note, arrays = self._child.ask({"rows": self._rows}, {"data": given})
+        except ValueError as error:
+            raise ValueError(f"cannot be computed: {_reason(error)}") from error
+        action, seconds = arrays.get("action"), note.get("seconds")
+        if (
+            action is None
+            or action.dtype != np.float32
+            or len(action.shape) != 2
+            or len(action) != len(given)
+        ):
+            raise ValueError(f"answers {len(given)} observations with {_described(action)}")
+        self.seconds += seconds if isinstance(seconds, float) and seconds > 0.0 else 0.0
+        return action
 
     def _refuse(self, observation: NDArray[Any], action: Floats) -> None:
         # NaN compares as False.
@@ -245,11 +306,17 @@ class Policy:
 
 
 def load(
-    path: Path | str, *, observations: int | None = None, actions: int | None = None, rows: int = ROWS
+    path: Path | str,
+    *,
+    observations: int | None = None,
+    actions: int | None = None,
+    rows: int = ROWS,
+    seconds: int = sandbox.SECONDS,
 ) -> Policy:
     """Read an ONNX file and the card next to it, if there is one; arguments and errors are those of `Policy`."""
     data, card, _ = read(path)
-    return Policy(data, str(path), observations=observations, actions=actions, card=card, rows=rows)
+    sizes = {"observations": observations, "actions": actions}
+    return Policy(data, str(path), card=card, rows=rows, seconds=seconds, **sizes)
 
 
 def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
@@ -262,11 +329,11 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
     if path.suffix == ".json" or path.is_dir():
         what = "is a folder" if path.is_dir() else "is a card"
         raise PolicyError(f"{path}: {what}; name the ONNX file")
-    data = content(path, onnx_file.LARGEST)
+    data = content(path, LARGEST)
     card_file = card_path(path)
     if not os.path.lexists(card_file):
         return data, None, None
-    text = content(card_file, LARGEST)
+    text = content(card_file, LARGEST_CARD)
     card = parse_card(text, str(card_file))
     if card is None:
         return data, None, None
@@ -276,6 +343,27 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
             "export again, or remove the card"
         )
     return data, card, text
+
+
+def installed(package: str) -> bool:
+    """Return whether a package can be imported, without importing it."""
+    return importlib.util.find_spec(package) is not None
+
+
+def _ports(found: object) -> tuple[Port, ...]:
+    """Return inputs or outputs as the policy's process names them.
+
+    Raises:
+        ValueError: what it sent is not such a list.
+    """
+    ports = []
+    for name, kind, shape in typed_json.convert(found, list[list[Any]]):
+        lengths = tuple(
+            n if isinstance(n, int) and n > 0 else None for n in typed_json.convert(shape, list[Any])
+        )
+        text = str(kind).removeprefix("tensor(").removesuffix(")")
+        ports.append(Port(str(name), {"float": "float32", "double": "float64"}.get(text, text), lengths))
+    return tuple(ports)
 
 
 def _only(ports: tuple[Port, ...], kind: str, what: str) -> Port:
@@ -290,7 +378,7 @@ def _fits(kind: str, port: Port, wanted: int | None, named: tuple[str, ...] | No
     Raises:
         ValueError: the port is not one of float numbers of shape (n, wanted).
     """
-    told, shape = f"its {kind} {port}", port.shape or (None, None)
+    told, shape = f"its {kind} {port}", port.shape
     if port.type not in ("float32", "float64"):
         raise ValueError(f"{told} must be float32 or float64")
     if len(shape) != 2:
@@ -303,28 +391,15 @@ def _fits(kind: str, port: Port, wanted: int | None, named: tuple[str, ...] | No
         raise ValueError(f"{told} has not the {len(named)} entries that its card names")
 
 
-def _session(data: bytes, where: str) -> Any:
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise MissingExtraError("onnxruntime", extra="onnx", purpose="policies as ONNX files") from error
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # what is wrong is raised; nothing is printed in addition
-    options.use_deterministic_compute = True
-    # Rewrites that keep each number as it is; further ones trade digits for speed.
-    options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
-    try:
-        return onnxruntime.InferenceSession(
-            data, options, providers=["CPUExecutionProvider"], enable_fallback=0
-        )
-    except Exception as error:  # the runtime raises of all kinds
-        raise PolicyError(
-            f"{where}: ONNX Runtime {onnxruntime.__version__} cannot load it: {_reason(error)}"
-        ) from error
+def _described(answer: NDArray[Any] | None) -> str:
+    return "nothing" if answer is None else f"an array of shape {answer.shape}"
 
 
 def _reason(error: BaseException) -> str:
     text = plain(" ".join(str(error).split())) or type(error).__name__
-    return short(text.removeprefix("[ONNXRuntimeError] : "), 300)
+    hint = (
+        " (its weights lie in another file, which is not read: export one file)"
+        if "External data" in text
+        else ""
+    )
+    return short(text.removeprefix("[ONNXRuntimeError] : "), 300) + hint

@@ -1,7 +1,11 @@
 """Arrays and weights from archives that may declare more than any memory holds.
 
 `numpy.load` and `torch.load` make room for what an archive declares: some kilobytes can declare gigabytes. So the
-archive's directory is read first.
+archive's directory is read first; Python's `zipfile` gives no byte more than it says.
+
+Weights, and the arrays of a policy or a checkpoint, are read in this process. They have up to 2 GiB, which a process of
+their own would hold a second time, and both readers are bounded: `torch.load` with `weights_only=True` unpickles tensors
+alone and unpacks nothing, `numpy.load` is written in Python.
 """
 
 from __future__ import annotations
@@ -9,19 +13,14 @@ from __future__ import annotations
 import io
 import zipfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from auvbench.untrusted import reading
+from auvbench.untrusted import reading, sandbox
 from auvbench.untrusted.text import first_line
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
-
-MEMBER = 32 * 1024**2
-"""bytes of an array that is read by itself; the positions of an episode have some ten thousand"""
 
 FAULTS = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error, RuntimeError)
 """errors of reading a damaged archive"""
@@ -45,19 +44,20 @@ def arrays(data: bytes) -> dict[str, NDArray[Any]]:
         raise ValueError(_reason(error)) from error
 
 
-@contextmanager
-def opened(data: bytes) -> Iterator[np.lib.npyio.NpzFile]:
-    """Open an .npz to read single arrays; nothing is unpickled.
+def paths(data: bytes, condition: str, episodes: Sequence[int] | int) -> dict[str, NDArray[Any]]:
+    """Return the arrays `<name>_<condition>_<episode>` of an .npz, read by a process of its own (`sandbox.py`).
+
+    Args:
+        data: the file.
+        condition: of a protocol.
+        episodes: their numbers, or how many of the first ones.
 
     Raises:
-        ValueError: it is damaged, or declares too much.
+        ValueError: it is damaged, too large, or has arrays that are not of numbers.
     """
-    import numpy as np
-
-    if (declared := max(_sizes(data), default=0)) > MEMBER:
-        raise ValueError(f"an array would unpack to {declared:,} bytes; at most {MEMBER:,} are read")
-    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-        yield archive
+    chosen = episodes if isinstance(episodes, int) else list(episodes)
+    with sandbox.Child(sandbox.PATHS, data, condition=condition, episodes=chosen) as child:
+        return child.answer()[1]
 
 
 def weights(data: bytes) -> dict[str, Any]:

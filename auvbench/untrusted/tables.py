@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Collection
-from pathlib import Path
+from collections.abc import Collection, Mapping
 from typing import TYPE_CHECKING, Any
 
-from auvbench.untrusted import reading
-from auvbench.untrusted.text import short
+from auvbench.untrusted import sandbox, typed_json
 
 if TYPE_CHECKING:
+    import numpy as np
     import pandas as pd
 
 FILE = 256 * 1024**2
-"""bytes of the largest file"""
-VALUES = 200_000_000
-"""cells of the largest table: 1.6 GB of float64"""
-UNPACKED = 2 * 1024**3
-"""bytes of all pages after decompression"""
+"""bytes of the largest file; unpacked, a table has at most `sandbox.MEMORY`"""
+COLUMNS = 1000
+"""of a table"""
+TEXTS = 1_000_000
+"""different texts in a column"""
 MISSING = ("", "nan", "NaN", "NA", "N/A", "null", "NULL", "None")
 """texts for a missing number; in a column of words they are words"""
 
@@ -45,37 +44,47 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
 
 
-def read_parquet(path: Path) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Return a table and the texts of its footer; text columns become categories.
+def read_parquet(data: bytes, columns: Collection[str] | None = None) -> tuple[pd.DataFrame, dict[str, str]]:
+    """Return a table, or its columns of these names, and the texts of its footer; text columns become categories.
+
+    A process of its own reads the file (`sandbox.py`).
 
     Raises:
-        OSError: the file is missing or cannot be read.
         ValueError: it is no Parquet file, is damaged, too large, or has nested or foreign types.
     """
-    import pyarrow as pa
-    from pyarrow import parquet
+    import pandas as pd
 
-    data = reading.content(path, FILE)
-    try:
-        footer = parquet.read_metadata(pa.BufferReader(data))
-        if footer.num_rows * footer.num_columns > VALUES:
-            raise ValueError(f"it has more than {VALUES:,} values")
-        if sum(footer.row_group(i).total_byte_size for i in range(footer.num_row_groups)) > UNPACKED:
-            raise ValueError(f"it expands to more than {UNPACKED // 1024**3} GiB")
-        schema = footer.schema.to_arrow_schema()
-        for field in schema:
-            if not (pa.types.is_string(field.type) or pa.types.is_primitive(field.type)):
-                raise ValueError(f"column {short(field.name, 40)} has the type {short(str(field.type), 40)}")
-        texts = [field.name for field in schema if pa.types.is_string(field.type)]
-        # One long text may stand in every row: as categories it is in memory once.
-        file = parquet.ParquetFile(
-            pa.BufferReader(data), read_dictionary=texts, page_checksum_verification=True
-        )
-        frame: pd.DataFrame = file.read(use_threads=False).to_pandas(ignore_metadata=True)
-        found = {key.decode(): value.decode() for key, value in (footer.metadata or {}).items()}
-    except (pa.ArrowException, OverflowError, MemoryError, UnicodeDecodeError) as error:
-        raise ValueError(f"it is no sound Parquet file: {short(error)}") from error
-    return frame, found
+    wanted = None if columns is None else sorted(columns)
+    found: dict[str, Any] = {}
+    with sandbox.Child(sandbox.TABLE, data, columns=wanted, most=COLUMNS) as child:
+        while "end" not in (answer := child.answer())[0]:
+            name = typed_json.convert(answer[0].get("column"), str)
+            if name in found or len(found) == COLUMNS:
+                raise ValueError("the process that reads it sent a column twice")
+            found[name] = _column(answer[1])
+    notes = typed_json.convert(answer[0]["end"], dict[str, typed_json.Prose])
+    if len({len(values) for values in found.values()}) > 1:
+        raise ValueError("the process that reads it sent columns of different lengths")
+    return pd.DataFrame(found, copy=False), {name: str(text) for name, text in notes.items()}
+
+
+def _column(arrays: Mapping[str, np.ndarray[Any, Any]]) -> Any:
+    """Return the values of a column (n,): numbers, or a category from codes (n,) and texts one after another."""
+    import numpy as np
+    import pandas as pd
+
+    if (values := arrays.get("values")) is not None and values.ndim == 1:
+        return values
+    codes, ends, text = (arrays.get(name) for name in ("codes", "ends", "text"))
+    if codes is None or ends is None or text is None or {codes.ndim, ends.ndim, text.ndim} != {1}:
+        raise ValueError("the process that reads it sent a column of no meaning")
+    if len(ends) > TEXTS:
+        raise ValueError(f"it has more than {TEXTS:,} different texts in a column")
+    if ends.dtype.kind != "i" or (np.diff(ends, prepend=0, append=len(text)) < 0).any():
+        raise ValueError("the process that reads it sent texts of no length")
+    whole, starts = text.tobytes(), [0, *ends[:-1].tolist()]
+    words = [whole[start:end].decode() for start, end in zip(starts, ends.tolist(), strict=True)]
+    return pd.Categorical.from_codes(codes, categories=pd.Index(words, dtype="str"))
 
 
 def parquet(frame: pd.DataFrame, notes: dict[str, str]) -> bytes:

@@ -10,20 +10,33 @@ import logging
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 
-from auvbench.errors import RunError
-from auvbench.untrusted import onnx_file
+from auvbench.errors import MissingExtraError, RunError
+from auvbench.policies import exported
 from auvbench.untrusted.text import first_line
 
 OPSET = 18
 """of 2023: runtimes since ONNX Runtime 1.15 read it"""
 
 INPUT, OUTPUT = "observation", "action"
+
+NOTES = (
+    "doc_string",
+    "metadata_props",
+    "producer_name",
+    "producer_version",
+    "model_version",
+    "value_info",
+    "denotation",
+    "overload",
+)
+"""Fields of onnx.proto without an effect on the numbers"""
 
 Floats = NDArray[np.float64]
 
@@ -47,7 +60,8 @@ def build(
         MissingExtraError: the onnx package is not installed.
     """
     name = type(policy).__name__
-    onnx_file.require()
+    if not exported.installed("onnx"):
+        raise MissingExtraError("onnx", extra="onnx", purpose="policies as ONNX files")
     try:
         with _quiet():
             program = torch.onnx.export(
@@ -62,17 +76,29 @@ def build(
                 verbose=False,
             )
         assert program is not None
-        # Without the exporter's notes, which name files of this machine.
-        model = onnx_file.parse(program.model_proto.SerializeToString()).model
+        model = program.model_proto
     except Exception as error:  # PyTorch raises of all kinds for what it cannot record or translate
         cause = error
         while cause.__cause__ is not None and isinstance(cause.__cause__, Exception):
             cause = cause.__cause__
         raise RunError(f"a {name} cannot be written as a file: {first_line(cause)}") from error
+    _drop_notes(model)
     model.producer_name = "auvbench"
     for key, text in about.items():
         model.metadata_props.add(key=key, value=text)
     return bytes(model.SerializeToString(deterministic=True))
+
+
+def _drop_notes(model: Any) -> None:
+    """Clear the exporter's notes, which name files of this machine, and what it inferred."""
+    waiting = [model]
+    while waiting:
+        message = waiting.pop()
+        for descriptor, value in message.ListFields():
+            if descriptor.name in NOTES:
+                message.ClearField(descriptor.name)
+            elif descriptor.message_type is not None:
+                waiting += [value] if hasattr(value, "ListFields") else value
 
 
 class _Action(torch.nn.Module):

@@ -44,11 +44,11 @@ def study(once: Once, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def change(study: Path, name: str, edit) -> None:  # type: ignore[no-untyped-def]
     """Edit a table and make the digests fit, as an attacker would."""
     files = {each: (study / each).read_bytes() for each in (archive.EPISODES, archive.TRAJECTORIES)}
-    runs, _ = tables.read_parquet(study / archive.RUNS)
+    runs, _ = tables.read_parquet((study / archive.RUNS).read_bytes())
     if name == archive.RUNS:
         runs = edit(runs.astype(object))
     else:
-        frame, _ = tables.read_parquet(study / name)
+        frame, _ = tables.read_parquet((study / name).read_bytes())
         files[name] = tables.parquet(edit(frame), {})
         (study / name).write_bytes(files[name])
     (study / archive.RUNS).write_bytes(tables.parquet(runs, archive.note(runs, files)))
@@ -121,23 +121,17 @@ def test_a_run_with_foreign_json_is_named(study: Path, column: str, value: str) 
     assert problems
 
 
-@pytest.mark.slow
-def test_a_file_that_expands_without_end_is_refused(tmp_path: Path) -> None:
+def test_a_long_text_in_every_row_is_in_memory_once(tmp_path: Path) -> None:
     texts = pa.DictionaryArray.from_arrays(pa.array([0] * 1000), pa.array(["x" * 10**6]))
-    table = pa.table({"run": texts})
-    wide = pa.table({f"c{i}": np.zeros(200_001) for i in range(1001)})
-    files.write_table(table, tmp_path / "small.parquet", store_schema=False)
-    files.write_table(wide, tmp_path / "wide.parquet", compression="zstd")
-    frame, _ = tables.read_parquet(tmp_path / "small.parquet")
+    files.write_table(pa.table({"run": texts}), tmp_path / "small.parquet", store_schema=False)
+    frame, _ = tables.read_parquet((tmp_path / "small.parquet").read_bytes())
     assert isinstance(frame["run"].dtype, pd.CategoricalDtype)
-    with pytest.raises(ValueError, match="values"):
-        tables.read_parquet(tmp_path / "wide.parquet")
 
 
 def test_nested_columns_are_refused(tmp_path: Path) -> None:
     files.write_table(pa.table({"run": [["a"], ["b"]]}), tmp_path / "nested.parquet")
     with pytest.raises(ValueError, match="type"):
-        tables.read_parquet(tmp_path / "nested.parquet")
+        tables.read_parquet((tmp_path / "nested.parquet").read_bytes())
 
 
 def test_trajectories_are_read_back_to_a_millimetre(study: Path) -> None:

@@ -188,7 +188,7 @@ def test_a_summary_that_no_evaluation_wrote_is_damage(grid: list[Path], text: st
         ("episode", ["x", *range(1, 12)], r"episode is not a whole number from 0 in every row"),
         ("path_efficiency", [np.nan] * 12, "path_efficiency is not a finite number"),
         ("path_efficiency", ["abc"] * 12, "path_efficiency is not a finite number"),
-        ("environment", ["abc"] * 12, "environment is not a finite number"),
+        ("environment", ["abc"] * 12, "environment is not a whole number"),
         ("frequency_hz", ["abc"] * 12, "frequency_hz is not a finite number"),
     ],
 )

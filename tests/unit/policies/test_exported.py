@@ -62,14 +62,12 @@ def test_double_precision_is_asked_in_its_own(tmp_path: Path) -> None:
     )
 
 
-def loop() -> Any:
-    body = helper.make_graph(
-        [helper.make_node("Identity", ["c"], ["d"])],
-        "body",
-        [port("i"), port("c")],
-        [port("d")],
-    )
-    return model([helper.make_node("Loop", ["", ""], ["a"], body=body)])
+def whole_numbers() -> Any:
+    nodes = [
+        helper.make_node("Cast", ["x"], ["f"], to=TensorProto.FLOAT),
+        helper.make_node("MatMul", ["f", "W"], ["a"]),
+    ]
+    return model(nodes, inputs=[port("x", "n", 10, kind=TensorProto.INT64)])
 
 
 def two_inputs() -> Any:
@@ -101,42 +99,19 @@ def custom() -> Any:
     return made
 
 
-def with_functions() -> Any:
-    made = model()
-    made.functions.append(
-        helper.make_function(
-            "own",
-            "F",
-            ["p"],
-            ["q"],
-            [helper.make_node("Tanh", ["p"], ["q"])],
-            [helper.make_opsetid("", 17)],
-        )
-    )
-    return made
-
-
-def with_training() -> Any:
-    made = model()
-    made.training_info.add()
-    return made
-
-
 REFUSED = [
     (lambda: model(n_in=12), r"its input 'x' \(n, 12\) float32 must be \(n, 10\) for this vehicle"),
     (lambda: model(n_out=8), r"its output 'a' \(n, 8\) float32 must be \(n, 6\)"),
     (lambda: model(inputs=[port("x", 10)]), r"must have two dimensions, \(n, 10\)"),
     (lambda: model(inputs=[port("x", 5000, 10)]), "at most 1000"),
-    (lambda: model(inputs=[port("x", "n", 10, kind=TensorProto.INT64)]), "must be float32 or float64"),
+    (whole_numbers, "'x' .* int64 must be float32 or float64"),
     (two_inputs, r"has 2 inputs \('x' .*'y' .*\); a policy has one, the observation"),
     (two_outputs, r"has 2 outputs .*; a policy has one, the action"),
     (custom, "com.evil:Evil"),
-    (with_functions, "defines functions of its own"),
-    (with_training, "training_info"),
-    (loop, "control flow"),
-    (lambda: onnx_files.ending("RandomNormalLike"), "RandomNormalLike"),
+    (lambda: onnx_files.ending("RandomNormalLike"), "answers the same observations differently"),
     (lambda: onnx_files.ending("NoSuchOperator"), "NoSuchOperator"),
-    (lambda: model(opset=9999), "9999"),
+    (lambda: model(opset=9999), "no ONNX file that ONNX Runtime can load"),
+    (lambda: onnx_files.ending("ReduceSum"), r"answers 64 observations with an array of shape \(1, 1\)"),
 ]
 
 
@@ -152,7 +127,7 @@ def test_what_is_refused_is_named_in_one_line(tmp_path: Path, make: Any, message
 def test_weights_in_other_files_are_never_opened(tmp_path: Path) -> None:
     path = onnx_files.with_external_data(tmp_path / "theirs.onnx")
     (tmp_path / "weights.bin").unlink()
-    with pytest.raises(PolicyError, match=r"external data.*not read"):
+    with pytest.raises(PolicyError, match="another file, which is not read"):
         load(path)
 
 
@@ -164,7 +139,7 @@ def test_external_data_of_an_attribute_is_found_too(tmp_path: Path) -> None:
         helper.make_node("MatMul", ["x", "W"], ["h"]),
         helper.make_node("Add", ["h", "c"], ["a"]),
     ]
-    with pytest.raises(PolicyError, match="external data"):
+    with pytest.raises(PolicyError, match="another file, which is not read"):
         load(saved(tmp_path / "theirs.onnx", model(nodes)))
 
 
@@ -174,7 +149,7 @@ def test_external_data_of_an_attribute_is_found_too(tmp_path: Path) -> None:
 )
 def test_what_is_no_onnx_file_says_so(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "x.onnx").write_bytes(data)
-    with pytest.raises(PolicyError, match="no ONNX file, or damaged"):
+    with pytest.raises(PolicyError, match="no ONNX file that ONNX Runtime can load"):
         load(tmp_path / "x.onnx")
 
 
@@ -183,9 +158,9 @@ def test_every_cut_and_many_flipped_bits_are_one_line_or_a_policy(
 ) -> None:
     whole = model().SerializeToString()
     rng = np.random.default_rng(0)
-    harmed = [whole[:length] for length in range(0, len(whole), 7)]
+    harmed = [whole[:length] for length in range(0, len(whole), 29)]
     cuts = len(harmed)
-    for _ in range(150):
+    for _ in range(40):
         data = bytearray(whole)
         data[rng.integers(len(data))] ^= 1 << rng.integers(8)
         harmed.append(bytes(data))
@@ -216,7 +191,7 @@ def test_a_missing_file_a_pipe_and_an_endless_one(tmp_path: Path, monkeypatch: p
     os.mkfifo(tmp_path / "pipe.onnx")
     with pytest.raises(PolicyError, match="a pipe"):
         load(tmp_path / "pipe.onnx")
-    monkeypatch.setattr(exported.onnx_file, "LARGEST", 100)
+    monkeypatch.setattr(exported, "LARGEST", 100)
     with pytest.raises(PolicyError, match="more than 100 bytes"):
         load(saved(tmp_path / "long.onnx", model()))
 
@@ -292,13 +267,13 @@ def test_json_beside_it_that_is_no_card_does_not_matter(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_reading_needs_numpy_onnx_and_onnx_runtime_alone(tmp_path: Path) -> None:
+def test_reading_needs_numpy_and_onnx_runtime_alone(tmp_path: Path) -> None:
     path = saved(tmp_path / "mine.onnx", model())
     script = f"""
 import sys
 class No:
     def find_spec(self, name, path=None, target=None):
-        heavy = ("torch", "stable_baselines3", "numba", "pandas", "scipy", "hydra", "omegaconf", "onnxscript", "yaml", "gymnasium")
+        heavy = ("torch", "stable_baselines3", "numba", "onnx", "pyarrow", "pandas", "scipy", "hydra", "omegaconf", "onnxscript", "yaml", "gymnasium")
         if name.partition(".")[0] in heavy:
             raise ModuleNotFoundError(name)
 sys.meta_path.insert(0, No())
