@@ -19,7 +19,7 @@ from auvbench.analysis.evaluations import Damage, check_digest, finite, named
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.runs import integrity
 from auvbench.statistics.intervals import FloatArray
-from auvbench.untrusted import archives, columns, reading, tables
+from auvbench.untrusted import archives, columns, reading, tables, typed_json
 
 NAME = "trajectories.npz"
 REQUIRED = ("waypoint", "position", "time")
@@ -160,10 +160,16 @@ def read_validation_curve(run: RunRecord) -> pd.DataFrame | None:
 
 
 def validation_rows(run: RunRecord) -> list[dict[str, Any]]:
-    """Return the rows of train/validation.csv; empty without that file."""
-    if run.archive is not None:
-        return list(run.archive.document(run.id, "validation") or ())
-    path = run.directory / VALIDATION
-    if not path.exists():
-        return []
-    return list(csv.DictReader(io.StringIO(reading.content(path).decode("utf-8"))))
+    """Return the rows of train/validation.csv; empty without that file.
+
+    Raises:
+        Damage: it cannot be read.
+    """
+    with named(VALIDATION):
+        if run.archive is not None:
+            rows = run.archive.document(run.id, "validation") or []
+            return typed_json.convert(rows, list[dict[str, Any]])
+        path = run.directory / VALIDATION
+        if not path.exists():
+            return []
+        return list(csv.DictReader(io.StringIO(reading.content(path).decode("utf-8"))))

@@ -81,14 +81,15 @@ def write(
             episodes.append(_labelled(frame, run.id, protocol))
             if trajectories and protocol == protocols[0]:
                 tracks += _tracks(run, evaluation)
+        trained, validation = None, []
         try:
+            validation = validation_rows(run)
             trained = None if compact else training(run)
         except Damage as damage:
             problems.append(f"{run.id}: {damage}")
-            trained = None
         if trained is not None and len(trained):
             episodes.append(_labelled(trained, run.id, archive.TRAIN))
-        rows.append(_row(run, summaries))
+        rows.append(_row(run, summaries, validation))
     files = {archive.EPISODES: tables.parquet(_joined(episodes), {})}
     if tracks:
         files[archive.TRAJECTORIES] = tables.parquet(pd.concat(tracks, ignore_index=True), {})
@@ -121,7 +122,9 @@ def write_history(runs: Sequence[RunRecord], folder: Path) -> list[str]:
     return problems
 
 
-def _row(run: RunRecord, summaries: Mapping[str, Any]) -> dict[str, Any]:
+def _row(
+    run: RunRecord, summaries: Mapping[str, Any], validation: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
     manifest, config = _manifest(run), _config(run)
     if wrong := disagreement(manifest, config):
         raise ReportError(f"{run.directory}: {wrong}: it was changed meanwhile; publish again")
@@ -135,7 +138,7 @@ def _row(run: RunRecord, summaries: Mapping[str, Any]) -> dict[str, Any]:
         "config": _json(config),
         "manifest": _json(manifest),
         "evaluations": _json(summaries),
-        "validation": _json(validation_rows(run)),
+        "validation": _json(validation),
     }
 
 

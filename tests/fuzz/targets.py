@@ -383,6 +383,77 @@ def analysis(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
     )
 
 
+@cache
+def _study(folder: str) -> Path:
+    study = Path(folder) / "sound"
+    judge(["publish", str(_experiment(folder)), "--to", str(study), "--pictures", ""])
+    return study
+
+
+def study(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    """A published study with one table changed; the digests fit, or do not."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    from auvbench.analysis import archive
+
+    copy_ = folder / "study"
+    shutil.rmtree(copy_, ignore_errors=True)
+    shutil.copytree(_study(str(folder)), copy_)
+    others = (archive.EPISODES, archive.TRAJECTORIES)
+    path = copy_ / (archive.RUNS, *others)[where % 3]
+    if how % 3 == 0:
+        path.write_bytes(damaged(path.read_bytes(), seed, how))
+    else:
+        table = parquet.ParquetFile(path).read().replace_schema_metadata(None)
+        at = where // 3 % table.num_columns
+        name, column = table.column_names[at], table.column(at).to_pylist()
+        with contextlib.suppress(pa.ArrowException, OverflowError, TypeError, UnicodeEncodeError):
+            values = [value] * len(column) if how % 3 == 1 else [value, *column[1:]]
+            table = table.set_column(at, name, pa.array(values))
+        if how % 5 == 4:
+            table = table.append_column(name, table.column(at))
+        with contextlib.suppress(pa.ArrowException):  # what Parquet has no form for
+            parquet.write_table(table, path, store_schema=False)
+    with contextlib.suppress(pa.ArrowException, OSError, ValueError, TypeError, AttributeError):
+        table = parquet.ParquetFile(copy_ / archive.RUNS).read()
+        files = {each: (copy_ / each).read_bytes() for each in others}
+        notes = archive.note(table.replace_schema_metadata(None).to_pandas(), files)
+        parquet.write_table(table.replace_schema_metadata(notes), copy_ / archive.RUNS, store_schema=False)
+    judge(["report", str(copy_), "--no-figures", "--format", "terminal,md,csv,tex"])
+    if seed % 4 == 0:
+        judge(["publish", str(copy_), "--to", str(folder / "again"), "--pictures", "success_over_time"])
+
+
+def policy(folder: Path, where: int, value: Any, how: int, seed: int) -> None:
+    """An ONNX file with bytes changed or an operator of another kind: a policy, or one line."""
+    import numpy as np
+
+    from auvbench.policies import exported
+    from tests import hostile_onnx, onnx_files
+
+    kinds = (
+        "Div",
+        "Mod",
+        "Pow",
+        "Reshape",
+        "Gather",
+        "Tile",
+        "Expand",
+        "Slice",
+        "Pad",
+        "TopK",
+        "OneHot",
+        "Range",
+    )
+    kind = kinds[where % len(kinds)]
+    made = hostile_onnx.sized(kind, [seed, how % 7, -where][: 1 + how % 3], *["h"][: seed % 2])
+    data = (onnx_files.model() if how % 2 else made).SerializeToString()
+    data = damaged(data, seed, how) if seed % 3 else data
+    with contextlib.suppress(exported.PolicyError):
+        exported.Policy(data, "fuzzed.onnx", observations=10, actions=6, seconds=2).act(np.ones((3, 10)))
+
+
 FILES: dict[str, Callable[[Path, int, Any, int, int], None]] = {
     "manifests": manifest,
     "summaries": summary,
@@ -392,6 +463,8 @@ FILES: dict[str, Callable[[Path, int, Any, int, int], None]] = {
     "checkpoints": checkpoint,
     "sheets": sheet,
     "analyses": analysis,
+    "studies": study,
+    "policies": policy,
 }
 
 FLOATS_ONLY = ("sheets",)

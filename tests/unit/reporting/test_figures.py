@@ -405,7 +405,7 @@ def test_returns_of_different_k_ask_for_another_axis() -> None:
     [
         (
             b"a,b\n1,2\n",
-            "train/episodes.csv lacks the columns outcome, step, steps",
+            "train/episodes.csv: it lacks the columns outcome, step, steps",
         ),
         (
             bytes(range(128, 256)),
