@@ -170,6 +170,8 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
             wrong = re.match(r"Value '(.*)' of type '\w+' could not be converted to (\w+)", reason)
             if isinstance(link, ValidationError) and wrong:
                 reason = f"{wrong[1]!r} is not {_KINDS.get(wrong[2], wrong[2])}"
+            if kind := re.match(r"Cannot convert '(list|dict)' to string", reason):
+                reason = f"takes one value, not {'a list' if kind[1] == 'list' else 'keys'}"
             if reason.endswith("is not Optional"):
                 return ConfigError(f"{key}=null: a value is missing")
             return ConfigError(f"{'a group' if key == '_dummy_' else key}: {reason}")
@@ -182,8 +184,15 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
             return ConfigError(f"{key}={values}: give one value; grids are for auvbench train -m")
         if reason := _first_wrong(key, values, compose, overrides):
             return ConfigError(reason)
+        as_list = "" if plugins.options(key) else f"; a list is written [{values}]"
         return ConfigError(
-            f"{key}={values}: several values make a grid: auvbench {entry} -m {key}={values}; a list is written [{values}]"
+            f"{key}={values}: several values make a grid: auvbench {entry} -m {key}={values}{as_list}"
+        )
+    if several := re.search(r"Sweep parameters '([^']*)' requires --multirun", text):
+        return ConfigError(
+            f"{several[1]}: several values make a grid: auvbench {entry} -m '{several[1]}'"
+            if entry in ("train", "tune")
+            else f"{several[1]}: give one value; grids are for auvbench train -m"
         )
     return ConfigError(_unread(error, overrides) or text)
 
@@ -205,13 +214,13 @@ def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[st
 
     others = [override for override in overrides if override.lstrip("+").partition("=")[0] != key]
     for value in values.split(","):
+        given = [*others, f"{key}={value}"]
         try:
-            train_config(compose(read([*others, f"{key}={value}"])))
-        except ConfigError as error:
-            if str(error).startswith(f"{key}={value}:"):
-                return str(error)
-        except FAULTS:
-            continue
+            train_config(compose(read(given)))
+        except (*FAULTS, ConfigError) as error:
+            reason = str(translate(error, compose, "train", given))
+            if reason.startswith((f"{key}={value}:", f"{key}:")):
+                return reason
     return ""
 
 

@@ -57,6 +57,16 @@ MEANT = {
 """Keys by the names that other programs have for them."""
 
 
+OF_COMMANDS = {
+    "protocol": "evaluate",
+    "tune": "tune",
+    "search": "tune",
+    "input": "simulate",
+    "duration": "simulate",
+}
+"""Keys, or the first parts of some, by the command that has them."""
+
+
 def unknown_key(key: str, known: Collection[str], program: str) -> str:
     """Return the hint for a key that a configuration does not have.
 
@@ -69,6 +79,8 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
         return "algo.base=NAME chooses the controller, whose values are keys of algo.residual"
     if (meant := MEANT.get(key)) in known:
         return f"did you mean {meant}? ({program} --cfg job shows all keys)"
+    if command := OF_COMMANDS.get(key.partition(".")[0]):
+        return f"it is a key of auvbench {command} (auvbench {command} --help)"
     if having := owners(key):
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
     shows = f"{program} --cfg job shows all keys"

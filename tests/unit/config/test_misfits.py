@@ -62,6 +62,10 @@ def test_the_examples_in_the_documentation(module: object) -> None:
         ("env=docking", "did you mean task?"),
         ("current=0.5", "did you mean disturbance.current.speed?"),
         # Several values of which one is wrong make no grid.
+        ("reward.k=1,a", "reward.k: 'a' is not a number"),
+        ("seed=range(0,3)", "several values make a grid: auvbench train -m 'seed=range(0,3)'"),
+        ("disturbance.fault.actuator=[thruster1]", "disturbance.fault.actuator: takes one value, not a list"),
+        ("protocol=test", "protocol: unknown key; it is a key of auvbench evaluate"),
         ("task=docking task.position_frame=world,body", "task.position_frame=world: unknown; valid: body"),
     ],
 )  # fmt: skip
