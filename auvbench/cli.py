@@ -79,7 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     0 done, 1 failed, 2 the user's mistake, 70 a defect of auvbench (see `guarded`), 130 interrupted.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    return guarded(lambda: _dispatch(arguments), arguments)
+    with isolation.restored():
+        return guarded(lambda: _dispatch(arguments), arguments)
 
 
 def _dispatch(arguments: Sequence[str]) -> int:

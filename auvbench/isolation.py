@@ -69,6 +69,20 @@ def isolate() -> None:
         sys.meta_path.insert(0, _Sheltered())
 
 
+@contextmanager
+def restored() -> Iterator[None]:
+    """Restore the environment that `isolate` changes inside: a program that calls a command goes on with its own."""
+    before = {name: os.environ.get(name) for name in (*ENVIRONMENT, "MPLCONFIGDIR")}
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
 def _relative(value: str) -> list[str]:
     r"""Return the relative paths in a variable: one path, or for Cyclone DDS a list of URIs and XML.
 

@@ -48,7 +48,6 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
     plain_warnings()
     text.forgiving()
     try:
-        isolation.isolate()
         run = RunDirectory(Path(path))
         path_safety.refuse_links(run.path)
         if log:
@@ -186,7 +185,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         interruption.die_with_parent(given.parent)
     os.environ.update(ONE_THREAD)
     requeue = Requeue() if given.requeue else None
-    code = work(given.run, target=given.target, log=given.log)
+    with isolation.restored():
+        try:
+            isolation.isolate()
+        except AuvbenchError as error:
+            print(f"auvbench: {error}", file=sys.stderr)
+            return error.exit_code
+        code = work(given.run, target=given.target, log=given.log)
     if requeue is not None:
         requeue.finish()
     return code

@@ -52,8 +52,17 @@ def test_relative_settings_are_one_line(
 )
 def test_what_the_user_set_stays(name: str, value: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(name, value)
-    isolation.isolate()
-    assert os.environ[name] == value
+    with isolation.restored():
+        isolation.isolate()
+        assert os.environ[name] == value
+
+
+def test_a_caller_goes_on_with_its_own_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("MPLBACKEND", "module://theirs")
+    monkeypatch.delenv("PYTHONSAFEPATH", raising=False)
+    before = dict(os.environ)
+    assert cli.main(["runs", "nowhere"]) == 2
+    assert dict(os.environ) == before
 
 
 CONFIGURATION = """
