@@ -27,7 +27,7 @@ MINUTES ?= 60
 REPLICATIONS ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-slow check format lint type layers links docs bench statistics words gallery verification parity soak fuzz lock release test-cluster test-programs clean
+.PHONY: help install clone-path demo test test-slow check format lint type layers links docs bench statistics words gallery verification parity soak fuzz lock release test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -43,9 +43,16 @@ $(STAMP): pyproject.toml constraints.txt requirements.lock requirements-build.lo
 	@$(PIP) --require-hashes --no-deps -r requirements-build.lock
 	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements.lock
 	@$(PIP) --no-build-isolation -c constraints.txt -e '.[mpc]'
+	@$(MAKE) -s clone-path
 	@# The first step compiles the simulator for this machine: done here, no command has to wait for it.
 	@$(BIN)/python -c 'import auvbench, gymnasium; e = gymnasium.make("auvbench/Waypoint-v0"); e.reset(); e.step(e.action_space.sample())'
 	@touch $@
+
+# From the folder that contains the clone, Python takes the clone for an empty package `auvbench`. A path to the clone has
+# precedence over that; the finder of an editable installation has not.
+SITE ?= $(shell $(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+clone-path:
+	@echo '$(CURDIR)' > '$(SITE)/auvbench-clone.pth'
 
 $(TOOLS): $(STAMP) requirements-dev.lock
 	@echo "installing the developer's tools into $(VENV)"

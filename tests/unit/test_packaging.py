@@ -168,3 +168,16 @@ def test_a_report_loads_no_compiler():
     code = f"import sys, {modules}; print(sorted({{'hydra', 'numba', 'torch'}} & sys.modules.keys()))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "[]\n"
+
+
+@pytest.mark.slow
+def test_the_folder_that_contains_the_clone_does_not_hide_the_package(tmp_path):
+    (tmp_path / "auvbench" / "auvbench").mkdir(parents=True)  # as a clone looks from there
+    sites = tmp_path / "sites"
+    sites.mkdir()
+    subprocess.run(["make", "-s", "-C", ROOT, "clone-path", f"SITE={sites}"], check=True)
+    code = f"import site; site.addsitedir({str(sites)!r}); import auvbench; print(auvbench.__version__)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip()
