@@ -212,8 +212,9 @@ def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[st
     """Return what is wrong with one of several values, which no grid would mend; '' where each is valid."""
     from auvbench.config.validate import train_config
 
-    others = [override for override in overrides if override.lstrip("+").partition("=")[0] != key]
-    for value in values.split(","):
+    # Without other sweeps, whose products would take long.
+    others = [override for override in overrides if not _is_sweep(override)]
+    for value in values.split(",")[:8]:
         given = [*others, f"{key}={value}"]
         try:
             train_config(compose(read(given)))
@@ -222,6 +223,13 @@ def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[st
             if reason.startswith((f"{key}={value}:", f"{key}:")):
                 return reason
     return ""
+
+
+def _is_sweep(override: str) -> bool:
+    try:
+        return bool(OverridesParser.create().parse_override(_read(override)).is_sweep_override())
+    except (HydraException, RecursionError):
+        return False
 
 
 def _unread(error: BaseException, overrides: Sequence[str]) -> str:

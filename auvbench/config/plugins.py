@@ -181,7 +181,7 @@ def options(group: str) -> list[str]:
 def misnamed(group: str, name: str) -> Path | None:
     """Return the user's file of an option that ends in .yml, which no command reads; None without one."""
     path = Path("conf") / group / f"{name.removesuffix('.yml').removesuffix('.yml.yaml')}.yml"
-    return path if re.fullmatch(r"[\w./-]+", name) and ".." not in name and path.is_file() else None
+    return path if re.fullmatch(r"[\w.-]{1,100}", name) and path.is_file() else None
 
 
 def forget() -> None:
