@@ -9,6 +9,8 @@ COMMANDS: dict[str, str] = {
     "report": "rank runs and write tables, figures and a page",
     "compare": "show two runs or agents side by side",
     "publish": "copy a study's rows, tables and figures into a folder to ship",
+    "submit": "check an entry of your own and write it as one archive",
+    "verify": "test an entry again from its archive, and compare the rows",
     "bound": "compute the shortest time known to each waypoint",
     "plan": "say how many seeds and episodes resolve a difference",
     "vehicles": "list vehicles, or show what one vehicle's numbers imply",

@@ -96,3 +96,29 @@ def _reason(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "it declares more than fits into memory"
     return first_line(error)
+
+
+def members(data: bytes, limit: int) -> Iterator[tuple[str, bytes]]:
+    """Yield name and content of the files in a ZIP archive, in its order.
+
+    Args:
+        data: the archive.
+        limit: bytes that all files together may have.
+
+    Raises:
+        ValueError: it is damaged, or unpacks to more.
+    """
+    if (declared := sum(_sizes(data))) > limit:
+        raise ValueError(f"it would unpack to {declared:,} bytes; at most {limit:,} are read")
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            for member in archive.infolist():
+                if member.is_dir():
+                    continue
+                with archive.open(member) as file:
+                    content = file.read(member.file_size + 1)
+                if len(content) != member.file_size:
+                    raise ValueError("a file in it has another size than its directory says")
+                yield member.filename, content
+    except FAULTS as error:
+        raise ValueError(_reason(error)) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 import tomllib
@@ -81,6 +82,11 @@ def test_the_citation_has_the_version_of_the_package():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     assert (citation["version"], citation["license"]) == (project["version"], project["license"])
+    zenodo = json.loads((ROOT / ".zenodo.json").read_text(encoding="utf-8"))
+    assert (zenodo["version"], zenodo["license"]) == (project["version"], project["license"].lower())
+    assert (zenodo["title"], zenodo["keywords"]) == (citation["title"], citation["keywords"])
+    assert zenodo["publication_date"] == str(citation["date-released"])
+    assert [one["name"] for one in zenodo["creators"]] == [one["name"] for one in citation["authors"]]
 
 
 def test_the_configuration_is_installed():

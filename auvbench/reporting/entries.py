@@ -1,0 +1,212 @@
+"""Entries of other people: an agent with its rows, weights and what it knew, in one archive.
+
+An entry is a published study with two additions: `entry.json` says who entered what and what the agent knew, and
+`models/<run>/` has the files of each run's model. So `auvbench report` reads an entry as any study, and `auvbench verify`
+tests it again from the archive alone.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from auvbench.analysis.archive import EPISODES, RUNS, Archive
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.records import RunRecord
+from auvbench.errors import ReportError
+from auvbench.reporting import archive
+from auvbench.runs import integrity
+from auvbench.runs.atomic_io import as_json, write_atomic
+from auvbench.untrusted import archives, reading, tables, typed_json
+from auvbench.untrusted.path_safety import child
+from auvbench.untrusted.text import short
+from auvbench.untrusted.typed_json import Count, Name, Prose, Range
+
+FILE, MODELS, VERIFIED = "entry.json", "models", "verified.json"
+Knowledge = Literal["sheet", "model", "preview", "velocities"]
+LARGEST = 512 * 1024**2
+"""Bytes of an archive, packed and unpacked"""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Content of entry.json."""
+
+    name: Name
+    who: Name
+    submitted: Name
+    """Time in UTC, ISO 8601"""
+    task: Name
+    vehicle: Name
+    protocol: Name
+    scenarios: Name
+    """Name of the scenario set, or the fingerprint"""
+    knows: tuple[Knowledge, ...]
+    """Knowledge beyond noisy positions and yaw"""
+    trials: Count
+    """Trials that chose the settings"""
+    tuned_on: Prose
+    """What the trials were tested on"""
+    cpu: Name
+    """Processor of the test"""
+    auvbench: Name
+    """Version"""
+    files: dict[str, integrity.FileEntry]
+    schema_version: Annotated[int, Range(1, 1)] = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """Content of verified.json."""
+
+    date: Name
+    auvbench: Name
+    cpu: Name
+    same_bits: bool
+    """Whether all rows are equal"""
+    verdict: Name
+    """Verdict of the submitted rows against PID"""
+    again: Name
+    """Verdict of the rows of the new test"""
+    ok: bool
+
+
+def pack(entry: Entry, runs: Sequence[RunRecord], folder: Path, target: Path) -> None:
+    """Write an entry's files into a folder, and its archive.
+
+    Args:
+        entry: without files.
+        runs: tested by the entry's protocol.
+        folder: empty.
+        target: the ZIP file.
+
+    Raises:
+        OSError: a file cannot be read or written.
+        ReportError: a run was changed after it was loaded.
+    """
+    problems = archive.write(runs, folder, [entry.protocol], trajectories=False)
+    if problems:
+        raise ReportError(problems[0])
+    files = {name: (folder / name).read_bytes() for name in (RUNS, EPISODES)}
+    for run in runs:
+        for name in integrity.digests(run.manifest, "model/"):
+            data = reading.content(child(run.directory, name), reading.WEIGHTS)
+            if wrong := integrity.difference(run.manifest, name, data):
+                raise ReportError(f"{run.directory}: {short(name)} {wrong}")
+            files[f"{MODELS}/{run.id}/{name.removeprefix('model/')}"] = data
+    table = {name: integrity.entry(data) for name, data in files.items()}
+    document = as_json({**asdict(entry), "files": table})
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as packed:
+        for name, data in {FILE: document, **files}.items():
+            # A fixed date: the same entry has the same bytes.
+            packed.writestr(zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0)), data, zipfile.ZIP_DEFLATED)
+    write_atomic(target, stream.getvalue())
+
+
+def unpack(path: Path, folder: Path) -> Entry:
+    """Copy an entry, a ZIP file or a folder, into an empty folder; return its description.
+
+    Raises:
+        ReportError: it cannot be read, is damaged, or has a file that its description does not name.
+    """
+    try:
+        files = (
+            _in_folder(path)
+            if path.is_dir()
+            else dict(archives.members(reading.content(path, LARGEST), LARGEST))
+        )
+        entry = read(files.get(FILE, b""), path)
+        for name in files:
+            if name not in (FILE, VERIFIED, *entry.files):
+                raise ValueError(f"it has the file {short(name, 60)}, which {FILE} does not name")
+        holder = {integrity.FILES: {name: asdict(item) for name, item in entry.files.items()}}
+        for name in entry.files:
+            if name not in files:
+                raise ValueError(f"{short(name, 60)} is missing")
+            if wrong := integrity.difference(holder, name, files[name]):
+                raise ValueError(f"{short(name, 60)} {wrong}")
+            write_atomic(child(folder, name), files[name])
+        write_atomic(folder / FILE, files[FILE])
+        Archive(folder)
+    except FileNotFoundError as error:
+        raise ReportError(f"{path}: no such file or folder") from error
+    except (OSError, ValueError, Damage) as error:
+        raise ReportError(f"{path}: {getattr(error, 'strerror', None) or short(error)}") from error
+    return entry
+
+
+def _in_folder(path: Path) -> dict[str, bytes]:
+    """Return the files of an entry's folder by name."""
+    description = reading.content(path / FILE)
+    entry = read(description, path)
+    found = {name: reading.content(child(path, name), tables.FILE) for name in entry.files}
+    return {FILE: description, **found}
+
+
+def read(data: bytes, where: Path) -> Entry:
+    """Return the description of an entry.
+
+    Raises:
+        ReportError: it is not one.
+    """
+    try:
+        if not data:
+            raise ValueError(f"{FILE} is missing")
+        return typed_json.convert(reading.json_value(data), Entry)
+    except ValueError as error:
+        raise ReportError(f"{where}: is not an entry: {short(error)}") from error
+
+
+def model_files(entry: Entry, run: str) -> list[str]:
+    """Return the names of the files of a run's model in an entry."""
+    return [name for name in entry.files if name.startswith(f"{MODELS}/{run}/")]
+
+
+def write_verified(folder: Path, found: Verified) -> None:
+    """Write the result of a verification into the folder of an entry."""
+    write_atomic(folder / VERIFIED, as_json(asdict(found)))
+
+
+def overview(folder: Path) -> str:
+    """Return the entries in a folder as a Markdown table, the newest first."""
+    rows: list[tuple[str, str]] = []
+    for path in sorted(folder.glob(f"*/{FILE}")):
+        entry = read(reading.content(path), path.parent)
+        rows.append((entry.submitted, _row(path.parent, entry)))
+    header = "| entry | who | date | task, vehicle | knows | trials | tuned on | verified |
+" + "|---" * 8 + "|
+"
+    return header + "\n".join(row for _, row in sorted(rows, reverse=True)) + ("\n" if rows else "")
+
+
+def _row(folder: Path, entry: Entry) -> str:
+    from auvbench.reporting.tables.text_formats import escape
+
+    cells = (
+        f"[{escape(entry.name)}]({folder.name}/)",
+        escape(entry.who),
+        escape(entry.submitted[:10]),
+        escape(f"{entry.task}, {entry.vehicle}"),
+        escape(", ".join(entry.knows) or "nothing more"),
+        str(entry.trials),
+        escape(short(entry.tuned_on)),
+        escape(_status(folder)),
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def _status(folder: Path) -> str:
+    try:
+        found = typed_json.read(folder / VERIFIED, Verified)
+    except FileNotFoundError:
+        return "not yet"
+    except (OSError, ValueError):
+        return "unknown: verified.json is damaged"
+    if not found.ok:
+        return f"no: {found.again} instead of {found.verdict} ({found.date[:10]})"
+    return f"{'same bits' if found.same_bits else 'same verdict'} ({found.date[:10]})"
