@@ -126,11 +126,12 @@ def unpack(path: Path, folder: Path) -> Entry:
                 raise ValueError(f"it has the file {short(name, 60)}, which {FILE} does not name")
         holder = {integrity.FILES: {name: asdict(item) for name, item in entry.files.items()}}
         for name in entry.files:
+            target = child(folder, name)
             if name not in files:
                 raise ValueError(f"{short(name, 60)} is missing")
             if wrong := integrity.difference(holder, name, files[name]):
                 raise ValueError(f"{short(name, 60)} {wrong}")
-            write_atomic(child(folder, name), files[name])
+            write_atomic(target, files[name])
         write_atomic(folder / FILE, files[FILE])
         Archive(folder)
     except FileNotFoundError as error:
@@ -178,9 +179,8 @@ def overview(folder: Path) -> str:
     for path in sorted(folder.glob(f"*/{FILE}")):
         entry = read(reading.content(path), path.parent)
         rows.append((entry.submitted, _row(path.parent, entry)))
-    header = "| entry | who | date | task, vehicle | knows | trials | tuned on | verified |
-" + "|---" * 8 + "|
-"
+    header = "| entry | who | date | task, vehicle | knows | trials | tuned on | verified |\n"
+    header += "|---" * 8 + "|\n"
     return header + "\n".join(row for _, row in sorted(rows, reverse=True)) + ("\n" if rows else "")
 
 

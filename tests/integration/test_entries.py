@@ -21,6 +21,7 @@ from auvbench.errors import ReportError
 from auvbench.evaluation.evaluate import evaluate
 from auvbench.reporting import entries, verification
 from auvbench.reporting.entries import unpack
+from auvbench.runs.atomic_io import sha256
 from auvbench.runs.plan import prepare
 from auvbench.training.execute import execute
 from auvbench.untrusted import archives
@@ -159,8 +160,15 @@ def test_runs_that_cannot_be_an_entry_are_named(tested: Path, capsys: pytest.Cap
     assert "a published study has no weights" in capsys.readouterr().err
 
 
-def _entry(files: dict[str, bytes], **changes: object) -> None:
-    files["entry.json"] = json.dumps(json.loads(files["entry.json"]) | changes).encode()
+def _entry(found: dict[str, bytes], **changes: object) -> None:
+    found["entry.json"] = json.dumps(json.loads(found["entry.json"]) | changes).encode()
+
+
+def _outside(found: dict[str, bytes]) -> None:
+    """Name a file outside the folder, and bring it along."""
+    named = {"../evil": {"bytes": 1, "sha256": sha256(b"x")}}
+    _entry(found, files=json.loads(found["entry.json"])["files"] | named)
+    found["../evil"] = b"x"
 
 
 @pytest.mark.parametrize(
@@ -169,8 +177,8 @@ def _entry(files: dict[str, bytes], **changes: object) -> None:
         (lambda f: f.pop("entry.json"), "entry.json is missing"),
         (lambda f: f.update({"../evil": b"x"}), "which entry.json does not name"),
         (
-            lambda f: _entry(f, files={"../evil": {"bytes": 1, "sha256": "0"}}),
-            "which entry.json does not name",
+            _outside,
+            "is no name of a file below",
         ),
         (lambda f: f.update({"runs.parquet": f["runs.parquet"] + b"x"}), "bytes instead of"),
         (lambda f: f.pop("episodes.parquet"), "episodes.parquet is missing"),

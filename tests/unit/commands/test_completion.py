@@ -42,6 +42,9 @@ def complete(line: str) -> list[str]:
         ("auvbench evaluate outputs protocol=f", ["protocol=frequency_sweep"]),
         ("auvbench report outputs --rank-by mean_en", ["mean_energy_J"]),
         ("auvbench vehicles rex", ["rexrov"]),
+        ("auvbench submit outputs --protocol frequ", ["frequency_sweep"]),
+        ("auvbench verify entry.zip --t", ["--to"]),
+        ("auvbench runs outputs --hi", ["--history"]),
     ],
 )
 def test_bash_completes(line, expected):
