@@ -9,6 +9,8 @@ from auvbench.metrics import METRICS, Kind, Totals
 
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
 """How an episode ends, in the order of the codes 0 to 3 in tasks/kernels.py. A task lists those of its own."""
+ABORTED = "aborted"
+"""Outcome of a pilot's mission that was ended from outside; mission.json has the reason."""
 
 PRIMARY = "primary"
 """stands for the measure that ranks agents of a task (`primary_of`)"""

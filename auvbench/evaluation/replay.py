@@ -99,7 +99,7 @@ def read_mission(folder: Path, number: int) -> Replay:
             raise ValueError("mission.json has another format")
         if about.get("schema_version") != SCHEMA_VERSION:
             raise ValueError(f"mission.json has version {about.get('schema_version')}, not {SCHEMA_VERSION}")
-        schema = columns.of_test()
+        schema = columns.of_mission()
         table = tables.csv(
             reading.content(folder / "episodes.csv", reading.DATA), schema, words=("condition",)
         )

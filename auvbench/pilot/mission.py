@@ -21,15 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from auvbench.errors import RunError
 from auvbench.metrics import Totals
 from auvbench.pilot.observation import yaw_of
-from auvbench.record import Record, record_columns, record_of
+from auvbench.record import ABORTED, Record, record_columns, record_of
 
 Floats = NDArray[np.float64]
 
 FORMAT = "auvbench-mission"
 SCHEMA_VERSION = 1
 CONDITION = "mission"
-ABORTED = "aborted"
-"""Outcome of a mission that was ended from outside; mission.json has the reason."""
 
 
 class Mission:

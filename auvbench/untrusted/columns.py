@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from auvbench.metrics import METRICS
-from auvbench.record import OUTCOMES
+from auvbench.record import ABORTED, OUTCOMES
 from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:
@@ -64,6 +64,12 @@ def of_test() -> Schema:
         "steps": Column("whole", low=1.0, needed=True),
         "duration_s": Column(low=0.0, needed=True),
     }
+
+
+def of_mission() -> Schema:
+    """Return the schema of episodes.csv of a pilot's missions, which have no reward."""
+    outcome = replace(OUTCOME, words=(*OUTCOMES, ABORTED))
+    return {**of_test(), "outcome": outcome, "return": replace(NUMBER, gaps=True)}
 
 
 TRAINING: Schema = {

@@ -17,6 +17,7 @@ from auvbench.config.tasks import TASKS
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, RunError, UserError
+from auvbench.evaluation.replay import read_mission
 from auvbench.pilot.mission import Logbook, Mission
 from auvbench.pilot.observation import SUPPLIED, observe
 from auvbench.pilot.steering import Limits, Steering
@@ -160,6 +161,26 @@ def test_a_logbook_is_whole_after_each_mission(tmp_path):
         assert arrays["command_mission_0"].shape == (20, 6)
     with pytest.raises(RunError, match="holds missions already"):
         Logbook(tmp_path / "log", {"frequency_hz": 10.0})
+
+
+def test_a_mission_that_was_ended_is_read_again(tmp_path):
+    about = {
+        "controller": "pid",
+        "vehicle": "bluerov2",
+        "actuators": list(load("bluerov2").actuators),
+        "frequency_hz": 10.0,
+        "goal_radius_m": 1.0,
+        "depth_low_m": -60.0,
+        "depth_high_m": -1.0,
+        "max_steps": 100,
+    }
+    pose = np.array([0.0, 0.0, -10.0, 1.0, 0.0, 0.0, 0.0])
+    limits = {"depth": (-60.0, -1.0), "goal_radius": 1.0, "max_steps": 100, "frequency": 10.0}
+    mission = Mission(pose, np.array([5.0, 0.0, -10.0]), **limits)
+    mission.advance(pose, np.zeros(6), np.zeros(6), 0.0)
+    Logbook(tmp_path / "log", about).add(mission, "by the service stop")
+    replay = read_mission(tmp_path / "log", 0)
+    assert replay.position.shape == (2, 3)
 
 
 @pytest.fixture(scope="module")
