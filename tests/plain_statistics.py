@@ -7,9 +7,8 @@ with this to 1e-12.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
-from itertools import combinations
-from math import log, sqrt
+from dataclasses import dataclass
+from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -59,10 +58,6 @@ def read(folder: Path) -> list[Plain]:
     return agents
 
 
-RATIO_OF_RATES, RATIO_OF_MEANS, PRIOR_DF = 0.13, 0.2, 3.0
-"""the prior of docs/statistics-appendix.md"""
-
-
 @dataclass
 class Pieces:
     """The variance of a mean: between seeds A with its degrees of freedom, between scenarios B - R."""
@@ -75,18 +70,6 @@ class Pieces:
     columns: np.ndarray
     seeds: int
     rate: bool
-
-
-def squeezed(p: Pieces) -> Pieces:
-    """A towards the prior: a share of the variance of an episode, with three degrees of freedom."""
-    if p.seeds == 1 or p.r == 0:
-        return p
-    ratio = RATIO_OF_RATES if p.rate else RATIO_OF_MEANS
-    of_a_seed = p.a * p.seeds
-    prior = ratio**2 * p.r * p.seeds * len(p.columns)
-    between = (PRIOR_DF * prior + p.df * of_a_seed) / (PRIOR_DF + p.df)
-    df = p.df + 1 / (1 / PRIOR_DF + 1 / p.df)
-    return replace(p, a=max(between, of_a_seed) / p.seeds, df=df)
 
 
 def pieces(x: pd.DataFrame, rate: bool) -> Pieces:
@@ -136,64 +119,92 @@ def mean_interval(x: pd.DataFrame, confidence: float, least: float, most: float)
     return max(p.mean - half, least), min(p.mean + half, most)
 
 
-def p_value(first: Pieces, second: Pieces) -> float:
-    """Where the interval of the difference would just touch zero."""
-    a, df, c, dfc = spread_of(first, second)
-    difference = abs(first.mean - second.mean)
-    if difference == 0:
-        return 1.0
-
-    def excess(log_p: float) -> float:
-        return half_width(a, df, c, dfc, np.exp(log_p) / 2) - difference
-
-    return float(np.exp(brentq(excess, -600, np.log(1 - 1e-15), xtol=1e-15, rtol=1e-15)))
-
-
-def on_log_odds(x: pd.DataFrame, p: Pieces, least: float, most: float) -> Pieces:
-    """The pieces on log(f / (1 - f)), with what the seeds' own log-odds and the skew of their mean add."""
-    S, E = x.shape
-    n, span = S * E, most - least
-    f = ((p.mean - least) / span * n + 0.5) / (n + 1)
-    s = 1 / (f * (1 - f)) / span
-    each = [((m - least) / span * E + 0.5) / (E + 1) for m in x.mean(axis=1)]
-    a = s**2 * p.a if S == 1 else max(s**2 * p.a, np.var([log(g / (1 - g)) for g in each], ddof=1) / S)
-    found = squeezed(
-        replace(p, mean=log(f / (1 - f)), a=a, b=s**2 * p.b, r=s**2 * p.r, columns=s * p.columns)
-    )
-    if S == 1:
-        return found
-    if p.mean in (least, most):
-        return replace(found, df=np.inf)
-    return replace(found, a=found.a + (1 - 2 * f) ** 2 * (found.a * S) ** 2 / (2 * found.df))
+def median_interval(x: pd.DataFrame, level: float) -> tuple[float, float, float]:
+    """Ends of an interval of the median over trainings, and that of the sample."""
+    v = sorted(float(mean) for mean in x.mean(axis=1))
+    n, middle = len(v), float(np.median(v))
+    if n == 1:
+        return middle, middle, middle
+    # 1 - confidence of the interval from the r-th smallest to the r-th largest value.
+    missed = {r: 2 * stats.binom.cdf(r - 1, n, 0.5) for r in range(1, n // 2 + 2)}
+    r = max((r for r in range(1, n // 2 + 1) if missed[r] <= level), default=0)
+    if r == 0:
+        beyond = max(level ** (-1 / (n - 1)) / 2 - 1, 0.0) * (v[-1] - v[0])
+        return v[0] - beyond, middle, v[-1] + beyond
+    w = (level - missed[r]) / (missed[r + 1] - missed[r]) if r < n // 2 else 0.0
+    return (1 - w) * v[r - 1] + w * v[min(r, n - 1)], middle, (1 - w) * v[n - r] + w * v[n - r - 1]
 
 
-def resolution(agents: list[Plain], measure: str, least: float, most: float) -> dict[tuple[str, str], float]:
-    """P-values of all pairs on the measure's own scale and on that of the log-odds: the larger one."""
-    rate = measure == "success"
-    seeds = [agent.seeds for agent in agents]
-    data = [getattr(agent, measure) for agent in agents]
-    plain = [pieces(x, rate) for x in data]
-    own = [squeezed(p) for p in plain]
-    odds = [on_log_odds(x, p, least, most) for x, p in zip(data, plain, strict=True)]
-    found = {}
-    for i, j in combinations(range(len(agents)), 2):
-        p = p_value(own[i], own[j])
-        if max(seeds[i], seeds[j]) > 1:
-            p = max(p, p_value(odds[i], odds[j]))
-        elif rate:
-            p = mcnemar(agents[i].success.iloc[0], agents[j].success.iloc[0])
-        found[agents[i].name, agents[j].name] = p
-    return found
+def middle_half(x: pd.DataFrame) -> pd.Series:
+    """By scenario, the mean without the best and the worst quarter of the trainings, as many as fit in a whole number."""
+    cut = len(x) // 4
+    order = np.argsort(x.mean(axis=1).to_numpy(), kind="stable")[cut : len(x) - cut]
+    return x.iloc[order].mean(axis=0)
 
 
-def spread_of(first: Pieces, second: Pieces) -> tuple[float, float, float, int]:
-    """Of a difference: variance between seeds with Welch's degrees of freedom, that of scenarios with its own."""
-    a = first.a + second.a
-    squares = sum(p.a**2 / p.df for p in (first, second) if np.isfinite(p.df) and p.a > 0)
-    E = len(first.columns)
-    shared = float(np.cov(first.columns, second.columns)[0, 1]) / E
-    c = max(first.b + second.b - 2 * shared - first.r - second.r, 0.0)
-    return a, a**2 / squares if a > 0 else np.inf, c, E - 1
+def join(a: float, s: float) -> float:
+    return max(sqrt(a**2 + s**2), a + (sqrt(2) - 1) * s)
+
+
+def typical(x: pd.DataFrame, y: pd.DataFrame, rate: bool, level: float) -> tuple[float, float, float]:
+    """The difference of the typical trainings with the ends of its interval."""
+    lx, mx, ux = median_interval(x, level)
+    ly, my, uy = median_interval(y, level)
+    d = list(middle_half(x) - middle_half(y))
+    E = len(d)
+    if rate:  # two scenarios more, one that each side alone wins
+        d += [1.0, -1.0]
+        E += 2
+    mean = sum(d) / E
+    variance = sum((value - mean) ** 2 for value in d) / (E if rate else E - 1)
+    s = stats.t.isf(level / 2, len(x.columns) - 1) * sqrt(variance / E)
+    low, high = join(sqrt((mx - lx) ** 2 + (uy - my) ** 2), s), join(sqrt((ux - mx) ** 2 + (my - ly) ** 2), s)
+    return mx - my, mx - my - low, mx - my + high
+
+
+def p_value(x: pd.DataFrame, y: pd.DataFrame, rate: bool) -> float:
+    """The level at which an end of the interval of the typical difference is 0."""
+    value = typical(x, y, rate, 0.05)[0]
+
+    def nearer(log_level: float) -> float:
+        _, low, high = typical(x, y, rate, np.exp(log_level))
+        return low if value > 0 else -high
+
+    return 1.0 if nearer(0.0) <= 0 else float(np.exp(brentq(nearer, -60, 0.0, xtol=1e-14)))
+
+
+def controllers(x: pd.DataFrame, y: pd.DataFrame, rate: bool, level: float) -> tuple[float, float, float]:
+    """The same of two single runs, scenario by scenario."""
+    a, b = pieces(x, rate), pieces(y, rate)
+    d, n = a.mean - b.mean, len(a.columns)
+    covariance = float(np.cov(a.columns, b.columns)[0, 1]) / n
+    if not rate:
+        half = stats.t.isf(level / 2, n - 1) * sqrt(max(a.b + b.b - 2 * covariance, 0.0))
+        return d, d - half, d + half
+    z = stats.norm.isf(level / 2)
+    (l1, u1), (l2, u2) = wilson(a.mean, n, z), wilson(b.mean, n, z)
+    covariance = max(covariance - 1 / (2 * n * (n - 1)), 0.0) if covariance > 0 else covariance
+    r = min(max(covariance / sqrt(a.b * b.b), -1.0), 1.0)
+    down, up, down2, up2 = a.mean - l1, u1 - a.mean, b.mean - l2, u2 - b.mean
+    below = sqrt(max(down**2 - 2 * r * down * up2 + up2**2, 0.0))
+    above = sqrt(max(up**2 - 2 * r * up * down2 + down2**2, 0.0))
+    return d, d - below, d + above
+
+
+def p_of_controllers(x: pd.DataFrame, y: pd.DataFrame, rate: bool) -> float:
+    return mcnemar(x.iloc[0], y.iloc[0]) if rate else float(stats.ttest_rel(x.iloc[0], y.iloc[0]).pvalue)
+
+
+def compare(
+    one: Plain, other: Plain, measure: str, level: float, least: float, most: float
+) -> tuple[float, float, float, float]:
+    """Difference of two agents with its interval at 1 - level, and the p-value of none."""
+    x, y, rate = getattr(one, measure), getattr(other, measure), measure == "success"
+    if max(one.seeds, other.seeds) > 1:
+        (d, low, high), p = typical(x, y, rate, level), p_value(x, y, rate)
+    else:
+        (d, low, high), p = controllers(x, y, rate, level), p_of_controllers(x, y, rate)
+    return d, max(low, least - most), min(high, most - least), p
 
 
 def wilson(p: float, n: float, z: float) -> tuple[float, float]:
@@ -201,54 +212,12 @@ def wilson(p: float, n: float, z: float) -> tuple[float, float]:
     return max((centre - half) / (1 + z**2 / n), 0.0), min((centre + half) / (1 + z**2 / n), 1.0)
 
 
-def differences(
-    agents: list[Plain], measure: str, confidence: float, least: float, most: float
-) -> dict[tuple[str, str], tuple[float, float]]:
-    """Intervals of all differences, each pair by itself, variances between seeds squeezed."""
-    rate, tail = measure == "success", (1 - confidence) / 2
-    seeds = [agent.seeds for agent in agents]
-    own = [pieces(getattr(agent, measure), rate) for agent in agents]
-    raised = [squeezed(p) for p in own]
-    found = {}
-    for i, j in combinations(range(len(agents)), 2):
-        d = own[i].mean - own[j].mean
-        a, df, c, dfc = spread_of(raised[i], raised[j])
-        half = half_width(a, df, c, dfc, tail)
-        low, high = d - half, d + half
-        if rate:
-            single = max(seeds[i], seeds[j]) == 1
-            z = stats.norm.isf(tail) if single else half / sqrt(a + c)
-            ends = []
-            for k in (i, j):
-                p, S = own[k], seeds[k]
-                E, variance = len(p.columns), p.a + max(p.b - p.r, 0.0)
-                n = E if S == 1 else S * E
-                if S > 1 and p.mean not in (0.0, 1.0):
-                    n = min(p.mean * (1 - p.mean) / variance, n)
-                ends.append(wilson(p.mean, n, z))
-                if S > 1:
-                    reach = z * sqrt(raised[k].a + max(raised[k].b - raised[k].r, 0.0))
-                    ends[-1] = (
-                        max(min(ends[-1][0], p.mean - reach), 0.0),
-                        min(max(ends[-1][1], p.mean + reach), 1.0),
-                    )
-            (l1, u1), (l2, u2) = ends
-            shared = float(np.cov(own[i].columns, own[j].columns)[0, 1]) / len(own[i].columns)
-            if single and shared > 0:
-                n = len(own[i].columns)
-                shared = max(shared - 1 / (2 * n * (n - 1)), 0.0)
-            variances = [p.a + max(p.b - p.r, 0.0) for p in (own[i], own[j])]
-            r = min(max(shared / sqrt(variances[0] * variances[1]), -1.0), 1.0)
-            down, up = own[i].mean - l1, u1 - own[i].mean
-            down2, up2 = own[j].mean - l2, u2 - own[j].mean
-            least_ = d - sqrt(max(down**2 - 2 * r * down * up2 + up2**2, 0.0))
-            most_ = d + sqrt(max(up**2 - 2 * r * up * down2 + down2**2, 0.0))
-            if single:
-                low, high = least_, most_
-            else:
-                low, high = min(least_, max(low, l1 - u2)), max(most_, min(high, u1 - l2))
-        found[agents[i].name, agents[j].name] = max(low, least - most), min(high, most - least)
-    return found
+def not_behind(x: pd.DataFrame, baseline: float, margin: float, higher: bool) -> tuple[int, float, float]:
+    """Trainings that are not worse than a value by more than the margin, with Clopper and Pearson's limits."""
+    n = len(x)
+    k = sum((mean - baseline if higher else baseline - mean) >= -margin for mean in x.mean(axis=1))
+    exact = stats.binomtest(k, n).proportion_ci(0.95, method="exact")
+    return k, exact.low, exact.high
 
 
 def mcnemar(x: pd.Series, y: pd.Series) -> float:

@@ -33,8 +33,10 @@ from auvbench.analysis.measures import measure
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
 from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord, budget_of, learns, run_ids
 from auvbench.analysis.thesis import cell
-from auvbench.statistics import contrast, limits, means, p_more_than_half
+from auvbench.analysis.typical import Typical
+from auvbench.statistics import limits, p_more_than_half
 from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.typical import trainings_needed
 
 KS = (1.0, 40.0, 100.0)
 """the original study's values of K"""
@@ -60,7 +62,10 @@ def averaged(
     *,
     less: bool = False,
 ) -> Part:
-    """Return a part that claims first - second > a bound (`less`: below it) in success, averaged over matched cells."""
+    """Return a part that claims first - second > a bound (`less`: below it) in success, averaged over matched cells.
+
+    The difference is that of typical trainings.
+    """
     if not pairs:
         return Part(OPEN, missing=absent)
     kept = [pair for pair in pairs if informative(pair)]
@@ -70,9 +75,18 @@ def averaged(
     m = measure("success_rate")
     verdict = by_interval(lambda c: mean_difference(kept, m, c)[0], levels, above, less=less)
     shown = difference(mean_difference(kept, m, levels[0])[0], m)
-    statistic = f"{what} {shown} over {counted(len(kept), 'matched cell')}{left}"
+    few = few_trainings([agent for pair in kept for agent in pair], levels)
+    statistic = f"{what} {shown} over {counted(len(kept), 'matched cell')}{left}{few}"
     missing = _more_seeds([agent for pair in kept for agent in pair]) if verdict == OPEN else ""
     return Part(verdict, statistic, missing, run_ids(*kept))
+
+
+def few_trainings(agents: Sequence[Agent], levels: tuple[float, float]) -> str:
+    """Return the assumption of an interval of fewer trainings than it needs; empty where there are enough."""
+    fewest, needed = min(len(agent.outcome) for agent in agents), trainings_needed(1, 1 - levels[0])
+    return (
+        f" (fewer than {needed} trainings: if they cluster around the typical one)" if fewest < needed else ""
+    )
 
 
 def informative(agents: Sequence[Agent]) -> bool:
@@ -202,7 +216,7 @@ def _first_of_its_kind(agents: Sequence[Agent], levels: tuple[float, float]) -> 
     if len({budget_of(run) for agent in several for run in agent.runs}) > 1:
         return Part(OPEN, missing="equal training budgets of the SAC agents", run_ids=run_ids(several))
     tests = all_pairs(several, measure("success_rate"), np.ones(len(several), dtype=bool), levels[0])
-    place, value = several.index(mine[0]), tests.table.mean
+    place, value = several.index(mine[0]), tests.typical.value
     first, last = rank_intervals(value, tests.resolved)[place]
     ahead = rank_intervals(value, tests.adjusted < 1 - levels[1])[place][0]
     rank = 1 + int((value > value[place]).sum())
@@ -321,12 +335,13 @@ def _interaction(
     if not kept:
         return Part(OPEN, missing=f"SAC and PPO agents at two frequencies that are evidence{left}")
     m, used = measure("success_rate"), [agent for four in kept for agent in four]
-    table, weights = m.table(used), np.tile([1.0, -1.0, -1.0, 1.0], len(kept)) / len(kept)
-    verdict = by_interval(lambda c: contrast(table, weights, c)[0], levels, 0.0)
-    shown = difference(contrast(table, weights, levels[0])[0], m)
+    found = Typical(used, m)
+    weights = dict(enumerate(np.tile([1.0, -1.0, -1.0, 1.0], len(kept)) / len(kept)))
+    verdict = by_interval(lambda c: found.contrast(weights, 1 - c), levels, 0.0)
+    shown = difference(found.contrast(weights, 1 - levels[0]), m)
     statistic = (
-        f"from {low:g} to {high:g} Hz SAC's success changes by {shown} more than PPO's, over "
-        f"{counted(len(kept), 'value')} of K{left}"
+        f"from {low:g} to {high:g} Hz the success of SAC's typical training changes by {shown} more than PPO's, over "
+        f"{counted(len(kept), 'value')} of K{left}{few_trainings(used, levels)}"
     )
     return Part(verdict, statistic, _more_seeds(used) if verdict == OPEN else "", run_ids(used))
 
@@ -336,11 +351,12 @@ def _ppo_fails(agent: Agent | None, levels: tuple[float, float]) -> Part:
     if agent is None or len(agent.outcome) < 2:
         return Part(OPEN, missing="several training seeds of PPO with K=1 at 25 Hz")
     m = measure("success_rate")
-    table = m.table([agent])
-    verdict = by_interval(lambda c: means(table, c)[0], levels, 0.5, less=True)
+    found = Typical([agent], m)
+    verdict = by_interval(lambda c: found.contrast({0: 1.0}, 1 - c), levels, 0.5, less=True)
     steps = min(int(run.manifest.get("steps") or 0) for run in agent.runs)
     statistic = (
-        f"PPO with K=1 at 25 Hz succeeds in {amount(means(table, levels[0])[0], m)}, failing means below half"
+        f"the typical training of PPO with K=1 at 25 Hz succeeds in {amount(found.contrast({0: 1.0}, 1 - levels[0]), m)}, "
+        f"failing means below half{few_trainings([agent], levels)}"
     )
     missing = _more_seeds([agent]) if verdict == OPEN else ""
     if verdict == HOLDS and steps < thesis.STEPS:

@@ -13,8 +13,10 @@ from auvbench.analysis.formatting import counted, difference, name, turned, unit
 from auvbench.analysis.labels import OBSERVATION, part, sort_key, unobserved
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
 from auvbench.analysis.records import Agent, Finding, Ranking, learns, run_ids, task_of
-from auvbench.statistics import contrast, holm, resolution
+from auvbench.analysis.typical import Typical
+from auvbench.statistics import holm
 from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.typical import trainings_needed
 
 SHOWN = 5
 """findings that a report shows at once; the others are one click away"""
@@ -42,23 +44,22 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
     whole = [a for a in agents if learns(a) and np.isfinite(a.metrics.get("return", np.array(np.nan))).all()]
     if not whole:
         return None
-    good = max(whole, key=lambda a: float(a.success.mean()))
-    richer = [a for a in whole if a.metrics["return"].mean() > good.metrics["return"].mean()]
+    good = max(whole, key=_typical_success)
+    richer = [a for a in whole if _typical_return(a) > _typical_return(good)]
     if not richer:
         return None
-    rich = min(richer, key=lambda a: float(a.success.mean()))
-    table = measure("success_rate").table([rich, good])
-    level = (1 - confidence) / len(richer)
-    less, _ = contrast(table, np.array([1.0, -1.0]), 1 - level)
+    rich = min(richer, key=_typical_success)
+    found = Typical([rich, good], measure("success_rate"))
+    less = found.difference(0, 1, (1 - confidence) / len(richer))
     if not (less.value <= -APART and less.high < 0):
         return None
-    returns = [float(a.metrics["return"].mean()) for a in (rich, good)]
-    rates = [float(a.success.mean()) for a in (rich, good)]
+    returns = [_typical_return(agent) for agent in (rich, good)]
+    rates = found.value
     waypoints = task_of(rich.runs[0]) == "waypoint"
     verb, of = ("reaches", "of the waypoints") if waypoints else ("succeeds in", "of the episodes")
     text = (
-        f"Return and success disagree: {rich.label} has a return of {returns[0]:,.0f} against {returns[1]:,.0f} of "
-        f"{good.label}, but {verb} {100 * rates[0]:.0f} % {of} against {100 * rates[1]:.0f} %"
+        f"Return and success disagree: the typical training of {rich.label} has a return of {returns[0]:,.0f} against "
+        f"{returns[1]:,.0f} of {good.label}, but {verb} {100 * rates[0]:.0f} % {of} against {100 * rates[1]:.0f} %"
     )
     left = rich.metrics["final_distance_m"][rich.outcome == TIMEOUT]
     radius = rich.runs[0].config.get("task.goal_radius")
@@ -72,6 +73,14 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
     )
 
 
+def _typical_success(agent: Agent) -> float:
+    return float(np.median(agent.success.mean(axis=1)))
+
+
+def _typical_return(agent: Agent) -> float:
+    return float(np.median(agent.metrics["return"].mean(axis=1)))
+
+
 def resolved_effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> list[Finding]:
     """Return the resolved effects of the factors of a grid, the largest first."""
     found = [_as_in_the_table(effect, ranking) for effect in effects(agents, m, ranking.confidence)]
@@ -79,7 +88,8 @@ def resolved_effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> l
     resolved = [e for e, p in zip(found, adjusted, strict=True) if p < 1 - ranking.confidence]
     resolved.sort(key=lambda effect: -abs(effect.difference.value))
     basis = f"Holm over {counted(len(found), 'effect')}"
-    return [_effect(effect, m, basis) for effect in resolved]
+    needed = trainings_needed(max(len(found), 1), 1 - ranking.confidence)
+    return [_effect(effect, m, basis, needed) for effect in resolved]
 
 
 def _as_in_the_table(effect: Effect, ranking: Ranking) -> Effect:
@@ -93,12 +103,17 @@ def _as_in_the_table(effect: Effect, ranking: Ranking) -> Effect:
     return effect
 
 
-def _effect(effect: Effect, m: Measure, basis: str) -> Finding:
+def _effect(effect: Effect, m: Measure, basis: str, needed: int) -> Finding:
     n = len(effect.pairs)
     cells = f"averaged over {n} matched cells" if n > 1 else "in the one matched cell"
     word = "better" if effect.difference.value * m.sign > 0 else "worse"
-    change = difference(effect.difference, m)
-    text = f"{effect.first} is {word} than {effect.second} in {name(m)}: {change}, {cells}."
+    text = (
+        f"The typical training of {effect.first} is {word} than that of {effect.second} in {name(m)}: "
+        f"{difference(effect.difference, m)}, {cells}. {effect.agree} of {effect.trainings} trainings of {effect.first} are "
+        f"{word} than the typical one of {effect.second}."
+    )
+    if effect.fewest < needed:
+        text += f" Fewer than {needed} trainings: holds if trainings cluster around the typical one."
     labels = tuple(agent.label for pair in effect.pairs for agent in pair)
     return Finding("effect", text, labels, effect.difference, basis, run_ids(*effect.pairs))
 
@@ -126,7 +141,7 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """Difference first level - second level of a factor, averaged over matched cells."""
+    """Difference first level - second level of a factor between typical trainings, averaged over matched cells."""
 
     factor: str
     first: str
@@ -134,6 +149,12 @@ class Effect:
     pairs: tuple[tuple[Agent, Agent], ...]
     difference: Estimate
     p_value: float
+    agree: int
+    """trainings of the first level that differ from the second level's typical one as the effect says"""
+    trainings: int
+    """of the first level"""
+    fewest: int
+    """trainings of the agent with the fewest"""
 
 
 def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> list[tuple[Agent, Agent]]:
@@ -160,17 +181,29 @@ def _says(agent: Agent, factor: str) -> bool:
 def mean_difference(
     pairs: Sequence[tuple[Agent, Agent]], m: Measure, confidence: float
 ) -> tuple[Estimate, float]:
-    """Return the mean over the pairs of first - second, with its interval, and the p-value of none.
+    """Return the mean over the pairs of the difference first - second of typical trainings, and the p-value of none.
 
-    The pairs are taken as they are (the cells of this grid); what varies is seeds and scenarios. The p-value of one pair
-    is that of `resolution`.
+    The pairs are taken as they are (the cells of this grid); what varies is trainings and scenarios.
     """
     agents = list({id(agent): agent for pair in pairs for agent in pair}.values())
     sides = [sum((one is agent) - (other is agent) for one, other in pairs) for agent in agents]
-    weights = np.array(sides) / len(pairs)
-    table = m.table(agents)
-    estimate, p = contrast(table, weights, confidence)
-    return estimate, float(resolution(table)[0, 1]) if len(pairs) == 1 else p
+    weights = {i: side / len(pairs) for i, side in enumerate(sides) if side}
+    found = Typical(agents, m)
+    return found.contrast(weights, 1 - confidence), found.p_of(weights)
+
+
+def _effect_of(
+    factor: str, said: tuple[str, str], pairs: Sequence[tuple[Agent, Agent]], m: Measure, confidence: float
+) -> Effect:
+    estimate, p = mean_difference(pairs, m, confidence)
+    agree, trainings, fewest = 0, 0, []
+    for pair in pairs:
+        found = Typical(pair, m)
+        gains = found.gains(0, float(found.value[1]))
+        agree += int((gains * m.sign * estimate.value > 0).sum())
+        trainings += len(gains)
+        fewest.append(found.fewest((0, 1)))
+    return Effect(factor, *said, tuple(pairs), estimate, p, agree, trainings, min(fewest))
 
 
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:
@@ -178,8 +211,8 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
 
     Of up to three levels every pair; of more numbers, the largest with the smallest; of more names, which have no order,
     every pair that is matched in several cells: of one cell the table has the pair itself. An effect that cannot be
-    tested (no values, a single episode) is left out, as are agents with one training seed: they are policies, and
-    what sets two of them apart is no effect of a factor.
+    tested (no values, a single episode, fewer than five trainings) is left out, as are agents with one training seed: they
+    are policies, and what sets two of them apart is no effect of a factor.
     """
     learners = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
     result = []
@@ -192,10 +225,10 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
         for second, first in chosen:
             pairs = matched(learners, factor, first, second)
             if len(pairs) >= (1 if few or not names else 2):
-                estimate, p = mean_difference(pairs, m, confidence)
-                if np.isfinite(p):
-                    said = _level(factor, first, ordered), _level(factor, second, ordered)
-                    result.append(Effect(factor, *said, tuple(pairs), estimate, p))
+                said = _level(factor, first, ordered), _level(factor, second, ordered)
+                found = _effect_of(factor, said, pairs, m, confidence)
+                if np.isfinite(found.p_value):
+                    result.append(found)
     return result
 
 

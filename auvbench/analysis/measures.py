@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from auvbench.analysis.records import Agent
+from auvbench.analysis.records import NO_POLICY, Agent
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError, closest
 from auvbench.metrics import METRICS, Metric
@@ -58,7 +58,8 @@ class Measure:
             return np.full(agent.outcome.shape, np.nan)
         measured = np.asarray(agent.metrics[self.column], dtype=np.float64)
         if not self.penalty:
-            return measured
+            # A training without a policy fails in each episode, where that has a value.
+            return np.where(agent.outcome == NO_POLICY, self.failure(agent), measured)
         failed = agent.outcome != SUCCESS
         limit = _limit(agent, self.column)
         if (
@@ -66,6 +67,16 @@ class Measure:
         ):  # a mean over its successes would be no penalised mean
             return np.full(agent.outcome.shape, np.nan)
         return np.where(failed, self.penalty * limit, measured)
+
+    def failure(self, agent: Agent) -> float:
+        """Return the value that a failed episode counts as; NaN where it counts as what it measured."""
+        if self.rate:
+            return float(self.name != "success_rate")
+        if self.penalty:
+            return float(np.mean(self.penalty * _limit(agent, self.column)))
+        known = metric_of(self.column)
+        bounds = agent.runs[0].config.get("task.bounds") if known and known.counts_failures else None
+        return float(bounds) if isinstance(bounds, int | float) else math.nan
 
     def bounds(self, agents: Sequence[Agent]) -> tuple[FloatArray, FloatArray]:
         """Return the least and the largest possible mean (n,) of each agent."""

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from auvbench import statistics as st
 from auvbench.analysis.measures import Measure
 from auvbench.analysis.records import Agent, Comparison
+from auvbench.analysis.typical import Typical
 from auvbench.statistics.intervals import BoolArray, FloatArray
+from auvbench.statistics.typical import trainings_needed
 
 BETTER, WORSE, UNDECIDED = "better", "worse", "undecided"
 
@@ -19,12 +22,16 @@ BETTER, WORSE, UNDECIDED = "better", "worse", "undecided"
 class Tests:
     """All pairs of n agents on one measure, (n, n) each; NaN where there is no test."""
 
-    measure: Measure
+    typical: Typical
     confidence: float
-    table: st.Crossed
     p: FloatArray
     adjusted: FloatArray
     """by Holm over all pairs"""
+
+    @property
+    def measure(self) -> Measure:
+        """Return what the agents are compared in."""
+        return self.typical.measure
 
     @property
     def resolved(self) -> BoolArray:
@@ -35,22 +42,26 @@ class Tests:
         """Return what may be said of agent i against agent j."""
         if not self.resolved[i, j]:
             return UNDECIDED
-        return BETTER if (self.table.mean[i] - self.table.mean[j]) * self.measure.sign > 0 else WORSE
+        value = self.typical.value
+        return BETTER if (value[i] - value[j]) * self.measure.sign > 0 else WORSE
 
     def comparisons(
         self, agents: Sequence[Agent], listed: Sequence[tuple[int, int]]
     ) -> tuple[Comparison, ...]:
         """Return the listed pairs as a reader sees them."""
-        intervals = st.pairs(self.table, self.confidence)
+        tested = int(np.isfinite(self.p[np.triu_indices(len(self.p), 1)]).sum())
+        needed = trainings_needed(max(tested, 1), 1 - self.confidence)
         return tuple(
             Comparison(
                 first=agents[i].label,
                 second=agents[j].label,
                 metric=self.measure.name,
-                difference=intervals.estimate(i, j, self.table, self.confidence),
+                difference=self.typical.difference(i, j, 1 - self.confidence),
                 p_value=float(self.p[i, j]),
                 p_adjusted=float(self.adjusted[i, j]),
                 verdict=self.verdict(i, j),
+                trainings=self.typical.fewest((i, j)),
+                needed=needed,
             )
             for i, j in listed
         )
@@ -58,21 +69,11 @@ class Tests:
 
 def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confidence: float) -> Tests:
     """Test all pairs of the agents (n,) that are `compared`; all verdicts hold together with the confidence."""
-    table = m.table(agents)
-    among = np.outer(compared, compared) & ~np.eye(len(agents), dtype=bool)
-    p = np.where(among, _p_values(agents, m, table), np.nan)
-    return Tests(m, confidence, table, p, _holm(p))
-
-
-def _p_values(agents: Sequence[Agent], m: Measure, table: st.Crossed) -> FloatArray:
-    """Return p (n, n) of no difference: McNemar's mid-p for rates of two single runs, else `st.resolution`."""
-    p = st.resolution(table)
-    single = [i for i, agent in enumerate(agents) if len(agent.outcome) == 1]
-    if m.rate and len(single) > 1:
-        ended_so = np.concatenate([m.values(agents[i]) for i in single])  # (agents, episodes) of 0 and 1
-        only = ended_so @ (1 - ended_so).T  # episodes of the row's agent that are not the column's
-        p[np.ix_(single, single)] = st.mcnemar(only, only.T)
-    return p
+    found = Typical(agents, m)
+    p = np.full((len(agents), len(agents)), np.nan)
+    for i, j in combinations(np.flatnonzero(compared).tolist(), 2):
+        p[i, j] = p[j, i] = found.p_value(i, j)
+    return Tests(found, confidence, p, _holm(p))
 
 
 def _holm(p: FloatArray) -> FloatArray:

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from auvbench.analysis.measures import Measure
-from auvbench.analysis.pairwise import Tests
 from auvbench.analysis.records import Agent, Needed, learns
+from auvbench.analysis.typical import Typical
 from auvbench.errors import ReportError
 from auvbench.statistics import power as st
-from auvbench.statistics.differences import pair_spread, seed_variance
 from auvbench.statistics.intervals import quantile
 
 LEAST, MOST = 0.005, 0.995
@@ -124,17 +123,14 @@ def needs(
     return Need(episodes, seeds(alpha), seeds(alpha / (agents - 1)) if agents > 2 else {})
 
 
-def needed(
-    agents: Sequence[Agent], tests: Tests, i: int, baseline: int, margin: float, level: float
-) -> Needed | None:
-    """Return how many seeds, or episodes where nothing learns, would decide an open comparison with the baseline.
+def needed(typical: Typical, i: int, baseline: int, margin: float, level: float) -> Needed | None:
+    """Return how many trainings, or episodes where nothing learns, would decide an open comparison with the baseline.
 
-    By the approximate power of the t-test: the difference seen is taken for the true one. It is decided where the
-    interval excludes zero, or lies within the margin; the nearer of the two counts.
+    Further trainings are taken to be like those that were made: they are drawn from these, with the report's own interval and 80 %
+    power. Of two controllers, the difference seen is taken for the true one.
 
     Args:
-        agents: of the table.
-        tests: of all their pairs.
+        typical: the agents of the table.
         i: place of the agent that is compared.
         baseline: place of the baseline.
         margin: smallest difference of interest; NaN where there is none.
@@ -143,22 +139,19 @@ def needed(
     Returns:
         None where no difference can be computed.
     """
-    table = tests.table
-    apart = abs(float(table.mean[i] - table.mean[baseline]))
-    goals = [distance for distance in (apart, margin - apart) if distance > 0]
-    fixed = float(pair_spread(table).scenarios[i, baseline])
-    if not goals or not np.isfinite(fixed):
+    error, episodes = typical.error(i, baseline)
+    apart = abs(float(typical.value[i] - typical.value[baseline]))
+    if not math.isfinite(error) or not math.isfinite(apart):
         return None
-    learning = [j for j in (i, baseline) if learns(agents[j])]
-    if not learning:
-        episodes = int(table.episodes[i])
-        quantiles = float(quantile(1 - level, episodes - 1) + quantile(2 * POWER - 1))
-        enough = math.ceil(episodes * fixed * (quantiles / max(goals)) ** 2)
-        return Needed("episodes", enough if enough <= MOST_EPISODES else None)
-    per_seed = float((seed_variance(table)[0] * table.seeds)[learning].sum())
-    have = max(int(table.seeds[j]) for j in learning)
-    found = [
-        st.seeds_by_formula(distance, per_seed, fixed, level, POWER, len(learning)) for distance in goals
-    ]
-    count = min((n for n in found if n is not None), default=None)
-    return Needed("seeds", None if count is None else max(count, have + 1))
+    gains = [typical.gains(place, 0.0) for place in (i, baseline)]
+    have = max(map(len, gains))
+    if have > 1:
+        t = float(quantile(1 - level, episodes - 1))
+        found = st.trainings_that_decide(gains[0], gains[1], error, t, level, margin, power=POWER, above=have)
+        return Needed("trainings", found)
+    goals = [distance for distance in (apart, margin - apart) if distance > 0]
+    if not goals:
+        return None
+    quantiles = float(quantile(1 - level, episodes - 1) + quantile(2 * POWER - 1))
+    enough = math.ceil(episodes * (error * quantiles / max(goals)) ** 2)
+    return Needed("episodes", enough if enough <= MOST_EPISODES else None)

@@ -1,7 +1,7 @@
 """The primary analysis: each agent against one baseline, with a margin, corrected over these comparisons alone.
 
-Each agent has one interval of its difference from the baseline. The intervals hold together (Bonferroni), and a
-verdict is read off its interval, so the two cannot disagree:
+Each agent has one interval of its difference from the baseline. A learner's is of its typical training (statistics/typical.py). The
+intervals hold together (Bonferroni), and a verdict is read off its interval, so the two cannot disagree:
 
 * equivalent: the whole interval lies within the margin around zero;
 * ahead, behind: else, the interval lies on one side of zero;
@@ -19,14 +19,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from auvbench import statistics as st
 from auvbench.analysis.formatting import amount, listed, name, rounded_difference, size
 from auvbench.analysis.measures import LIMITED_BY_STEPS, Measure, measure
 from auvbench.analysis.pairwise import Tests
 from auvbench.analysis.planning import needed
-from auvbench.analysis.records import Against, Agent, Primary, Ranking, learns
+from auvbench.analysis.records import Against, Agent, Comparison, Primary, Ranking, learns
+from auvbench.analysis.typical import Typical
 from auvbench.errors import ReportError, closest
 from auvbench.statistics.intervals import BoolArray, Estimate
+from auvbench.statistics.reliability import Reliability, reliability
+from auvbench.statistics.typical import trainings_needed
 
 AHEAD, EQUIVALENT, BEHIND, OPEN = VERDICTS = ("ahead", "equivalent", "behind", "open")
 
@@ -61,32 +63,79 @@ def primary_analysis(
     if chosen is None or len(agents) < 2:
         return None
     b = next(i for i, agent in enumerate(agents) if agent is chosen)
-    m, confidence = tests.measure, tests.confidence
-    margin = default_margin(m, float(tests.table.mean[b])) if margin is None else margin
+    m, confidence, typical = tests.measure, tests.confidence, tests.typical
+    margin = default_margin(m, typical.value[b]) if margin is None else margin
     family = [i for i in range(len(agents)) if i != b and compared[i] and compared[b]]
     level = (1 - confidence) / max(len(family), 1)
-    intervals = st.pairs(tests.table, 1 - level)
     limited = _at_worst(tests)
+    enough = trainings_needed(max(len(family), 1), 1 - confidence)
     found = []
     for i, agent in enumerate(agents):
         if i == b:
             continue
-        difference = intervals.estimate(i, b, tests.table, confidence)
+        difference = replace(typical.difference(i, b, level), confidence=confidence)
         if i not in family:
-            nothing = Estimate(difference.value, math.nan, math.nan, confidence, difference.covers)
+            nothing = replace(difference, low=math.nan, high=math.nan)
             found.append(Against(agent.label, nothing, OPEN))
             continue
-        if not tests.p[i, b] < level:  # the test on two scales may be stricter than the interval
-            low, high = min(difference.low, 0.0), max(difference.high, 0.0)
-            difference = replace(difference, low=low, high=high)
+        trainings = typical.fewest((i, b))
+        # McNemar's test of two controllers may be stricter than the interval.
+        if not trainings and not tests.p[i, b] < level:
+            difference = replace(difference, low=min(difference.low, 0.0), high=max(difference.high, 0.0))
+        reliable = reliability_of(agents, typical, i, b, margin, confidence)
         if limited[i] and limited[b]:
-            found.append(Against(agent.label, difference, OPEN))
+            found.append(Against(agent.label, difference, OPEN, None, trainings, enough, reliable))
             continue
         verdict = verdict_of(difference, margin, m)
-        plan = needed(agents, tests, i, b, margin, level) if verdict == OPEN else None
-        found.append(Against(agent.label, difference, verdict, plan))
+        few = 0 < trainings < enough
+        plan = needed(typical, i, b, margin, level) if verdict == OPEN and not few else None
+        reliable = reliability_of(agents, typical, i, b, margin, confidence, verdict)
+        found.append(Against(agent.label, difference, verdict, plan, trainings, enough, reliable))
     by_rank = baseline is None and learns(chosen)
     return Primary(m.name, chosen.label, margin, confidence, tuple(found), by_rank)
+
+
+def reliability_of(
+    agents: Sequence[Agent],
+    typical: Typical,
+    i: int,
+    b: int,
+    margin: float,
+    confidence: float,
+    verdict: str = OPEN,
+) -> Reliability | None:
+    """Return how many trainings of agent i are not behind agent b by more than the margin.
+
+    Of a controller against a learner: how many of the learner's trainings are not behind the controller. None for two controllers.
+    """
+    turned = typical.trainings[i] <= 1
+    learner, other = (b, i) if turned else (i, b)
+    if typical.trainings[learner] <= 1:
+        return None
+    baseline, m = float(typical.value[other]), typical.measure
+    margin = margin if math.isfinite(margin) else 0.0
+    edges = {AHEAD: 0.0, EQUIVALENT: -margin} if not turned else {BEHIND: 0.0, EQUIVALENT: -margin}
+    return reliability(
+        typical.gains(learner, baseline),
+        margin,
+        confidence=confidence,
+        edge=edges.get(verdict, math.nan),
+        failure=m.sign * (m.failure(agents[learner]) - baseline),
+    )
+
+
+def with_reliability(
+    c: Comparison, agents: Sequence[Agent], typical: Typical, pair: tuple[int, int], margin: float
+) -> Comparison:
+    """Return a comparison of two agents with the trainings of each learner that are not behind the other agent."""
+    i, j = pair
+    first, second = (
+        reliability_of(agents, typical, one, other, margin, c.difference.confidence)
+        if typical.trainings[one] > 1
+        else None
+        for one, other in ((i, j), (j, i))
+    )
+    return replace(c, first_reliability=first, second_reliability=second)
 
 
 def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
@@ -117,10 +166,9 @@ def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> 
 
 
 def _at_worst(tests: Tests) -> BoolArray:
-    """Return (n,) whether an agent's mean is the worst possible one, which failures alone give."""
-    table = tests.table
-    worst = table.least if tests.measure.sign > 0 else table.most
-    return np.asarray(np.isfinite(worst) & np.isclose(table.mean, worst, rtol=1e-9, atol=0.0))
+    """Return (n,) whether an agent's typical value is the worst possible one, which failures alone give."""
+    worst = tests.typical.worst
+    return np.asarray(np.isfinite(worst) & np.isclose(tests.typical.value, worst, rtol=1e-9, atol=0.0))
 
 
 def default_margin(m: Measure, baseline: float) -> float:
@@ -179,11 +227,16 @@ def headline(ranking: Ranking) -> str:
 
 def _lead(best: Against, primary: Primary, m: Measure, task: str) -> str:
     gain, interval = rounded_difference(best.difference, m)
+    agent, r = best.agent, best.reliability
+    if best.trainings:
+        agent = f"The typical training of {agent}"
     if task == "waypoint" and m.column in LIMITED_BY_STEPS:
-        return f"{best.agent} reaches waypoints {gain} sooner than {primary.baseline}{interval}"
-    if task == "waypoint" and m.name == "success_rate":
-        return f"{best.agent} reaches {gain} more of the waypoints than {primary.baseline}{interval}"
-    return f"{best.agent} is ahead of {primary.baseline} by {gain} in {name(m)}{interval}"
+        text = f"{agent} reaches waypoints {gain} sooner than {primary.baseline}{interval}"
+    elif task == "waypoint" and m.name == "success_rate":
+        text = f"{agent} reaches {gain} more of the waypoints than {primary.baseline}{interval}"
+    else:
+        text = f"{agent} is ahead of {primary.baseline} by {gain} in {name(m)}{interval}"
+    return f"{text}, and {r.count} of {r.trainings} trainings are not behind" if r else text
 
 
 def _counts(primary: Primary, m: Measure) -> str:
@@ -196,8 +249,11 @@ def _counts(primary: Primary, m: Measure) -> str:
         (BEHIND, "behind"),
         (OPEN, "open"),
     ):
-        n = len(primary.having(verdict)) - (verdict == AHEAD)
+        found = primary.having(verdict)
+        n = len(found) - (verdict == AHEAD)
         if n > 0:
             noun = "" if parts else " agent" if n == 1 else " agents"
-            parts.append(f"{n}{noun} {'is' if n == 1 else 'are'} {words}")
+            few = sum(c.few for c in found) if verdict != OPEN else 0
+            stars = f" ({few} with *)" if few else ""
+            parts.append(f"{n}{noun} {'is' if n == 1 else 'are'} {words}{stars}")
     return ", ".join(parts)

@@ -14,7 +14,13 @@ from auvbench.analysis.conditions import results
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.measures import Measure, all_measures, measure, to_rank_by
 from auvbench.analysis.pairwise import all_pairs, rank_intervals
-from auvbench.analysis.primary import at_limit, find_baseline, primary_analysis
+from auvbench.analysis.primary import (
+    at_limit,
+    default_margin,
+    find_baseline,
+    primary_analysis,
+    with_reliability,
+)
 from auvbench.analysis.records import (
     NO_POLICY,
     Agent,
@@ -26,6 +32,7 @@ from auvbench.analysis.records import (
     learns,
     task_of,
 )
+from auvbench.analysis.typical import Typical
 from auvbench.errors import ReportError
 from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray
 
@@ -48,7 +55,7 @@ def rank(
 ) -> Ranking:
     """Rank agents by one measure and compare each with a baseline; the order of the agents does not matter.
 
-    Rows are in the order of the point values. The primary analysis compares each agent with the baseline.
+    Rows are in the order of the typical values, medians over trainings. The primary analysis compares each agent with the baseline.
     Rank intervals and comparisons are exploratory: they come from the tests of all pairs.
 
     Args:
@@ -69,15 +76,15 @@ def rank(
     _check(agents, confidence, margin)
     agents = sorted(map(one_run_of_a_controller, agents), key=lambda agent: agent.label)
     reference = None if baseline is None else find_baseline(agents, baseline)
-    estimates = _estimates(agents, confidence)
-    value = _oriented(estimates, by)
-    order = np.lexsort((-_oriented(estimates, finer), -value))
-    agents, estimates, value = [agents[i] for i in order], [estimates[i] for i in order], value[order]
+    value, second = (_oriented(Typical(agents, m)) for m in (by, finer))
     if not np.isfinite(value).any():
         raise ReportError(f"no agent has values of {by.name}")
+    order = np.lexsort((-second, -value))
+    agents, value, second = [agents[i] for i in order], value[order], second[order]
+    estimates = _estimates(agents, confidence)
     compared = np.array([not one_policy(agent) for agent in agents])
     tests = all_pairs(agents, by, compared, confidence)
-    ranks = _ranks(value, _oriented(estimates, finer))
+    ranks = _ranks(value, second)
     intervals = rank_intervals(value, tests.resolved)
     rows = tuple(
         Row(
@@ -102,6 +109,9 @@ def rank(
         for i, agent in enumerate(agents)
     )
     primary = primary_analysis(agents, tests, compared, reference, margin)
+    apart = primary.margin if primary else default_margin(by, tests.typical.value[0])
+    pairs = _listed(compared)
+    pairwise = zip(pairs, tests.comparisons(agents, pairs), strict=True)
     return Ranking(
         rows=rows,
         rank_by=by.name,
@@ -110,7 +120,7 @@ def rank(
         fingerprint=agents[0].fingerprint,
         confidence=confidence,
         primary=primary,
-        comparisons=tests.comparisons(agents, _listed(compared)),
+        comparisons=tuple(with_reliability(c, agents, tests.typical, pair, apart) for pair, c in pairwise),
         problems=(*problems, *_without_values(agents, (by, finer))),
         conditions=results(agents, protocol, confidence, by),
         notices=tuple(filter(None, (tuned_on_these(agents, protocol), at_limit(agents, tests, primary)))),
@@ -140,11 +150,10 @@ def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Est
     return [{name: estimates[i] for name, estimates in found.items()} for i in range(len(agents))]
 
 
-def _oriented(estimates: Sequence[dict[str, Estimate]], m: Measure) -> FloatArray:
-    """(n,) Values of which higher is better; an agent without a value comes after all others."""
-    missing = Estimate(np.nan, np.nan, np.nan)
+def _oriented(typical: Typical) -> FloatArray:
+    """(n,) Typical values of which higher is better; an agent without a value comes after all others."""
     # Rounded so that two agents with the same successes are equal for any order of summation.
-    values = np.array([m.sign * e.get(m.name, missing).value for e in estimates]).round(12)
+    values = (typical.measure.sign * typical.value).round(12)
     return np.where(np.isnan(values), -np.inf, values)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from auvbench.config.algorithms import learns as is_learner
 from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:
@@ -183,6 +184,13 @@ class Comparison:
     """Holm-corrected over all pairs of the table"""
     verdict: str = "undecided"
     """of the first agent: better | worse | undecided"""
+    trainings: int = 0
+    """of the learner with the fewer trainings; 0 for two controllers"""
+    needed: int = 0
+    """trainings from which a verdict needs no assumption of their distribution"""
+    first_reliability: Reliability | None = None
+    """trainings of the first agent that are not behind the second; None for a controller"""
+    second_reliability: Reliability | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +198,7 @@ class Needed:
     """What would decide an open comparison, with 80 % power if the true difference is the one seen."""
 
     unit: str
-    """seeds | episodes"""
+    """trainings | episodes"""
     count: int | None
     """None: more than is planned for"""
 
@@ -201,11 +209,28 @@ class Against:
 
     agent: str
     difference: Estimate
-    """agent less baseline; the intervals of all comparisons hold together. No ends for one training seed"""
+    """Typical training less the (typical) baseline; the intervals of all comparisons hold together. No ends for fewer than five
+    trainings."""
     verdict: str
     """ahead | equivalent | behind | open"""
     needed: Needed | None = None
     """for an open comparison that can be planned"""
+    trainings: int = 0
+    """of the learner with the fewer trainings; 0 for two controllers"""
+    enough: int = 0
+    """trainings from which a verdict needs no assumption of their distribution"""
+    reliability: Reliability | None = None
+    """trainings of the agent that are not behind the baseline; of a learner as baseline, its own that are not behind the agent"""
+
+    @property
+    def few(self) -> bool:
+        """Whether the verdict has fewer trainings than it needs, and holds only if they cluster around the typical one."""
+        return 0 < self.trainings < self.enough
+
+    @property
+    def marked(self) -> str:
+        """Return the verdict, with a star where it holds only if trainings cluster around the typical one."""
+        return f"{self.verdict}*" if self.few and self.verdict != "open" else self.verdict
 
 
 @dataclass(frozen=True, slots=True)

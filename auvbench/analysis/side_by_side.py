@@ -11,12 +11,14 @@ from auvbench.analysis.conditions import default
 from auvbench.analysis.grouping import agents, of_a_seed, sections
 from auvbench.analysis.load import load, require
 from auvbench.analysis.measures import RANKED_AS, Measure, all_measures, measure, metric_of
-from auvbench.analysis.primary import find_baseline
+from auvbench.analysis.primary import find_baseline, reliability_of
 from auvbench.analysis.records import Agent, task_of
+from auvbench.analysis.typical import Typical
 from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError
 from auvbench.runs.directory import missing
 from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import plain, short
 
 USUAL = ("success_rate", "par1_time_s", "mean_energy_J", "mean_path_efficiency", "mean_smoothness_per_s")
@@ -31,12 +33,16 @@ class Difference:
     first: Estimate
     second: Estimate
     difference: Estimate
-    """second less first, paired by scenario"""
+    """second less first, paired by scenario; of learners with several trainings, that of the typical ones"""
+    trainings: int = 0
+    """of the learner with the fewer trainings; 0 where neither has several"""
+    reliability: Reliability | None = None
+    """trainings of the second agent, if it has several, else of the first, that are not behind"""
 
     @property
     def better(self) -> int:
         """0 or 1, the agent that is better; -1 where the interval of the difference holds 0."""
-        if self.difference.low <= 0 <= self.difference.high:
+        if not (self.difference.low > 0 or self.difference.high < 0):
             return -1
         return int(self.difference.value * self.measure.sign > 0)
 
@@ -130,8 +136,10 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
         if not all(count > 0 for count in table.values):
             continue
         means = st.means(table, confidence)
-        change = st.pairs(table, confidence).estimate(1, 0, table, confidence)
-        result.append(Difference(m, means[0], means[1], change))
+        found = Typical(pair, m)
+        reliable = reliability_of(pair, found, 1, 0, 0.0, confidence)
+        change = found.difference(1, 0, 1 - confidence)
+        result.append(Difference(m, means[0], means[1], change, found.fewest((0, 1)), reliable))
     return result
 
 

@@ -19,8 +19,8 @@ def parser() -> Parser:
     parser = Parser(
         prog="auvbench compare",
         where=True,
-        description="Shows two agents side by side: differences with intervals, paired by test scenario; the configuration "
-        "keys in which they differ; the success of their training.",
+        description="Shows two agents side by side: differences with intervals, paired by test scenario (of learners, between "
+        "typical trainings); the configuration keys in which they differ; the success of their training.",
         epilog="examples:\n"
         "  auvbench compare pid mpc --in outputs/quickstart\n"
         "  auvbench compare outputs/default/ppo-k1-f10-s0-bbe2fa44 outputs/default/ppo-k1-f10-s1-44c8f5ef\n"
@@ -75,13 +75,9 @@ def main(arguments: Sequence[str]) -> int:
     pair = side_by_side.told_apart(found, names)
     differences = side_by_side.differences(pair, given.confidence, given.every)
     console = Console(highlight=False)
-    console.print(TableView(_measures(pair, differences)))
-    covers = differences[0].difference.covers if differences else ""
-    console.print(
-        f"Each interval holds by itself with {100 * given.confidence:g} % and covers {covers}; "
-        "auvbench report compares with one error rate for all.",
-        style="dim",
-    )
+    console.print(TableView(_measures(pair, differences, given.confidence)))
+    for note in _notes(differences, given.confidence):
+        console.print(note, style="dim")
     if changed := side_by_side.settings(pair):
         console.print()
         console.print(TableView(_settings(pair, changed)))
@@ -91,23 +87,54 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _measures(pair: Sequence[Agent], differences: Sequence[Difference]) -> Table:
-    from auvbench.analysis.formatting import counted
-    from auvbench.reporting.tables.table import Cell, Heading, Line, Table, column_of, estimate_cell
+def _notes(differences: Sequence[Difference], confidence: float) -> list[str]:
+    """Return what the intervals cover, and what they assume."""
+    from auvbench.statistics.typical import FEWEST, trainings_needed
 
+    covers = differences[0].difference.covers if differences else ""
+    lines = [
+        f"Each interval holds by itself with {100 * confidence:g} % and covers {covers}; auvbench report compares with one error "
+        "rate for all."
+    ]
+    trainings = max((one.trainings for one in differences), default=0)
+    if trainings:
+        lines.append(
+            "The difference is that of typical trainings (half of all trainings are better, half worse), the others are means. "
+            "Not behind: trainings that are no worse than the other agent's typical one, on these scenarios."
+        )
+    if 1 < trainings < FEWEST:
+        lines.append(f"Fewer than {FEWEST} trainings allow no verdict.")
+    elif 0 < trainings < (needed := trainings_needed(1, 1 - confidence)):
+        lines.append(f"* fewer than {needed} trainings: holds if trainings cluster around the typical one.")
+    return lines
+
+
+def _measures(pair: Sequence[Agent], differences: Sequence[Difference], confidence: float) -> Table:
+    from auvbench.analysis.formatting import counted
+    from auvbench.reporting.tables.main import NOT_BEHIND, reliability_cell
+    from auvbench.reporting.tables.table import Cell, Heading, Line, Table, column_of, estimate_cell
+    from auvbench.statistics.typical import trainings_needed
+
+    needed = trainings_needed(1, 1 - confidence)
     headings = [
         Heading("measure", words=True),
         *(Heading(agent.label, counted(len(agent.runs), "run")) for agent in pair),
     ]
+    several = any(one.reliability for one in differences)
     lines = []
     for one in differences:
         column = column_of(one.measure.name)
-        better = pair[one.better].label if one.better >= 0 else "open"
+        star = "*" if 0 < one.trainings < needed else ""
+        better = f"{pair[one.better].label}{star}" if one.better >= 0 else "open"
         cells = [Cell(column.text)]
         cells += [estimate_cell(estimate, column.scale) for estimate in (one.first, one.second)]
         cells += [estimate_cell(one.difference, column.scale, signed=True), Cell(better)]
+        if several:
+            cells.append(reliability_cell(one.reliability))
         lines.append(Line(tuple(cells)))
     headings += [Heading("difference", "second less first"), Heading("better", words=True)]
+    if several:
+        headings.append(Heading("not behind", "trainings", hint=NOT_BEHIND))
     return Table(tuple(headings), tuple(lines))
 
 

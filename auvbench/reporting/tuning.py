@@ -23,9 +23,9 @@ from auvbench.analysis.formatting import amount, counted, difference, listed, na
 from auvbench.analysis.measures import Measure
 from auvbench.reporting.figures import style
 from auvbench.reporting.write import text
-from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.typical import FEWEST, trainings_needed
 from auvbench.tuning.controller import worth
-from auvbench.tuning.outcome import Outcome, state_of
+from auvbench.tuning.outcome import Gain, Outcome, state_of
 from auvbench.tuning.search import ERROR
 from auvbench.untrusted import path_safety
 
@@ -99,17 +99,22 @@ def gain(found: Outcome) -> str:
     on = f"{seeds} fresh training seeds and " if found.plan.learns and seeds > 1 else ""
     parts = [
         f"{name(of.measure)}: {amount(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
-        f"difference {difference(of.difference, of.measure)}, {verdict(of.difference, of.measure)}"
+        f"difference {difference(of.difference, of.measure)}, {verdict(of)}"
         for of in found.gains
     ]
     return f"On {on}fresh validation scenarios: {'; '.join(parts)}."
 
 
-def verdict(of: Estimate, measure: Measure) -> str:
-    """Return better, worse or not resolved: whether the interval of tuned less untuned excludes zero."""
-    if of.low > 0 or of.high < 0:
-        return "better" if of.value * measure.sign > 0 else "worse"
-    return "not resolved"
+def verdict(of: Gain) -> str:
+    """Return better, worse or not resolved: whether the interval of tuned less untuned excludes zero, and its reliability."""
+    r = of.reliability
+    held = f" ({r.count} of {r.trainings} tuned trainings are not behind)" if r else ""
+    if 0 < of.trainings < FEWEST:
+        return f"no verdict below {FEWEST} fresh seeds{held}"
+    if not (of.difference.low > 0 or of.difference.high < 0):
+        return f"not resolved{held}"
+    star = "*" if 0 < of.trainings < trainings_needed() else ""
+    return f"{'better' if of.difference.value * of.measure.sign > 0 else 'worse'}{star}{held}"
 
 
 def broken(found: Outcome) -> str:

@@ -1,7 +1,7 @@
 """Pure functions on arrays (seeds, episodes); docs/statistics-appendix.md has the reasons and the measurements.
 
-`crossed` has means over seeds and scenarios, `differences` those of agents with their tests and the correction for all pairs,
-`intervals` those of rates, `power` plans.
+`crossed` has means over seeds and scenarios, `typical` comparisons with learners, `differences` those of controllers and the
+correction for all pairs, `reliability` how many trainings hold up, `intervals` those of rates, `power` plans.
 """
 
 from auvbench.statistics.crossed import (
@@ -12,7 +12,7 @@ from auvbench.statistics.crossed import (
     crossed,
     means,
 )
-from auvbench.statistics.differences import contrast, holm, mcnemar, pairs, resolution
+from auvbench.statistics.differences import holm, mcnemar, pairs
 from auvbench.statistics.intervals import (
     Estimate,
     limits,
@@ -30,7 +30,6 @@ __all__ = [
     "SEEDS_AND_EPISODES",
     "Crossed",
     "Estimate",
-    "contrast",
     "crossed",
     "holm",
     "limits",
@@ -39,7 +38,6 @@ __all__ = [
     "p_more_than_half",
     "pairs",
     "quantile",
-    "resolution",
     "score_interval",
     "succeeded",
     "trials_that_bound",

@@ -1,4 +1,4 @@
-"""Means and rates over training seeds and test scenarios, with t-type intervals; differences.py has those of agents.
+"""Means and rates over training seeds and test scenarios, with t-type intervals; typical.py has comparisons of agents.
 
 The data of an agent are an array (seeds S, episodes E): every trained policy meets the same scenarios, so seeds
 and scenarios are crossed. What may vary is taken as
@@ -12,14 +12,11 @@ Var(a)/S + Var(b)/E + Var(r)/(S E). It is estimated as A + max(B - R, 0) with
     B = variance between the scenarios' means / E                  expects Var(b)/E + Var(r)/(S E)
     R = mean square of what is left after rows and columns / (S E) expects            Var(r)/(S E)
 
-(two-way layout without replication: Searle, Casella & McCulloch, Variance Components, 1992, chapter 4). For a
-weighted sum of agents A and R add up with squared weights, the seeds being independent, and B is the variance of
-the weighted sum of the scenarios' means, in which b cancels as far as the agents find the same scenarios hard.
-Each source has its own quantile of Student's t, and the squares add up (Howe 1974, JASA 69:789):
+(two-way layout without replication: Searle, Casella & McCulloch, Variance Components, 1992, chapter 4). Each source
+has its own quantile of Student's t, and the squares add up (Howe 1974, JASA 69:789):
 
-    half width² = A t(seeds)² + max(B - R, 0) t(scenarios)²
+    half width² = A t(S - 1)² + max(B - R, 0) t(E - 1)²
 
-with S - 1 degrees of freedom for the seeds of one agent, Welch's for those of several, and E - 1 for scenarios.
 One quantile with Satterthwaite's degrees of freedom for the sum was tried and covers too little with 2 or 3 seeds,
 as does every bootstrap (docs/statistics-appendix.md). With one seed A and R are 0: the interval is conditional on that seed
 and covers test episodes only. An interval ends where the range of possible values does.
@@ -70,9 +67,6 @@ class Crossed:
     rate: bool
     least: FloatArray  # (n,) smallest and
     most: FloatArray  # (n,) largest value that a mean can have; infinite where there is no limit
-    between_odds: (
-        FloatArray  # (n,) A of the seeds' log-odds between least and most; 0 with one seed or no limits
-    )
 
     @property
     def variance(self) -> FloatArray:
@@ -107,7 +101,7 @@ def crossed(
     n, E = len(data), data[0].shape[1]
     columns = np.full((n, E), np.nan)
     mean, between, residual = np.full(n, np.nan), np.full(n, np.nan), np.full(n, np.nan)
-    seeds, values, odds = np.zeros(n), np.zeros(n), np.zeros(n)
+    seeds, values = np.zeros(n), np.zeros(n)
     least, most = (
         np.broadcast_to(np.asarray(end, dtype=np.float64), (n,)) for end in ((0, 1) if rate else bounds)
     )
@@ -117,9 +111,6 @@ def crossed(
         seeds[i], values[i] = len(x), there.sum()
         if len(x):
             mean[i], columns[i], between[i], residual[i] = _layout(x, there)
-            count = there.sum(axis=1)
-            rows = np.where(there, x, 0.0).sum(axis=1) / count
-            odds[i] = float(between_odds(rows, count, float(least[i]), float(most[i])))
     covariance, episodes = _covariance(columns, paired)
     if rate:
         # Of one scenario the variance between scenarios is unknown; `limits` counts it as one trial instead.
@@ -134,22 +125,7 @@ def crossed(
             else:
                 covariance[i, i] = variance
     seeds_df = np.where(seeds > 1, seeds - 1, np.inf)
-    return Crossed(
-        mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate, least, most, odds
-    )
-
-
-def between_odds(rows: FloatArray, count: ArrayLike, least: float, most: float) -> FloatArray:
-    """Return A of the log-odds of the seeds' means `rows` (..., S), each over `count` episodes; 0 without limits.
-
-    Empirical log-odds, (x + 1/2) / (n - x + 1/2), as `resolution.log_odds` takes them.
-    """
-    S = rows.shape[-1]
-    if S < 2 or not 0 < most - least < np.inf:
-        return np.zeros(rows.shape[:-1])
-    n = np.asarray(count, dtype=np.float64)
-    share = (np.clip((rows - least) / (most - least), 0.0, 1.0) * n + 0.5) / (n + 1)
-    return np.asarray(np.log(share / (1 - share)).var(axis=-1, ddof=1) / S)
+    return Crossed(mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate, least, most)
 
 
 def _layout(x: FloatArray, there: BoolArray) -> tuple[float, FloatArray, float, float]:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit, logit, ndtr, ndtri
 
+from auvbench.statistics import typical
 from auvbench.statistics.crossed import crossed
-from auvbench.statistics.differences import freedom, resolution
 from auvbench.statistics.intervals import FloatArray
 
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(60)
@@ -27,7 +27,7 @@ MOST_SEEDS = 128
 class Rates:
     """Success: a training's own rate is logit-normal, and scenarios are harder or easier for all alike.
 
-    A training's rate over all scenarios is expit(m + sd z); on a scenario of difficulty b it is
+    A training's rate over all scenarios is expit(m + sd z), so that the typical training's is expit(m); on a scenario of difficulty b it is
     Phi(Phi^-1(rate) sqrt(1 + scenario_sd^2) + scenario_sd b), whose mean over normal b is that rate again.
     """
 
@@ -37,24 +37,26 @@ class Rates:
     """probits, of the scenarios"""
     rate: bool = True
 
-    def level(self, value: float) -> float:
-        """The logit m at which the mean rate of trainings is `value`, strictly between 0 and 1."""
-        from scipy.optimize import brentq  # a tenth of a second of imports that most commands do not need
+    def draw(
+        self,
+        values: Sequence[float],
+        S: int,
+        E: int,
+        rng: np.random.Generator,
+        controllers: Sequence[bool] = (),
+    ) -> list[FloatArray]:
+        """Return 0 and 1 of agents whose typical trainings have these rates: (S, E), whose columns are the same scenarios.
 
-        width = abs(float(logit(value))) + 8 * self.sd + 1
-        return float(
-            brentq(lambda m: float(_WEIGHTS @ expit(m + self.sd * _NODES)) - value, -width, width, xtol=1e-10)
-        )
-
-    def draw(self, values: Sequence[float], S: int, E: int, rng: np.random.Generator) -> list[FloatArray]:
-        """Return agents of the given mean rates: 0 and 1 (S, E), whose columns are the same scenarios."""
+        Those marked in `controllers` have one run, (1, E).
+        """
         hard = self.scenario_sd * rng.normal(size=E)
-        found = []
-        for value in values:
-            trained = np.clip(expit(self.level(value) + self.sd * rng.normal(size=(S, 1))), 1e-12, 1 - 1e-12)
+        drawn = []
+        for value, one in zip(values, controllers or [False] * len(values), strict=True):
+            luck = np.zeros((1, 1)) if one else self.sd * rng.normal(size=(S, 1))
+            trained = np.clip(expit(logit(value) + luck), 1e-12, 1 - 1e-12)
             chance = ndtr(ndtri(trained) * np.sqrt(1 + self.scenario_sd**2) + hard)
-            found.append((rng.random((S, E)) < chance).astype(np.float64))
-        return found
+            drawn.append((rng.random((len(luck), E)) < chance).astype(np.float64))
+        return drawn
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,13 +69,21 @@ class Means:
     residual_sd: float
     rate: bool = False
 
-    def draw(self, values: Sequence[float], S: int, E: int, rng: np.random.Generator) -> list[FloatArray]:
-        """Return agents of the given means: (S, E), whose columns are the same scenarios."""
+    def draw(
+        self,
+        values: Sequence[float],
+        S: int,
+        E: int,
+        rng: np.random.Generator,
+        controllers: Sequence[bool] = (),
+    ) -> list[FloatArray]:
+        """Return agents of the given means, as `Rates.draw`."""
         hard = self.scenario_sd * rng.normal(size=E)
-        return [
-            value + self.sd * rng.normal(size=(S, 1)) + hard + self.residual_sd * rng.normal(size=(S, E))
-            for value in values
-        ]
+        drawn = []
+        for value, one in zip(values, controllers or [False] * len(values), strict=True):
+            luck = np.zeros((1, 1)) if one else self.sd * rng.normal(size=(S, 1))
+            drawn.append(value + luck + hard + self.residual_sd * rng.normal(size=(len(luck), E)))
+        return drawn
 
 
 Model = Rates | Means
@@ -192,16 +202,32 @@ def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, floa
 
 
 def simulated_p(
-    model: Model, values: tuple[float, float], S: int, E: int, *, replications: int = 200, seed: int = 0
+    model: Model,
+    values: tuple[float, float],
+    S: int,
+    E: int,
+    *,
+    against_controller: bool = True,
+    replications: int = 200,
+    seed: int = 0,
 ) -> FloatArray:
-    """(replications,) P-values of the test of two agents with S seeds and E episodes, of these true values."""
+    """Return the p-values (replications,) of a learner of S trainings of the second value against the first value.
+
+    Args:
+        model: where trainings come from.
+        values: true values of the typical trainings, or of the controller and the typical training.
+        S: trainings of each learner.
+        E: test episodes of each training.
+        against_controller: whether the first value is a controller's, else that of a learner with S trainings.
+        replications: simulated pairs.
+        seed: of the simulation.
+    """
     rng = np.random.default_rng([seed, S, E])
-    return np.array(
-        [
-            resolution(crossed(model.draw(values, S, E, rng), rate=model.rate))[0, 1]
-            for _ in range(replications)
-        ]
-    )
+    found = []
+    for _ in range(replications):
+        first, second = model.draw(values, S, E, rng, (against_controller, False))
+        found.append(typical.difference(typical.sample(second), typical.sample(first), model.rate).p_value())
+    return np.nan_to_num(np.array(found), nan=1.0)
 
 
 def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_SEEDS) -> int | None:
@@ -223,33 +249,47 @@ def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_
     return high
 
 
-def seeds_by_formula(
-    difference: float,
-    per_seed: float,
-    fixed: float,
-    alpha: float = 0.05,
-    target: float = 0.8,
-    learners: int = 2,
+RESAMPLES = 200
+"""simulated comparisons for each number of trainings of an open row"""
+
+
+def trainings_that_decide(
+    gains: FloatArray,
+    baseline: FloatArray,
+    error: float,
+    t: float,
+    level: float,
+    margin: float,
+    *,
+    power: float,
+    above: int,
 ) -> int | None:
-    """Return the seeds of each agent that resolve a difference, by the t-test's approximate power.
+    """Return the trainings of each learner with which a comparison that is open now is decided with this power.
 
     Args:
-        difference: between the two agents.
-        per_seed: variance that one seed of each adds to it: sum over both agents of the variance between seeds.
-        fixed: variance that stays however many seeds there are, that of the scenarios.
-        alpha: two-sided level, after any correction.
-        target: power.
-        learners: of the two agents, 1 or 2.
+        gains: (n,) values of the agent's trainings, higher is better; a single one is a controller's.
+        baseline: (m,) those of the baseline.
+        error: standard error over scenarios.
+        t: quantile of the interval over scenarios.
+        level: of the interval.
+        margin: within which the interval decides, too; NaN where there is none.
+        power: share of the simulated comparisons that is decided.
+        above: trainings that are there and do not decide.
 
     Returns:
-        the number, or None beyond `MOST_SEEDS`. A difference is resolved with that power where it is
-        t(1 - alpha/2) + t(power) standard errors long, t with the degrees of freedom of the learners together.
+        more than `above` trainings, or None beyond `MOST_SEEDS`.
     """
-    from scipy.special import stdtrit
 
-    for S in range(2, MOST_SEEDS + 1):
-        df = learners * float(freedom(np.array(S - 1.0)))
-        need = float(stdtrit(df, 1 - alpha / 2) + stdtrit(df, target))
-        if abs(difference) >= need * np.sqrt(per_seed / S + fixed):
-            return S
-    return None
+    def decided(S: int) -> float:
+        rng = np.random.default_rng(S)
+        seen = [x if len(x) == 1 else rng.choice(x, (RESAMPLES, S)) for x in (gains, baseline)]
+        (l1, m1, u1), (l2, m2, u2) = (typical.median_interval(x, level) for x in seen)
+        value = m1 - m2 + error * rng.normal(size=RESAMPLES)
+        low = value - typical.join(np.hypot(m1 - l1, u2 - m2), t * error)
+        high = value + typical.join(np.hypot(u1 - m1, m2 - l2), t * error)
+        found = (low > 0) | (high < 0) | ((low > -margin) & (high < margin))
+        return float(found.mean())
+
+    least = max(above + 1, typical.FEWEST)
+    found = seeds_needed(lambda S: decided(max(S, least)), power) if least <= MOST_SEEDS else None
+    return None if found is None else max(found, least)

@@ -14,13 +14,16 @@ from optuna.trial import FrozenTrial, TrialState
 from auvbench import __version__
 from auvbench.analysis.formatting import counted
 from auvbench.analysis.measures import Measure
+from auvbench.analysis.primary import reliability_of
+from auvbench.analysis.typical import Typical
 from auvbench.config.tuning import STREAM
 from auvbench.errors import UserError
 from auvbench.runs import provenance
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.directory import RunDirectory, place
-from auvbench.statistics import crossed, pairs
 from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.reliability import Reliability
+from auvbench.statistics.typical import ALPHA
 from auvbench.tuning import runs, search
 from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.search import ERROR, Trials, open_study
@@ -39,7 +42,11 @@ class Gain:
     tuned: Estimate
     untuned: Estimate
     difference: Estimate
-    """tuned less untuned"""
+    """tuned less untuned, of learners between typical trainings; no ends below five trainings"""
+    trainings: int = 0
+    """of each; 0 for a controller"""
+    reliability: Reliability | None = None
+    """tuned trainings that are not behind the typical untuned one"""
 
 
 @dataclass
@@ -126,9 +133,10 @@ def _gains(of: Outcome, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[Gai
         return ()
     gains = []
     for m in dict.fromkeys((of.objective.measure, of.objective.then)):
-        table = crossed([m.values(agent) for agent in agents], rate=m.rate, bounds=m.bounds(agents))
+        found = Typical(agents, m)
         tuned, untuned = (search.interval(agent, m) for agent in agents)
-        gains.append(Gain(m, tuned, untuned, pairs(table).estimate(0, 1, table, 0.95)))
+        reliable = reliability_of(agents, found, 0, 1, 0.0, 0.95)
+        gains.append(Gain(m, tuned, untuned, found.difference(0, 1, ALPHA), found.fewest((0, 1)), reliable))
     return tuple(gains)
 
 

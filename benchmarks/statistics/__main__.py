@@ -4,25 +4,18 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from auvbench.analysis.measures import measure
-from benchmarks.statistics import aggregates, letters, reports, stopping
-from benchmarks.statistics.alternatives import ALTERNATIVES, USED
-from benchmarks.statistics.coverage import WORLDS, coverage, of_pairs
-from benchmarks.statistics.shipped import MEASURES, shipped, spread_of_trainings
-from benchmarks.statistics.worlds import of_rate, shifted
+from benchmarks.statistics import aggregates, letters, stopping, verdicts
+from benchmarks.statistics.coverage import WORLDS, coverage
+from benchmarks.statistics.verdicts import Cell
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAR1 = "par1_steps"
-HARDEST = (1, 3, 4, 6, 8)
-"""places in `letters.equal` of the designs by which the rules are compared"""
-MAIN = "leaderboard, test, bluerov2"
-"""the shipped table by which the rules are compared"""
 
 
 def _percent(value: float) -> str:
@@ -34,143 +27,115 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join("| " + " | ".join(cells) + " |" for cells in lines)
 
 
-def rules(n: int) -> str:
-    """Compare the rules for the variance between seeds."""
-    names = tuple(ALTERNATIVES)
-    false = [
-        (S, letters.false_letters(letters.equal(rate, S)[place], n // 2, names))
-        for S in letters.SEEDS
-        for rate in letters.RATES
-        for place in HARDEST
+def _judged(rows: Iterable[tuple[str, Sequence[Cell], str]], head: Sequence[str]) -> str:
+    """Return a table of measured shares (%), each line with its limit and whether it is within."""
+    lines = []
+    for name, cells, limit in rows:
+        within = ("yes" if all(cell.within for cell in cells) else "**no**") if limit else "–"
+        lines.append((name, *(f"{cell.share:.1f}" for cell in cells), limit or "–", within))
+    return _table((*head, "limit", "within"), lines)
+
+
+def _by_rows(*rows: str) -> list[str]:
+    """Return headings of columns: trainings in tables of so many rows."""
+    return [
+        f"{name}{n}"
+        for row in rows
+        for name, n in zip((f"{row}: n = ", "", "", ""), verdicts.TRAININGS, strict=True)
     ]
-    close = letters.power(letters.close(), 2 * n, names)
-    far = [letters.power(design, n // 2, names) for design in letters.spread(12, 5)]
-    table = next(table for table in shipped() if table.name == MAIN)
+
+
+def false_verdicts(n: int) -> str:
+    """Tables with any false ahead or behind (%), and intervals of one row that hold."""
+    rows = [
+        (design.name, verdicts.false_verdicts(design, n, required), "5 (n = 5: 7)" if required else "")
+        for designs, required in ((verdicts.DESIGNS, True), (verdicts.STRESS, False))
+        for design in designs
+    ]
+    return _judged(rows, ("typical training = controller", *_by_rows("k = 5", "k = 12", "holds")))
+
+
+def found(n: int) -> str:
+    """Rows of better learners that are decided rightly (%)."""
+    rows = [
+        (
+            design.name,
+            verdicts.power(design, n),
+            "n = 10: 94 alone, 70 of 5" if design == verdicts.APART[0] else "",
+        )
+        for design in verdicts.APART
+    ]
+    return _judged(rows, ("learners", *_by_rows("alone", "k = 5", "k = 12")))
+
+
+def equivalence(n: int) -> str:
+    """Tables with any false equivalent (%), and rows of equal learners that are found equivalent."""
+    rows = [(f"at the margin: {d.name}", verdicts.equivalent(d, n, 2.0), "2") for d in verdicts.AT_MARGIN]
+    rows += [(f"equal: {d.name}", verdicts.equivalent(d, n), "") for d in verdicts.EQUAL]
+    return _judged(rows, ("learners", *_by_rows("k = 5", "k = 12")))
+
+
+def one_side(n: int) -> str:
+    """Open rows (%) whose interval of trainings, less the error of the scenarios, lies on one side of the baseline."""
+    designs = (*verdicts.APART, verdicts.DESIGNS[1], verdicts.DESIGNS[-3])
+    rows = [(design.name, verdicts.undecided(design, max(n // 5, 1)), "0") for design in designs]
+    return _judged(rows, ("learners", *_by_rows("k = 5", "k = 12")))
+
+
+def of_learners(n: int) -> str:
+    """Tables of five learners with any false difference from a learner as the baseline (%)."""
     rows = []
-    for name, test in ALTERNATIVES.items():
-        worst = [max(found[name] for S, found in false if (S > 3) == more) for more in (False, True)]
-        shares = (*worst, close[name], float(np.mean([found[name] for found in far])))
-        rows.append((name, *map(_percent, shares), *table.lost(measure(PAR1), test)))
-    head = ("variance of a training", "false, 3 seeds", "false, 5 or 10", "90 against 95 %")
-    return _table((*head, "20 points, 5 seeds", "leaderboard", "lost"), rows)
+    for first, second in verdicts.PAIRS:
+        shares = verdicts.of_learners(first, second, n)
+        cells = [Cell(share, 7.0 if 5 in pair else 5.0, trials=n) for pair, share in shares.items()]
+        rows.append((f"{first.name} against {second.name}", cells, "5 (5 trainings: 7)"))
+    return _judged(rows, ("learners", "5 v 5", "10 v 10", "20 v 20", "20 v 5"))
 
 
 def false_letters(n: int) -> str:
-    """By design, the tables with a false letter (%), the highest of the rates."""
-    names = [design.name for design in letters.equal(0.9, 3)]
+    """By design, the tables with a false difference among all pairs (%), the highest of the rates."""
     rows = []
-    for prefix, steps, places in (("", False, range(len(names))), ("PAR-1: ", True, (0, 1, len(names) - 1))):
-        for place in places:
-            shares = [
-                max(
-                    letters.false_letters(letters.equal(rate, S)[place], n, steps=steps)[USED]
-                    for rate in letters.RATES
-                )
-                for S in letters.SEEDS
-            ]
-            rows.append((prefix + names[place], *map(_percent, shares)))
-    return _table(("agents, all equal", "3 seeds", "5 seeds", "10 seeds"), rows)
-
-
-def failing(n: int) -> str:
-    """False letters (%) where a share of all trainings fails."""
-    rows = []
-    for share in (0.05, 0.1):
-        columns = [
-            [letters.false_letters(design, n)[USED] for design in letters.failing(0.98, share, S)]
-            for S in letters.SEEDS
-        ]
-        for design, *shares in zip(letters.failing(0.98, share, 3), *columns, strict=True):
-            rows.append((f"{100 * share:.0f} % fail, {design.name}", *map(_percent, shares)))
-    return _table(("trainings", "3 seeds", "5 seeds", "10 seeds"), rows)
-
-
-def power(n: int) -> str:
-    """By design, the differences over 20 points that are found (%)."""
-    rows = []
-    for agents in (6, 12):
-        columns = [
-            [letters.power(design, n // 2)[USED] for design in letters.spread(agents, S)]
-            for S in letters.SEEDS
-        ]
-        for design, *shares in zip(letters.spread(agents, 3), *columns, strict=True):
-            rows.append((f"{agents} agents, {design.name}", *map(_percent, shares)))
-    close = [letters.power(letters.close(S), 2 * n)[USED] for S in letters.SEEDS]
-    return _table(
-        ("agents", "3 seeds", "5 seeds", "10 seeds"), [*rows, ("90 against 95 %", *map(_percent, close))]
-    )
-
-
-def prior(n: int) -> str:
-    """How trainings of one configuration differ, over all shipped studies."""
-    del n  # nothing is simulated
-    rows = []
-    for name in MEASURES:
-        ratio, df, agents = spread_of_trainings(name)
-        rows.append((name, agents, f"{ratio:.2f}", f"{df:.1f}"))
-    return _table(("measure", "agents", "ratio", "degrees of freedom"), rows)
-
-
-def baseline(n: int) -> str:
-    """Verdicts against a baseline (%), in tables of five learners and a controller."""
-    rows = []
-    for sd in (0.3, 1.0):
-        same, fixed = of_rate(0.95, sd), of_rate(0.95, 0.0)
-        for S in (5, 10):
-            alike = reports.against_baseline([fixed, *[same] * 5], S, n // 2)
-            apart = reports.against_baseline([fixed, *[shifted(same, 0.05)] * 5], S, n // 2)
-            shares = alike["ahead"] + alike["behind"], apart["equivalent"], alike["equivalent"]
-            rows.append((f"sd {sd:g}, {S} seeds", *map(_percent, shares)))
-    return _table(("95 %, margin 5 points", "false ahead or behind", "false equivalent", "equivalent"), rows)
+    for place, design in enumerate(letters.equal(0.9, 5)):
+        cells = []
+        for S in letters.SEEDS:
+            shares = [letters.false_letters(letters.equal(rate, S)[place], n) for rate in letters.RATES]
+            cells.append(Cell(100 * max(shares), 7.0 if S == 5 else 5.0, trials=n))
+        rows.append((design.name, cells, "5 (5 seeds: 7)"))
+    return _judged(rows, ("agents, all equal", *(f"{S} seeds" for S in letters.SEEDS)))
 
 
 def looks(n: int) -> str:
-    """Experiments with two equal agents in which a difference is found at some look (%)."""
-    found = stopping.found(n)
-    return _table(("looks after", "found"), [(name, _percent(share)) for name, share in found.items()])
+    """Experiments with a learner and an equal controller in which a difference is found at some look (%)."""
+    shares = stopping.found(n)
+    return _table(("looks after", "found"), [(name, _percent(share)) for name, share in shares.items()])
 
 
 def intervals(n: int) -> str:
-    """Intervals of a rate, and of a difference of rates, that hold the truth (%)."""
+    """Intervals of a mean rate that hold the truth (%)."""
     rows = []
     for name, world in WORLDS:
-        found = [coverage(world, S, 200, replications=2 * n) for S in letters.SEEDS]
-        rate = f"{100 * world.rate():.0f} %"
-        rows.append((name, rate, *(_percent(x[0]) for x in found), *(_percent(x[2]) for x in found)))
-    head = ("seeds differ by", "rate", "3 seeds", "5", "10", "difference: 3", "5", "10")
-    return _table(head, rows)
-
-
-def pair_intervals(n: int) -> str:
-    """Intervals of differences of rates in tables of several agents that hold (%), the lowest of the rates."""
-    rows = []
-    for place in (0, 3, 5):
-        shares = [
-            min(of_pairs(letters.equal(rate, S)[place], n // 5) for rate in letters.RATES)
-            for S in letters.SEEDS
-        ]
-        rows.append((letters.equal(0.9, 3)[place].name, *map(_percent, shares)))
-    return _table(("agents", "3 seeds", "5 seeds", "10 seeds"), rows)
+        held = [coverage(world, S, 200, replications=2 * n)[0] for S in (3, 5, 10)]
+        rows.append((name, f"{100 * world.rate():.0f} %", *map(_percent, held)))
+    return _table(("seeds differ by", "rate", "3 seeds", "5", "10"), rows)
 
 
 def over_tasks(n: int) -> str:
     """Intervals of interquartile means over conditions and vehicles that hold the truth (%)."""
     rows = []
     for name, (vehicles, conditions) in aggregates.DESIGNS.items():
-        found = [aggregates.coverage(vehicles, conditions, S, n) for S in letters.SEEDS]
-        rows.append((name, *map(_percent, found)))
+        held = [aggregates.coverage(vehicles, conditions, S, n) for S in (3, 5, 10)]
+        rows.append((name, *map(_percent, held)))
     return _table(("tasks", "3 seeds", "5 seeds", "10 seeds"), rows)
 
 
 SECTIONS: dict[str, Callable[[int], str]] = {
-    "rules": rules,
+    "false verdicts": false_verdicts,
+    "power": found,
+    "equivalence": equivalence,
+    "one side": one_side,
+    "learners": of_learners,
     "false letters": false_letters,
-    "failing": failing,
-    "power": power,
-    "prior": prior,
-    "baseline": baseline,
     "intervals": intervals,
-    "pair intervals": pair_intervals,
     "aggregates": over_tasks,
     "looks": looks,
 }
@@ -191,8 +156,8 @@ def replaced(page: str, name: str, table: str) -> str:
     return pattern.sub(lambda _: f"{start}\n{table}\n{end}", page, count=1)
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Measure and write, section by section."""
+def main(argv: Sequence[str] | None = None) -> int:
+    """Measure and write, section by section; return 1 where a line is not within its limit."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.statistics", description=__doc__)
     parser.add_argument("--replications", type=int, default=500, help="tables or experiments per row")
     parser.add_argument("sections", nargs="*", metavar="NAME", help=", ".join(SECTIONS))
@@ -200,13 +165,18 @@ def main(argv: Sequence[str] | None = None) -> None:
     for name in options.sections:
         if name not in SECTIONS:
             parser.error(f"unknown section {name!r}; valid: {', '.join(SECTIONS)}")
+    beyond: list[str] = []
     for name in options.sections or SECTIONS:
         began = time.perf_counter()
         table = SECTIONS[name](options.replications)
         page = DOCS / PAGES.get(name, "statistics-appendix.md")
         page.write_text(replaced(page.read_text(encoding="utf-8"), name, table), encoding="utf-8")
         print(f"{name}: {time.perf_counter() - began:.0f} s\n{table}\n", flush=True)
+        beyond += [f"{name}: {line}" for line in table.splitlines() if line.endswith("| **no** |")]
+    for line in beyond:
+        print(f"not within its limit: {line}")
+    return 1 if beyond else 0
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

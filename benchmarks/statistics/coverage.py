@@ -1,15 +1,11 @@
-"""How often intervals hold the truth, for the t-type interval that the tables use and for two bootstraps."""
+"""How often intervals of means hold the truth, for the t-type interval that the tables use and for two bootstraps."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from auvbench.statistics.crossed import means
-from auvbench.statistics.differences import pairs
-from benchmarks.statistics import tables
-from benchmarks.statistics.alternatives import one_by_one
-from benchmarks.statistics.letters import Design
-from benchmarks.statistics.worlds import FloatArray, World, drawn, of_rate, successes
+from auvbench.statistics.crossed import crossed, means
+from benchmarks.statistics.worlds import FloatArray, World, drawn, of_rate
 
 BATCH = 100
 """experiments at once"""
@@ -26,19 +22,14 @@ WORLDS = (
 def coverage(
     world: World, S: int, E: int, *, replications: int, confidence: float = 0.95, seed: int = 0
 ) -> FloatArray:
-    """Return the share (4,) of experiments whose interval holds the truth.
-
-    Of the success rate, the mean steps, and the differences of both to a second agent of the same world (truth 0).
-    """
+    """Return the share (2,) of experiments whose interval holds the truth: of the success rate and of the mean steps."""
     rng = np.random.default_rng(seed)
-    inside, truth = np.zeros(4), world.truth()
+    inside, truth = np.zeros(2), world.truth()
     for start in range(0, replications, BATCH):
         scenarios = rng.normal(size=(min(BATCH, replications - start), E))
-        for metric, values in enumerate(drawn([world] * 2, [S] * 2, scenarios, rng)):
-            for one in one_by_one(tables.crossed(values, rate=metric == 0)):
-                first, both = means(one, confidence)[0], pairs(one, confidence)
-                inside[metric] += first.low <= truth[metric] <= first.high
-                inside[2 + metric] += both.low[0, 1] <= 0 <= both.high[0, 1]
+        for metric, (values,) in enumerate(drawn([world], [S], scenarios, rng)):
+            found = means(crossed(list(values), rate=metric == 0, paired=False), confidence)
+            inside[metric] += sum(one.low <= truth[metric] <= one.high for one in found)
     return inside / replications
 
 
@@ -59,17 +50,3 @@ def of_bootstraps(
             low, high = np.quantile((by_seed * seeds).sum(axis=1), [0.025, 0.975])
             inside[name] += int(low <= truth <= high)
     return {name: count / replications for name, count in inside.items()}
-
-
-def of_pairs(design: Design, replications: int, seed: int = 0, E: int = 200) -> float:
-    """Return the share of intervals, over all pairs of agents of a table, that hold the true difference of rates."""
-    rng = np.random.default_rng(seed)
-    truth = np.array([world.rate() for world in design.worlds])
-    i, j = np.triu_indices(len(truth), 1)
-    true = truth[i] - truth[j]
-    held = []
-    data = successes(design.worlds, design.seeds, rng.normal(size=(replications, E)), rng)
-    for table in one_by_one(tables.crossed(data, rate=True)):
-        found = pairs(table)
-        held.append(((found.low[i, j] <= true) & (true <= found.high[i, j])).mean())
-    return float(np.mean(held))

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from auvbench.analysis.formatting import name, size, unit_of_difference
+from auvbench.analysis.formatting import listed, name, size, unit_of_difference
 from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import Against, Primary
@@ -89,13 +89,22 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), handlelength=2.2)
     caption = (
         f"Differences in {name(m)} from {primary.baseline} with intervals that hold together with "
-        f"{100 * primary.confidence:g} %."
+        f"{100 * primary.confidence:g} %.{_of_learners(primary)}"
     )
     if margin:
         caption += f" Grey: smaller than the margin of {size(primary.margin, m)}."
     if logarithmic:
         caption += f" The axis is linear to {size(2 * primary.margin, m)} and logarithmic beyond."
     return Drawing(figure, f"Difference from {primary.baseline}", caption)
+
+
+def _of_learners(primary: Primary) -> str:
+    """Return what a learner's row shows, and what verdicts of few trainings assume."""
+    if not any(c.reliability for c in primary.comparisons):
+        return ""
+    text = " Of learners: the typical training; right: trainings that are not behind."
+    few = [c.agent for c in primary.comparisons if c.few and c.verdict != OPEN]
+    return f"{text} {listed(few, 4)}: only if trainings cluster around the typical one." if few else text
 
 
 def _face(look: Look) -> str:
@@ -116,6 +125,17 @@ def _line(ax: Axes, against: Against, y: float, scale: float, ends: tuple[float,
         markerfacecolor=_face(look),
         markersize=5.5,
     )
+    if against.reliability:
+        ax.annotate(
+            f"{against.reliability.count} of {against.reliability.trainings}",
+            (1.0, y),
+            (5, 0),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            va="center",
+            fontsize="small",
+            annotation_clip=False,
+        )
 
 
 def _axis(primary: Primary, scale: float, margin: float) -> tuple[float, float]:

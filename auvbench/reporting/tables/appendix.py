@@ -11,7 +11,7 @@ from auvbench.analysis.formatting import NOTHING, capitalized, fixed, name
 from auvbench.analysis.records import Ranking, Row
 from auvbench.analysis.score import Scored, Scores
 from auvbench.analysis.thesis import ComparisonRow
-from auvbench.reporting.tables.main import label_of
+from auvbench.reporting.tables.main import label_of, not_behind
 from auvbench.reporting.tables.table import (
     DAGGER,
     Cell,
@@ -27,6 +27,7 @@ from auvbench.statistics.intervals import Estimate
 def ranks_table(ranking: Ranking) -> Table:
     """Return rank, the ranks that agree with the data, and the measure ranked by."""
     column = column_of(ranking.rank_by)
+    reliable = not_behind(ranking)
     lines = [
         Line(
             (
@@ -34,15 +35,22 @@ def ranks_table(ranking: Ranking) -> Table:
                 Cell(str(row.rank), sort=float(row.rank)),
                 Cell(ranks_of(row), sort=row.rank + sum(row.rank_interval) / 1e6),
                 estimate_cell(row.estimates.get(column.metric), column.scale),
+                *(cell(row) for _, cell in reliable),
             )
         )
         for row in ranking.rows
     ]
     note = (
-        "Corrected over all pairs of agents (Holm), which are in comparisons.csv. Agents whose ranks do not overlap are "
-        "resolved from each other."
+        "By typical trainings, corrected over all pairs of agents (Holm), which are in comparisons.csv. Agents whose ranks do "
+        "not overlap are resolved from each other."
     )
-    headings = (Heading("agent", words=True), Heading("rank"), Heading("ranks"), column)
+    headings = (
+        Heading("agent", words=True),
+        Heading("rank"),
+        Heading("ranks"),
+        column,
+        *(heading for heading, _ in reliable),
+    )
     return Table(headings, tuple(lines), "Ranks", (note,))
 
 

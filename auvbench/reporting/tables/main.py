@@ -9,10 +9,10 @@ from math import isfinite
 from auvbench.analysis import optional_columns
 from auvbench.analysis.formatting import NOTHING, name, size, unit_of_difference
 from auvbench.analysis.labels import OWN, in_short, usual_sentence
-from auvbench.analysis.measures import measure
+from auvbench.analysis.measures import Measure, measure
 from auvbench.analysis.planning import MOST_EPISODES
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
-from auvbench.analysis.records import Needed, Primary, Problem, Ranking, Row
+from auvbench.analysis.records import Against, Needed, Primary, Problem, Ranking, Row
 from auvbench.evaluation.scenario_sets import cited
 from auvbench.metrics import METRICS
 from auvbench.reporting.tables.table import (
@@ -26,11 +26,12 @@ from auvbench.reporting.tables.table import (
 )
 from auvbench.statistics.intervals import SUCCEEDED, wilson
 from auvbench.statistics.power import MOST_SEEDS
+from auvbench.statistics.reliability import Reliability
 
 SYMBOLS = {AHEAD: "▲", EQUIVALENT: "■", BEHIND: "▼", OPEN: "○"}
 """a verdict is told by its shape as well as by its colour"""
 BASELINE = "baseline"
-USUAL = {"success_rate": 1, "mean_energy_J": 3, "action_ms": 4}
+USUAL = {"success_rate": 2, "mean_energy_J": 4, "action_ms": 5}
 """metrics behind the primary one, with their weight where there is no room for all"""
 
 LONGEST = 16
@@ -60,6 +61,7 @@ KNOWS = (
 NEAR_AN_END = 0.1
 """a rate so close to 0 or 1, or closer: seeds that differ strongly are skewed there"""
 FEW_SEEDS = 10
+NOT_BEHIND = "trainings that are not behind the baseline by more than the margin, on these scenarios"
 
 
 _Column = tuple[Heading, Callable[[Row], Cell]]
@@ -67,8 +69,8 @@ _Column = tuple[Heading, Callable[[Row], Cell]]
 
 def main_table(ranking: Ranking) -> Table:
     """Return the main table; a column that no agent has a number for is left out."""
-    columns = [*_lead(ranking), *_metric(ranking, ranking.rank_by), *_against(ranking)]
-    for metric, weight in (USUAL | dict.fromkeys(ranking.columns, 1)).items():
+    columns = [*_lead(ranking), *_metric(ranking, ranking.rank_by, 1), *_against(ranking)]
+    for metric, weight in (USUAL | dict.fromkeys(ranking.columns, 2)).items():
         if metric != ranking.rank_by:
             columns += _metric(ranking, metric, weight)
     columns += _effort(ranking)
@@ -94,19 +96,29 @@ def label_of(row: Row) -> str:
     return row.label if row.compared else f"{row.label} {DAGGER}"
 
 
+def result_of(against: Against) -> tuple[str, str]:
+    """Return the verdict and what an open one lacks: "behind*", "open" and "(5 of 8 trainings)" or "(31 trainings)"."""
+    if against.verdict != OPEN:
+        return against.marked, ""
+    if against.few:
+        return OPEN, f"({against.trainings} of {against.enough} trainings)"
+    return OPEN, needed_text(against.needed)
+
+
 def needed_text(needed: Needed | None) -> str:
-    """Return what would decide an open comparison: '(9 seeds)', '(> 128 seeds)'; '' where that is not known."""
+    """Return what would decide an open comparison: "(9 trainings)", "(> 128 trainings)"; empty where that is not known."""
     if needed is None:
         return ""
-    most = MOST_SEEDS if needed.unit == "seeds" else MOST_EPISODES
+    most = MOST_SEEDS if needed.unit == "trainings" else MOST_EPISODES
     return f"(> {most} {needed.unit})" if needed.count is None else f"({needed.count} {needed.unit})"
 
 
 def _lead(ranking: Ranking) -> list[_Column]:
     columns: list[_Column] = [(Heading("agent", words=True), lambda row: Cell(label_of(row)))]
     if any(row.trained for row in ranking.rows):
-        columns.append((Heading("budget", "steps", weight=1), _budget))
-        heading = Heading("trainings that succeeded", weight=2)
+        columns.append((Heading("budget", "steps", weight=2), _budget))
+    if ranking.primary is None and any(row.trained for row in ranking.rows):
+        heading = Heading("trainings that succeeded", weight=3)
         columns.append((heading, lambda row: _trainings(row, ranking.confidence)))
     return columns
 
@@ -167,13 +179,36 @@ def _against(ranking: Ranking) -> list[_Column]:
         if against is None:
             return Cell(BASELINE)
         order = float((AHEAD, EQUIVALENT, OPEN, BEHIND).index(against.verdict))
-        return Cell(f"{SYMBOLS[against.verdict]} {against.verdict}", needed_text(against.needed), order)
+        word, lacks = result_of(against)
+        return Cell(f"{SYMBOLS[against.verdict]} {word}", lacks, order)
 
     title = f"from {primary.baseline}" if len(primary.baseline) <= LONGEST else "difference"
-    return [
+    columns = [
         (Heading(title, unit_of_difference(m).strip()), difference),
         (Heading("result", words=True), verdict),
     ]
+    return [*columns, *not_behind(ranking)]
+
+
+def not_behind(ranking: Ranking) -> list[_Column]:
+    """Return the column of trainings that are not behind, which stands next to every verdict; none without a learner."""
+    primary = ranking.primary
+    if primary is None or not any(against.reliability for against in primary.comparisons):
+        return []
+
+    def reliable(row: Row) -> Cell:
+        against = primary.of(row.label)
+        return reliability_cell(against.reliability if against else None)
+
+    return [(Heading("not behind", "trainings", hint=NOT_BEHIND), reliable)]
+
+
+def reliability_cell(found: Reliability | None) -> Cell:
+    """Return "19 of 20 [75, 100]": trainings that are not behind, and the share of all trainings in per cent."""
+    if found is None:
+        return Cell(NOTHING)
+    limits = f"[{100 * found.low:.0f}, {100 * found.high:.0f}]"
+    return Cell(f"{found.count} of {found.trainings}", limits, found.count / found.trainings)
 
 
 def notes(ranking: Ranking) -> list[str]:
@@ -196,23 +231,59 @@ def notes(ranking: Ranking) -> list[str]:
 
 
 def explained(primary: Primary) -> list[str]:
-    """Return what the comparisons with the baseline are, and how to read an open one."""
+    """Return what the comparisons with the baseline are, and how to read them."""
     m = measure(primary.measure)
     best = " (the best of this table, for lack of a controller)" if primary.chosen_by_rank else ""
     known = primary.margin == primary.margin
     within = (
         f"within ±{size(primary.margin, m)} equivalent" if known else "without a margin none is equivalent"
     )
+    learner = any(c.trainings for c in primary.comparisons)
+    of = (
+        "Typical training (half of all trainings are better, half worse) less"
+        if learner
+        else "Difference from"
+    )
     lines = [
-        f"Differences in {name(m)} from {primary.baseline}{best}, paired by scenario. Their intervals hold together with "
+        f"{of} {primary.baseline}{best} in {name(m)}, paired by scenario. The intervals hold together with "
         f"{100 * primary.confidence:g} %; {within}. Other intervals hold one by one."
     ]
+    if learner:
+        lines.append(_reliability(primary, m))
+    few = [c for c in primary.comparisons if c.few]
+    if any(c.verdict != OPEN for c in few):
+        lines.append(
+            f"* fewer than {few[0].enough} trainings: holds if trainings cluster around the typical one."
+        )
+    if any(c.verdict == OPEN for c in few):
+        lines.append(
+            f"Open with fewer than {few[0].enough} trainings: {few[0].enough} on one side, less the scenarios' error, decide."
+        )
     if any(c.verdict == OPEN and c.needed for c in primary.comparisons):
         lines.append(
-            "Below an open result: the number that would decide it with 80 % power, if the true difference is the one "
-            "seen. Plan it before adding seeds (auvbench plan)."
+            "Open, with a number of trainings or episodes: so many would decide it with 80 % power, if further ones are like "
+            "these. Plan them before adding seeds (auvbench plan)."
         )
     return lines
+
+
+def _reliability(primary: Primary, m: Measure) -> str:
+    """Return what the seeds exclude, and the shares of failing trainings at which means would turn."""
+    margin = primary.margin if primary.margin == primary.margin else 0.0
+    found = [(c.agent, c.reliability) for c in primary.comparisons if c.reliability]
+    whole = {r.trainings: r.excluded for _, r in found if r.count == r.trainings}
+    text = (
+        f"Not behind: trainings at most {size(margin, m)} worse than {primary.baseline} on these scenarios; brackets: "
+        f"{100 * primary.confidence:g} % interval of the share of all trainings, in per cent."
+    )
+    if whole:
+        shares = ", ".join(f"{n} trainings {100 * whole[n]:.0f} %" for n in sorted(whole))
+        text += f" Where none is behind, a larger share of failing trainings than this is excluded: {shares}."
+    turns = [(agent, r.mean_turns) for agent, r in found if r.mean_turns is not None]
+    if turns:
+        shares = ", ".join(f"{agent} {100 * q:.2g} %" for agent, q in turns)
+        text += f" Verdicts that the mean would lose if so many trainings failed: {shares}."
+    return text
 
 
 def remarks(ranking: Ranking) -> list[str]:
@@ -225,26 +296,12 @@ def remarks(ranking: Ranking) -> list[str]:
         )
     if len({row.budget for row in ranking.rows if row.budget}) > 1:
         found.append("Budgets differ: an agent with more steps may be ahead for that alone.")
-    if any(row.trained and row.compared for row in ranking.rows):
+    if ranking.primary is None and any(row.trained and row.compared for row in ranking.rows):
         found.append(
-            f"A training succeeded if it reaches at least {100 * SUCCEEDED:.0f} % of the test goals; brackets are of the share of "
-            "all trainings that do."
-        )
-    if _against_a_controller(ranking):
-        found.append(
-            "Results of a learner against a controller are for trainings like these: failures that no seed shows are not "
-            "in them."
+            f"A training succeeded if it reaches at least {100 * SUCCEEDED:.0f} % of the test goals; brackets: "
+            f"{100 * ranking.confidence:g} % interval of the share of trainings that succeed."
         )
     return [*found, *failed_trainings(ranking), *cautions(ranking)]
-
-
-def _against_a_controller(ranking: Ranking) -> bool:
-    """Return whether a verdict of the primary analysis sets a learner against a controller."""
-    if ranking.primary is None:
-        return False
-    trained = {row.label: row.trained for row in ranking.rows if row.compared}
-    baseline = trained.get(ranking.primary.baseline)
-    return baseline is not None and (not baseline) in trained.values()
 
 
 def limit_lines(ranking: Ranking) -> list[str]:

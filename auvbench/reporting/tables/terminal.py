@@ -20,6 +20,8 @@ MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
 LABEL = 26
 """characters of a label on one line"""
+NARROW = 8
+"""characters of a label at least"""
 STYLES = {AHEAD: "green", EQUIVALENT: "blue", BEHIND: "red", OPEN: "yellow"}
 
 
@@ -38,7 +40,8 @@ class TableView:
                 break
             kept.add(i)
         if self.table.lines:
-            yield _rendered(self.table, sorted(kept))
+            others = sum(self._width(i) for i in kept if i >= self.table.lead)
+            yield _rendered(self.table, sorted(kept), max(options.max_width - others - 2, NARROW))
         if rest := [heading.text for i, heading in enumerate(headings) if i not in kept]:
             yield Text(f"Not shown for want of width: {', '.join(rest)}.", style="dim")
         for note in self.table.notes:
@@ -55,15 +58,17 @@ class TableView:
         return widest + 2
 
 
-def _rendered(table: Table, columns: Sequence[int]) -> RichTable:
+def _rendered(table: Table, columns: Sequence[int], room: int) -> RichTable:
+    """Return the columns of a table; those that say what a row is fold their words into `room` characters."""
     shown = RichTable(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
     for i in columns:
         heading = table.headings[i]
         title = Text.assemble(heading.title, (f"\n{heading.unit}" if heading.unit else "", "dim"))
         if i < table.lead:
             words = [len(word) for line in table.lines for word in line.cells[i].value.split()]
+            widest = min(max(LABEL, *words, 5), room)
             shown.add_column(
-                title, overflow="fold", min_width=max(words, default=5), max_width=max(LABEL, *words, 5)
+                title, overflow="fold", min_width=min(max(words, default=5), room), max_width=widest
             )
         else:
             shown.add_column(title, justify="left" if heading.words else "right", no_wrap=True)
@@ -76,7 +81,9 @@ def _stacked(cell: Cell, line: Line) -> Text:
     # The verdict's own cell ends in its word; its symbol tells it apart without colour.
     text = Text(
         cell.value,
-        style=STYLES.get(line.verdict, "") if line.verdict and cell.value.endswith(line.verdict) else "",
+        style=STYLES.get(line.verdict, "")
+        if line.verdict and cell.value.rstrip("*").endswith(line.verdict)
+        else "",
     )
     if cell.more:
         text.append(f"\n{cell.more}", style="dim")

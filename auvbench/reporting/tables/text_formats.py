@@ -12,12 +12,14 @@ from dataclasses import replace
 from typing import Any
 
 from auvbench.analysis.formatting import capitalized, counted
+from auvbench.analysis.pairwise import UNDECIDED
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.analysis.score import Scores
 from auvbench.reporting.tables.main import grouped, main_table
 from auvbench.reporting.tables.table import Cell, Heading, Table
 from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import cell
 
 HEAD = r"% \usepackage{booktabs} \usepackage{graphicx} \usepackage{amssymb} \usepackage[T1]{fontenc}"
@@ -83,7 +85,7 @@ def csv(ranking: Ranking) -> str:
 
 
 def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
-    """Return baseline, margin, difference with its ends, verdict and what would decide an open one."""
+    """Return baseline, margin, difference with its ends, verdict, what would decide an open one, and its reliability."""
     primary = ranking.primary
     against = primary.of(row.label) if primary else None
     needed = against.needed if against else None
@@ -91,13 +93,29 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
         "baseline": primary.baseline if primary else None,
         "margin": primary.margin if primary else None,
         **_with_ends("difference", against.difference if against else None),
-        "verdict": against.verdict if against else None,
+        "verdict": against.marked if against else None,
+        "trainings": (against.trainings or None) if against else None,
+        "enough": against.enough if against and against.trainings else None,
         "needed": needed.count if needed else None,
         "needed_unit": needed.unit if needed else None,
+        **_not_behind("not_behind", against.reliability if against else None),
     }
     if primary and against is None:
         line |= {"difference": 0.0, "verdict": "baseline"}
     return line
+
+
+def _not_behind(name: str, found: Reliability | None) -> dict[str, float | None]:
+    """Return the trainings that are not behind, the limits of their share, and what failing ones could do; empty without."""
+    shares: dict[str, float | None] = {name: None, f"{name}_low": None, f"{name}_high": None}
+    if found is not None:
+        shares = {name: found.count, f"{name}_low": found.low, f"{name}_high": found.high}
+    if name == "not_behind":
+        shares |= {
+            "failing_excluded": found.excluded if found else None,
+            "mean_turns": found.mean_turns if found else None,
+        }
+    return shares
 
 
 def _with_ends(name: str, estimate: Estimate | None) -> dict[str, float | None]:
@@ -158,7 +176,13 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
             **_with_ends("difference", x.difference),
             "p": x.p_value,
             "p_holm": x.p_adjusted,
-            "verdict": x.verdict,
+            "verdict": f"{x.verdict}*"
+            if x.verdict != UNDECIDED and 0 < x.trainings < x.needed
+            else x.verdict,
+            "trainings": x.trainings or None,
+            "enough": x.needed if x.trainings else None,
+            **_not_behind("first_not_behind", x.first_reliability),
+            **_not_behind("second_not_behind", x.second_reliability),
         }
         for x in comparisons
     )

@@ -34,7 +34,7 @@ def agent(
     *,
     level: float = 1.5,
     steps: float = 300.0,
-    seeds: int = 3,
+    seeds: int = 8,
     episodes: int = 200,
     seed_sd: float = 0.3,
     label: str | None = None,

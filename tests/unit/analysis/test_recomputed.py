@@ -20,13 +20,13 @@ def folder(tmp_path_factory) -> Path:
         algorithms=("ppo", "sac", "pid", "random"),
         reward_k=(1, 100),
         frequencies=(25,),
-        seeds=(0, 1, 2),
+        seeds=tuple(range(9)),
         episodes=40,
         train_episodes=20,
     )
     set_state([next(run for run in runs if run.name.startswith("ppo-k1-f25-s2"))], "failed", "loss is nan")
     for run in runs:  # one agent keeps a single seed
-        if run.name.startswith(("sac-k100-f25-s1", "sac-k100-f25-s2")):
+        if run.name.startswith("sac-k100-f25") and not run.name.startswith("sac-k100-f25-s0"):
             set_state([run], "interrupted")
     return root
 
@@ -62,19 +62,14 @@ def test_rows(ranking, recomputed):
         assert (steps.low, steps.high) == pytest.approx(
             plain.mean_interval(agent.par1, 0.95, 1.0, plain.LIMIT), **EXACT
         )
-    assert {agent.seeds for agent in recomputed} == {1, 3}
-
-
-def interval_of(intervals, name, first, second):
-    pair = name[first], name[second]
-    if pair in intervals:
-        return intervals[pair]
-    low, high = intervals[pair[::-1]]
-    return -high, -low
+    assert {agent.seeds for agent in recomputed} == {1, 9}
 
 
 def test_order(ranking, recomputed):
-    order = sorted(recomputed, key=lambda a: (-a.success.to_numpy().mean(), a.par1.to_numpy().mean()))
+    def place(agent):
+        return -agent.success.mean(axis=1).median().round(12), agent.par1.mean(axis=1).median()
+
+    order = sorted(recomputed, key=place)
     assert [row.label for row in ranking.rows] == [by_key(ranking, agent).label for agent in order]
 
 
@@ -82,34 +77,46 @@ def test_order(ranking, recomputed):
     ("rank_by", "measure", "ends"),
     [("success_rate", "success", (0.0, 1.0)), ("par1_steps", "par1", (1.0, plain.LIMIT))],
 )
-def test_p_values_and_verdicts(folder, recomputed, rank_by, measure, ends):
+def test_differences_and_verdicts(folder, recomputed, rank_by, measure, ends):
     ranking = rank(agents(load([folder])[0])[0], rank_by=rank_by)
-    compared = [agent for agent in recomputed if agent.seeds > 1 or not agent.learns]
-    p = plain.resolution(compared, measure, *ends)
-    adjusted = plain.holm(p)
-    name = {agent.name: by_key(ranking, agent).label for agent in compared}
-    back = {label: key for key, label in name.items()}
-    mean = {name[agent.name]: getattr(agent, measure).to_numpy().mean() for agent in compared}
-    intervals = plain.differences(compared, measure, 0.95, *ends)
-    expected = {frozenset(name[x] for x in pair): (p[pair], adjusted[pair]) for pair in p}
-    assert len(ranking.comparisons) == len(p)
+    compared = {
+        by_key(ranking, agent).label: agent for agent in recomputed if agent.seeds > 1 or not agent.learns
+    }
+    higher = measure == "success"
+    found = {}
     for c in ranking.comparisons:
-        one, holm = expected[frozenset((c.first, c.second))]
-        assert c.p_value == pytest.approx(one, **EXACT)
-        assert c.p_adjusted == pytest.approx(holm, **EXACT)
-        assert c.difference.value == pytest.approx(mean[c.first] - mean[c.second], rel=1e-12, abs=1e-12)
-        low, high = interval_of(intervals, back, c.first, c.second)
-        assert (c.difference.low, c.difference.high) == pytest.approx((low, high), rel=1e-12, abs=1e-12)
-        ahead = (mean[c.first] > mean[c.second]) == (measure == "success")
-        assert c.verdict == ("undecided" if holm >= 0.05 else "better" if ahead else "worse")
+        d, low, high, p = plain.compare(compared[c.first], compared[c.second], measure, 0.05, *ends)
+        found[c.first, c.second] = p
+        assert (c.difference.value, c.difference.low, c.difference.high) == pytest.approx(
+            (d, low, high), rel=1e-11, abs=1e-12
+        )
+        assert c.p_value == pytest.approx(p, rel=1e-5)
+    assert len(found) == len(compared) * (len(compared) - 1) / 2
+    adjusted = plain.holm(found)
+    for c in ranking.comparisons:
+        assert c.p_adjusted == pytest.approx(adjusted[c.first, c.second], rel=1e-5)
+        ahead = (c.difference.value > 0) == higher
+        expected = "undecided" if adjusted[c.first, c.second] >= 0.05 else "better" if ahead else "worse"
+        assert c.verdict == expected
     assert any(c.verdict != "undecided" for c in ranking.comparisons)
-    level = 0.05 / (len(compared) - 1)
-    together = plain.differences(compared, measure, 1 - level, *ends)
-    for against in ranking.primary.comparisons:
-        if against.agent in back:
-            baseline = ranking.primary.baseline
-            low, high = interval_of(together, back, against.agent, baseline)
-            if expected[frozenset((against.agent, baseline))][0] >= level:
+    primary = ranking.primary
+    baseline, level = compared[primary.baseline], 0.05 / (len(compared) - 1)
+    margin = 0.02 if higher else 0.05 * float(baseline.par1.to_numpy().mean())
+    assert primary.margin == pytest.approx(margin)
+    decided = 0
+    for against in primary.comparisons:
+        if against.agent in compared:
+            agent = compared[against.agent]
+            d, low, high, p = plain.compare(agent, baseline, measure, level, *ends)
+            if agent.seeds == 1 and p >= level:
                 low, high = min(low, 0.0), max(high, 0.0)
-            found = against.difference
-            assert (found.low, found.high) == pytest.approx((low, high), rel=1e-11, abs=1e-11)
+            shown = against.difference
+            assert (shown.value, shown.low, shown.high) == pytest.approx((d, low, high), rel=1e-11, abs=1e-12)
+            decided += against.verdict != "open"
+        if against.agent in compared and compared[against.agent].seeds > 1:
+            value = float(getattr(baseline, measure).to_numpy().mean())
+            r = against.reliability
+            assert (r.count, r.low, r.high) == pytest.approx(
+                plain.not_behind(getattr(agent, measure), value, margin, higher), rel=1e-9
+            )
+    assert decided

@@ -56,7 +56,7 @@ def test_unequal_budgets_stand_beside_the_numbers() -> None:
 
 def timed(f: float, limit: float | None, horizon: float | None, level: float) -> Agent:
     """PPO at a frequency whose time is in steps, in seconds, or half of each."""
-    one = agent("ppo", 1, f, level=level, seeds=3, seed_sd=0.3)
+    one = agent("ppo", 1, f, level=level, seeds=8, seed_sd=0.3)
     key = {**one.key, "task.time_limit": limit, "algo.horizon_s": horizon}
     one = replace(one, key=key, label=f"PPO {f:g} Hz {limit} {horizon}")
     return configured(one, algo__gamma=0.99, task__time_limit=limit, algo__horizon_s=horizon)

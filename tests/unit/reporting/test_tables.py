@@ -13,14 +13,15 @@ from rich.console import Console
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.measures import to_rank_by
 from auvbench.analysis.ranking import rank
-from auvbench.analysis.records import Agent, Finding, Needed, Problem, Ranking, Row
+from auvbench.analysis.records import Against, Agent, Finding, Needed, Problem, Ranking, Row
 from auvbench.analysis.score import Scored, Scores
 from auvbench.reporting import tables
-from auvbench.reporting.tables.appendix import score_table
+from auvbench.reporting.tables.appendix import ranks_table, score_table
 from auvbench.reporting.tables.main import cautions, main_table, needed_text, notes
 from auvbench.reporting.tables.terminal import TableView
 from auvbench.reporting.write import findings_in_markdown
 from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.reliability import Reliability
 from tests.paper import compile_article, needs_pdflatex
 from tests.synthetic import write_experiment
 
@@ -31,7 +32,11 @@ PROBLEMS = tuple(Problem(f"sac_{i}", "failed", '100% <broken> & {lost} #1 a|b ~ 
 def grouped(tmp_path_factory: pytest.TempPathFactory) -> list[Agent]:
     root = tmp_path_factory.mktemp("runs") / "grid"
     write_experiment(
-        root, algorithms=("ppo", "sac", "pid", "random"), seeds=(0, 1), episodes=20, train_episodes=10
+        root,
+        algorithms=("ppo", "sac", "pid", "random"),
+        seeds=tuple(range(6)),
+        episodes=20,
+        train_episodes=10,
     )
     return agents(load([root])[0])[0]
 
@@ -74,23 +79,15 @@ def cells(ranking: Ranking) -> dict[str, Mapping[str, str]]:
 
 def test_the_columns_of_the_main_table(ranking: Ranking) -> None:
     titles = [heading.title for heading in main_table(ranking).headings]
-    assert titles == [
-        "agent",
-        "budget",
-        "trainings that succeeded",
-        "success",
-        "from PID",
-        "result",
-        "energy",
-    ]
+    assert titles == ["agent", "budget", "success", "from PID", "result", "not behind", "energy"]
     by_time = [h.title for h in main_table(replace(ranking, rank_by="par1_steps")).headings]
     assert by_time == [
         "agent",
         "budget",
-        "trainings that succeeded",
         "PAR-1 steps",
         "from PID",
         "result",
+        "not behind",
         "success",
         "energy",
     ]
@@ -99,11 +96,10 @@ def test_the_columns_of_the_main_table(ranking: Ranking) -> None:
 def test_the_baseline_has_no_difference_and_controllers_no_budget(ranking: Ranking) -> None:
     shown = cells(ranking)
     assert shown["PID"]["result"] == "baseline"
-    assert (
-        shown["PID"]["from PID"] == shown["PID"]["budget"] == shown["PID"]["trainings that succeeded"] == "–"
-    )
+    assert shown["PID"]["from PID"] == shown["PID"]["budget"] == shown["PID"]["not behind"] == "–"
     assert shown["random"]["result"].startswith("▼ behind")
-    assert shown["SAC"]["trainings that succeeded"] == "2 of 2 [34, 100]"
+    assert shown["random"]["not behind"] == "–"
+    assert re.fullmatch(r"\d of 6 \[\d+, \d+\]", shown["SAC"]["not behind"])
     assert shown["SAC"]["budget"] != "–"
     assert ranking.primary is not None
     assert {line.verdict for line in main_table(ranking).lines} == {
@@ -131,7 +127,7 @@ def test_one_training_has_no_difference(grouped: list[Agent]) -> None:
 
 def test_what_decides_an_open_comparison() -> None:
     assert needed_text(None) == ""
-    assert needed_text(Needed("seeds", 12)) == "(12 seeds)"
+    assert needed_text(Needed("trainings", 12)) == "(12 trainings)"
     assert needed_text(Needed("episodes", None)) == "(> 100000 episodes)"
 
 
@@ -144,6 +140,8 @@ def test_terminal_fits_and_keeps_what_matters_most(ranking: Ranking, width: int)
     assert "result" in text
     assert "▼ behind" in text
     assert ("Not shown for want of width" in text) == (width < 120)
+    assert "not behind" in text
+    assert f"of {len(ranking.rows[0].seeds)}" in text
     assert "failed (9)" in text
     assert "and 3 more" in text
 
@@ -162,12 +160,14 @@ def test_scores_of_many_tasks_keep_their_agents_on_a_narrow_terminal() -> None:
 
 @pytest.mark.parametrize("width", [70, 80, 140])
 @pytest.mark.parametrize("metric", ["mean_energy_J", "mean_command_norm_sum_N", "collision_rate"])
-def test_the_primary_measure_is_shown_whole(grouped: list[Agent], width: int, metric: str) -> None:
+def test_verdict_and_reliability_are_shown_whole_and_so_is_the_measure_where_there_is_room(
+    grouped: list[Agent], width: int, metric: str
+) -> None:
     by = rank(grouped, rank_by=metric)
     text = on_screen(by, width)
     assert max(map(len, text.splitlines())) <= width
     for line in main_table(by).lines:
-        for cell in line.cells[3:6]:
+        for cell in line.cells[3 - (width >= 80) : 6]:
             assert cell.value in text
             assert cell.more in text
     assert "…" not in text
@@ -200,7 +200,7 @@ def test_markdown_is_one_rectangle_and_lists_every_problem(ranking: Ranking) -> 
 def test_notes_say_what_the_numbers_are(ranking: Ranking) -> None:
     text = " ".join(notes(ranking))
     assert f"scenarios {ranking.fingerprint}: 20 episodes per training seed" in text
-    assert "Training seeds: 0, 1." in text
+    assert "Training seeds: 0, 1, 2, 3, 4, 5." in text
     assert "hold together with 95 %; within ±2 points equivalent" in text
     assert "†" not in text
     single = tuple(
@@ -300,19 +300,59 @@ def test_latex_fits_an_article(ranking: Ranking, tmp_path: Path) -> None:
     assert "Overfull" not in compile_article(tmp_path, text)
 
 
-def test_a_learner_against_a_controller_is_for_trainings_like_these(ranking: Ranking) -> None:
-    """The note stands once, and only where a verdict sets one kind against the other."""
-    said = "for trainings like these"
-    assert " ".join(notes(ranking)).count(said) == 1
-    learners = tuple(row for row in ranking.rows if row.trained)
-    assert ranking.primary is not None
-    among = replace(ranking.primary, baseline=learners[0].label)
-    assert said not in " ".join(notes(replace(ranking, rows=learners, primary=among)))
-    controllers = tuple(replace(row, trained=False) for row in ranking.rows)
-    assert said not in " ".join(notes(replace(ranking, rows=controllers)))
+def test_the_notes_say_what_a_verdict_of_a_learner_is_and_what_its_seeds_leave_open(ranking: Ranking) -> None:
+    text = " ".join(notes(ranking))
+    assert text.count("Typical training (half of all trainings are better, half worse) less PID") == 1
+    assert "Not behind: trainings at most 2 points worse than PID on these scenarios" in text
+    primary = ranking.primary
+    assert primary is not None
+    held = Reliability(10, 10, 0.69, 1.0, 0.2589, 0.0123)
+    ahead = Against("SAC", Estimate(0.1, 0.05, 0.2), "ahead", None, 10, 8, held)
+    few = Against("PPO", Estimate(0.1, 0.05, 0.2), "ahead", None, 5, 8, replace(held, mean_turns=None))
+    told = " ".join(notes(replace(ranking, primary=replace(primary, comparisons=(ahead, few)))))
+    assert "a larger share of failing trainings than this is excluded: 10 trainings 26 %" in told
+    assert "Verdicts that the mean would lose if so many trainings failed: SAC 1.2 %." in told
+    assert "* fewer than 8 trainings: holds if trainings cluster around the typical one." in told
+    controllers = replace(ranking, primary=replace(primary, comparisons=()))
+    assert "ypical training" not in " ".join(notes(controllers))
 
 
-def test_trainings_that_succeeded_are_counted_with_their_interval(ranking: Ranking) -> None:
+def test_no_verdict_of_a_learner_goes_without_its_reliability(ranking: Ranking) -> None:
+    """Terminal, Markdown, LaTeX, CSV and the table of ranks, with the star and what an open one lacks."""
+    primary = ranking.primary
+    assert primary is not None
+    held = Reliability(19, 20, 0.751, 0.9987, 0.216, 0.01)
+    made = {
+        "SAC": Against("SAC", Estimate(-0.1, -0.2, -0.05), "behind", None, 5, 8, held),
+        "PPO": Against("PPO", Estimate(0.1, -0.2, 0.25), "open", None, 5, 8, held),
+    }
+    found = tuple(made.get(c.agent, c) for c in primary.comparisons)
+    shown = replace(ranking, primary=replace(primary, comparisons=found))
+    assert cells(shown)["SAC"]["result"] == "▼ behind*"
+    assert cells(shown)["PPO"]["result"] == "○ open (5 of 8 trainings)"
+    for text in (on_screen(shown, 80), tables.markdown(shown), tables.latex(shown)):
+        assert text.count("19 of 20") == 2
+        assert "behind*" in text.replace("\\", "")
+        assert "75, 100" in text
+    assert "19 of 20" in " ".join(cell.text for line in ranks_table(shown).lines for cell in line.cells)
+    rows = {row["agent"]: row for row in csv_module.DictReader(io.StringIO(tables.csv(shown)))}
+    sac = rows["SAC"]
+    assert (sac["verdict"], sac["trainings"], sac["enough"], sac["not_behind"]) == ("behind*", "5", "8", "19")
+    assert (float(sac["not_behind_low"]), float(sac["failing_excluded"])) == (0.751, 0.216)
+    assert rows["random"]["not_behind"] == rows["random"]["trainings"] == ""
+
+
+def test_pairs_in_the_csv_have_the_reliability_of_both_learners(ranking: Ranking) -> None:
+    rows = list(csv_module.DictReader(io.StringIO(tables.comparisons_csv(ranking.comparisons))))
+    learner = next(row for row in rows if {row["first"], row["second"]} == {"SAC", "PPO"})
+    assert int(learner["first_not_behind"]) + int(learner["second_not_behind"]) >= 6
+    controllers = next(row for row in rows if {row["first"], row["second"]} == {"PID", "random"})
+    assert (
+        controllers["first_not_behind"] == controllers["second_not_behind"] == controllers["trainings"] == ""
+    )
+
+
+def test_trainings_that_succeeded_are_counted_where_nothing_is_compared(ranking: Ranking) -> None:
     row = replace(ranking.rows[0], seeds=(0, 1, 2, 3, 4), succeeded=5)
-    shown = cells(replace(ranking, rows=(row, *ranking.rows[1:])))
+    shown = cells(replace(ranking, rows=(row, *ranking.rows[1:]), primary=None))
     assert shown[row.label]["trainings that succeeded"] == "5 of 5 [57, 100]"

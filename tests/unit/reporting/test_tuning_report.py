@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from auvbench.commands.tune import plan_of, split
 from auvbench.config.compose import compose
 from auvbench.reporting import tuning
 from auvbench.statistics.intervals import Estimate
+from auvbench.statistics.reliability import Reliability
 from auvbench.tuning import search
 from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.outcome import Gain, Outcome
@@ -93,8 +95,16 @@ def test_the_gain_with_fresh_seeds_comes_before_the_winner_of_the_search(found: 
 def test_a_gain_is_one_where_its_interval_leaves_out_zero(
     found: Outcome, low: float, high: float, verdict: str
 ) -> None:
-    difference = Estimate((low + high) / 2, low, high)
-    assert tuning.verdict(difference, found.objective.measure) == verdict
+    gain = replace(found.gains[0], difference=Estimate((low + high) / 2, low, high))
+    assert tuning.verdict(gain) == verdict
+
+
+def test_a_gain_of_few_fresh_seeds_says_what_it_lacks(found: Outcome) -> None:
+    held = Reliability(4, 5, 0.28, 0.99, 0.66, None)
+    five = replace(found.gains[0], trainings=5, reliability=held)
+    assert tuning.verdict(five) == "better* (4 of 5 tuned trainings are not behind)"
+    three = replace(five, trainings=3, difference=Estimate(0.1, math.nan, math.nan))
+    assert tuning.verdict(three).startswith("no verdict below 5 fresh seeds")
 
 
 def test_without_fresh_seeds_nothing_is_called_a_gain(found: Outcome) -> None:

@@ -8,17 +8,12 @@ from scipy import stats
 
 from auvbench.statistics import (
     EPISODES_ONLY,
-    MIXED,
-    SEEDS_AND_EPISODES,
-    contrast,
     crossed,
     means,
     pairs,
     quantile,
-    resolution,
     wilson,
 )
-from auvbench.statistics.differences import pair_spread, t_test
 from benchmarks.statistics.coverage import coverage, of_bootstraps
 from benchmarks.statistics.worlds import World
 
@@ -31,11 +26,6 @@ from benchmarks.statistics.worlds import World
 def test_wilson_gives_newcombes_numbers(successes, n, low, high):
     found = wilson(successes, n)
     assert np.round(found, 4).tolist() == [low, high]
-
-
-def p_values(table):
-    """Of the t-test whose intervals `pairs` has."""
-    return t_test(table, pair_spread(table))
 
 
 def test_wilson_agrees_with_scipy_for_all_counts():
@@ -81,7 +71,7 @@ def test_one_seed_each_differ_as_in_the_paired_t_test():
     found = pairs(table)
     test = stats.ttest_rel(x[0], y[0])
     ci = test.confidence_interval()
-    assert resolution(table)[0, 1] == pytest.approx(test.pvalue)
+    assert found.p[0, 1] == pytest.approx(test.pvalue)
     assert (found.low[0, 1], found.high[0, 1]) == pytest.approx((ci.low, ci.high))
     assert found.low[1, 0] == -found.high[0, 1]
 
@@ -89,16 +79,9 @@ def test_one_seed_each_differ_as_in_the_paired_t_test():
 def test_seeds_that_all_scenarios_agree_on_give_the_t_test_on_seed_means():
     # No scenario and no residual variance: the seeds' means are all that varies.
     x = np.array([[1.0], [2.0], [4.0]]) + np.zeros((3, 50))
-    y = np.array([[3.0], [3.5], [7.0], [4.0]]) + np.zeros((4, 50))
-    table = crossed([x, y])
-    one = means(table)[0]
+    one = means(crossed([x]))[0]
     ci = stats.ttest_1samp(x[:, 0], 0).confidence_interval()
     assert (one.low, one.high) == pytest.approx((ci.low, ci.high))
-    welch = stats.ttest_ind(x[:, 0], y[:, 0], equal_var=False)
-    found = pairs(table)
-    assert p_values(table)[0, 1] == pytest.approx(welch.pvalue)
-    ci = welch.confidence_interval()
-    assert (found.low[0, 1], found.high[0, 1]) == pytest.approx((ci.low, ci.high))
 
 
 def test_the_pieces_of_the_variance_are_unbiased():
@@ -114,18 +97,6 @@ def test_the_pieces_of_the_variance_are_unbiased():
     # Four standard errors of either estimate.
     assert np.mean(variances) == pytest.approx(truth, abs=4 * np.std(variances) / np.sqrt(3000))
     assert np.var(values) == pytest.approx(truth, abs=4 * truth * np.sqrt(2 / 3000))
-
-
-def test_the_p_value_is_where_the_interval_touches_zero():
-    rng = np.random.default_rng(4)
-    data = [
-        m + rng.normal(size=(S, 1)) + rng.normal(size=40) * 2 + rng.normal(size=(S, 40)) * 3
-        for S, m in ((3, 0), (4, 2.0), (1, 1))
-    ]
-    table = crossed(data)
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        edge = pairs(table, 1 - p_values(table)[i, j])
-        assert min(abs(edge.low[i, j]), abs(edge.high[i, j])) < 1e-6
 
 
 def test_square_and_add_gives_newcombes_difference_of_independent_rates():
@@ -148,60 +119,6 @@ def test_square_and_add_gives_the_published_difference_of_paired_rates():
     assert ends == pytest.approx((-0.0621, -0.1186, -0.0046), abs=5e-5)
 
 
-def test_the_interval_of_rates_with_several_seeds_never_claims_more_than_the_test():
-    rng, agreed = np.random.default_rng(11), 0
-    for S, T in ((1, 2), (2, 2), (3, 3), (1, 5)):
-        for _ in range(60):
-            scenarios = rng.normal(size=100)
-            draw = [
-                World(6.0, 1.0).draw(S, 100, scenarios, rng),
-                World(2.0, 2.5).draw(T, 100, scenarios, rng),
-            ]
-            table = crossed([success for success, _ in draw], rate=True)
-            found = pairs(table)
-            excludes = bool(found.low[0, 1] > 0 or found.high[0, 1] < 0)
-            assert p_values(table)[0, 1] < 0.05 or not excludes
-            assert -1 <= found.low[0, 1] <= found.difference[0, 1] <= found.high[0, 1] <= 1
-            agreed += excludes
-    assert agreed > 20
-
-
-def test_no_failure_does_not_make_two_seeds_certain():
-    # 500 of 500 against seeds at 26 and 96 %: the t interval is 0.39 -+ 4.9 * 0.35, with 1.75 degrees of freedom.
-    perfect, torn = np.ones((1, 500)), np.array([np.arange(500) < 130, np.arange(500) < 480], dtype=float)
-    table = crossed([perfect, torn], rate=True)
-    found = pairs(table)
-    assert p_values(table)[0, 1] == pytest.approx(0.395, abs=0.01)
-    # 500 of 500 leave no room for a rate below 500/(500 + 4.9²), for any seeds of the other agent.
-    assert found.low[0, 1] == pytest.approx(500 / (500 + quantile(0.95, 1.75) ** 2) - 1, abs=1e-3)
-    assert found.high[0, 1] == 1
-
-
-def test_a_rate_near_its_end_is_not_made_unknown_by_anothers_seeds():
-    # The seeds of a third agent lie anywhere; the first two differ by one episode of 2500.
-    rng = np.random.default_rng(3)
-    controller, tight = np.ones((1, 500)), np.ones((5, 500))
-    tight[2, 7] = 0
-    wild = (rng.random((5, 500)) < np.array([[0.94], [0.21], [0.04], [0.98], [0.10]])).astype(float)
-    own = crossed([controller, tight, wild], rate=True)
-    found = pairs(own)
-    assert -0.02 < found.low[0, 1] < 0
-    assert 0 < found.high[0, 1] < 0.02
-    assert found.low[2, 1] == pytest.approx(-1, abs=0.1)
-    assert found.high[2, 1] < 0.25
-
-
-def test_contrast_of_two_agents_is_their_difference():
-    rng = np.random.default_rng(5)
-    data = [rng.normal(size=(3, 50)), rng.normal(size=(3, 50)) + 1, rng.normal(size=(2, 50))]
-    table = crossed(data)
-    (found, p), all_pairs = contrast(table, np.array([1.0, -1.0, 0.0])), pairs(table)
-    assert found.low == pytest.approx(all_pairs.low[0, 1])
-    assert p == pytest.approx(p_values(table)[0, 1])
-    assert found.covers == SEEDS_AND_EPISODES
-    assert contrast(crossed([data[0], data[1][:1]]), np.array([1.0, -1.0]))[0].covers == MIXED
-
-
 @pytest.mark.parametrize("S", [1, 3])
 def test_a_rate_of_one_is_not_certain(S):
     table = crossed([np.ones((S, 50)), np.ones((S, 50)), np.zeros((S, 50))], rate=True)
@@ -210,11 +127,10 @@ def test_a_rate_of_one_is_not_certain(S):
     assert 0.85 < perfect.low < 0.96
     assert hopeless.value == hopeless.low == 0
     assert hopeless.high == pytest.approx(1 - perfect.low)
-    found = pairs(table)
-    assert found.low[0, 1] < 0 < found.high[0, 1]
-    assert p_values(table)[0, 1] == 1
-    assert p_values(table)[0, 2] < 0.01
-    assert 0 < found.low[0, 2] < found.high[0, 2] == 1
+    if S == 1:
+        found = pairs(table)
+        assert found.low[0, 1] < 0 < found.high[0, 1]
+        assert 0 < found.low[0, 2] < found.high[0, 2] == 1
 
 
 def test_several_seeds_on_one_scenario_tell_no_more_than_one_trial():
@@ -266,7 +182,7 @@ def test_one_seed_holds_the_truth_over_test_episodes():
     for level in (1.0, 3.5):
         found = coverage(World(level, 0.0), 1, 100, replications=1200, seed=1)
         assert (found > 0.95 - 3.5 * 0.0063).all(), found
-        assert (found[[0, 1, 3]] < 0.95 + 3.5 * 0.0063).all(), found
+        assert (found < 0.95 + 3.5 * 0.0063).all(), found
 
 
 @pytest.mark.slow
@@ -312,14 +228,11 @@ def test_a_cut_interval_is_the_whole_one_without_what_cannot_be(values, S, least
     whole, cut = crossed(data), crossed(data, bounds=(least, most))
     for a, b in zip(means(whole), means(cut), strict=True):
         assert (b.low, b.value, b.high) == (max(a.low, least), a.value, min(a.high, most))
-    a, b = pairs(whole), pairs(cut)
-    assert np.array_equal(b.low, np.maximum(a.low, least - most))
-    assert np.array_equal(b.high, np.minimum(a.high, most - least))
-    assert np.array_equal(p_values(whole), p_values(cut))
-    weights = np.array([1.0, -1.0])
-    (one, one_p), (other, other_p) = contrast(whole, weights), contrast(cut, weights)
-    assert other.low == max(one.low, least - most)
-    assert other_p == one_p
+    if S == 1:
+        a, b = pairs(whole), pairs(cut)
+        assert np.array_equal(b.low, np.maximum(a.low, least - most))
+        assert np.array_equal(b.high, np.minimum(a.high, most - least))
+        assert np.array_equal(a.p, b.p)
 
 
 def test_cutting_costs_no_coverage():

@@ -12,13 +12,12 @@ RNG = np.random.default_rng
 
 
 @pytest.mark.slow
-def test_drawn_rates_have_the_mean_that_was_asked_for() -> None:
-    found = pw.Rates(0.8, 1.3).draw([0.6, 0.95], 20_000, 20, RNG(0))
-    # 20 scenarios shared by all: their error is that of 20 probits, so compare over many small draws instead.
-    means = np.mean(
-        [[x.mean() for x in pw.Rates(0.8, 1.3).draw([0.6, 0.95], 50, 50, RNG(i))] for i in range(400)], axis=0
-    )
-    assert means == pytest.approx([0.6, 0.95], abs=0.01)
+def test_the_typical_training_has_the_rate_that_was_asked_for() -> None:
+    found = pw.Rates(0.8, 1.3).draw([0.6, 0.95], 200, 20_000, RNG(0))
+    assert [np.median(x.mean(axis=1)) for x in found] == pytest.approx([0.6, 0.95], abs=0.02)
+    controller, _ = pw.Rates(0.8, 1.3).draw([0.6, 0.95], 5, 100_000, RNG(0), (True, False))
+    assert controller.shape == (1, 100_000)
+    assert controller.mean() == pytest.approx(0.6, abs=0.01)
     # A seed's rate over all scenarios is logit-normal with the sd that was asked for.
     x = pw.Rates(0.8, 1.3).draw([0.7], 2000, 4000, RNG(1))[0]
     rates = x.mean(axis=1)
@@ -97,7 +96,7 @@ def test_the_seeds_named_have_the_power_asked_for_on_other_draws() -> None:
 
     S = pw.seeds_needed(at, 0.8)
     assert S is not None
-    assert 7 <= S <= 14
+    assert 7 <= S <= 20
     again = float((pw.simulated_p(model, values, S, 300, replications=800, seed=99) < 0.05).mean())
     assert again == pytest.approx(0.8, abs=0.08)
     assert pw.seeds_needed(lambda S: 0.1, 0.8, most=20) is None
@@ -107,21 +106,6 @@ def test_the_seeds_named_have_the_power_asked_for_on_other_draws() -> None:
 def test_no_difference_is_found_as_often_as_alpha_says() -> None:
     p = pw.simulated_p(pw.Rates(0.5), (0.9, 0.9), 5, 300, replications=600)
     assert (p < 0.05).mean() < 0.08
-
-
-@pytest.mark.slow
-def test_the_formula_agrees_with_the_simulation() -> None:
-    model, values, E = pw.Means(20.0, 50.0, 80.0), (300.0, 330.0), 300
-    # Of a difference: both agents' seeds; scenarios cancel, the residuals of both do not.
-    per_seed, fixed = 2 * (20.0**2 + 80.0**2 / E), 0.0
-    by_formula = pw.seeds_by_formula(30.0, per_seed, fixed)
-    simulated = pw.seeds_needed(
-        lambda S: float((pw.simulated_p(model, values, S, E, replications=400) < 0.05).mean()), 0.8
-    )
-    assert by_formula is not None
-    assert simulated is not None
-    assert abs(by_formula - simulated) <= 1
-    assert pw.seeds_by_formula(1.0, per_seed, 4.0) is None, "episodes alone leave more than the difference"
 
 
 @pytest.mark.slow

@@ -1,0 +1,220 @@
+"""The typical training: an interval of the median over trainings, widened by the error that all trainings share.
+
+A learner is n independent trainings, each tested on the same E scenarios as its baseline. With x[s, e] the measure of training
+s in scenario e, and y[e] that of a controller,
+
+    delta(s) = mean of x[s, e] - y[e] over all scenarios that the protocol could draw
+    theta    = median of delta(s) over all trainings of the configuration: the typical training
+
+Two independent errors separate the sample's median m from theta. Trainings are few: [l, u] is an interval of a median from order
+statistics, whatever the shape of its tails. Scenarios are few, and shared by all trainings: s = t g, with g the paired standard
+error over scenarios of the middle half of the trainings. With d the difference of the medians,
+
+    low = d - join(m - l, s)        high = d + join(u - m, s)        join(a, s) = max(sqrt(a² + s²), a + (sqrt(2) - 1) s)
+
+This is square-and-add (Newcombe 1998, Stat. Med. 17:873; Zou & Donner 2008, Stat. Med. 27:1693). The second part of `join` keeps
+a long arm, which a few failed trainings make, from hiding the error of the scenarios. Of several learners the squares of their
+arms add up; a controller has l = m = u. docs/statistics-appendix.md has the measured error rates.
+
+All functions take leading axes, so that many tables are computed at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import bdtr, stdtrit
+
+from auvbench.statistics.intervals import FloatArray
+
+ALPHA = 0.05
+FEWEST = 5
+"""Trainings for any verdict: fewer cannot exclude (95 %, one-sided) that most trainings fail, because 0.5^4 > 0.05."""
+KEPT = math.sqrt(2) - 1
+"""Share of the scenarios' error that stays where trainings spread more; `join` is continuous where both are equal."""
+LEAST = 1e-30
+"""smallest p-value"""
+
+
+def trainings_needed(family: int = 1, alpha: float = ALPHA) -> int:
+    """Return the trainings from which the range of all of them is an interval of the median: 2 (1/2)^n <= alpha / family.
+
+    >>> [trainings_needed(k) for k in (1, 2, 5, 12, 29)]
+    [6, 7, 8, 9, 11]
+    """
+    n = 1
+    while 2.0 ** (1 - n) > alpha / family:
+        n += 1
+    return n
+
+
+@cache
+def _levels(n: int) -> FloatArray:
+    """Return the levels (n // 2 + 2,) of the intervals from the r-th smallest to the r-th largest of n values, by r from 0."""
+    below = np.concatenate([[0.0], bdtr(np.arange(n // 2 + 1, dtype=np.float64), n, 0.5)])
+    return np.asarray(2 * below)
+
+
+def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the low end, the median and the high end of an interval of a population's median.
+
+    It runs from the r-th smallest to the r-th largest value, r the largest with P(fewer than r of n on one side) <= level / 2. As
+    levels of order statistics are coarse (10 values: 99.8, 97.9, 89.1 %), its ends move towards the next inner values, linearly
+    in the level. Fewer values than `trainings_needed`: the range of all, widened at both ends by c = level^(-1/(n-1)) / 2 - 1 of
+    its length. This holds where trainings thin out away from the median (one hump): all n values are on one side with probability
+    2 (1/2)^n, and then the nearest is further off than c ranges with probability at most (1 + c)^-(n-1).
+
+    Args:
+        values: (..., n), one per training; a single value is a controller, and exact.
+        level: (...), 1 - confidence.
+
+    >>> low, median, high = median_interval(np.arange(1.0, 11.0), 0.01)
+    >>> f"{low:.3f} {median:.1f} {high:.3f}"
+    '1.412 5.5 9.588'
+    """
+    v = np.sort(np.asarray(values, dtype=np.float64), axis=-1)
+    n = v.shape[-1]
+    median = np.median(v, axis=-1)
+    shape = np.broadcast_shapes(median.shape, np.shape(level))
+    level = np.broadcast_to(np.asarray(level, dtype=np.float64), shape)
+    middle = np.broadcast_to(median, shape)
+    if n == 1:
+        return middle, middle, middle
+    if n < FEWEST:
+        return np.full(shape, -np.inf), middle, np.full(shape, np.inf)
+    levels = _levels(n)
+    rank = np.searchsorted(levels[1 : n // 2 + 1], level, side="right")
+    outer, inner = np.maximum(rank, 1) - 1, np.minimum(rank, n - 1)
+    share = (level - levels[rank]) / (levels[rank + 1] - levels[rank])
+    share = np.where((rank == 0) | (rank >= n // 2), 0.0, share)
+    wide = np.broadcast_to(v, (*shape, n))
+
+    def at(place: FloatArray) -> FloatArray:
+        return np.asarray(np.take_along_axis(wide, np.asarray(place, dtype=np.intp)[..., None], -1)[..., 0])
+
+    low, high = at(outer), at(n - 1 - outer)
+    beyond = np.where(rank == 0, np.maximum(0.5 * level ** (-1 / (n - 1)) - 1, 0.0), 0.0) * (high - low)
+    return (
+        low + share * (at(inner) - low) - beyond,
+        middle,
+        high + share * (at(n - 1 - inner) - high) + beyond,
+    )
+
+
+def middle_half(x: FloatArray) -> FloatArray:
+    """Return the mean (..., E) of the middle half of the trainings (..., n, E), by their own means: scenario by scenario."""
+    n = x.shape[-2]
+    cut = n // 4
+    if not cut:
+        return np.asarray(x.mean(axis=-2))
+    order = np.argsort(x.mean(axis=-1), axis=-1, kind="stable")[..., cut : n - cut]
+    return np.asarray(np.take_along_axis(x, order[..., None], axis=-2).mean(axis=-2))
+
+
+def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
+    """Return the standard error (...) over scenarios of a mean difference (..., E).
+
+    Of rates two scenarios are added, one that each side alone wins (Bonett & Price 2012, J. Educ. Behav. Stat. 37:479): no
+    failure in E scenarios does not mean no failure in all.
+    """
+    E = difference.shape[-1]
+    if not rate:
+        unknown = np.full(difference.shape[:-1], np.nan)
+        return np.asarray(difference.std(axis=-1, ddof=1) / math.sqrt(E)) if E > 1 else unknown
+    mean, square = difference.sum(axis=-1) / (E + 2), ((difference**2).sum(axis=-1) + 2) / (E + 2)
+    return np.asarray(np.sqrt(np.maximum(square - mean**2, 0.0) / (E + 2)))
+
+
+def join(trainings: ArrayLike, scenarios: ArrayLike) -> FloatArray:
+    """Return the distance of an end of the interval from the estimate, of the distances of both sources."""
+    a, s = np.asarray(trainings, dtype=np.float64), np.asarray(scenarios, dtype=np.float64)
+    return np.maximum(np.hypot(a, s), a + KEPT * s)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """The trainings of one agent on one measure, or of many simulated agents along leading axes."""
+
+    means: FloatArray  # (..., n) of each training over the scenarios
+    middle: FloatArray  # (..., E) of the middle half of the trainings in each scenario
+
+    @property
+    def n(self) -> int:
+        """Number of trainings; 1 for a controller."""
+        return int(self.means.shape[-1])
+
+    @property
+    def typical(self) -> FloatArray:
+        """Return the median (...) of the trainings' means."""
+        return np.asarray(np.median(self.means, axis=-1))
+
+
+def sample(x: FloatArray) -> Sample:
+    """Return the sample of values (..., n, E) without missing ones."""
+    return Sample(np.asarray(x.mean(axis=-1)), middle_half(x))
+
+
+@dataclass(frozen=True, eq=False)
+class Contrast:
+    """A weighted sum of typical values; `ends` gives its interval at any level."""
+
+    samples: Sequence[Sample]
+    """one per agent, of the same scenarios"""
+    weights: Sequence[float]
+    """one per agent: 1 and -1 for a difference"""
+    rate: bool = False
+    """whether values are 0 and 1"""
+
+    @cached_property
+    def value(self) -> FloatArray:
+        """Return the sum (...) of the medians."""
+        return np.asarray(sum(w * one.typical for one, w in zip(self.samples, self.weights, strict=True)))
+
+    @cached_property
+    def error(self) -> FloatArray:
+        """Return the standard error (...) that all trainings share, because they met the same scenarios."""
+        total = sum(w * one.middle for one, w in zip(self.samples, self.weights, strict=True))
+        return scenario_error(np.asarray(total), self.rate)
+
+    def ends(self, level: ArrayLike = ALPHA) -> tuple[FloatArray, FloatArray]:
+        """Return the low and the high end (...) at 1 - `level`; infinite where a learner has fewer trainings than `FEWEST`."""
+        below, above = np.zeros(()), np.zeros(())
+        for one, w in zip(self.samples, self.weights, strict=True):
+            low, median, high = median_interval(one.means, level)
+            down, up = (median - low, high - median) if w > 0 else (high - median, median - low)
+            below, above = below + (w * down) ** 2, above + (w * up) ** 2
+        E = self.samples[0].middle.shape[-1]
+        t = -stdtrit(E - 1.0 if E > 1 else np.nan, np.asarray(level, dtype=np.float64) / 2)
+        value, error = self.value, t * self.error
+        return value - join(np.sqrt(below), error), value + join(np.sqrt(above), error)
+
+    def p_value(self) -> float:
+        """Return the level at which the interval just reaches 0; 1 where every interval holds 0, NaN where there is none.
+
+        Intervals of different levels lie within each other, so that of a level excludes 0 if and only if p is below the level.
+        Found by a grid in the logarithm of the level that becomes finer, down to `LEAST`.
+        """
+        if np.isnan(self.ends()[0]):
+            return math.nan
+        low, high = math.log(LEAST), 0.0
+        for _ in range(4):
+            levels = np.linspace(low, high, 129)
+            below, above = self.ends(np.exp(levels))
+            excludes = np.flatnonzero((below > 0) | (above < 0))
+            if excludes.size == 0:
+                return 1.0
+            first = int(excludes[0])
+            if first == 0:
+                return math.exp(low)
+            low, high = float(levels[first - 1]), float(levels[first])
+        return math.exp(high)
+
+
+def difference(first: Sample, second: Sample, rate: bool = False) -> Contrast:
+    """Return the difference first - second of two typical values."""
+    return Contrast((first, second), (1.0, -1.0), rate)
