@@ -13,7 +13,7 @@ from auvbench.analysis.records import Agent, Needed, learns
 from auvbench.analysis.typical import Typical
 from auvbench.errors import ReportError
 from auvbench.statistics import power as st
-from auvbench.statistics.intervals import quantile
+from auvbench.statistics.intervals import FloatArray, quantile
 
 LEAST, MOST = 0.005, 0.995
 """rates that are planned for"""
@@ -24,7 +24,7 @@ MOST_EPISODES = 100_000
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """What a plan is made for: where trainings come from, and the two values that are to be told apart."""
+    """What a plan is made for: where trainings come from, and the two typical values that are to be told apart."""
 
     model: st.Model
     cautious: st.Model | None
@@ -33,6 +33,8 @@ class Basis:
     spread: st.SeedSpread
     agents: int
     """that the spread was taken from; 0 where it was typed"""
+    against_controller: bool = True
+    """whether one of the two is a controller, as the usual baseline is"""
 
 
 def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
@@ -53,7 +55,7 @@ def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
             "no agent here has several training seeds and values of "
             f"{m.name}: how much trainings differ is not known; give it by --sd"
         )
-    centre = float(np.median([x.mean() for x in data]))
+    centre = float(np.median([np.median(x.mean(axis=1)) for x in data]))
     if m.rate:
         seeds, scenarios = st.spread_of_rates(data)
         model, cautious = st.Rates(seeds.sd, scenarios), st.Rates(seeds.upper(), scenarios)
@@ -95,27 +97,38 @@ def needs(
     targets: Sequence[float] = (0.8, 0.95),
     alpha: float = 0.05,
     replications: int = 200,
+    against_controller: bool = True,
     note: Callable[[int, int], object] = lambda episodes, seeds: None,
 ) -> Need:
-    """Fewest training seeds that resolve two agents, by simulation with the report's test.
+    """Fewest training seeds that resolve two agents, by simulation with the report's interval.
 
     Args:
         model: where trainings come from.
-        values: true values of the two agents.
+        values: true values of the two agents, of learners those of the typical trainings.
         episodes: test episodes of each training.
         agents: in the table; n - 1 are compared with the baseline, each at alpha / (n - 1).
         targets: powers.
         alpha: of the table.
         replications: simulated pairs for each number of seeds (standard error at 80 %: 3 points with 200).
+        against_controller: whether one of the two is a controller.
         note: called with the episodes and the number of seeds that is tried next.
     """
-    tried: dict[int, np.ndarray[tuple[int], np.dtype[np.float64]]] = {}
+    levels = (alpha, alpha / max(agents - 1, 1))
+    tried: dict[int, FloatArray] = {}
 
     def power(S: int, level: float) -> float:
         if S not in tried:
             note(episodes, S)
-            tried[S] = st.simulated_p(model, values, S, episodes, replications=replications)
-        return float((tried[S] < level).mean())
+            tried[S] = st.simulated_power(
+                model,
+                values,
+                S,
+                episodes,
+                levels,
+                against_controller=against_controller,
+                replications=replications,
+            )
+        return float(tried[S][levels.index(level)])
 
     def seeds(level: float) -> dict[float, int | None]:
         return {target: st.seeds_needed(lambda S: power(S, level), target) for target in targets}

@@ -201,33 +201,46 @@ def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, floa
     return SeedSpread(found[0], df), found[1], found[2]
 
 
-def simulated_p(
+def simulated_power(
     model: Model,
     values: tuple[float, float],
     S: int,
     E: int,
+    levels: Sequence[float],
     *,
     against_controller: bool = True,
     replications: int = 200,
     seed: int = 0,
 ) -> FloatArray:
-    """Return the p-values (replications,) of a learner of S trainings of the second value against the first value.
+    """Return for each level the share (len(levels),) of comparisons that find the difference, with its sign.
+
+    Against a controller either value may be the learner's, so both are simulated, and the lower share counts.
 
     Args:
         model: where trainings come from.
-        values: true values of the typical trainings, or of the controller and the typical training.
+        values: true values of two typical trainings, or of a controller and a typical training.
         S: trainings of each learner.
         E: test episodes of each training.
-        against_controller: whether the first value is a controller's, else that of a learner with S trainings.
-        replications: simulated pairs.
+        levels: of the interval, after any correction.
+        against_controller: whether one side is a controller.
+        replications: simulated comparisons.
         seed: of the simulation.
     """
-    rng = np.random.default_rng([seed, S, E])
-    found = []
-    for _ in range(replications):
-        first, second = model.draw(values, S, E, rng, (against_controller, False))
-        found.append(typical.difference(typical.sample(second), typical.sample(first), model.rate).p_value())
-    return np.nan_to_num(np.array(found), nan=1.0)
+    sides = (
+        ((True, False), (False, True))
+        if against_controller and model.rate
+        else ((against_controller, False),)
+    )
+    found = np.ones(len(levels))
+    for place, controllers in enumerate(sides):
+        rng = np.random.default_rng([seed, S, E, place])
+        right = np.zeros(len(levels))
+        for _ in range(replications):
+            first, second = (typical.sample(x) for x in model.draw(values, S, E, rng, controllers))
+            low, high = typical.difference(second, first, model.rate).ends(np.asarray(levels))
+            right += (low > 0) if values[1] > values[0] else (high < 0)
+        found = np.minimum(found, right / replications)
+    return found
 
 
 def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_SEEDS) -> int | None:

@@ -84,6 +84,45 @@ def test_the_conditions_of_a_study_name_the_tasks_of_its_runs(file):
         assert row.get("vehicle", "").partition(", task ")[2] in ("", row["task"])
 
 
+REAL, EARLY, LATE = "bluerov2", *SIMULATED
+OF_TYPICAL_TRAININGS = {
+    ("suite", "docking", "SAC 200k steps"): "behind",
+    ("suite", "path_following", "PPO 500k steps"): "behind",
+    ("suite", "path_following", "PPO 1M steps"): "behind",
+    ("suite", "trajectory_tracking", "SAC 200k steps"): "open",
+    ("leaderboard", "", "PPO added to PID, tuned"): "open",
+    ("leaderboard", "", "PPO, tuned"): "open",
+    ("leaderboard", "", "TQC, tuned"): "open",
+    ("leaderboard", "", "TD3, tuned"): "open",
+    ("leaderboard", "", "DDPG, tuned"): "open",
+    ("leaderboard", "", "RecurrentPPO, tuned"): "open",
+    ("thesis", "", "PPO K=1, trained at 10 Hz"): "equivalent*",
+    ("thesis", "", "PPO K=1, trained at 25 Hz"): "equivalent*",
+    ("thesis", "", "DDPG K=100, trained at 10 Hz"): "open",
+    ("differences", REAL, "PPO 200k steps, trained at 10 Hz with sign=positive"): "open",
+    ("differences", REAL, "PPO 200k steps, trained at 25 Hz with sign=both"): "open",
+    ("gazebo", "", "PPO, trained at 25 Hz in gazebo with hydrodynamics=published"): "open",
+}
+"""rows whose verdict about the typical training is another than that about the mean would be"""
+
+
+def test_the_shipped_verdicts_are_those_of_typical_trainings() -> None:
+    """The rows of every study; a slow test computes the same files from their episodes."""
+    found = {}
+    for study in STUDIES:
+        for row in rows(ROOT / "results" / study / "table.csv"):
+            if row["trainings"]:
+                section = row.get("vehicle", "").rpartition("task ")[2]
+                found[study, section, row["agent"]] = row
+                assert row["not_behind"], (study, row["agent"])
+                few = int(row["trainings"]) < int(row["enough"])
+                assert row["verdict"].endswith("*") == (few and row["verdict"] != "open")
+    assert len(found) == 118
+    verdicts = [row["verdict"].rstrip("*") for row in found.values()]
+    assert verdicts.count("ahead") == 14
+    assert {key: found[key]["verdict"] for key in OF_TYPICAL_TRAININGS} == OF_TYPICAL_TRAININGS
+
+
 IN_GAZEBO = {
     "PPO added to PID": "PPO added to PID, trained at 10 Hz in fossen",
     "PPO, 10 Hz": "PPO, trained at 10 Hz in fossen",
@@ -118,7 +157,6 @@ def test_the_transfer_to_gazebo_is_quoted_rightly():
                 assert abs(float(number) - float(row[f"par1_change{end}"])) <= 0.51 * last, line
 
 
-REAL, EARLY, LATE = "bluerov2", *SIMULATED
 AS_IN_THE_THESIS = [  # vehicle, algorithm and, where they tell agents apart, sign of the noise and steps: the table's rows
     (REAL, "ppo", "both", "200000"),
     (REAL, "ppo", "positive", "200000"),

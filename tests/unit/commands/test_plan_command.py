@@ -23,6 +23,10 @@ def planned(*arguments: str) -> tuple[Basis, list[tuple[str, Need]]]:
     return basis, list(plan._needs(options, basis, agents, episodes))
 
 
+def planned_basis(*arguments: str) -> Basis:
+    return plan._basis(plan.parser().read(arguments))[0]
+
+
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("planned")
@@ -36,7 +40,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_typed_spread(capsys: pytest.CaptureFixture[str]) -> None:
     basis, ((_, need),) = planned("--sd", "0.5", "--rates", "80,95", "--episodes", "200")
     assert basis.values == (0.8, 0.95)
-    assert 2 <= need.alone[0.8] <= need.alone[0.95] <= 12
+    assert 5 <= need.alone[0.8] <= need.alone[0.95] <= 16
     _, ((_, wide),) = planned("--sd", "1.5", "--rates", "80,95", "--episodes", "200")
     assert wide.alone[0.8] > need.alone[0.8]
     assert cli.main(["plan", "--sd", "0.5", "--rates", "80,95", "--episodes", "200"]) == 0
@@ -52,6 +56,17 @@ def test_the_spread_of_runs_that_are_there(runs: Path) -> None:
     assert [(kind, need.episodes) for kind, need in found] == [("", 60), ("", 240), ("cautious", 60)]
 
 
+def test_the_baseline_is_the_usual_one_unless_it_is_named(runs: Path, tmp_path: Path) -> None:
+    options = ("--resolve", "20", "--episodes", "60")
+    assert not planned_basis(*options, str(runs)).against_controller
+    write_experiment(
+        tmp_path, algorithms=("ppo", "pid"), reward_k=(1.0,), frequencies=(10.0,), seeds=(0, 1), episodes=20
+    )
+    assert planned_basis(*options, str(tmp_path)).against_controller
+    assert not planned_basis(*options, "--against", "learner", str(tmp_path)).against_controller
+    assert planned_basis("--sd", "0.5", "--rates", "90,95").against_controller
+
+
 def test_a_mean(runs: Path) -> None:
     basis, _ = planned("--resolve", "200", "--metric", "mean_steps", "--episodes", "60", str(runs))
     assert basis.values[1] - basis.values[0] == pytest.approx(200)
@@ -61,7 +76,7 @@ def test_a_mean(runs: Path) -> None:
 def test_what_a_reader_sees(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
     assert cli.main(["plan", "--resolve", "20", "--agents", "4", str(runs)]) == 0
     text = capsys.readouterr().out
-    assert "Training seeds of each agent that resolve success rate" in text
+    assert "Training seeds that resolve success rate of two learners" in text
     assert "table of 4" in text
     assert "6 trainings of 2 agents" in text
     assert "Fix the number before you look" in text
@@ -85,6 +100,7 @@ def test_what_a_reader_sees(capsys: pytest.CaptureFixture[str], runs: Path) -> N
         (["outputs", "--resolve", "0"], "must be a number from 0.001 to 1e+06, got 0"),
         (["outputs", "resolve=5"], "plan takes flags: --resolve 5"),
         (["nowhere", "--resolve", "5"], "nowhere"),
+        (["outputs", "--resolve", "5", "--against", "pid"], "choose from 'controller', 'learner'"),
     ],
 )
 def test_mistakes_are_told_in_one_line(

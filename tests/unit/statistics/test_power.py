@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -88,24 +90,49 @@ def test_one_seed_says_nothing_of_the_spread() -> None:
 
 
 @pytest.mark.slow
-def test_the_seeds_named_have_the_power_asked_for_on_other_draws() -> None:
+@pytest.mark.parametrize("controller", [True, False])
+def test_the_seeds_named_have_the_power_asked_for_on_other_draws(controller: bool) -> None:
     model, values = pw.Rates(0.5), (0.9, 0.95)
 
-    def at(S: int) -> float:
-        return float((pw.simulated_p(model, values, S, 300, replications=300) < 0.05).mean())
+    def at(S: int, seed: int = 0, replications: int = 200) -> float:
+        found = pw.simulated_power(
+            model,
+            values,
+            S,
+            300,
+            [0.05],
+            against_controller=controller,
+            replications=replications,
+            seed=seed,
+        )
+        return float(found[0])
 
     S = pw.seeds_needed(at, 0.8)
     assert S is not None
-    assert 7 <= S <= 20
-    again = float((pw.simulated_p(model, values, S, 300, replications=800, seed=99) < 0.05).mean())
-    assert again == pytest.approx(0.8, abs=0.08)
+    assert 7 <= S <= 30
+    assert at(S, seed=99, replications=600) == pytest.approx(0.8, abs=0.08)
     assert pw.seeds_needed(lambda S: 0.1, 0.8, most=20) is None
 
 
-@pytest.mark.slow
-def test_no_difference_is_found_as_often_as_alpha_says() -> None:
-    p = pw.simulated_p(pw.Rates(0.5), (0.9, 0.9), 5, 300, replications=600)
-    assert (p < 0.05).mean() < 0.08
+def test_no_difference_is_found_as_rarely_as_alpha_says() -> None:
+    found = pw.simulated_power(pw.Rates(0.5), (0.9, 0.9 + 1e-9), 8, 300, [0.05, 0.01], replications=200)
+    assert found[1] <= found[0] < 0.07
+    assert pw.simulated_power(pw.Rates(0.5), (0.5, 0.95), 4, 100, [0.05], replications=5)[0] == 0.0
+
+
+def test_more_trainings_decide_an_open_row() -> None:
+    rng = RNG(0)
+    gains, baseline = 0.5 + rng.normal(size=12), np.zeros(1)
+
+    def needed(error: float, margin: float = math.nan) -> int | None:
+        return pw.trainings_that_decide(gains, baseline, error, 2.6, 0.01, margin, power=0.8, above=12)
+
+    few = needed(0.01)
+    assert few is not None
+    assert few > 12
+    assert (needed(0.1) or 1000) >= few
+    assert needed(5.0) is None, "more trainings do not remove the error of the scenarios"
+    assert (needed(0.01, margin=50.0) or 0) == 13, "all within the margin"
 
 
 @pytest.mark.slow
