@@ -109,8 +109,8 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     blocks = {name: made[name]() for name in names}
     text = readme.fill(path, study.folder.resolve().name, blocks)
     files.text(path, text)
-    if readme.QUESTION in text or readme.ANSWER in text:
-        print(f"next: write the question and the answer in brackets in {path}")
+    if any(place in text for place in (readme.QUESTION, readme.ANSWER, readme.CAVEATS)):
+        print(f"next: write question, answer and caveats in place of the brackets in {path}")
     return len(runs), missing
 
 

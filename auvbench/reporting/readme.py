@@ -26,11 +26,14 @@ PARTS = {
     "provenance": "How the numbers came about",
 }
 """blocks in the order of a new README, with their headings"""
-QUESTION = "*(The question that this study answers, in a sentence or two: written by its author.)*"
+FOLDED = ("findings", "provenance")
+"""blocks that a reader opens with a click, their heading"""
+QUESTION = "*(The question that this study answers, in one sentence: written by its author.)*"
 ANSWER = (
-    "*(The answer in five sentences, written by its author: what was compared; who is best, by how much, and how sure that "
-    "is; what was not expected; where it does not hold; what to use.)*"
+    "*(The answer in at most five sentences of at most 25 words, written by its author: who is best, by how much, how sure "
+    "that is, where it does not hold, what to use.)*"
 )
+CAVEATS = "*(What a reader must know before using the answer, as a list: written by its author.)*"
 COMMANDS = 5
 """of training, that are shown"""
 
@@ -46,11 +49,13 @@ def fill(path: Path, title: str, blocks: Mapping[str, str]) -> str:
     Raises:
         UserError: as `check`.
     """
+    blocks = {n: fold(PARTS[n], text) if n in FOLDED else text for n, text in blocks.items()}
     if not path.exists():
         parts = [f"# {title}", "## Question", QUESTION, "## Answer", ANSWER]
         for name, heading in PARTS.items():
             if name in blocks:
-                parts += [f"## {heading}", _block(name, blocks[name])]
+                parts += [*([] if name in FOLDED else [f"## {heading}"]), _block(name, blocks[name])]
+        parts[-1:] = ["## Caveats", CAVEATS, *parts[-1:]]
         return "\n\n".join(parts) + "\n"
     text = check(path, blocks)
     for name, content in blocks.items():
@@ -78,6 +83,11 @@ def check(path: Path, names: Iterable[str]) -> str:
                 f"{path}: the block {name} has no place: put the lines {begin} and {end} where it belongs"
             )
     return text
+
+
+def fold(summary: str, text: str) -> str:
+    """Return Markdown that shows its summary, and the text on a click."""
+    return f"<details><summary>{summary}</summary>\n\n{text.strip()}\n\n</details>"
 
 
 def _markers(name: str) -> tuple[str, str]:

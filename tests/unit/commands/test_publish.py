@@ -234,7 +234,7 @@ def test_conditions_of_all_protocols_are_one_table(runs, tmp_path):
 @pytest.mark.slow
 def test_what_a_person_wrote_stays(runs, tmp_path, capsys):
     assert publish("--pictures", "success_over_time") == 0
-    assert "next: write the question and the answer" in capsys.readouterr().out
+    assert "next: write question, answer and caveats" in capsys.readouterr().out
     readme = tmp_path / "results/grid/README.md"
     readme.write_text(
         "# Mine\n\nThe answer.\n\n" + readme.read_text().partition("\n")[2].replace("PPO", "XXX")

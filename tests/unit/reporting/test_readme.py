@@ -21,9 +21,10 @@ def run(**manifest: Any) -> RunRecord:
 def test_a_new_one_has_question_answer_and_blocks_in_order(tmp_path: Path) -> None:
     text = readme.fill(tmp_path / "README.md", "Study", BLOCKS)
     heads = [line for line in text.splitlines() if line.startswith("#")]
-    assert heads == ["# Study", "## Question", "## Answer", "## Result", "## How the numbers came about"]
+    assert heads == ["# Study", "## Question", "## Answer", "## Result", "## Caveats"]
     assert readme.QUESTION in text
     assert readme.ANSWER in text
+    assert "<details><summary>How the numbers came about</summary>\n\nhow\n\n</details>" in text
 
 
 def test_what_the_author_wrote_stays(tmp_path: Path) -> None:
