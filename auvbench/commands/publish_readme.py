@@ -183,18 +183,22 @@ def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, Run
 
 
 def _ranked(reports: Sequence[Report], folder: Path) -> str:
-    """Return headline, main figure and main table of each section."""
+    """Return headline, main figure and main table of each section; the tables of several sections are folded."""
     from auvbench.reporting import tables
     from auvbench.reporting.figures import MAIN
+    from auvbench.reporting.readme import fold
 
     parts = []
     for report in reports:
         if len(reports) > 1:
             parts.append(_heading(report))
         figure = _figures(report, [MAIN], folder, report.section.folder if report is not reports[0] else "")
-        parts.append(tables.markdown(report.ranking, "\n\n".join(figure)).rstrip())
-        for conditions in tables.conditions_tables(report.ranking):
-            parts += [f"{conditions.title}:", tables.pipes(conditions)]
+        parts.append(tables.answer(report.ranking, "\n\n".join(figure)))
+        details = tables.details(report.ranking)
+        parts.append(details if len(reports) == 1 else fold(f"Table of {len(report.agents)} agents", details))
+        parts += [
+            fold(found.title, tables.pipes(found)) for found in tables.conditions_tables(report.ranking)
+        ]
     return "\n\n".join(parts)
 
 

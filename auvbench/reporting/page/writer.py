@@ -24,7 +24,7 @@ from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
 from auvbench.reporting.tables.appendix import comparison_table, conditions_tables, ranks_table, score_table
 from auvbench.reporting.tables.main import grouped, limit_lines, main_table
-from auvbench.reporting.tables.table import Table
+from auvbench.reporting.tables.table import SHOWN_NOTES, Table
 from auvbench.reporting.write import Facts, distinct, facts, overview, text
 
 SCRIPTS = ("tables.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
@@ -112,6 +112,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         vehicles=distinct(run.config.get("vehicle.name") for run in found),
         runs_found=len(found),
         confidence=f"{100 * ranking.confidence:g}",
+        shown_notes=SHOWN_NOTES,
         **shown,
     )
 

@@ -3,9 +3,11 @@
 from auvbench.reporting.tables.appendix import comparison_table, conditions_tables, ranks_table, score_table
 from auvbench.reporting.tables.terminal import TableView, findings_terminal, terminal
 from auvbench.reporting.tables.text_formats import (
+    answer,
     comparisons_csv,
     conditions_csv,
     csv,
+    details,
     in_print,
     joined,
     latex,
@@ -16,11 +18,13 @@ from auvbench.reporting.tables.text_formats import (
 
 __all__ = [
     "TableView",
+    "answer",
     "comparison_table",
     "comparisons_csv",
     "conditions_csv",
     "conditions_tables",
     "csv",
+    "details",
     "findings_terminal",
     "in_print",
     "joined",

@@ -212,26 +212,29 @@ def reliability_cell(found: Reliability | None) -> Cell:
 
 
 def notes(ranking: Ranking) -> list[str]:
-    """Return the sentences below the main table, without markup."""
+    """Return the sentences below the main table, without markup, the most important first."""
     counts = sorted({row.episodes for row in ranking.rows})
     episodes = " to ".join(str(c) for c in dict.fromkeys((counts[0], counts[-1]))) if counts else "0"
+    compared, few, more = ([], [], []) if ranking.primary is None else explained(ranking.primary)
+    declared = " ".join(line for line in (ranking.sealed, ranking.declaration) if line)
     lines = [
+        *compared,
+        *few,
+        *([declared] if declared else []),
         f"Protocol {ranking.protocol}, condition {ranking.condition}, scenarios {cited(ranking.fingerprint)}: "
         f"{episodes} episodes per training seed, the same for every agent. Training seeds: {_seeds(ranking)}.",
         OWN_TEST if ranking.protocol == OWN else SAME_TEST,
+        *more,
     ]
-    if ranking.primary is not None:
-        lines += explained(ranking.primary)
     lines += usual_sentence([row.key for row in ranking.rows], [row.trained for row in ranking.rows])
-    lines += [line for line in (ranking.sealed, ranking.declaration) if line]
     if any(metric.startswith("par") for metric in (ranking.rank_by, *ranking.columns)):
         lines.append("PAR-1: a failure counts as the limit of the episode; PAR-2: as twice the limit.")
     lines += remarks(ranking)
     return [*lines, *limit_lines(ranking)] if optional_columns.OVER_BEST_KNOWN in ranking.columns else lines
 
 
-def explained(primary: Primary) -> list[str]:
-    """Return what the comparisons with the baseline are, and how to read them."""
+def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
+    """Return what is compared, what too few trainings mean, and how to read the rest."""
     m = measure(primary.measure)
     best = " (the best of this table, for lack of a controller)" if primary.chosen_by_rank else ""
     known = primary.margin == primary.margin
@@ -244,27 +247,27 @@ def explained(primary: Primary) -> list[str]:
         if learner
         else "Difference from"
     )
-    lines = [
+    compared = (
         f"{of} {primary.baseline}{best} in {name(m)}, paired by scenario. The intervals hold together with "
         f"{100 * primary.confidence:g} %; {within}. Other intervals hold one by one."
-    ]
-    if learner:
-        lines.append(_reliability(primary, m))
-    few = [c for c in primary.comparisons if c.few]
-    if any(c.verdict != OPEN for c in few):
-        lines.append(
-            f"* fewer than {few[0].enough} trainings: holds if trainings cluster around the typical one."
+    )
+    some = [c for c in primary.comparisons if c.few]
+    few = []
+    if any(c.verdict != OPEN for c in some):
+        few.append(
+            f"* fewer than {some[0].enough} trainings: holds if trainings cluster around the typical one."
         )
-    if any(c.verdict == OPEN for c in few):
-        lines.append(
-            f"Open with fewer than {few[0].enough} trainings: {few[0].enough} on one side, less the scenarios' error, decide."
+    if any(c.verdict == OPEN for c in some):
+        few.append(
+            f"Open with fewer than {some[0].enough} trainings: {some[0].enough} on one side, less the scenarios' error, decide."
         )
+    more = [_reliability(primary, m)] if learner else []
     if any(c.verdict == OPEN and c.needed for c in primary.comparisons):
-        lines.append(
+        more.append(
             "Open, with a number of trainings or episodes: so many would decide it with 80 % power, if further ones are like "
             "these. Plan them before adding seeds (auvbench plan)."
         )
-    return lines
+    return [compared], [" ".join(few)] if few else [], more
 
 
 def _reliability(primary: Primary, m: Measure) -> str:

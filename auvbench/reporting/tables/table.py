@@ -64,6 +64,10 @@ class Line:
     """id of the row, on the page"""
 
 
+SHOWN_NOTES = 3
+"""notes below a table; a reader opens the others"""
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """Headings, rows, and what a reader needs to know of them; the first `lead` columns say what a row is."""
@@ -73,7 +77,7 @@ class Table:
     title: str = ""
     """caption in print"""
     notes: tuple[str, ...] = ()
-    """sentences without markup, below the table"""
+    """sentences without markup, below the table: the first `SHOWN_NOTES` at once, the others on a click"""
     lead: int = 1
 
 

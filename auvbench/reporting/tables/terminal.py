@@ -11,10 +11,11 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from auvbench.analysis.findings import SHOWN
+from auvbench.analysis.formatting import counted
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN, headline
 from auvbench.analysis.records import Finding, Ranking
 from auvbench.reporting.tables.main import grouped, main_table
-from auvbench.reporting.tables.table import Cell, Line, Table
+from auvbench.reporting.tables.table import SHOWN_NOTES, Cell, Line, Table
 
 MOST_PROBLEMS = 6
 """per kind on screen; the files list all"""
@@ -44,8 +45,10 @@ class TableView:
             yield _rendered(self.table, sorted(kept), max(options.max_width - others - 2, NARROW))
         if rest := [heading.text for i, heading in enumerate(headings) if i not in kept]:
             yield Text(f"Not shown for want of width: {', '.join(rest)}.", style="dim")
-        for note in self.table.notes:
+        for note in self.table.notes[:SHOWN_NOTES]:
             yield Text(note, style="dim")
+        if (more := len(self.table.notes) - SHOWN_NOTES) > 0:
+            yield Text(f"{counted(more, 'more note')} in report.md and on the page.", style="dim")
 
     def _width(self, i: int) -> int:
         """Return the width of a column on screen, with its padding."""

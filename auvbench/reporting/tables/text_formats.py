@@ -17,7 +17,7 @@ from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
 from auvbench.analysis.score import Scores
 from auvbench.reporting.tables.main import grouped, main_table
-from auvbench.reporting.tables.table import Cell, Heading, Table
+from auvbench.reporting.tables.table import SHOWN_NOTES, Cell, Heading, Table
 from auvbench.statistics.intervals import Estimate
 from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import cell
@@ -224,13 +224,29 @@ def escape(text: str) -> str:
 
 def pipes(table: Table) -> str:
     """Return a pipe table with its notes below it; intervals stand behind their values."""
-    notes = "\n".join(f"* {escape(note)}" for note in table.notes)
+    notes = _notes(table)
     if not table.lines:
         return notes
     rules = ["---" if heading.words else "---:" for heading in table.headings]
     headings = [escape(heading.text) for heading in table.headings]
     entries = ([escape(cell.text) for cell in line.cells] for line in table.lines)
     return "\n\n".join(filter(None, [rows([headings, rules, *entries]), notes]))
+
+
+def _notes(table: Table) -> str:
+    lines = [f"* {escape(note)}" for note in table.notes]
+    shown, rest = lines[:SHOWN_NOTES], lines[SHOWN_NOTES:]
+    if rest:
+        inside = "\n".join(rest)
+        shown += [
+            "",
+            f"<details><summary>{counted(len(rest), 'more note')}</summary>",
+            "",
+            inside,
+            "",
+            "</details>",
+        ]
+    return "\n".join(shown)
 
 
 def rows(cells: Iterable[Iterable[str]]) -> str:
@@ -240,12 +256,23 @@ def rows(cells: Iterable[Iterable[str]]) -> str:
 
 def markdown(ranking: Ranking, figure: str = "") -> str:
     """Return the headline, `figure` (Markdown), the main table, its notes and the list of what is not in it."""
-    parts = [f"**{escape(headline(ranking))}**", *filter(None, [figure]), *map(escape, ranking.notices)]
-    parts.append(pipes(main_table(ranking)))
+    return f"{answer(ranking, figure)}\n\n{details(ranking)}\n"
+
+
+def answer(ranking: Ranking, figure: str = "") -> str:
+    """Return the headline, `figure` (Markdown) and notices."""
+    return "\n\n".join(
+        [f"**{escape(headline(ranking))}**", *filter(None, [figure]), *map(escape, ranking.notices)]
+    )
+
+
+def details(ranking: Ranking) -> str:
+    """Return the main table, its notes and the list of what is not in it."""
+    parts = [pipes(main_table(ranking))]
     for title, problems in grouped(ranking.problems):
         lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]
         parts.append("\n".join([f"**{capitalized(title)} ({len(problems)})**", "", *lines]))
-    return "\n\n".join(parts) + "\n"
+    return "\n\n".join(parts)
 
 
 def escape_latex(text: str) -> str:
@@ -289,8 +316,9 @@ def in_print(table: Table | None, label: str) -> str:
         lines.append(" & ".join(map(_latex_more, line.cells)) + r" \\[1.5pt]")
     lines.append(r"\bottomrule\end{tabular}}")
     if table.notes:
-        below = escape_latex(" ".join(table.notes))
+        below = escape_latex(" ".join(table.notes[:SHOWN_NOTES]))
         lines += ["", r"\medskip", rf"\parbox{{\linewidth}}{{\scriptsize {below}}}"]
+    lines += [f"% {escape_latex(note)}" for note in table.notes[SHOWN_NOTES:]]
     return "\n".join([*lines, r"\end{table}", ""])
 
 
