@@ -1,6 +1,7 @@
 """Figures are drawn where there are data, left out where there are none, and say what they show."""
 
 import json
+import math
 import shutil
 import xml.etree.ElementTree as ET
 from dataclasses import replace
