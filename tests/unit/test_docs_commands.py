@@ -41,7 +41,8 @@ def test_its_flags_are_those_of_the_command(line: str) -> None:
     overrides = name in ("evaluate", "bound", "resume", "serve")
     words = parser.read(arguments, **({"overrides": True} if overrides else {}))
     if name == "evaluate":
-        compose("evaluate", [word for word in words.words if "=" in word])
+        typed = [word for word in words.words if "=" in word and not word.endswith(".json")]
+        compose("evaluate", typed)  # a sealed protocol is a file of its author
 
 
 @pytest.mark.slow
