@@ -73,8 +73,6 @@ def main(arguments: Sequence[str]) -> int:
         from auvbench.evaluation import sealed
 
         protocol = sealed.read(file)
-        for what in protocol.not_tested:
-            print(f"auvbench: {protocol.name}: not tested: {what}", file=sys.stderr)
     else:
         composed = compose("evaluate", overrides)
         if given.cfg:
@@ -212,4 +210,6 @@ def _lines(run: RunDirectory, summary: dict[str, Any]) -> list[str]:
             f"{run.id}:{name} success {100 * rate:.1f} % [{100 * low:.1f}, {100 * high:.1f}] of {n} episodes, "
             f"PAR-1 steps {condition['par1_steps']:.0f}"
         )
+    for what in (summary.get("sealed") or {}).get("not_tested", []):
+        lines.append(f"{run.id}: not tested: {what}")
     return lines

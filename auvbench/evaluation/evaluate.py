@@ -223,7 +223,7 @@ def _evaluate(
         "scenarios": protocol.scenarios,
         # Rows depend on the clock that counts steps over ROS 2.
         **({"clocks": clocks} if clocks else {}),
-        **({"sealed": _seal(protocol, conditions)} if isinstance(protocol, sealed.Protocol) else {}),
+        **({"sealed": _seal(run, protocol, conditions)} if isinstance(protocol, sealed.Protocol) else {}),
         "conditions": [_condition_summary(c, r) for c, r in rollouts],
         "inference": None,
         "created": now(),
@@ -239,9 +239,11 @@ def _evaluate(
     return summary
 
 
-def _seal(protocol: sealed.Protocol, conditions: list[ResolvedCondition]) -> dict[str, Any]:
+def _seal(
+    run: RunDirectory, protocol: sealed.Protocol, conditions: list[ResolvedCondition]
+) -> dict[str, Any]:
     """Return the digests of a sealed protocol's files, and what was not tested."""
-    others = [f"condition {name}: not for this vehicle" for name in left_out(protocol, conditions)]
+    others = left_out(protocol, conditions, run.config())
     return {"sha256": protocol.sha256, "not_tested": [*protocol.not_tested, *others]}
 
 

@@ -69,10 +69,9 @@ def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[Resolve
         where = f"protocol {protocol.name}, condition {condition.name}"
         if isinstance(condition, sealed.Condition):
             try:
-                vehicle = condition.vehicle(config["vehicle"])
-            except VehicleError:
-                continue  # this vehicle has no such thruster; `left_out` names it
-            resolved = _resolve(protocol, condition.overrides, {**config, "vehicle": vehicle}, where)
+                resolved = _changed(protocol, condition, config, where)
+            except (ConfigError, VehicleError):
+                continue  # `left_out` says why
         elif _groups(condition) <= WITHIN:
             resolved = _with_disturbance(base, condition, where)
         else:
@@ -86,10 +85,30 @@ def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[Resolve
     return found
 
 
-def left_out(protocol: schema.Protocol, conditions: Sequence[ResolvedCondition]) -> list[str]:
-    """Return the conditions of a protocol that a run's vehicle cannot meet."""
+def _changed(
+    protocol: schema.Protocol, condition: sealed.Condition, config: dict[str, Any], where: str
+) -> schema.TrainConfig:
+    """Return a run's configuration for a condition that may change the vehicle."""
+    vehicle = condition.vehicle(config["vehicle"])
+    return _resolve(protocol, condition.overrides, {**config, "vehicle": vehicle}, where)
+
+
+def left_out(
+    protocol: sealed.Protocol, conditions: Sequence[ResolvedCondition], config: dict[str, Any]
+) -> list[str]:
+    """Return the conditions of a sealed protocol that a run cannot meet, each with the reason."""
     met = {condition.name for condition in conditions}
-    return [condition.name for condition in protocol.conditions if condition.name not in met]
+    found = []
+    for condition in protocol.conditions:
+        if condition.name in met or not isinstance(condition, sealed.Condition):
+            continue
+        reason = "its actuators are not those of the run's vehicle"
+        try:
+            _changed(protocol, condition, config, condition.name)
+        except (ConfigError, VehicleError) as error:
+            reason = str(error)
+        found.append(f"condition {condition.name}: {reason}")
+    return found
 
 
 def _check_length(config: schema.TrainConfig, where: str) -> None:
