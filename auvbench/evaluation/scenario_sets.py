@@ -42,6 +42,12 @@ SETS: tuple[ScenarioSet, ...] = (
     ScenarioSet(
         "path_following", "2026a", ("d4c0239f2eea07ff", "726992aad6f64924", "65f420dbb29076e5"), FIRST
     ),
+    ScenarioSet(
+        "path_following",
+        "2026b",
+        ("f6b5d2f419530234", "bebd47bf3c5b9aa4", "ce1f35d723cace08"),
+        "starts and paths keep a distance from the depth limits; progress begins at the point of the path nearest to the start",
+    ),
     ScenarioSet("docking", "2026a", ("372a8e4102eeb023", "68ac90e484f69317", "e6b823ffe4dcd4b8"), FIRST),
 )
 """All versions, those of a task from the oldest to the newest"""
