@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from auvbench.analysis.measures import Measure
 from auvbench.analysis.names import with_names
 from auvbench.analysis.primary import default_margin
 from auvbench.analysis.records import NO_POLICY, Agent, learns
-from auvbench.statistics.intervals import Estimate, FloatArray
+from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray
 
 ZERO, ONE = "random", "pid"
 """algorithms whose scores are 0 and 1"""
@@ -93,7 +93,7 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
     titles, measures = tuple(t.title for t in tasks), tuple(t.measure for t in tasks)
     if missing := [line for task in tasks for line in _missing(task)]:
         return Scores(titles, measures, (), 0, protocol, confidence, tuple(missing))
-    found: dict[Name, list[tuple[Agent, FloatArray] | None]] = {}
+    found: dict[Name, list[Cell | None]] = {}
     notes: list[str] = []
     cells = 0
     for i, task in enumerate(tasks):
@@ -101,7 +101,7 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
         cells += len(task.conditions) - len(without)
         if without:
             notes.append(
-                f"{task.title}: no score under {listed(without, 4)}, where PID is not ahead of random by more than the margin."
+                f"{task.title}: no score under {listed(without, len(without))}, where PID is not ahead of random by more than the margin."
             )
         for name, cell in scored.items():
             found.setdefault(name, [None] * len(tasks))[i] = cell
@@ -131,35 +131,60 @@ def _algorithm(agent: Agent) -> str:
     return str(agent.runs[0].config.get("algo.name"))
 
 
-def _task(task: OneTask) -> tuple[dict[Name, tuple[Agent, FloatArray]], list[str]]:
-    """Return the scores (seeds, conditions) of the agents that met all conditions, and the conditions without a scale."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Cell:
+    """The values of an agent under all conditions of a task, and those of the two agents that make its scale."""
+
+    agent: Agent
+    values: FloatArray  # (S, C, E) of each training under each condition, in each scenario
+    zero: FloatArray  # (C, E) of random
+    one: FloatArray  # (C, E) of PID
+    failed: BoolArray  # (S,) trainings without a policy, which score 0
+
+    def scores(self, weights: FloatArray | None = None) -> FloatArray:
+        """Return the scores (..., S, C) with each scenario once, or as often as `weights` (..., E) say."""
+        E = self.values.shape[-1]
+        w = np.full(E, 1.0 / E) if weights is None else weights
+
+        def mean(x: FloatArray) -> FloatArray:
+            return np.asarray(np.tensordot(w, x, axes=(-1, -1)))
+
+        zero, one = mean(self.zero), mean(self.one)
+        found = (mean(self.values) - zero[..., None, :]) / (one - zero)[..., None, :]
+        return np.where(self.failed[:, None], 0.0, found)
+
+
+def _task(task: OneTask) -> tuple[dict[Name, Cell], list[str]]:
+    """Return the values of the agents that met all conditions, and the conditions without a scale."""
     m = task.measure
     members: dict[Name, list[tuple[Agent, FloatArray]]] = {}
-    without = []
+    without, zeros, ones = [], [], []
     for condition, agents in task.conditions.items():
-        of = {_algorithm(agent): float(m.values(agent).mean()) for agent in agents}
-        zero, one = of.get(ZERO, math.nan), of.get(ONE, math.nan)
-        if not m.sign * (one - zero) > np.nan_to_num(default_margin(m, one)):
+        of = {_algorithm(agent): m.values(agent).mean(axis=0) for agent in agents}
+        zero, one = of.get(ZERO, np.array(math.nan)), of.get(ONE, np.array(math.nan))
+        apart = float(one.mean() - zero.mean())
+        if not m.sign * apart > np.nan_to_num(default_margin(m, float(one.mean()))):
             without.append(condition)
             continue
+        zeros.append(zero)
+        ones.append(one)
         for agent in agents:
-            failed = (agent.outcome == NO_POLICY).all(axis=1)
-            score = (m.values(agent).mean(axis=1) - zero) / (one - zero)
             name = tuple(sorted((k, str(v)) for k, v in agent.key.items()))
-            members.setdefault(name, []).append((agent, np.where(failed, 0.0, score)))
+            members.setdefault(name, []).append((agent, m.values(agent)))
     found = {}
     for name, cells in members.items():
         columns = [values for _, values in cells]
-        whole = len(cells) == len(task.conditions) - len(without) and len({len(x) for x in columns}) == 1
-        if whole and np.isfinite(columns).all():
-            found[name] = cells[0][0], np.stack(columns, axis=1)
+        if len(cells) < len(zeros) or len({x.shape for x in columns}) > 1:
+            continue
+        failed = np.any([(agent.outcome == NO_POLICY).all(axis=1) for agent, _ in cells], axis=0)
+        values = np.where(failed[:, None, None], 0.0, np.stack(columns, axis=1))
+        if np.isfinite(values).all():
+            found[name] = Cell(cells[0][0], values, np.stack(zeros), np.stack(ones), failed)
     return found, without
 
 
-def _rows(
-    members: Sequence[Sequence[tuple[Agent, FloatArray] | None]], confidence: float, seed: int
-) -> list[Scored]:
-    firsts = [next(cell[0] for cell in row if cell is not None) for row in members]
+def _rows(members: Sequence[Sequence[Cell | None]], confidence: float, seed: int) -> list[Scored]:
+    firsts = [next(cell.agent for cell in row if cell is not None) for row in members]
     names = list(dict.fromkeys(name for agent in firsts for name in agent.key))
     keys = [{name: agent.key.get(name) for name in names} for agent in firsts]
     fixed = frequency_fixed(a.metrics["frequency_hz"] for a in firsts if "frequency_hz" in a.metrics)
@@ -168,20 +193,20 @@ def _rows(
     )
     rows = []
     for label, key, agent, row in zip(shown, keys, firsts, members, strict=True):
-        runs = tuple(run.id for cell in row if cell is not None for run in cell[0].runs)
-        strata = [cell[1] for cell in row if cell is not None]
+        cells = [cell for cell in row if cell is not None]
+        runs = tuple(run.id for cell in cells for run in cell.agent.runs)
         score = Estimate(math.nan, math.nan, math.nan, confidence)
-        if len(strata) == len(row):
+        if len(cells) == len(row):
             # Its own runs seed its draws: no other row changes them.
             rng = np.random.default_rng([seed, zlib.crc32(" ".join(runs).encode())])
-            score = stratified(strata, interquartile, confidence=confidence, rng=rng)
+            score = bootstrapped(cells, confidence, rng)
         rows.append(
             Scored(
                 label,
                 key,
                 learns(agent),
-                tuple(0 if cell is None else len(cell[1]) for cell in row),
-                tuple(math.nan if cell is None else float(cell[1].mean()) for cell in row),
+                tuple(0 if cell is None else len(cell.values) for cell in row),
+                tuple(math.nan if cell is None else float(cell.scores().mean()) for cell in row),
                 score,
                 runs,
             )
@@ -202,34 +227,37 @@ def interquartile(scores: FloatArray) -> FloatArray:
     return np.asarray(trim_mean(scores, 0.25, axis=-1))
 
 
-def stratified(
-    strata: Sequence[FloatArray],
-    aggregate: Callable[[FloatArray], FloatArray],
-    *,
-    confidence: float = 0.95,
-    resamples: int = 2000,
-    rng: np.random.Generator,
-) -> Estimate:
-    """Return an aggregate of all scores with its stratified bootstrap interval: seeds are drawn stratum by stratum.
+RESAMPLES = 1000
+"""draws of a bootstrap"""
 
-    Percentiles, as rliable's (Agarwal et al. 2021); of S seeds S - 1 are drawn (Rao & Wu 1988), without which the
-    interval is a third too short at three. With few seeds it still holds less often than it says (docs/statistics-appendix.md).
+
+def bootstrapped(
+    cells: Sequence[Cell], confidence: float, rng: np.random.Generator, resamples: int = RESAMPLES
+) -> Estimate:
+    """Return the interquartile mean of all scores with a bootstrap interval over trainings and scenarios, task by task.
+
+    Percentiles, as rliable's (Agarwal et al. 2021). Of S trainings S - 1 are drawn (Rao & Wu 1988), without which the interval is a
+    third too short at three. A training is drawn with its scores under all conditions, which share its luck; a scenario with all
+    agents and conditions that met it. With few trainings the interval still holds less often than it says
+    (docs/statistics-appendix.md).
 
     Args:
-        strata: scores (seeds, conditions) of each task. A seed is drawn with all of its scores of a stratum, because they
-            share the luck of one training.
-        aggregate: of the scores of all strata together (..., n), over the last axis.
-        confidence: of the interval, which is NaN where a stratum has one seed.
-        resamples: draws.
+        cells: of the agent, one per task. The interval is NaN where a learner has one training.
+        confidence: of the interval.
         rng: of the draws.
+        resamples: draws.
     """
-    value = float(aggregate(np.concatenate([scores.reshape(-1) for scores in strata])))
-    if min(len(scores) for scores in strata) < 2:
+    value = float(interquartile(np.concatenate([cell.scores().reshape(-1) for cell in cells])))
+    if any(learns(cell.agent) and len(cell.values) < 2 for cell in cells):
         return Estimate(value, np.nan, np.nan, confidence)
-    drawn = [
-        scores[rng.integers(len(scores), size=(resamples, len(scores) - 1))].reshape(resamples, -1)
-        for scores in strata
-    ]
+    drawn = []
+    for cell in cells:
+        S, _, E = cell.values.shape
+        scores = cell.scores(rng.multinomial(E, np.full(E, 1.0 / E), size=resamples) / E)  # (R, S, C)
+        picked = rng.integers(S, size=(resamples, S - 1)) if S > 1 else np.zeros((resamples, 1), dtype=int)
+        drawn.append(np.take_along_axis(scores, picked[..., None], axis=1).reshape(resamples, -1))
     tail = (1 - confidence) / 2
-    low, high = np.quantile(aggregate(np.concatenate(drawn, axis=1)), [tail, 1 - tail])
-    return Estimate(value, float(min(low, value)), float(max(high, value)), confidence, "training seeds")
+    low, high = np.quantile(interquartile(np.concatenate(drawn, axis=1)), [tail, 1 - tail])
+    return Estimate(
+        value, float(min(low, value)), float(max(high, value)), confidence, "training seeds and test episodes"
+    )

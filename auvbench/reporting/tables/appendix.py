@@ -157,8 +157,8 @@ def _score_notes(found: Scores) -> list[str]:
         f"{found.protocol}. The first column is the interquartile mean over {over}, which leaves out the lowest and the highest "
         "quarter: an agent that fails at one task of five may still score 1. The others are means. It is a description: agents "
         "are tested against PID in the section of each task.",
-        f"Brackets: {100 * found.confidence:g} % bootstrap intervals over training seeds, drawn task by task; with few seeds "
-        "they hold less often than they say. Controllers have none: nothing is trained.",
+        f"Brackets: {100 * found.confidence:g} % bootstrap intervals over training seeds and test scenarios, drawn task by task; "
+        "with few seeds they hold less often than they say.",
     ]
     if any(row.trained and 1 in row.trainings for row in found.rows):
         notes.append(f"{DAGGER} one training seed on a task: no interval.")
