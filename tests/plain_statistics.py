@@ -248,16 +248,23 @@ def interquartile_mean(values: list[float]) -> float:
     return sum(kept) / len(kept)
 
 
-def bootstrap(strata: list[list[list[float]]], picks: list[np.ndarray], tail: float) -> tuple[float, float]:
-    """Ends of the interquartile mean: `picks` are (resamples, seeds - 1) indices of seeds for each stratum."""
+def bootstrap(
+    tasks: list[tuple[np.ndarray, np.ndarray, np.ndarray]],
+    counts: list[np.ndarray],
+    picks: list[np.ndarray],
+    tail: float,
+) -> tuple[float, float]:
+    """Ends of the interquartile mean over tasks (agent (S, E), random (E,), PID (E,)).
+
+    `counts` are (resamples, E) how often each scenario was drawn, `picks` (resamples, S - 1) indices of trainings.
+    """
     found = []
     for draw in range(len(picks[0])):
-        values = [
-            value
-            for rows, pick in zip(strata, picks, strict=True)
-            for seed in pick[draw]
-            for value in rows[seed]
-        ]
+        values = []
+        for (agent, random, pid), count, pick in zip(tasks, counts, picks, strict=True):
+            drawn = np.repeat(np.arange(len(pid)), count[draw])
+            zero, one = random[drawn].mean(), pid[drawn].mean()
+            values += [(agent[seed][drawn].mean() - zero) / (one - zero) for seed in pick[draw]]
         found.append(interquartile_mean(values))
     low, high = np.quantile(found, [tail, 1 - tail])
     return float(low), float(high)

@@ -13,7 +13,7 @@ import pytest
 from auvbench.analysis import score as st
 from auvbench.analysis.measures import measure
 from auvbench.analysis.records import NO_POLICY, Agent
-from auvbench.analysis.score import OneTask, Scored, Scores, scores
+from auvbench.analysis.score import Cell, OneTask, Scored, Scores, scores
 from tests import plain_statistics as plain
 from tests.unit.analysis.agents import record
 
@@ -70,16 +70,21 @@ def by_label(found: Scores | None) -> Mapping[str, Scored]:
     return {row.label: row for row in found.rows}
 
 
+def values_of(task: OneTask) -> dict[str, np.ndarray]:
+    """By algorithm, the values (seeds, scenarios) of a task."""
+    return {
+        str(a.key["algo"]): (a.outcome == 0).astype(float)
+        if task.title == "goal"
+        else a.metrics["position_error_rms_m"]
+        for a in task.conditions["nominal"]
+    }
+
+
 def strata(tasks: Sequence[OneTask], algo: str) -> list[list[list[float]]]:
     """By task, the scores of each seed as a list of one condition."""
     result = []
     for task in tasks:
-        values = {
-            str(a.key["algo"]): (a.outcome == 0).astype(float)
-            if task.title == "goal"
-            else a.metrics["position_error_rms_m"]
-            for a in task.conditions["nominal"]
-        }
+        values = values_of(task)
         zero, one = float(values["random"].mean()), float(values["pid"].mean())
         result.append([[x] for x in plain.score(values[algo], zero, one)])
     return result
@@ -93,8 +98,13 @@ def test_scores_and_intervals_agree_with_a_computation_by_hand() -> None:
     flat = [value for part in mine for seed in part for value in seed]
     assert row.score.value == pytest.approx(plain.interquartile_mean(flat), abs=1e-12)
     rng = np.random.default_rng([7, zlib.crc32(" ".join(row.run_ids).encode())])
-    picks = [rng.integers(3, size=(2000, 2)) for _ in tasks]
-    ends = plain.bootstrap(mine, picks, 0.05)
+    counts, picks, parts = [], [], []
+    for task in tasks:
+        counts.append(rng.multinomial(40, np.full(40, 1.0 / 40), size=st.RESAMPLES))
+        picks.append(rng.integers(3, size=(st.RESAMPLES, 2)))
+        values = values_of(task)
+        parts.append((values["ppo"], values["random"][0], values["pid"][0]))
+    ends = plain.bootstrap(parts, counts, picks, 0.05)
     assert (row.score.low, row.score.high) == pytest.approx(ends, abs=1e-12)
     assert row.score.low < row.score.value < row.score.high
 
@@ -104,7 +114,15 @@ def test_random_is_0_and_pid_is_1_and_worse_than_random_is_below() -> None:
     assert rows["random"].score.value == 0.0
     assert rows["PID"].score.value == 1.0
     assert rows["SAC"].tasks[0] < 0.0 < rows["SAC"].tasks[2]
-    assert math.isnan(rows["PID"].score.low), "nothing is trained"
+    assert rows["PID"].score.low == rows["PID"].score.high == 1.0, "the scale in every scenario"
+
+
+def test_rows_are_in_the_order_of_the_score() -> None:
+    found = scores(three(), "test", 0.95)
+    assert found is not None
+    values = [row.score.value for row in found.rows]
+    assert values == sorted(values, reverse=True)
+    assert [row.label for row in found.rows] != sorted(row.label for row in found.rows)
 
 
 def test_no_other_row_changes_a_score() -> None:
@@ -192,21 +210,54 @@ def test_the_interquartile_mean_cuts_a_quarter_at_either_end() -> None:
     assert st.interquartile(values) == pytest.approx(np.mean(sorted(values)[2:6]))
 
 
-def test_the_stratified_interval_draws_seeds_stratum_by_stratum() -> None:
+def one_cell(values: np.ndarray, seed: int = 0) -> Cell:
+    """Values (S, C, E) of a learner between random at 0 and PID at 1."""
+    S, C, E = values.shape
+    learner = agent("ppo", 1.0, seeds=S)
+    return Cell(learner, values, np.zeros((C, E)), np.ones((C, E)), np.zeros(S, dtype=bool))
+
+
+def test_the_interval_draws_trainings_and_scenarios() -> None:
+    """Its variance is that of trainings and that of scenarios, which more trainings do not remove."""
     rng = np.random.default_rng(0)
-    scores = rng.random((10, 3))
-    vehicles = [scores[:, [i]] for i in range(3)]
-    found = st.stratified(vehicles, lambda x: x.mean(axis=-1), rng=rng, resamples=4000)
-    error = np.sqrt((scores.var(axis=0, ddof=1) / 10).sum()) / 3
-    assert found.high - found.low == pytest.approx(2 * 1.96 * error, rel=0.1)
-    assert np.isnan(st.stratified([scores[:1]], st.interquartile, rng=rng).low)
-    assert np.isnan(st.stratified([scores, scores[:1]], st.interquartile, rng=rng).low)
+    hard = rng.normal(0, 1, 50)
+    widths = []
+    for S in (10, 200):
+        x = rng.normal(0, 0.2, (S, 1, 1)) + hard + np.zeros((S, 1, 50))
+        found = st.bootstrapped([one_cell(x)], 0.95, rng, 2000)
+        # The middle half of normal values has about 1.09 times the error of their mean.
+        error = np.sqrt(1.2 * 0.2**2 / S + hard.var() / 50)
+        assert found.high - found.low == pytest.approx(2 * 1.96 * error, rel=0.15)
+        widths.append(found.high - found.low)
+    assert widths[1] > 0.8 * widths[0]
+
+
+def test_one_training_has_no_interval() -> None:
+    rng = np.random.default_rng(0)
+    one, many = one_cell(rng.random((1, 2, 30))), one_cell(rng.random((5, 2, 30)))
+    assert np.isnan(st.bootstrapped([one], 0.95, rng).low)
+    assert np.isnan(st.bootstrapped([many, one], 0.95, rng).low)
 
 
 def test_one_training_s_luck_under_all_conditions_is_one_draw() -> None:
     """Ten policies whose success differs, and is the same under twelve conditions: as uncertain as under one."""
     rng = np.random.default_rng(1)
-    luck = rng.random((10, 1))
-    twelve = st.stratified([np.repeat(luck, 12, axis=1)], lambda x: x.mean(axis=-1), rng=rng, resamples=4000)
-    error = luck.std(ddof=1) / np.sqrt(10)
-    assert twelve.high - twelve.low == pytest.approx(2 * 1.96 * error, rel=0.1)
+    luck = rng.random((10, 1, 1)) + np.zeros((10, 1, 40))
+    widths = []
+    for conditions in (1, 12):
+        found = st.bootstrapped([one_cell(np.repeat(luck, conditions, axis=1))], 0.95, rng, 2000)
+        widths.append(found.high - found.low)
+    assert widths[1] == pytest.approx(widths[0], rel=0.12)
+
+
+def test_every_condition_without_a_scale_is_named() -> None:
+    tasks = three()
+    flat = [
+        replace(a, metrics={"position_error_rms_m": np.full(a.outcome.shape, 10.0)})
+        for a in tasks[0].conditions["nominal"]
+    ]
+    names = [f"current={i}" for i in range(9)]
+    lost = replace(tasks[0], conditions={**tasks[0].conditions, **dict.fromkeys(names, flat)})
+    found = scores([lost, *tasks[1:]], "suite", 0.95)
+    assert found is not None
+    assert all(name in " ".join(found.notes) for name in names)
