@@ -142,6 +142,7 @@ PAGES = {
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
     "results/station/README.md": ("station",),
+    "results/suite/README.md": ("suite",),
 }
 
 
