@@ -106,8 +106,8 @@ def test_a_mistake_is_one_line(
     [
         ("algo.bufer_size=3", "did you mean algo.buffer_size of sac, ddpg, td3, tqc, crossq"),
         ("zzz=1", r"unknown key; auvbench train --cfg job shows all keys"),
-        ("algo=ppo,sac", "several values make a grid: auvbench train -m algo=ppo,sac;"),
-        ("algo.net_arch=64,64", r"a list is written \[64,64\]"),
+        ("algo=ppo,sac", "several values make a grid: auvbench train -m algo=ppo,sac"),
+        ("algo.net_arch=64,64", r"takes a list, algo.net_arch=\[64,64\]"),
         ("algo.tau=0.1", "only sac, ddpg, td3, tqc, sac_residual have it"),
         ("algo.residual.share=0.1", "only ppo_residual, sac_residual have it"),
         ("learning_rate=0.1", "did you mean algo.learning_rate"),

@@ -95,7 +95,9 @@ def test_a_study_is_of_the_conditions_that_were_typed(
     study = StudyFolder(tmp_path / "tune" / "pid")
     plan = json.loads(study.plan_path.read_text())
     assert plan["base"]["disturbance"]["current"]["speed"] == 0.8
-    for run in (*study.runs.iterdir(), *study.fresh.iterdir()):
+    made = [path.parent for path in study.path.glob("*/*/manifest.json")]
+    assert len(made) == 3
+    for run in made:
         found: Plan = of_run(run)[0]
         summary = json.loads(next(run.glob("evaluations/*/summary.json")).read_text())
         assert [c["frequency_hz"] for c in summary["conditions"]] == [20]
