@@ -95,17 +95,20 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
         return Scores(titles, measures, (), 0, protocol, confidence, tuple(missing))
     found: dict[Name, list[Cell | None]] = {}
     notes: list[str] = []
+    unscaled: list[str] = []
     cells = 0
     for i, task in enumerate(tasks):
         scored, without = _task(task)
         cells += len(task.conditions) - len(without)
         if without:
-            notes.append(
-                f"{task.title}: no score under {listed(without, len(without))}, where PID is not ahead of random by more than the margin."
-            )
+            unscaled.append(f"{task.title} under {listed(without, len(without))}")
         for name, cell in scored.items():
             found.setdefault(name, [None] * len(tasks))[i] = cell
     rows = _rows(list(found.values()), confidence, seed)
+    if unscaled:
+        notes.append(
+            f"No score where PID is not ahead of random by more than the margin: {'; '.join(unscaled)}."
+        )
     notes += usual_sentence([row.key for row in rows], [row.trained for row in rows])
     if partly := [row.label for row in rows if math.isnan(row.score.value)]:
         notes.append(f"No score across tasks for {listed(partly, 4)}: not tested on every task.")

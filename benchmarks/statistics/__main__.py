@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.statistics import aggregates, letters, stopping, verdicts
+from benchmarks.statistics import plans as planning
 from benchmarks.statistics.coverage import WORLDS, coverage
 from benchmarks.statistics.verdicts import Cell
 
@@ -110,6 +111,20 @@ def looks(n: int) -> str:
     return _table(("looks after", "found"), [(name, _percent(share)) for name, share in shares.items()])
 
 
+def plans(n: int) -> str:
+    """Trainings that a plan names for 90 against 95 %, and the power that they have with a controller (%)."""
+    rows = []
+    for sd in planning.SDS:
+        for (k, target), trainings in planning.planned(sd).items():
+            if trainings is None:
+                continue
+            shares = [planning.power(sd, trainings, k, n, shape) for shape in ("normal", "skew")]
+            cells = [Cell(shares[0], 100 * target - planning.SLACK, True, n), Cell(shares[1])]
+            name = f"sd {sd:g}, {'alone' if k == 1 else f'table of {k + 1}'}, {100 * target:g} %: {trainings} trainings"
+            rows.append((name, cells, f"{100 * target - planning.SLACK:g}"))
+    return _judged(rows, ("promised", "measured", "skewed trainings"))
+
+
 def intervals(n: int) -> str:
     """Intervals of a mean rate that hold the truth (%)."""
     rows = []
@@ -135,11 +150,12 @@ SECTIONS: dict[str, Callable[[int], str]] = {
     "one side": one_side,
     "learners": of_learners,
     "false letters": false_letters,
+    "plans": plans,
     "intervals": intervals,
     "aggregates": over_tasks,
     "looks": looks,
 }
-PAGES = {"looks": "planning.md"}
+PAGES = {"looks": "planning.md", "plans": "planning.md"}
 """of docs/, where it is not statistics-appendix.md"""
 
 
