@@ -193,7 +193,7 @@ def test_what_differs_from_the_thesis_is_quoted_rightly():
 
 def test_the_studies_are_few_and_small_files() -> None:
     files = [path for path in (ROOT / "results").rglob("*") if path.is_file() and "report" not in path.parts]
-    assert len(files) < 90
+    assert len(files) < 100
     assert sum(path.stat().st_size for path in files) < 15_000_000
 
 

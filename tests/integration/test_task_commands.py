@@ -50,7 +50,7 @@ def test_a_report_of_several_tasks_has_a_score(study: Path, capsys: pytest.Captu
     assert {name: float(row["score"]) for name, row in rows.items()} == {"PID": 1.0, "random": 0.0}
     assert rows["PID"]["measure: path following"] == "mean_cross_track_rms_m"
     assert rows["PID"]["score: station keeping"] == "1.0"
-    assert rows["PID"]["score_low"] == ""
+    assert rows["PID"]["score_low"] == "1.0"  # it is the scale
     page = (study / "report/index.html").read_text()
     assert page.index('id="score"') < page.index('id="part-1"')
     assert "## Score across tasks" in (study / "report/report.md").read_text()

@@ -58,7 +58,7 @@ def test_the_generated_blocks_of_a_page_are_those_of_the_files(name: str) -> Non
 def test_the_pages_are_short_on_average() -> None:
     texts = [page.read_text(encoding="utf-8") for page in PAGES if page.name not in GENERATED]
     words = NOT_BY_HAND.sub("", "\n".join(texts).replace(metrics.definitions(), ""))
-    assert sum(any(map(str.isalnum, word)) for word in words.split()) <= 475 * len(texts)
+    assert sum(any(map(str.isalnum, word)) for word in words.split()) <= 480 * len(texts)
 
 
 def test_the_readme_is_short() -> None:

@@ -216,7 +216,6 @@ def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) 
         ("algo: {name: ppo}\nstep: {frequency: fast}", "has the step.frequency 'fast', which is no number"),
         ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is no number"),
         ("algo: &a {name: ppo, again: *a}", "lies inside"),
-        ("d: 2026-99-99", "config.yaml: month must be in 1..12"),
     ],
 )
 def test_a_configuration_that_no_run_has_is_damage(grid: list[Path], config: str, message: str) -> None:

@@ -28,8 +28,9 @@ def found(folder: Path, name: str) -> Agent:
 
 
 def energy(folder: Path, algorithm: str) -> float:
+    """Return the energy of the typical training."""
     files = folder.glob(f"{algorithm}-*/evaluations/test/episodes.csv")
-    return float(pd.concat(pd.read_csv(file) for file in files)["energy_J"].mean())
+    return float(np.median([pd.read_csv(file)["energy_J"].mean() for file in files]))
 
 
 def test_a_difference_is_that_of_the_files_and_turns_with_the_order(folder: Path) -> None:
@@ -40,7 +41,7 @@ def test_a_difference_is_that_of_the_files_and_turns_with_the_order(folder: Path
     assert one.difference.value == pytest.approx(energy(folder, "ppo") - energy(folder, "pid"))
     assert other.difference.value == pytest.approx(-one.difference.value)
     assert (other.difference.low, other.difference.high) == pytest.approx(
-        (-one.difference.high, -one.difference.low)
+        (-one.difference.high, -one.difference.low), nan_ok=True
     )
     assert one.better + other.better == 1 or {one.better, other.better} == {-1}
     assert "par1_time_s" in forth

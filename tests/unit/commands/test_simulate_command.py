@@ -103,7 +103,7 @@ def test_plot(file: str) -> None:
     ("arguments", "message"),
     [
         (("vehicle=bluerov22",), "did you mean 'bluerov2'?"),
-        (("vehicle=./mine.yaml",), "goes to ./conf/vehicle"),
+        (("vehicle=./mine.yaml",), "takes a name, not a path; put the file into conf/vehicle/mine.yaml"),
         (("input.wrench=[40,0,0,0,0]",), "must be 6 finite numbers"),
         (("input.wrench=[40,0,0,0,0,x]",), "input.wrench"),
         (("input.current=[nan,0,0]",), "must be 3 finite numbers"),

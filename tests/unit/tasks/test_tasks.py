@@ -498,7 +498,10 @@ def test_a_task_asks_no_more_of_a_simulator_than_gazebo_gives(
         (["task=station_keeping", "reward=goal"], "reward.name=goal"),
         (["reward=marinegym_hover"], "no reward for task=waypoint"),
         (["task=docking", "reward=gym_auv_path"], "no reward for task=docking; use reward=goal"),
-        (["disturbance=waves", "disturbance.waves=null"], "disturbance.waves=null: a value is missing"),
+        (
+            ["disturbance=waves", "disturbance.waves=null"],
+            "disturbance.waves=null: disturbance.waves has keys of its own",
+        ),
         (["task=docking", "reward=gym_dockauv", "reward.near=20"], "reward.near.*reward.far"),
         (["task=station_keepin"], "did you mean.*station_keeping"),
         (["task=station_keeping", "task.station=[0,0,0]"], "task.station.*depth limits"),

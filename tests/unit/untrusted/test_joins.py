@@ -40,8 +40,13 @@ KNOWN = {
     ("config/restricted_yaml.py", "os.path.join(os.path.basename(self.path), name)"): TYPED,
     ("config/restricted_yaml.py", "folder / name"): TYPED,
     ("config/restricted_yaml.py", "os.path.join(self.path, name)"): TYPED,
+    (
+        "config/restricted_yaml.py",
+        "os.path.join(os.path.basename(os.path.dirname(path)), os.path.basename(path))",
+    ): TYPED,
     ("evaluation/bounds/files.py", "root / f'{protocol}-{vehicle}'"): TYPED,
     ("reporting/archive.py", "folder / name"): OWN,
+    ("reporting/entries.py", "folder / name"): OWN,
     ("runs/directory.py", "Path(config['output']) / config['name']"): TYPED,
     ("runs/directory.py", "Path(config['output']) / config['name'] / identity.run_id(config)"): TYPED,
     ("runs/directory.py", "self.model / name"): OWN,
