@@ -78,6 +78,9 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     ax.set_yticks(places, labels)
     ax.set_ylim(heights.sum() - 0.4, -0.6)
     ax.set_xlim(low, high)
+    if logarithmic:  # next to zero the labels of decades would overlap
+        ax.set_xticks([tick for tick in ax.get_xticks() if tick == 0 or abs(tick) >= 2 * margin])
+        ax.set_xlim(low, high)
     ax.grid(axis="y", visible=False)
     better = "right" if m.higher_is_better else "left"
     ax.set_xlabel(f"{name(m)}: difference ({unit_of_difference(m).strip()})\n{better} is better")
