@@ -35,14 +35,16 @@ class TableView:
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         headings = self.table.headings
         kept, room = set[int](), options.max_width
+        always = [i for i, heading in enumerate(headings) if not heading.weight]
+        gap = 2 if sum(self._width(i) + 2 for i in always) <= room else 1
         for i in sorted(range(len(headings)), key=lambda i: headings[i].weight):
-            room -= self._width(i)
+            room -= self._width(i) + gap
             if room < 0 and headings[i].weight:
                 break
             kept.add(i)
         if self.table.lines:
-            others = sum(self._width(i) for i in kept if i >= self.table.lead)
-            yield _rendered(self.table, sorted(kept), max(options.max_width - others - 2, NARROW))
+            others = sum(self._width(i) + gap for i in kept if i >= self.table.lead)
+            yield _rendered(self.table, sorted(kept), max(options.max_width - others - gap, NARROW), gap)
         if rest := [heading.text for i, heading in enumerate(headings) if i not in kept]:
             yield Text(f"Not shown for want of width: {', '.join(rest)}.", style="dim")
         for note in self.table.notes[:SHOWN_NOTES]:
@@ -51,19 +53,19 @@ class TableView:
             yield Text(f"{counted(more, 'more note')} in report.md and on the page.", style="dim")
 
     def _width(self, i: int) -> int:
-        """Return the width of a column on screen, with its padding."""
+        """Return the width of a column on screen, without its padding."""
         heading = self.table.headings[i]
         texts = [text for line in self.table.lines for text in (line.cells[i].value, line.cells[i].more)]
         widest = max(map(cell_len, (heading.title, heading.unit, *texts)))
         if i < self.table.lead:
             words = max((len(word) for text in texts for word in text.split()), default=0)
             widest = min(widest, max(words, LABEL))
-        return widest + 2
+        return widest
 
 
-def _rendered(table: Table, columns: Sequence[int], room: int) -> RichTable:
-    """Return the columns of a table; those that say what a row is fold their words into `room` characters."""
-    shown = RichTable(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, 1))
+def _rendered(table: Table, columns: Sequence[int], room: int, gap: int) -> RichTable:
+    """Return the columns of a table, `gap` spaces apart; those that say what a row is fold their words into `room` characters."""
+    shown = RichTable(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, gap - 1))
     for i in columns:
         heading = table.headings[i]
         title = Text.assemble(heading.title, (f"\n{heading.unit}" if heading.unit else "", "dim"))

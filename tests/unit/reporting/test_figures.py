@@ -475,6 +475,19 @@ def test_the_main_figure_tells_verdicts_by_shape_and_by_colour(small: Scene) -> 
             assert (drawn[0].get_color(), drawn[0].get_marker()) == LOOKS[against.verdict][:2]
 
 
+def test_the_main_figure_has_the_reliability_of_learners_next_to_their_verdicts(small: Scene) -> None:
+    primary = small.ranking.primary
+    assert primary is not None
+    canvas = draw("difference_from_baseline", small)
+    assert canvas is not None
+    shown = [text.get_text() for text in canvas.axes[0].texts]
+    expected = [
+        f"{c.reliability.count} of {c.reliability.trainings}" for c in primary.comparisons if c.reliability
+    ]
+    assert expected
+    assert shown == expected
+
+
 @pytest.mark.parametrize("far", [30.0, 1e4])
 def test_the_axis_shows_every_agent_and_does_not_squeeze_the_margin(small: Scene, far: float) -> None:
     assert small.ranking.primary is not None

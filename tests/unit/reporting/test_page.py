@@ -140,6 +140,14 @@ def test_five_findings_are_shown_and_the_others_folded(grid: dict[str, Any], htm
     assert "2 more findings" in folded
 
 
+def test_a_verdict_about_a_learner_has_its_reliability_next_to_it(grid: dict[str, Any], html: str) -> None:
+    compared = {len(row.seeds) for row in grid["ranking"].rows if row.trained and row.compared}
+    main = html.partition('id="main-table"')[2].partition("</table>")[0]
+    assert "trainings that are not behind the baseline by more than the margin" in main
+    assert compared
+    assert all(f"of {n}</span>" in main for n in compared)
+
+
 def test_ranks_are_folded_in_the_appendix(grid: dict[str, Any], html: str) -> None:
     appendix = html.partition('id="appendix"')[2].partition('id="runs"')[0]
     assert 'id="ranks-table"' in appendix
