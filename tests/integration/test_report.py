@@ -56,7 +56,7 @@ def test_all_files_lie_beside_the_runs(grid: list[Path], capsys: pytest.CaptureF
     success = [float(row["success_rate"]) for row in table]
     assert success == sorted(success, reverse=True)
     text = (out / "report.md").read_text()
-    assert "from PID (points)" in text
+    assert "from PID (s)" in text
     assert "## Appendix: ranks" in text
     for figure in (out / "figures").glob("*.png"):
         assert f"(<figures/{figure.name}>)" in text

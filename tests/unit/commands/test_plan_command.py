@@ -49,7 +49,7 @@ def test_a_typed_spread(capsys: pytest.CaptureFixture[str]) -> None:
 
 @pytest.mark.slow
 def test_the_spread_of_runs_that_are_there(runs: Path) -> None:
-    basis, found = planned("--resolve", "20", str(runs))
+    basis, found = planned("--resolve", "20", "--metric", "success_rate", str(runs))
     assert basis.spread.df == 4
     assert basis.spread.upper() > basis.spread.sd
     assert basis.values[1] - basis.values[0] == pytest.approx(0.2)
@@ -74,7 +74,7 @@ def test_a_mean(runs: Path) -> None:
 
 @pytest.mark.slow
 def test_what_a_reader_sees(capsys: pytest.CaptureFixture[str], runs: Path) -> None:
-    assert cli.main(["plan", "--resolve", "20", "--agents", "4", str(runs)]) == 0
+    assert cli.main(["plan", "--resolve", "20", "--metric", "success_rate", "--agents", "4", str(runs)]) == 0
     text = capsys.readouterr().out
     assert "Training seeds that resolve success rate of two learners" in text
     assert "table of 4" in text

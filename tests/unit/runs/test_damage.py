@@ -63,7 +63,7 @@ HARMS = [
     (edited("seed: 42", "seed: 43"), "its id is ppo-k1-f10-s43-"),
     (edited("seed: 42", "seed: abc"), "its id is ppo-k1-f10-sabc-"),
     (edited("seed: 42", "seed: .nan"), "it has no id (ValueError"),
-    (edited("seed: 42", "seed: 2026-13-45"), "config.yaml: damaged: month must be in 1..12"),
+    (edited("seed: 42", "seed: 2026-13-45"), "its id is ppo-k1-f10-s2026-13-45-"),
     (edited("agent: ppo", "agent: sac"), "its id is ppo-k1-f10-s42-"),
     (without("reward"), "it has no id (KeyError: 'reward')"),
     (lambda path: path.write_text("algo: 3"), "it has no id (TypeError"),

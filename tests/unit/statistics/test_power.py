@@ -15,7 +15,7 @@ RNG = np.random.default_rng
 
 @pytest.mark.slow
 def test_the_typical_training_has_the_rate_that_was_asked_for() -> None:
-    found = pw.Rates(0.8, 1.3).draw([0.6, 0.95], 200, 20_000, RNG(0))
+    found = pw.Rates(0.8, 1.3).draw([0.6, 0.95], 2000, 2000, RNG(0))
     assert [np.median(x.mean(axis=1)) for x in found] == pytest.approx([0.6, 0.95], abs=0.02)
     controller, _ = pw.Rates(0.8, 1.3).draw([0.6, 0.95], 5, 100_000, RNG(0), (True, False))
     assert controller.shape == (1, 100_000)
