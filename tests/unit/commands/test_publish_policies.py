@@ -115,7 +115,7 @@ def test_damaged_weights_are_named_and_the_study_is_there(runs, capsys):
 def test_of_equals_the_first_by_id(runs):
     better(runs[0], runs[0])
     better(runs[1], runs[1])
-    assert publish("outputs", "--policies") == 0
+    assert publish("outputs", "--policies", "--rank-by", "success_rate") == 0
     assert there()[1] == f"{min(runs[0].id, runs[1].id)}.onnx"
 
 
