@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 EPILOG = """\
 examples:
-  auvbench plan --resolve 5 outputs/thesis             5 points of success, as those trainings differ
+  auvbench plan --resolve 5 --metric success_rate outputs/thesis   5 points of success, as those trainings differ
   auvbench plan --sd 0.5 --rates 90,95 --agents 12     without any run: 90 against 95 %, seeds differ by 0.5 logits
 """
 TARGETS = (0.8, 0.95)
