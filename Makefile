@@ -98,7 +98,7 @@ format: $(TOOLS) ## rewrite the code in the house's format
 bench: $(TOOLS) ## how fast everything is, as a table
 	$(BIN)/python -m benchmarks $(ARGS)
 
-statistics: $(TOOLS) ## measure anew how often reports are right: tables of docs/ (an hour of one core; a look: REPLICATIONS=20)
+statistics: $(TOOLS) ## measure anew how often reports are right: tables of docs/ (20 minutes of one core; a look: REPLICATIONS=20)
 	$(BIN)/python -m benchmarks.statistics --replications $(REPLICATIONS) $(ARGS)
 
 words: $(TOOLS) ## how plain the texts are: sentence length and patterns to avoid (ARGS="--sample 60" draws texts to read aloud)
