@@ -279,14 +279,14 @@ def test_measure_names_its_option():
 
 @pytest.mark.slow
 def test_false_discoveries_are_as_rare_as_promised():
-    """Six equal agents with three seeds: rarely is any pair resolved, in at most 5 % of the reports."""
+    """Six equal agents with ten seeds: rarely is any pair resolved, in at most 5 % of the reports."""
     rng, wrong, n = np.random.default_rng(5), 0, 200
-    base = agent(episodes=60)
+    base = agent(seeds=10, episodes=60)
     for _ in range(n):
         hard = rng.normal(size=60)
         agents = []
         for name in "abcdef":
-            success = rng.random((3, 60)) < 1 / (1 + np.exp(-(1 + 0.5 * rng.normal(size=(3, 1)) - hard)))
+            success = rng.random((10, 60)) < 1 / (1 + np.exp(-(1 + 0.5 * rng.normal(size=(10, 1)) - hard)))
             agents.append(replace(base, label=name, outcome=np.where(success, 0, 2).astype(np.int8)))
         wrong += any(c.p_adjusted < 0.05 for c in rank(agents).comparisons)
     assert wrong / n < 0.05 + 3.5 * np.sqrt(0.05 * 0.95 / n)
