@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from rich.table import Table
 
 from auvbench.untrusted.text import plain
 from auvbench.vehicles import inspect
+from auvbench.vehicles.reader import Quantity
 from auvbench.vehicles.vehicle_model import VehicleModel
 from auvbench.vehicles.warnings import warnings
 
@@ -37,8 +38,8 @@ def new_table(*columns: str, title: str = "") -> Table:
     return table
 
 
-def show(vehicle: VehicleModel) -> None:
-    """Print everything about `vehicle` as tables."""
+def show(vehicle: VehicleModel, quantities: Sequence[Quantity] = ()) -> None:
+    """Print everything about `vehicle` as tables, with the numbers of its sheet."""
     console = open_console()
     console.print(f"\n[bold]{_text(vehicle.title)}[/bold]  ({_text(vehicle.name)})")
     console.print("Body axes: x forward, y port, z up, from the body origin. SI units.\n")
@@ -60,7 +61,9 @@ def show(vehicle: VehicleModel) -> None:
     console.print("[bold]warnings[/bold]")
     for text in warnings(vehicle) or ["none"]:
         console.print(f"  - {_text(text)}", soft_wrap=True)
-    console.print("\n[bold]sources[/bold]")
+    console.print()
+    _numbers(console, quantities)
+    console.print("[bold]sources[/bold]")
     for key, text in vehicle.sources:
         console.print(f"  {_text(key)}: {_text(text)}", soft_wrap=True)
 
@@ -85,6 +88,51 @@ def push(vehicle: VehicleModel, index: int) -> str:
 def _text(text: str) -> str:
     """A sheet's text as it stands there: no markup, and nothing that a terminal would obey."""
     return escape(plain(text))
+
+
+def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
+    """Print each number of the sheet with its range and its sources."""
+    if not quantities:
+        return
+    table = new_table("number", "value", "range", "unit", "sources", title="numbers of the sheet")
+    for column in table.columns[3:]:
+        column.justify = "left"
+    for quantity in quantities:
+        name, sources = _text(".".join(quantity.path)), _text(", ".join(quantity.sources))
+        if isinstance(quantity.value, list) and quantity.range is not None:
+            names = inspect.AXES if len(quantity.value) == len(inspect.AXES) else ("x", "y", "z")
+            for index, (part, value, low, high) in enumerate(
+                zip(names, quantity.value, *quantity.range, strict=True)
+            ):
+                first = index == 0
+                table.add_row(
+                    f"{name} {part}" if first else f"  {part}",
+                    f"{value:g}",
+                    f"{low:g} to {high:g}" if low < high else "",
+                    _text(quantity.unit) if first else "",
+                    sources if first else "",
+                )
+        else:
+            span = "" if quantity.range is None else "{:g} to {:g}".format(*quantity.range)
+            table.add_row(name, _shortened(quantity.value), span, _text(quantity.unit), sources)
+    console.print(table)
+    for quantity in quantities:
+        if quantity.note:
+            console.print(f"  {_text('.'.join(quantity.path))}: {_text(quantity.note)}", soft_wrap=True)
+    console.print()
+
+
+def _shortened(value: object) -> str:
+    """Return a number or a short list as text, and the size of a longer one."""
+    if isinstance(value, (int, float)):
+        return f"{value:g}"
+    if isinstance(value, Mapping):
+        return f"{len(value)} vectors"
+    if not isinstance(value, list):
+        return _text(str(value))
+    if value and isinstance(value[0], list):
+        return f"{len(value)} x {len(value[0])} matrix"
+    return ", ".join(f"{part:g}" for part in value)
 
 
 def _hydrostatics(console: Console, vehicle: VehicleModel) -> None:

@@ -55,9 +55,10 @@ def main(arguments: Sequence[str]) -> int:
         _list()
     else:
         from auvbench.commands.vehicle_view import show
-        from auvbench.vehicles import sheet
+        from auvbench.vehicles import reader, sheet
 
-        show(sheet.load(name))
+        vehicle = sheet.load(name)  # a wrong sheet gets its message before anything is printed
+        show(vehicle, reader.quantities(reader.read(name).data))
     return 0
 
 

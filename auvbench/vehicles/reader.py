@@ -138,6 +138,40 @@ def _merge(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return merged
 
 
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """One number, or list of numbers, of a sheet."""
+
+    path: Keys
+    value: Any
+    """a number, a list, a mapping of names to vectors, or the kind of a curve"""
+    unit: str
+    range: Any
+    """lowest and highest value, each of the value's shape; None where the sheet has no range"""
+    sources: tuple[str, ...]
+    note: str
+
+
+def quantities(node: Mapping[str, Any], path: Keys = ()) -> list[Quantity]:
+    """Return all sourced numbers of a checked sheet's content, in the sheet's order."""
+    if "source" in node:
+        source = node["source"]
+        return [
+            Quantity(
+                path,
+                node.get("value", node.get("kind")),
+                str(node.get("unit", "1")),
+                node.get("range"),
+                tuple(source) if isinstance(source, (list, tuple)) else (str(source),),
+                str(node.get("note", "")),
+            )
+        ]
+    below = [
+        quantities(child, (*path, str(key))) for key, child in node.items() if isinstance(child, Mapping)
+    ]
+    return [quantity for group in below for quantity in group]
+
+
 @dataclass
 class Document:
     """The content of a sheet."""
@@ -194,9 +228,20 @@ class Document:
         return tuple(value)
 
     def quantity(self, path: Keys, unit: str, shapes: tuple[tuple[int, ...], ...] = ((),)) -> FloatArray:
-        """The array of a sourced quantity `{value, unit, source}` in `unit` with one of `shapes`."""
-        value = self.sourced(path, unit)
-        return self.numbers((*path, "value"), value, shapes)
+        """Return the array of a sourced quantity `{value, unit, source}` in `unit` with one of `shapes`.
+
+        A quantity may have a `range`, the lowest and the highest value that sources give or that a bench allows.
+        """
+        value = self.numbers((*path, "value"), self.sourced(path, unit), shapes)
+        if "range" in self.mapping(path):
+            self._check_range((*path, "range"), value)
+        return value
+
+    def _check_range(self, path: Keys, value: FloatArray) -> None:
+        """Refuse a range that does not contain the value."""
+        low, high = self.numbers(path, self.get(path), ((2, *value.shape),))
+        if (low > value).any() or (value > high).any():
+            self.fail(path, f"{self.get(path)!r} does not contain the value {value.tolist()!r}")
 
     def number(self, path: Keys, unit: str, low: float = -math.inf, above: float = -math.inf) -> float:
         """A sourced number, at least `low` and greater than `above`."""
@@ -216,7 +261,7 @@ class Document:
             self.fail(path, f"expected value, unit and source, got {node!r}")
         if "source" not in node:
             self.fail(path, "every number names its source: key 'source' is missing")
-        self.section(path, ("value", "source"), ("unit", "note"))
+        self.section(path, ("value", "source"), ("unit", "note", "range"))
         if str(node.get("unit", "1")) != unit:
             self.fail(
                 (*path, "unit"), f"{node.get('unit')!r} is not the unit of this quantity: it is in {unit!r}"

@@ -7,7 +7,9 @@ import pytest
 import yaml
 from omegaconf import OmegaConf
 
+from auvbench import cli
 from auvbench.errors import VehicleError
+from auvbench.vehicles import reader
 from auvbench.vehicles.reader import sheet_names
 from auvbench.vehicles.sheet import load
 from tests import configs
@@ -40,6 +42,8 @@ FACTS = {
     "bluerov2_vonbenzon2022": (13.5, -0.982, 5, 6),
     "bluerov2_heavy": (13.5, -0.982, 6, 8),
     "bluerov2_heavy_wu2018": (11.5, 1.985, 6, 8),
+    "bluerov2_2026": (11.0, 1.96, 5, 6),
+    "bluerov2_heavy_2026": (13.0, 1.96, 6, 8),
     "rexrov": (1862.87, 263.509, 6, 8),
     "lrauv": (148.367, 0.0, 1, 6),
 }
@@ -263,3 +267,32 @@ def test_sheets_of_the_working_directory_are_known(tmp_path, monkeypatch):
 def test_unknown_names(name, message):
     with pytest.raises(VehicleError, match=message):
         load(name)
+
+
+@pytest.mark.parametrize(
+    ("written", "message"),
+    [
+        ("[11.5, 12.0]", r"rigid_body\.mass\.range: \[11\.5, 12\.0\] does not contain the value 11\.0"),
+        ("[10.0]", r"rigid_body\.mass\.range: \[10\.0\] has the wrong shape: expected 2"),
+        ("[low, 12.0]", "is not a number"),
+    ],
+)
+def test_a_range_contains_its_value(written, message, tmp_path):
+    content = reader.read("bluerov2_2026").data
+    content["rigid_body"]["mass"]["range"] = yaml.safe_load(written)
+    with pytest.raises(VehicleError, match=message):
+        load(content)
+
+
+@pytest.mark.parametrize("name", ["bluerov2_2026", "bluerov2_heavy_2026"])
+def test_each_number_of_the_recommended_sheets_is_shown_with_its_sources(name, capsys):
+    assert cli.main(["vehicles", name]) == 0
+    shown = capsys.readouterr().out
+    vehicle = load(name)
+    quantities = reader.quantities(reader.read(name).data)
+    assert {".".join(quantity.path) for quantity in quantities} >= {
+        "rigid_body.mass", "buoyancy.net", "hydrodynamics.added_mass", "actuators.thrusters.lag"
+    }  # fmt: skip
+    for quantity in quantities:
+        assert ".".join(quantity.path) in shown
+        assert set(quantity.sources) <= {key for key, _ in vehicle.sources}
