@@ -27,14 +27,14 @@ def register() -> None:
     from gymnasium.envs.registration import register as add
     from gymnasium.envs.registration import registry
 
-    from auvbench.config import plugins
+    from auvbench.registry import TASKS
 
     ids: dict[str, dict[str, object]] = {"Waypoint": {}}
     for k, hz in product((1, 40, 100), (10, 25, 55)):
         ids[f"Waypoint-K{k}-{hz}Hz"] = {"k": k, "frequency": hz}
     for task in ("StationKeeping", "TrajectoryTracking", "PathFollowing", "Docking"):
         ids[task] = {"task": re.sub("(?<!^)(?=[A-Z])", "_", task).lower()}
-    for one in plugins.declared(plugins.TASKS):
+    for one in TASKS.declared():
         ids.setdefault("".join(word.capitalize() for word in one.name.split("_")), {"task": one.name})
     for short, keywords in ids.items():
         name = f"auvbench/{short}-v0"

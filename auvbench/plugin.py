@@ -6,7 +6,7 @@ factory, and its attribute `Config` is the dataclass of what its YAML file says.
 """
 
 from auvbench.agents.base import Agent, Callbacks, Components, Learner
-from auvbench.config.installed import AgentConfig
+from auvbench.config.algorithms import AgentConfig
 from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number
 from auvbench.config.tasks import ERRORS, TaskConfig, TaskSpec

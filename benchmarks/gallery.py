@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 from PIL import Image
 
 from auvbench import cli
-from auvbench.config.tasks import TASKS
+from auvbench.registry import TASKS
 from benchmarks import hero, vehicle_pictures
 
 ASSETS = Path(__file__).parents[1] / "docs" / "assets"

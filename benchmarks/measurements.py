@@ -12,10 +12,10 @@ import numpy as np
 
 from auvbench.config.compose import compose
 from auvbench.config.schema import TrainConfig
-from auvbench.config.tasks import TASKS
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import make_simulator
+from auvbench.registry import TASKS
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.reader import sheet_names

@@ -13,12 +13,12 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
 from auvbench.agents.learned import learners
-from auvbench.config.algorithms import AGENTS
 from auvbench.config.compose import compose
 from auvbench.config.schema import TrainConfig
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.registry import AGENTS
 
 UPDATES, ROUNDS, CALLS = 8, 10, 6
 STEPS = 4000

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from auvbench.config import rewards, schema, simulation, simulators, tasks, tuning
-from auvbench.config.algorithms import AGENTS
+from auvbench.config import schema, simulation, simulators, tuning
 from auvbench.config.validate import limit
+from auvbench.registry import AGENTS, REWARDS, TASKS
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "configuration.md"
@@ -32,11 +32,8 @@ SIMULATORS = {"fossen": simulators.Fossen, "gazebo": simulators.Gazebo, "ros2": 
 LAUNCHERS = {"local": schema.Local, "slurm": schema.Slurm, "ray": schema.Ray}
 SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Runs: `train`", "train.yaml", "", schema.TrainConfig),
-    *((f"`task={name}`", f"task/{name}.yaml", "task.", tasks.SCHEMAS[name]) for name in tasks.TASKS),
-    *(
-        (f"`reward={name}`", f"reward/{name}.yaml", "reward.", rewards.SCHEMAS[name])
-        for name in rewards.SCHEMAS
-    ),
+    *((f"`task={name}`", f"task/{name}.yaml", "task.", TASKS[name].schema) for name in TASKS.own),
+    *((f"`reward={name}`", f"reward/{name}.yaml", "reward.", REWARDS[name].schema) for name in REWARDS.own),
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),
@@ -50,7 +47,7 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Protocol", "protocol/test.yaml", "protocol.", schema.Protocol),
     ("Searches: `tune`", "tune.yaml", "", tuning.TuneConfig),
     ("Open loop: `simulate`", "simulate.yaml", "", simulation.Simulation),
-    *((f"`algo={name}`", f"algo/{name}.yaml", "algo.", spec.schema) for name, spec in AGENTS.items()),
+    *((f"`algo={name}`", f"algo/{name}.yaml", "algo.", AGENTS[name].schema) for name in AGENTS.own),
 )
 NOT_KEYS = ("defaults", "hydra")
 FIXED = ("name", "agent", "tuned")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from auvbench.config import installed
+from auvbench import registry
 
 
 @dataclass
@@ -67,7 +67,7 @@ class Site:
     def look_again(self) -> None:
         for name in [n for n in sys.modules if n.partition(".")[0] in self.modules]:
             del sys.modules[name]
-        installed.forget()
+        registry.forget()
 
 
 @pytest.fixture

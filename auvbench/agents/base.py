@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.algorithms import AGENTS
-from auvbench.config.plugins import resolve
+from auvbench.registry import AGENTS, resolve
 from auvbench.untrusted import archives, reading
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -209,12 +208,11 @@ def replay(learner: Learner) -> Ring | None:
 def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     """Return the agent that `config.algo` names, for a vehicle; an agent that learns has learned nothing yet."""
     name = config.algo.agent
-    spec = AGENTS.get(name)
-    if spec is None:
+    if name not in AGENTS.own:
         from auvbench.agents import plugins
 
         return plugins.make(config, vehicle)
-    agent: Agent = resolve(spec.factory)(config, vehicle)
+    agent: Agent = resolve(AGENTS[name].code)(config, vehicle)
     return agent
 
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from auvbench import registry
 from auvbench.agents.base import Actions, Agent, Components, Integers, Learner, Observations
-from auvbench.config import installed, plugins, schema
+from auvbench.config import schema
 from auvbench.errors import AgentError
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -22,8 +23,8 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     """
     algo = config.algo
     who = f"{algo.agent} of {algo.package}"
-    factory = installed.agent_of(algo.agent, algo.package)
-    with plugins.telling(who, "cannot be made"):
+    factory = registry.resolve(registry.AGENTS.choose(algo.agent, algo.package).code)
+    with registry.telling(who, "cannot be made"):
         made = factory(config, vehicle)
     lacking = [name for name in ("reset", "act") if not callable(getattr(made, name, None))]
     if lacking:
@@ -49,11 +50,11 @@ class PluginAgent:
                 setattr(self, name, checked)
 
     def _ended(self, rows: Integers) -> None:
-        with plugins.telling(self._who, "ended fails"):
+        with registry.telling(self._who, "ended fails"):
             self.inner.ended(rows.copy())
 
     def _notes(self) -> dict[str, int]:
-        with plugins.telling(self._who, "notes fails"):
+        with registry.telling(self._who, "notes fails"):
             found = dict(self.inner.notes())
         if not all(isinstance(name, str) and type(number) is int for name, number in found.items()):
             raise AgentError(f"{self._who}: notes gives something else than whole numbers by name")
@@ -65,7 +66,7 @@ class PluginAgent:
         Raises:
             AgentError: it fails.
         """
-        with plugins.telling(self._who, "reset fails"):
+        with registry.telling(self._who, "reset fails"):
             self.inner.reset(episodes.copy())
 
     def act(self, observation: Observations) -> Actions:
@@ -74,7 +75,7 @@ class PluginAgent:
         Raises:
             AgentError: it fails, or its actions are none: of another shape, no numbers, not finite, out of range.
         """
-        with plugins.telling(self._who, "act fails"):
+        with registry.telling(self._who, "act fails"):
             action = self.inner.act(observation.copy())
         if fault := action_fault(action, len(observation), self._n_u):
             raise AgentError(f"{self._who}: {fault}")
@@ -120,7 +121,7 @@ class PluginLearner(PluginAgent):
         Raises:
             AgentError: it fails.
         """
-        with plugins.telling(self._who, f"load fails on {folder}"):
+        with registry.telling(self._who, f"load fails on {folder}"):
             self.inner.load(folder)
 
     def state(self) -> Components:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from auvbench.analysis.records import Agent, Ranking, RunRecord, run_learns
-from auvbench.config.algorithms import AGENTS
+from auvbench.registry import AGENTS
 
 VELOCITIES = ("velocity", "angular_velocity", "velocity_error")
 """blocks of an observation that are true velocities"""

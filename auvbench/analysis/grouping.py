@@ -24,10 +24,10 @@ from auvbench.analysis.measures import of_the_scenario
 from auvbench.analysis.names import with_names
 from auvbench.analysis.recorded import has_training
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord, run_learns, task_of
-from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError, closest
 from auvbench.metrics import of_failures
 from auvbench.record import OUTCOMES
+from auvbench.registry import TASKS
 from auvbench.runs import declared
 from auvbench.runs.identity import DESCRIPTIVE, NEUTRAL
 

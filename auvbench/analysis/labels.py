@@ -9,7 +9,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from auvbench.config.algorithms import AGENTS, BASES
+from auvbench.config.algorithms import BASES
+from auvbench.registry import AGENTS
 from auvbench.untrusted.text import plain
 
 OF_THE_TEST = ("task.", "noise.", "disturbance.", "simulator.")
@@ -86,7 +87,7 @@ def title(algorithm: str) -> str:
     >>> title("ppo_residual_lqr"), title("sac_residual_tuned")
     ('PPO added to LQR', 'SAC added to PID, tuned')
     """
-    base = max((n for n in AGENTS if f"{algorithm}_".startswith(f"{n}_")), key=len, default="")
+    base = max((n for n in AGENTS.own if f"{algorithm}_".startswith(f"{n}_")), key=len, default="")
     if not base:
         return plain(algorithm)
     shown, more = AGENTS[base].title, algorithm[len(base) + 1 :].replace("_", " ")

@@ -25,8 +25,9 @@ from auvbench.analysis.evaluations import (
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.records import Problem, RunRecord
-from auvbench.config import plugins
+from auvbench.config.folders import options
 from auvbench.errors import ConfigError, ReportError, closest
+from auvbench.registry import TASKS
 from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
 from auvbench.runs.directory import as_words, missing
@@ -147,7 +148,7 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
     if any(protocol in run.evaluations for run in runs):
         return
     there = available_protocols(runs)
-    if not there and protocol not in (known := plugins.options("protocol")):
+    if not there and protocol not in (known := options("protocol")):
         raise ReportError(f"--protocol {protocol}: no such protocol; {closest(protocol, known)}")
     if there and protocol not in there:
         raise ReportError(
@@ -237,10 +238,11 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
     if release := flat.get("task.package"):
-        from auvbench.config import installed  # composes, which no other run needs here
-
-        try:
-            installed.enter_task(str(flat.get("task.name")), str(release))
+        try:  # any release of the package says what its metrics are
+            name = str(flat.get("task.name"))
+            if TASKS.find(name) is None:
+                raise TASKS.missing(name, str(release))
+            TASKS.choose(name)
         except ConfigError as error:
             raise Damage(str(error), "missing") from error
     if wrong := disagreement(manifest, config):

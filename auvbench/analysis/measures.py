@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from auvbench.analysis.records import NO_POLICY, Agent
-from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError, closest
 from auvbench.metrics import METRICS, Metric
 from auvbench.record import OUTCOMES, columns
+from auvbench.registry import TASKS
 from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
 

@@ -14,8 +14,8 @@ from auvbench.analysis.measures import RANKED_AS, Measure, all_measures, measure
 from auvbench.analysis.primary import find_baseline, reliability_of
 from auvbench.analysis.records import Agent, task_of
 from auvbench.analysis.typical import Typical
-from auvbench.config.tasks import TASKS
 from auvbench.errors import ReportError
+from auvbench.registry import TASKS
 from auvbench.runs.directory import missing
 from auvbench.statistics.intervals import Estimate
 from auvbench.statistics.reliability import Reliability

@@ -14,7 +14,7 @@ from importlib import import_module
 from auvbench.commands import COMMANDS
 from auvbench.commands.grammar import WHERE, Parser
 from auvbench.commands.report_options import FORMATS, STUDIES
-from auvbench.config import plugins
+from auvbench.config import folders
 from auvbench.errors import UserError, closest
 from auvbench.record import measure_names
 
@@ -118,7 +118,7 @@ def candidates(words: Sequence[str]) -> list[str]:
         offered = complete_override(command, " ".join([*before, word]))
     else:
         offered = _assignments(KEYS.get(WHERE if WHERE in before else command, ()), word)
-        offered += plugins.options("vehicle") if command == "vehicles" else []
+        offered += folders.options("vehicle") if command == "vehicles" else []
     return sorted({name for name in offered if name.startswith(word)})
 
 
@@ -133,7 +133,7 @@ def _flags(command: str) -> list[str]:
 def _values(name: str) -> Sequence[str]:
     """Return the values of a flag or a key."""
     group = "algo" if name == "--baseline" else name.removeprefix("--")
-    return VALUES[name] if name in VALUES else plugins.options(group)
+    return VALUES[name] if name in VALUES else folders.options(group)
 
 
 def _assignments(keys: Sequence[str], word: str) -> list[str]:

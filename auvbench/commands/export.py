@@ -99,7 +99,7 @@ def _task(task: Mapping[str, Any]) -> list[str]:
     """Return `task=NAME` with the same observation; where no file of `conf/task` has it, with the keys that differ."""
     from omegaconf import OmegaConf
 
-    from auvbench.config import plugins
+    from auvbench.config import folders
     from auvbench.config.compose import option
     from auvbench.evaluation.protocol import OBSERVED
     from auvbench.runs.run_filter import flat
@@ -108,7 +108,7 @@ def _task(task: Mapping[str, Any]) -> list[str]:
         return flat({key: values[key] for key in OBSERVED if key in values}, "task.")
 
     wanted, name = observed(task), str(task["name"])
-    others = [choice for choice in plugins.options("task") if choice != name]
+    others = [choice for choice in folders.options("task") if choice != name]
     differing: dict[str, Any] = {}
     for choice in (name, *others):
         there = OmegaConf.to_container(option("task", choice))

@@ -244,8 +244,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
     Raises:
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
     """
-    from auvbench.config import plugins
-    from auvbench.config.algorithms import AGENTS
+    from auvbench.registry import AGENTS, resolve
 
     if name not in CONTROLLERS:
         raise ConfigError(f"{name}: not a POLICY.onnx and not a controller; {closest(name, CONTROLLERS)}")
@@ -253,7 +252,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
     gains = spec.schema(**defaults("algo", name))
     step = SimpleNamespace(frequency=frequency)
     config = SimpleNamespace(algo=gains, step=step, task=task or task_of("waypoint", "--task"))
-    return plugins.resolve(spec.factory)(config, vehicle)
+    return resolve(spec.code)(config, vehicle)
 
 
 def _about(setup: Steering) -> dict[str, Any]:
@@ -276,6 +275,7 @@ def task_of(name: str, where: str) -> tasks.Task:
     Raises:
         ConfigError: its reference is not a pose at rest.
     """
+    from auvbench import registry
     from auvbench.config import tasks
 
     if name not in TASKS:
@@ -285,7 +285,7 @@ def task_of(name: str, where: str) -> tasks.Task:
     values = defaults("task", name)
     if "preview" in values:
         values["preview"] = tasks.Preview(**values["preview"])
-    made: tasks.Task = tasks.SCHEMAS[name](**values)
+    made: tasks.Task = (registry.TASKS[name].schema or tasks.Task)(**values)
     return made
 
 

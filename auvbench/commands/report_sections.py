@@ -21,7 +21,7 @@ def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
     """Return the score across tasks; None where the sections have one task. Of sections of one task the largest counts."""
     from auvbench.analysis import score
     from auvbench.analysis.measures import to_rank_by
-    from auvbench.config.tasks import TASKS
+    from auvbench.registry import TASKS
 
     parts: dict[str, Report] = {}
     for report in reports:

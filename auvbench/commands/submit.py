@@ -122,11 +122,11 @@ def _knows(text: str) -> tuple[Knowledge, ...]:
 
 
 def _protocol(name: str) -> Protocol:
-    from auvbench.config import plugins
+    from auvbench.config import folders
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
 
-    if name not in (known := plugins.options("protocol")):
+    if name not in (known := folders.options("protocol")):
         raise UserError(f"--protocol {name}: unknown; {closest(name, known)}")
     return evaluate_config(compose("evaluate", [f"protocol={name}"])).protocol
 

@@ -33,13 +33,13 @@ def main(arguments: Sequence[str]) -> int:
 
 def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> None:
     """Not every algorithm has a file of ranges, so Hydra passes over one that is not there; one that was typed is meant."""
-    from auvbench.config import plugins
+    from auvbench.config import folders
 
     for word in arguments:
         name = word.partition("=")[2]
         if re.match(r"\+*search=", word) and any(config.get("search") is None for config in configs):
             raise ConfigError(
-                f"{word}: no such file in conf/search; {closest(name, plugins.options('search'))}"
+                f"{word}: no such file in conf/search; {closest(name, folders.options('search'))}"
             )
 
 

@@ -46,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
     if given.to is not None and given.to.exists() and not given.to.is_dir():
         raise UserError(f"--to {given.to}: is a file; name a folder")
     from auvbench.commands.submit import slug
-    from auvbench.config import plugins
+    from auvbench.config import folders
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
     from auvbench.evaluation.parallel import PRELOAD
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
         folder, work = Path(place, "entry"), Path(place, "outputs")
         folder.mkdir()
         entry = unpack(given.entry, folder)
-        if entry.protocol not in plugins.options("protocol"):
+        if entry.protocol not in folders.options("protocol"):
             raise UserError(f"{given.entry}: protocol {entry.protocol}: this auvbench does not have it")
         protocol = evaluate_config(compose("evaluate", [f"protocol={entry.protocol}"])).protocol
         print(f"{entry.name} by {entry.who}: {entry.task}, {entry.vehicle}, {entry.scenarios}", flush=True)

@@ -1,4 +1,4 @@
-"""The schemas of the `algo` group, who learns or controls and how, and the registry of auvbench's own agents.
+"""The schemas of the `algo` group, who learns or controls and how, and the specs of auvbench's own agents.
 
 Each agent has one `AgentSpec`. Importing it imports no agent.
 """
@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from auvbench.config.schema import choice, choice_of, later, name, number
+from auvbench.config.schema import name as plain_name
+from auvbench.registry import AGENTS, Declared, Spec, schema_fault
 
 
 @dataclass(kw_only=True)
@@ -31,7 +33,7 @@ class Algorithm:
     """What every `algo/*.yaml` has: which agent it is and how many environments it drives."""
 
     name: str = name()
-    agent: str = choice_of(lambda: AGENTS)
+    agent: str = choice_of(lambda: AGENTS.own)
     n_envs: int = number(1, 65_536)
     tuned: Tuned | None = None  # where its values were searched for
 
@@ -263,15 +265,29 @@ _CLASSICAL = "auvbench.agents.classical"
 _SHEET = ("sheet",)
 
 
+@dataclass(kw_only=True)
+class AgentConfig:
+    """The `algo` configuration of an agent of an installed package; a subclass has keys of its own."""
+
+    name: str = plain_name()
+    agent: str = plain_name()
+    n_envs: int = number(1, 65_536)
+    package: str
+    learns: bool
+    tuned: Tuned | None = None  # where its values were searched for
+
+
 @dataclass(frozen=True, slots=True)
-class AgentSpec:
+class AgentSpec(Spec):
     """Everything that auvbench knows of one value of `algo.agent`."""
+
+    base: ClassVar[type] = AgentConfig
 
     name: str
     """Value of `algo.agent`."""
     title: str
     """Name in tables, figures and sentences."""
-    schema: type[Algorithm]
+    schema: type
     """Keys of `algo` with their types and ranges."""
     factory: str
     """`module:callable` that makes the agent from a configuration and a vehicle."""
@@ -283,40 +299,66 @@ class AgentSpec:
     """What it is given in addition to the observation: `sheet` (the vehicle's data) or `model` (a simulation of it)."""
     observes: bool = True
     """Whether it reads the observation at all."""
+    trained: bool = False
+    """Whether the agent of an installed package has a training."""
+
+    @property
+    def code(self) -> str:
+        """`module:callable`."""
+        return self.factory
 
     @property
     def learns(self) -> bool:
         """Whether the agent has a training."""
-        return issubclass(self.schema, Network)
+        return self.trained or issubclass(self.schema, Network)
+
+    @classmethod
+    def adopt(cls, found: Declared, thing: Any) -> AgentSpec:
+        """Return the spec of a package's agent, whose entry point names the factory itself.
+
+        Raises:
+            ConfigError: it cannot be called, its `Config` is no schema, or it learns and lacks what a learner needs.
+        """
+        schema = getattr(thing, "Config", AgentConfig)
+        if fault := schema_fault(schema, AgentConfig, "Config"):
+            raise found.error(fault)
+        if not callable(thing):
+            raise found.error(
+                f"is a {type(thing).__name__}; it must be a class or a function that makes an agent"
+            )
+        trained = callable(getattr(thing, "learn", None))
+        if trained:
+            exact = getattr(thing, "exact_resume", None)
+            needed = ("save", "load", "state", "restore") if exact else ("save", "load")
+            lacking = [name for name in needed if not callable(getattr(thing, name, None))]
+            lacking += [] if isinstance(exact, bool) else ["exact_resume, True or False"]
+            if lacking:
+                raise found.error(f"learns and lacks {', '.join(lacking)} (auvbench.agents.base.Learner)")
+        return cls(found.name, found.name, schema, found.value, exportable=True, trained=trained)
 
 
-AGENTS: dict[str, AgentSpec] = {
-    spec.name: spec
-    for spec in (
-        AgentSpec("ppo", "PPO", PPO, _SB3, "stable_baselines3:PPO", True),
-        AgentSpec("sac", "SAC", SAC, _SB3, "stable_baselines3:SAC", True),
-        AgentSpec("ddpg", "DDPG", DDPG, _SB3, "stable_baselines3:DDPG", True),
-        AgentSpec("td3", "TD3", TD3, _SB3, "stable_baselines3:TD3", True),
-        AgentSpec("tqc", "TQC", TQC, _SB3, "sb3_contrib:TQC", True),
-        AgentSpec("crossq", "CrossQ", CrossQ, _SB3, "sb3_contrib:CrossQ", True),
-        AgentSpec("trpo", "TRPO", TRPO, _SB3, "sb3_contrib:TRPO", True),
-        AgentSpec("recurrent_ppo", "RecurrentPPO", RecurrentPPO, _SB3, "sb3_contrib:RecurrentPPO"),
-        AgentSpec(
-            "ppo_residual", "PPO added to PID", PPOResidual, _RESIDUAL, "stable_baselines3:PPO", knows=_SHEET
-        ),
-        AgentSpec(
-            "sac_residual", "SAC added to PID", SACResidual, _RESIDUAL, "stable_baselines3:SAC", knows=_SHEET
-        ),
-        AgentSpec("pid", "PID", PID, f"{_CLASSICAL}.pid:controller", knows=_SHEET),
-        AgentSpec("alos", "ALOS", ALOS, f"{_CLASSICAL}.alos:controller", knows=_SHEET),
-        AgentSpec("lqr", "LQR", LQR, f"{_CLASSICAL}.lqr:LQRController", knows=_SHEET),
-        AgentSpec("smc", "SMC", SMC, f"{_CLASSICAL}.smc:SMCController", knows=_SHEET),
-        AgentSpec("mpc", "MPC", MPC, f"{_CLASSICAL}.mpc:MPCController", knows=("model",)),
-        AgentSpec("random", "random", Random, f"{_CLASSICAL}.random:RandomAgent", observes=False),
-        AgentSpec("onnx", "ONNX policy", ONNX, "auvbench.agents.policy_file:PolicyFile"),
-        AgentSpec("ardusub", "ArduSub", ArduSub, "auvbench.agents.ardusub:ArduSubAgent", observes=False),
-    )
-}
+ppo = AgentSpec("ppo", "PPO", PPO, _SB3, "stable_baselines3:PPO", True)
+sac = AgentSpec("sac", "SAC", SAC, _SB3, "stable_baselines3:SAC", True)
+ddpg = AgentSpec("ddpg", "DDPG", DDPG, _SB3, "stable_baselines3:DDPG", True)
+td3 = AgentSpec("td3", "TD3", TD3, _SB3, "stable_baselines3:TD3", True)
+tqc = AgentSpec("tqc", "TQC", TQC, _SB3, "sb3_contrib:TQC", True)
+crossq = AgentSpec("crossq", "CrossQ", CrossQ, _SB3, "sb3_contrib:CrossQ", True)
+trpo = AgentSpec("trpo", "TRPO", TRPO, _SB3, "sb3_contrib:TRPO", True)
+recurrent_ppo = AgentSpec("recurrent_ppo", "RecurrentPPO", RecurrentPPO, _SB3, "sb3_contrib:RecurrentPPO")
+ppo_residual = AgentSpec(
+    "ppo_residual", "PPO added to PID", PPOResidual, _RESIDUAL, "stable_baselines3:PPO", knows=_SHEET
+)
+sac_residual = AgentSpec(
+    "sac_residual", "SAC added to PID", SACResidual, _RESIDUAL, "stable_baselines3:SAC", knows=_SHEET
+)
+pid = AgentSpec("pid", "PID", PID, f"{_CLASSICAL}.pid:controller", knows=_SHEET)
+alos = AgentSpec("alos", "ALOS", ALOS, f"{_CLASSICAL}.alos:controller", knows=_SHEET)
+lqr = AgentSpec("lqr", "LQR", LQR, f"{_CLASSICAL}.lqr:LQRController", knows=_SHEET)
+smc = AgentSpec("smc", "SMC", SMC, f"{_CLASSICAL}.smc:SMCController", knows=_SHEET)
+mpc = AgentSpec("mpc", "MPC", MPC, f"{_CLASSICAL}.mpc:MPCController", knows=("model",))
+random = AgentSpec("random", "random", Random, f"{_CLASSICAL}.random:RandomAgent", observes=False)
+onnx = AgentSpec("onnx", "ONNX policy", ONNX, "auvbench.agents.policy_file:PolicyFile")
+ardusub = AgentSpec("ardusub", "ArduSub", ArduSub, "auvbench.agents.ardusub:ArduSubAgent", observes=False)
 
 
 def learns(algo: Any, *, unknown: bool = False) -> bool:
@@ -330,9 +372,8 @@ def learns(algo: Any, *, unknown: bool = False) -> bool:
     (True, False)
     """
     agent = algo.get("agent") if isinstance(algo, Mapping) else getattr(algo, "agent", None)
-    spec = AGENTS.get(str(agent))
-    if spec is not None:
-        return spec.learns
+    if agent in AGENTS.own:
+        return AGENTS[str(agent)].learns
     # A plug-in agent's configuration holds the answer, so the package need not be installed.
     declared = algo.get("learns") if isinstance(algo, Mapping) else getattr(algo, "learns", None)
     return declared if isinstance(declared, bool) else unknown

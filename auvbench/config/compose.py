@@ -31,21 +31,19 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import (
+    complete,
+    folders,
     grids,
-    installed,
-    plugins,
     restricted_yaml,
-    rewards,
     schema,
     simulation,
     simulators,
     suggestions,
-    tasks,
     tuning,
 )
 from auvbench.config import overrides as typing
-from auvbench.config.algorithms import AGENTS
 from auvbench.errors import ConfigError, closest
+from auvbench.registry import AGENTS, REWARDS, TASKS, Kind
 from auvbench.untrusted.text import plain_lines
 
 T = TypeVar("T")
@@ -74,13 +72,13 @@ def _register_schemas(store: ConfigStore) -> None:
         "evaluate_schema": schema.EvaluateConfig,
         "tune_schema": tuning.TuneConfig,
         "simulate_schema": simulation.Simulation,
-        **{f"{name}_schema": spec.schema for name, spec in AGENTS.items()},
+        **{f"{name}_schema": kind for name, kind in _schemas(AGENTS).items()},
     }
     for group, known in (
         ("launcher", schema.LAUNCHERS),
         ("simulator", simulators.SCHEMAS),
-        ("task", tasks.SCHEMAS),
-        ("reward", rewards.SCHEMAS),
+        ("task", _schemas(TASKS)),
+        ("reward", _schemas(REWARDS)),
     ):
         kinds |= {f"{group}_{name}_schema": kind for name, kind in known.items()}
     # At the top level: the folders algo, launcher and simulator then list their answers alone.
@@ -109,7 +107,7 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
         path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
     path.append("hydra", f"{restricted_yaml.PACKAGE}://hydra.conf")
     # Before "main": a file that both have is found there, and refused.
-    for release, installed_folder in plugins.folders():
+    for release, installed_folder in folders.packages():
         path.append(release, f"{restricted_yaml.INSTALLED}://{installed_folder}")
     path.append("main", f"{restricted_yaml.PACKAGE}://{CONFIG_MODULE}")
     path.append("schema", "structured://")
@@ -129,6 +127,11 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
             store.repo, base.version_base = repository, theirs
 
 
+def _schemas(kind: Kind[Any]) -> dict[str, type]:
+    """Return the schemas from which auvbench's own files start, by name."""
+    return {name: kind[name].schema or kind.spec.base for name in kind.own}
+
+
 def _copied(tree: dict[str, Any]) -> dict[str, Any]:
     return {name: _copied(node) if isinstance(node, dict) else node for name, node in tree.items()}
 
@@ -138,7 +141,7 @@ def _compose(entry: str, overrides: Sequence[str], folder: Path | None = WORKING
     with _loader(folder) as loader:
         if folder is not None and folder.is_dir():
             return grids.single(loader, entry, given)
-        packages = plugins.folders()
+        packages = folders.packages()
         return grids.with_values(loader, given, lambda files: _of_files(entry, files, packages))
 
 
@@ -166,7 +169,7 @@ def compose(
         ConfigError: an unknown key, group or option, a value of the wrong type, or a grammar error.
     """
     try:
-        return installed.complete(_compose(entry, overrides, folder))
+        return complete.complete(_compose(entry, overrides, folder))
     except typing.FAULTS as error:
         raise translate(error, entry, overrides) from error
 
@@ -180,12 +183,12 @@ def typed(config: DictConfig) -> schema.TrainConfig:
     from auvbench.config.validate import train_config
 
     try:
-        config = installed.complete(config, frozen=True)
+        config = complete.complete(config, frozen=True)
         merged = OmegaConf.structured(schema.TrainConfig)
-        merged.algo = _empty(config, "algo.agent", {name: spec.schema for name, spec in AGENTS.items()})
+        merged.algo = _empty(config, "algo.agent", _schemas(AGENTS))
         merged.simulator = _empty(config, "simulator.name", simulators.SCHEMAS)
-        merged.task = _empty(config, "task.name", tasks.SCHEMAS)
-        merged.reward = _empty(config, "reward.name", rewards.SCHEMAS)
+        merged.task = _empty(config, "task.name", _schemas(TASKS))
+        merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:
         raise translate(error) from error
@@ -214,7 +217,7 @@ def once_for_all_seeds(
     """
     own = {name: values.get(name) for name in OWN}
     # Another version of a package may be installed by the next call.
-    if installed.releases(values) or not _is_valid(own):
+    if complete.releases(values) or not _is_valid(own):
         return make()
     key = what, repr({name: value for name, value in values.items() if name not in OWN})
     if key not in _shared:
@@ -242,7 +245,7 @@ def _is_valid(own: Mapping[str, Any]) -> bool:
 def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
     """Return the typed, still empty `algo`, `simulator`, `task` or `reward` of a configuration."""
     known = OmegaConf.get_type(config, key.partition(".")[0])
-    if isinstance(known, type) and issubclass(known, installed.CONFIGS):
+    if isinstance(known, type) and issubclass(known, complete.CONFIGS):
         return OmegaConf.structured(known)
     name = str(OmegaConf.select(config, key))
     if name not in schemas:
@@ -320,7 +323,7 @@ def run(
             else:
                 shown = ""
                 composed = grids.compose(loader, entry, overrides, parsed.multirun)
-                composed = [installed.complete(config) for config in composed]
+                composed = [complete.complete(config) for config in composed]
     except typing.FAULTS as error:
         raise translate(error, entry, arguments) from error
     if parsed.help or parsed.cfg:

@@ -17,7 +17,7 @@ from hydra.core.override_parser.types import Override, QuotedString
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
-from auvbench.config import plugins
+from auvbench.config import folders
 from auvbench.errors import closest
 from auvbench.untrusted.text import short
 
@@ -57,14 +57,14 @@ def chosen(overrides: Iterable[str]) -> list[str]:
     found = []
     for override in overrides:
         match = re.fullmatch(r"(\w+)=([\w.-]+)", override)
-        if match and match[2] in plugins.options(match[1]):
+        if match and match[2] in folders.options(match[1]):
             found.append(override)
     return found
 
 
 def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
     key, shown = override.key_or_group, short(text, 120)
-    options = plugins.options(key) if re.fullmatch(r"\w+", key) else []
+    options = folders.options(key) if re.fullmatch(r"\w+", key) else []
     node = _at(config, key)
     if override.is_sweep_override():
         one = isinstance(node, list) and re.fullmatch(r"[^\[(]*", text)

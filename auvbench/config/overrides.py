@@ -18,10 +18,10 @@ from hydra.errors import HydraException, MissingConfigException, OverrideParseEx
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
-from auvbench.config import misfits, plugins, schema, simulation, simulators, suggestions, tuning
-from auvbench.config.algorithms import AGENTS
+from auvbench.config import folders, misfits, schema, simulation, simulators, suggestions, tuning
 from auvbench.config.restricted_yaml import ALLOWED
 from auvbench.errors import ConfigError, closest
+from auvbench.registry import AGENTS
 from auvbench.untrusted.reading import DIGITS, no_yaml
 
 PATHS = ("output", "plot")
@@ -110,7 +110,7 @@ def whole_keys() -> frozenset[str]:
     kinds: list[tuple[type, str]] = [
         (root, "") for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation)
     ]
-    kinds += [(tuning.Tune, "tune."), *((spec.schema, "algo.") for spec in AGENTS.values())]
+    kinds += [(tuning.Tune, "tune."), *((AGENTS[name].schema, "algo.") for name in AGENTS.own)]
     kinds += [(kind, "launcher.") for kind in schema.LAUNCHERS.values()]
     kinds += [(kind, "simulator.") for kind in simulators.SCHEMAS.values()]
     return frozenset(
@@ -153,7 +153,7 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
         return ConfigError(reason)
     if isinstance(error, MissingConfigException) and error.options:
         group, _, wanted = str(error.missing_cfg_file).rpartition("/")
-        if misnamed := plugins.misnamed(group, wanted):
+        if misnamed := folders.misnamed(group, wanted):
             return ConfigError(f"{misnamed}: is not read; rename it to {misnamed.with_suffix('.yaml').name}")
         options = [name for name in error.options if not name.endswith("_schema")]
         path = f"; a file of your own goes to ./conf/{group}" if wanted.endswith(".yaml") else ""
@@ -184,7 +184,7 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
             return ConfigError(f"{key}={values}: give one value; grids are for auvbench train -m")
         if reason := _first_wrong(key, values, compose, overrides):
             return ConfigError(reason)
-        as_list = "" if plugins.options(key) else f"; a list is written [{values}]"
+        as_list = "" if folders.options(key) else f"; a list is written [{values}]"
         return ConfigError(
             f"{key}={values}: several values make a grid: auvbench {entry} -m {key}={values}{as_list}"
         )

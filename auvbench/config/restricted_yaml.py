@@ -25,7 +25,7 @@ from hydra.plugins.config_source import ConfigResult, ConfigSource
 from omegaconf import OmegaConf
 from omegaconf._utils import get_yaml_loader
 
-from auvbench.config import plugins, schema
+from auvbench.config import folders, schema
 from auvbench.errors import AuvbenchWarning, ConfigError
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import plain, short
@@ -102,7 +102,7 @@ class InstalledFiles(OwnFiles):
 
     def load_config(self, config_path: str) -> ConfigResult:
         name = self._normalize_file_name(config_path)
-        holders = [release for release, folder in plugins.folders() if (folder / name).is_file()]
+        holders = [release for release, folder in folders.packages() if (folder / name).is_file()]
         if (resources.files("auvbench.conf") / name).is_file():
             holders.append("auvbench itself")
         if len(holders) > 1:

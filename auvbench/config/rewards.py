@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from auvbench.config.schema import choice_of, later, number
+from auvbench.config.schema import keys as schema_keys
 from auvbench.config.schema import name as plain_name
-from auvbench.config.tasks import TASKS
 from auvbench.errors import ConfigError
+from auvbench.registry import REWARDS, TASKS, Spec
 
 
 @dataclass(kw_only=True)
 class Reward:
     """The keys of every reward."""
 
-    name: str = choice_of(lambda: SCHEMAS)
+    name: str = choice_of(lambda: REWARDS.own)
     k: float = number(0.0, 1e6)
 
 
@@ -24,26 +26,6 @@ class RewardConfig(Reward):
 
     name: str = plain_name()
     package: str
-
-
-@dataclass(frozen=True, slots=True)
-class RewardSpec:
-    """A reward of an installed package, which its entry point names."""
-
-    name: str
-    """value of `reward.name`"""
-    function: str
-    """`module:function`, the reward of a step (`tasks.rewards.hook_of`)"""
-    schema: type
-    """of its configuration, below `RewardConfig`"""
-    tasks: tuple[str, ...] = ()
-    """for which it makes sense, in addition to the tasks that name it"""
-
-
-REWARDS: dict[str, RewardSpec] = {}
-"""of installed packages, as far as one was chosen (`installed.enter`)"""
-PARAMETERS = 15
-"""largest number of parameters of a reward"""
 
 
 def parameters(reward: Reward) -> list[float]:
@@ -129,17 +111,47 @@ class GymDockauv(Reward):
     collision: float = number(-1e9, 1e9)
 
 
-SCHEMAS: dict[str, type] = {
-    "thesis": Thesis,
-    "tracking": Tracking,
-    "exponential": Exponential,
-    "marinegym_hover": MarineGymHover,
-    "gym_auv_path": GymAuvPath,
-    "gym_dockauv": GymDockauv,
-    "goal": Goal,
-    "path": Tracking,
-}
-"""by name, in the order of their codes in `tasks.rewards`"""
+PARAMETERS = 15
+"""largest number of parameters of a reward"""
+
+
+@dataclass(frozen=True, slots=True)
+class RewardSpec(Spec):
+    """Everything that auvbench knows of one value of `reward.name` without importing its code."""
+
+    base: ClassVar[type] = RewardConfig
+
+    name: str
+    """value of `reward.name`"""
+    function: str
+    """`module:function`, the reward of a step (`tasks.rewards.hook_of`)"""
+    schema: type
+    """of its configuration; that of an installed package is below `RewardConfig`"""
+    tasks: tuple[str, ...] = ()
+    """for which it makes sense, in addition to the tasks that name it"""
+
+    @property
+    def code(self) -> str:
+        """`module:function`."""
+        return self.function
+
+    def fault(self) -> str:
+        keys = {key: hint for key, hint in schema_keys(self.schema).items() if key not in ("name", "package")}
+        for key, hint in keys.items():
+            if hint not in (int, float):
+                return f"has the parameter {key}, which is no number: int or float"
+        return f"has {len(keys)} parameters; at most {PARAMETERS} fit" if len(keys) > PARAMETERS else ""
+
+
+_ROW = "auvbench.tasks.rewards:reward_row"
+thesis = RewardSpec("thesis", "auvbench.tasks.rewards:thesis_row", Thesis)
+tracking = RewardSpec("tracking", _ROW, Tracking)
+exponential = RewardSpec("exponential", _ROW, Exponential)
+marinegym_hover = RewardSpec("marinegym_hover", _ROW, MarineGymHover)
+gym_auv_path = RewardSpec("gym_auv_path", _ROW, GymAuvPath)
+gym_dockauv = RewardSpec("gym_dockauv", _ROW, GymDockauv)
+goal = RewardSpec("goal", _ROW, Goal)
+path = RewardSpec("path", _ROW, Tracking)
 
 
 def check_reward(task: str, reward: str) -> None:

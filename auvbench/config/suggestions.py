@@ -6,8 +6,8 @@ import difflib
 from collections.abc import Collection, Iterable, Sequence
 
 from auvbench.config import schema
-from auvbench.config.algorithms import AGENTS
 from auvbench.errors import closest
+from auvbench.registry import AGENTS
 
 
 def nearest(key: str, known: Collection[str]) -> str | None:
@@ -32,7 +32,7 @@ def owners(key: str) -> list[str]:
     (['ppo_residual', 'sac_residual'], ['ppo_residual', 'sac_residual'])
     """
     key = "algo.residual" if key == "algo.base" else key  # a choice of a file, which no configuration holds
-    return [name for name, spec in AGENTS.items() if key in schema.keys(spec.schema, "algo.")]
+    return [name for name in AGENTS.own if key in schema.keys(AGENTS[name].schema, "algo.")]
 
 
 MEANT = {
@@ -86,7 +86,7 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
     shows = f"{program} --cfg job shows all keys"
     of_algorithms: set[str] = set()
     if any(name.startswith("algo.") for name in known):  # a command without an algorithm has none of its keys
-        of_algorithms = {name for spec in AGENTS.values() for name in schema.keys(spec.schema, "algo.")}
+        of_algorithms = {name for agent in AGENTS.own for name in schema.keys(AGENTS[agent].schema, "algo.")}
     near = nearest(key, {*known, *of_algorithms})
     if near is None:
         return shows

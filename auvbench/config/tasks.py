@@ -1,16 +1,20 @@
-"""The schemas of the `task` group, and the registry of auvbench's own tasks. Importing it imports no task."""
+"""The schemas of the `task` group, and the specs of auvbench's own tasks. Importing it imports no task."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
-from auvbench.config.schema import choice, later, number
+from auvbench import metrics, record
+from auvbench.config.schema import choice, choice_of, later, number
 from auvbench.config.schema import name as plain_name
 from auvbench.errors import ConfigError, closest
 from auvbench.metrics import Metric
+from auvbench.registry import TASKS, Spec
+from auvbench.untrusted.text import short
 
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
@@ -19,102 +23,11 @@ BLOCKS = (*ERRORS, "preview", "goal_error")
 """that a task may have"""
 
 
-@dataclass(frozen=True, slots=True)
-class TaskSpec:
-    """Everything that auvbench knows of one value of `task.name` without importing its code."""
-
-    name: str
-    title: str
-    """in tables and sentences"""
-    factory: str
-    """`module:class`"""
-    primary: str
-    """the measure that ranks agents (`analysis.measures`)"""
-    blocks: tuple[str, ...]
-    """of an observation that the task can supply"""
-    outcomes: tuple[str, ...]
-    """how its episodes end, names of `record.OUTCOMES`"""
-    rewards: tuple[str, ...]
-    """that make sense"""
-    needs_thrusters: bool = True
-    """whether only a vehicle with thrust along each axis and about the vertical can do it"""
-    has_yaw: bool = True
-    """whether the reference has a yaw of its own; otherwise it is the bearing of the reference"""
-    schema: type | None = None
-    """of its configuration, below `TaskConfig`, where an installed package brings it; auvbench's own are `SCHEMAS`"""
-    failures: tuple[str, ...] = ("collision", "out_of_bounds")
-    """outcomes of which an episode counts as its bounds in every error (`Metric.failed`)"""
-    metrics: tuple[Metric, ...] = ()
-    """that an installed package brings with it (`metrics.column`), in addition to `metrics.SHARED`"""
-
-
-_FOUR_ENDS = ("success", "collision", "timeout", "out_of_bounds")
-_TRACKING = ("tracking", "exponential", "marinegym_hover")
-
-TASKS = {
-    spec.name: spec
-    for spec in (
-        TaskSpec(
-            "waypoint",
-            "waypoint",
-            "auvbench.tasks.waypoint:WaypointTask",
-            "par1_time_s",
-            ("yaw_error", "position_error", *STATE, "previous_action"),
-            ("success", "collision", "timeout"),
-            ("thesis", "goal", "tracking", "exponential"),
-            needs_thrusters=False,
-            has_yaw=False,
-        ),
-        TaskSpec(
-            "station_keeping",
-            "station keeping",
-            "auvbench.tasks.station_keeping:StationKeepingTask",
-            "mean_position_error_rms_m",
-            ERRORS,
-            _FOUR_ENDS,
-            _TRACKING,
-        ),
-        TaskSpec(
-            "trajectory_tracking",
-            "trajectory tracking",
-            "auvbench.tasks.trajectory_tracking:TrajectoryTrackingTask",
-            "mean_position_error_rms_m",
-            (*ERRORS, "preview"),
-            ("success", "collision", "out_of_bounds"),
-            _TRACKING,
-        ),
-        TaskSpec(
-            "path_following",
-            "path following",
-            "auvbench.tasks.path_following:PathFollowingTask",
-            "mean_cross_track_rms_m",
-            (*ERRORS, "preview"),
-            _FOUR_ENDS,
-            ("path", *_TRACKING, "gym_auv_path"),
-            needs_thrusters=False,
-            failures=("collision", "timeout", "out_of_bounds"),
-        ),
-        TaskSpec(
-            "docking",
-            "docking",
-            "auvbench.tasks.docking:DockingTask",
-            "par1_time_s",
-            (*ERRORS, "goal_error"),
-            _FOUR_ENDS,
-            ("goal", "tracking", "exponential", "gym_dockauv"),
-        ),
-    )
-}
-
-OWN = tuple(TASKS)
-"""auvbench's own; `installed.enter` adds those of installed packages to `TASKS`"""
-
-
 @dataclass(kw_only=True)
 class Task:
     """The keys of every task."""
 
-    name: str = choice(*TASKS)
+    name: str = choice_of(lambda: TASKS.own)
     depth_low: float = number(-1e4, 0.0)  # m
     depth_high: float = number(-1e4, 0.0)  # m
     max_steps: int = number(1, 10_000_000)
@@ -226,13 +139,125 @@ class Docking(Tracked):
     tilt: float | None = later(number(0.0, math.pi, open_low=True))  # rad
 
 
-SCHEMAS: dict[str, type] = {
-    "waypoint": Waypoint,
-    "station_keeping": StationKeeping,
-    "trajectory_tracking": TrajectoryTracking,
-    "path_following": PathFollowing,
-    "docking": Docking,
-}
+@dataclass(frozen=True, slots=True)
+class TaskSpec(Spec):
+    """Everything that auvbench knows of one value of `task.name` without importing its code."""
+
+    base: ClassVar[type] = TaskConfig
+
+    name: str
+    title: str
+    """in tables and sentences"""
+    factory: str
+    """`module:class`"""
+    primary: str
+    """the measure that ranks agents (`analysis.measures`)"""
+    blocks: tuple[str, ...]
+    """of an observation that the task can supply"""
+    outcomes: tuple[str, ...]
+    """how its episodes end, names of `record.OUTCOMES`"""
+    rewards: tuple[str, ...]
+    """that make sense"""
+    needs_thrusters: bool = True
+    """whether only a vehicle with thrust along each axis and about the vertical can do it"""
+    has_yaw: bool = True
+    """whether the reference has a yaw of its own; otherwise it is the bearing of the reference"""
+    schema: type | None = None
+    """of its configuration; that of an installed package is below `TaskConfig`"""
+    failures: tuple[str, ...] = ("collision", "out_of_bounds")
+    """outcomes of which an episode counts as its bounds in every error (`Metric.failed`)"""
+    metrics: tuple[Metric, ...] = ()
+    """that an installed package brings with it (`metrics.column`), in addition to `metrics.SHARED`"""
+
+    @property
+    def code(self) -> str:
+        """`module:class`."""
+        return self.factory
+
+    def fault(self) -> str:
+        for what, values, known in (
+            ("block", self.blocks, BLOCKS),
+            ("outcome", self.outcomes, record.OUTCOMES),
+        ):
+            for value in values:
+                if value not in known:
+                    return f"declares the {what} {short(repr(value))}; {closest(str(value), known)}"
+        for metric in self.metrics:
+            column = isinstance(metric, Metric) and metric.kind in ("episode", "scenario")
+            if not column or not re.fullmatch(r"[a-z]\w*", metric.name) or not metric.low < metric.high:
+                return f"declares {short(repr(metric))} as a metric; make it by auvbench.plugin.column"
+        own = tuple(metric.measure for metric in self.metrics if metric.better)
+        ranks = (*record.measure_names(), *own)
+        if self.primary not in ranks:
+            return f"is ranked by {short(repr(self.primary))}, which is no measure; {closest(self.primary, ranks)}"
+        return ""
+
+    def enter(self) -> None:
+        metrics.add(self.name, self.metrics)
+        record.forget()
+
+    def leave(self) -> None:
+        metrics.drop(self.name)
+        record.forget()
+
+
+_FOUR_ENDS = ("success", "collision", "timeout", "out_of_bounds")
+_TRACKING = ("tracking", "exponential", "marinegym_hover")
+
+waypoint = TaskSpec(
+    "waypoint",
+    "waypoint",
+    "auvbench.tasks.waypoint:WaypointTask",
+    "par1_time_s",
+    ("yaw_error", "position_error", *STATE, "previous_action"),
+    ("success", "collision", "timeout"),
+    ("thesis", "goal", "tracking", "exponential"),
+    needs_thrusters=False,
+    has_yaw=False,
+    schema=Waypoint,
+)
+station_keeping = TaskSpec(
+    "station_keeping",
+    "station keeping",
+    "auvbench.tasks.station_keeping:StationKeepingTask",
+    "mean_position_error_rms_m",
+    ERRORS,
+    _FOUR_ENDS,
+    _TRACKING,
+    schema=StationKeeping,
+)
+trajectory_tracking = TaskSpec(
+    "trajectory_tracking",
+    "trajectory tracking",
+    "auvbench.tasks.trajectory_tracking:TrajectoryTrackingTask",
+    "mean_position_error_rms_m",
+    (*ERRORS, "preview"),
+    ("success", "collision", "out_of_bounds"),
+    _TRACKING,
+    schema=TrajectoryTracking,
+)
+path_following = TaskSpec(
+    "path_following",
+    "path following",
+    "auvbench.tasks.path_following:PathFollowingTask",
+    "mean_cross_track_rms_m",
+    (*ERRORS, "preview"),
+    _FOUR_ENDS,
+    ("path", *_TRACKING, "gym_auv_path"),
+    needs_thrusters=False,
+    failures=("collision", "timeout", "out_of_bounds"),
+    schema=PathFollowing,
+)
+docking = TaskSpec(
+    "docking",
+    "docking",
+    "auvbench.tasks.docking:DockingTask",
+    "par1_time_s",
+    (*ERRORS, "goal_error"),
+    _FOUR_ENDS,
+    ("goal", "tracking", "exponential", "gym_dockauv"),
+    schema=Docking,
+)
 
 
 def primary_of(name: str) -> str:

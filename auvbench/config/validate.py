@@ -13,8 +13,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from auvbench.config import algorithms, feasible, rewards, schema, simulators, tasks
-from auvbench.config.algorithms import AGENTS
 from auvbench.errors import ConfigError, closest
+from auvbench.registry import AGENTS
 from auvbench.untrusted.text import short
 
 T = TypeVar("T")
@@ -120,7 +120,7 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
         answer = getattr(typed, group, None) if isinstance(typed, schema.TrainConfig) else None
         if answer is not None and not (dataclasses.is_dataclass(answer) and isinstance(answer, wanted)):
             agent = str(answer.get("agent", "")) if isinstance(answer, dict) else ""
-            unknown = f".agent={short(agent)}: unknown; {closest(agent, AGENTS)}" if agent else ""
+            unknown = f".agent={short(agent)}: unknown; {closest(agent, AGENTS.own)}" if agent else ""
             raise ConfigError(
                 f"{group}{unknown or f': its file must start from a schema (see conf/{group})'}"
             )

@@ -13,7 +13,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import plugins, schema
+from auvbench import registry
+from auvbench.config import schema
 from auvbench.dynamics.compiled import compiled
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ActionError, ConfigError
@@ -320,7 +321,7 @@ def load_compiled() -> None:
     batch = Batch(train_config(compose("train", ["algo=pid"], folder=None)), 1)
     batch.reset()
     batch.step(np.zeros_like(batch._action, np.float32))  # as learners act
-    plugins.forget()  # a process looks for installed packages itself
+    registry.forget_packages()  # a process looks for installed packages itself
 
 
 def admit(action: Any, clipped: Floats) -> None:

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
+from auvbench import registry
 from auvbench.agents import base as agents
 from auvbench.agents.base import Agent
-from auvbench.config import installed, plugins, schema, simulators
+from auvbench.config import complete, schema, simulators
 from auvbench.config.algorithms import learns
 from auvbench.config.schema import step_limit
-from auvbench.config.tasks import TASKS
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import AgentError, AuvbenchError, AuvbenchWarning, RunError
 from auvbench.evaluation import sealed
@@ -32,6 +32,7 @@ from auvbench.evaluation.protocol import (
 )
 from auvbench.evaluation.rollout import Rollout, roll_out, time_actions
 from auvbench.record import columns, record_columns
+from auvbench.registry import TASKS
 from auvbench.runs import history, identity, integrity, lock, provenance
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
@@ -227,7 +228,7 @@ def _evaluate(
         "conditions": [_condition_summary(c, r) for c, r in rollouts],
         "inference": None,
         "created": now(),
-        "versions": provenance.versions() | installed.releases(conditions[0].config),
+        "versions": provenance.versions() | complete.releases(conditions[0].config),
     }
     folder = run.evaluation(protocol.name)
     summary[integrity.FILES] = _write(folder, summary, rollouts)
@@ -270,7 +271,7 @@ def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | Non
         # An agent that moves the vehicle itself computes outside of its actions.
         return None if hasattr(agent, "simulator") else time_actions(agent, config)
     except Exception as error:  # an installed agent may raise any of them
-        reason = f"{run.id}: the time of an action is missing: {plugins.describe_error(error)}"
+        reason = f"{run.id}: the time of an action is missing: {registry.describe_error(error)}"
         warnings.warn(AuvbenchWarning(reason), stacklevel=2)
         return None
 
@@ -289,11 +290,11 @@ def _named_packages(run: RunDirectory) -> Iterator[None]:
     except AuvbenchError:
         raise
     except Exception as error:
-        releases = [f"{name}=={version}" for name, version in installed.releases(run.config()).items()]
+        releases = [f"{name}=={version}" for name, version in complete.releases(run.config()).items()]
         if not releases:
             raise
         raise AgentError(
-            f"{run.id}, with {' and '.join(releases)}: {plugins.describe_error(error)}"
+            f"{run.id}, with {' and '.join(releases)}: {registry.describe_error(error)}"
         ) from error
 
 

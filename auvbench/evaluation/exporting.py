@@ -16,13 +16,14 @@ import numpy as np
 from auvbench.agents.base import Agent, Observations
 from auvbench.agents.policy_file import PolicyFile
 from auvbench.config import schema, tasks
-from auvbench.config.algorithms import AGENTS, learns
+from auvbench.config.algorithms import learns
 from auvbench.config.schema import step_limit
 from auvbench.errors import RunError
 from auvbench.evaluation.evaluate import make_agent, read_summary, refuse_incomplete
 from auvbench.evaluation.rollout import batch_of, embedded
 from auvbench.policies import exported
 from auvbench.policies.exported import FORMAT, NETWORK, SCHEMA_VERSION, SLACK, Policy, PolicyError
+from auvbench.registry import AGENTS
 from auvbench.runs import identity, integrity, provenance
 from auvbench.runs.atomic_io import as_lines, sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
@@ -134,8 +135,7 @@ def why_no_network(name: str, agent: str, learner: bool) -> str:
     """
     if not learner:
         return f"{name} is a controller that auvbench computes, not a trained network; there is nothing to export"
-    spec = AGENTS.get(agent)
-    return "" if spec is None or spec.exportable else NO_NETWORK.format(name=name)
+    return "" if agent not in AGENTS.own or AGENTS[agent].exportable else NO_NETWORK.format(name=name)
 
 
 def compare(

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.agents.base import Agent
-from auvbench.config import installed, plugins, schema
-from auvbench.config.algorithms import AGENTS
+from auvbench.config import schema
 from auvbench.config.simulators import Ros2
 from auvbench.errors import AuvbenchError
 from auvbench.evaluation.evaluate import Report, Roll, evaluate, make_agent, stale
 from auvbench.evaluation.protocol import ResolvedCondition, resolve_conditions
 from auvbench.evaluation.rollout import Rollout, one_episode
+from auvbench.registry import AGENTS, resolve
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.error_file import naming_traceback
 from auvbench.runs.lock import RunHeldError
@@ -92,11 +92,11 @@ def evaluate_all(
 def _row_by_row(run: RunDirectory) -> bool:
     try:
         algo: Any = run.config().get("algo", {})
-        spec = AGENTS.get(str(algo.get("agent")))
-        if spec is not None:
-            factory = None if spec.learns else plugins.resolve(spec.factory)
+        name = str(algo.get("agent"))
+        if name in AGENTS.own:
+            factory = None if AGENTS[name].learns else resolve(AGENTS[name].code)
         else:
-            factory = installed.agent_of(str(algo.get("agent")), str(algo.get("package")))
+            factory = resolve(AGENTS.choose(name, str(algo.get("package"))).code)
     except (AuvbenchError, AttributeError):
         return False  # the test reports the error
     return bool(getattr(factory, "row_by_row", False))

@@ -12,13 +12,14 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from auvbench.config import feasible, installed, schema, tasks
+from auvbench.config import complete, feasible, schema
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
 from auvbench.config.simulators import Ros2
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError, VehicleError
 from auvbench.evaluation import reference, sealed
 from auvbench.evaluation.rollout import batch_of, embedded
+from auvbench.registry import TASKS
 from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -60,7 +61,7 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
 def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[ResolvedCondition]:
     trained = sheet.load(config["vehicle"])
     # Its packages must be there before their options are.
-    installed.complete(OmegaConf.create(config), frozen=True)
+    complete.complete(OmegaConf.create(config), frozen=True)
     if isinstance(protocol, sealed.Protocol):
         protocol.refuse_task(str(config["task"]["name"]))
     base = _resolve(protocol, (), config, f"protocol {protocol.name}")
@@ -186,13 +187,17 @@ def _apply(node: DictConfig, key: str, value: str, where: str) -> None:
         raise ConfigError(f"{where}: {key}={value}: {str(error).splitlines()[0]}") from error
 
 
+def _schema(task: str) -> type:
+    return TASKS[task].schema or TASKS.spec.base
+
+
 def _of_other_tasks(node: DictConfig, key: str) -> bool:
     """Whether a key is one of other tasks alone: `task.station` in a condition moves stations, and no dock."""
     group, _, name = key.partition(".")
     return (
         group == "task"
         and name not in node.task
-        and any(name == field.name for schema in tasks.SCHEMAS.values() for field in fields(schema))
+        and any(name == field.name for task in TASKS.own for field in fields(_schema(task)))
     )
 
 

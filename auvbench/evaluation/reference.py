@@ -25,6 +25,7 @@ from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.evaluation.rollout import embedded
 from auvbench.record import OUTCOMES, record_columns
+from auvbench.registry import TASKS
 from auvbench.tasks.base import factory
 
 Floats = NDArray[np.float64]
@@ -119,7 +120,7 @@ def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.Tra
 def _observed(task: tasks.Task) -> dict[str, Any]:
     """Return what the reference play observes: the same for every agent."""
     declared = factory(task.name).reference_blocks
-    known = [*declared] or [name for name in tasks.TASKS[task.name].blocks if name != "preview"]
+    known = [*declared] or [name for name in TASKS[task.name].blocks if name != "preview"]
     frame = {} if isinstance(task, tasks.Tracked) else {"position_frame": "world"}
     return {**frame, "observation": known, "history": 1}
 

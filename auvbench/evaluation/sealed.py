@@ -13,9 +13,10 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any
 
-from auvbench.config import plugins, schema, tasks
+from auvbench.config import folders, schema
 from auvbench.config.validate import evaluate_protocol
 from auvbench.errors import ConfigError, VehicleError, closest
+from auvbench.registry import TASKS
 from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
@@ -130,14 +131,12 @@ def read(path: Path) -> Protocol:
         raise ConfigError(
             f"protocol={path}: name must be letters, digits, dots and dashes, got {short(content.name, 60)}"
         )
-    if content.name in plugins.options("protocol"):
+    if content.name in folders.options("protocol"):
         raise ConfigError(
             f"protocol={path}: name {content.name} is the name of another protocol; choose another"
         )
     digests = {path.name: hashlib.sha256(data).hexdigest()}
-    missing = [
-        f"task {name}: this version does not have it" for name in content.tasks if name not in tasks.TASKS
-    ]
+    missing = [f"task {name}: this version does not have it" for name in content.tasks if name not in TASKS]
     conditions = []
     for entry in content.conditions:
         if keys := [key for key in NOT_YET if getattr(entry, key) is not None]:
@@ -160,7 +159,7 @@ def read(path: Path) -> Protocol:
         trajectories=0,
         overrides=list(OVERRIDES),
         conditions=list(conditions),
-        tasks=[name for name in content.tasks if name in tasks.TASKS],
+        tasks=[name for name in content.tasks if name in TASKS],
         sha256=digests,
         not_tested=missing,
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from auvbench.config import plugins, schema
+from auvbench.config import folders, schema
 from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
 from auvbench.errors import ConfigError, closest
@@ -23,7 +23,7 @@ def completed(analysis: schema.Analysis) -> Declared:
     Raises:
         ConfigError: the protocol or a condition is unknown.
     """
-    known = plugins.options("protocol")
+    known = folders.options("protocol")
     if analysis.protocol not in known:
         raise ConfigError(f"analysis.protocol={analysis.protocol}: {closest(analysis.protocol, known)}")
     protocol = evaluate_config(compose("evaluate", [f"protocol={analysis.protocol}"])).protocol

@@ -21,8 +21,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import forkserver, resource_tracker
 from typing import Any, TypeVar
 
-from auvbench import isolation
-from auvbench.config import plugins
+from auvbench import isolation, registry
 from auvbench.errors import AuvbenchWarning, TrainingError
 from auvbench.runs import interruption
 
@@ -199,6 +198,6 @@ if COMMAND in os.environ:  # this is the server; its modules may import this one
     for _name in os.environ.pop(MODULES).split(","):
         with contextlib.suppress(Exception):  # the worker that needs it reports the error
             if ":" in _name:
-                plugins.resolve(_name)()
+                registry.resolve(_name)()
             else:
                 importlib.import_module(_name)

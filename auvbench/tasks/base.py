@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench import metrics
-from auvbench.config import plugins, rewards, schema, tasks
+from auvbench.config import rewards, schema, tasks
 from auvbench.dynamics import frames
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
 from auvbench.metrics import Totals
 from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
+from auvbench.registry import REWARDS, TASKS, resolve
 from auvbench.tasks import kernels as k
 from auvbench.tasks.bounds import bounded_spec, start_bounds
 from auvbench.tasks.observation import CODES, check_vehicle
@@ -129,11 +130,11 @@ class Task:
         P[k.P_COMMAND_LOW : k.P_COMMAND_HIGH + 1] = noise.command.low, noise.command.high
         P[k.P_POSITION_LOW : k.P_COMMAND_HIGH + 1] *= noise.scale
         P[k.P_BOTH_SIGNS] = noise.sign == "both"
-        P[k.P_YAW] = tasks.TASKS[task.name].has_yaw
+        P[k.P_YAW] = TASKS[task.name].has_yaw
         P[k.P_PREVIEW], P[k.P_PREVIEWED] = preview, previewed
         P[k.P_HISTORY] = task.history
         name = config.reward.name
-        P[k.P_REWARD] = list(rewards.SCHEMAS).index(name) if name in rewards.SCHEMAS else FOREIGN
+        P[k.P_REWARD] = REWARDS.own.index(name) if name in REWARDS.own else FOREIGN
         values = rewards.parameters(config.reward)
         P[k.P_REWARD_OWN : k.P_REWARD_OWN + len(values)] = values
         P[k.P_OWN :] = own
@@ -263,7 +264,7 @@ class Task:
         return record_of(self._totals(i), self.name)
 
     def _counted(self, record: Record) -> Record:
-        if record["outcome"] in tasks.TASKS[self.name].failures:
+        if record["outcome"] in TASKS[self.name].failures:
             record |= metrics.of_failures(record, self.limits)
         return record
 
@@ -363,5 +364,5 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
 
 def factory(name: str) -> type[Task]:
     """Return the class of a task."""
-    found: type[Task] = plugins.resolve(tasks.TASKS[name].factory)
+    found: type[Task] = resolve(TASKS[name].code)
     return found

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from auvbench import metrics
-from auvbench.config import plugins, rewards, schema, tasks
+from auvbench import metrics, registry
+from auvbench.config import rewards, schema, tasks
 from auvbench.errors import AgentError
 from auvbench.record import OUTCOMES, Record
 from auvbench.tasks import base
@@ -29,19 +29,19 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
     if isinstance(task, tasks.TaskConfig):
         who = f"{who} of {task.package}"
     kind = _class(task.name, who)
-    with plugins.telling(who, "cannot be made"):
+    with registry.telling(who, "cannot be made"):
         made: Task = kind(config, vehicle, n, seed, **stream)
     paid = who
     if isinstance(reward, rewards.RewardConfig):
         paid = f"reward={reward.name} of {reward.package}"
-        with plugins.telling(paid, "cannot be compiled"):
-            made.hook = hook_of(plugins.resolve(rewards.REWARDS[reward.name].function))
+        with registry.telling(paid, "cannot be compiled"):
+            made.hook = hook_of(registry.resolve(registry.REWARDS[reward.name].code))
     _guard(made, who, paid)
     return made
 
 
 def _class(name: str, who: str) -> Callable[..., Task]:
-    with plugins.telling(who, "cannot be imported"):
+    with registry.telling(who, "cannot be imported"):
         kind = base.factory(name)
     if not (isinstance(kind, type) and issubclass(kind, Task)):
         raise AgentError(f"{who}: its factory is no class below auvbench.tasks.base.Task")
@@ -60,12 +60,12 @@ def _guard(task: Task, who: str, paid: str) -> None:
         paid: the reward, for messages.
     """
     draw, kernel, own_metrics, records = task.draw, task.kernel, task.own_metrics, task.records
-    columns = {*metrics.SHARED, *(metric.name for metric in tasks.TASKS[task.name].metrics)}
+    columns = {*metrics.SHARED, *(metric.name for metric in registry.TASKS[task.name].metrics)}
     _check_parameters(task, who)
 
     def checked_draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: Floats) -> None:
         pose[:] = np.nan
-        with plugins.telling(who, "draw fails"):
+        with registry.telling(who, "draw fails"):
             draw(indices, F, C, P, test, pose)
         finite = np.isfinite(F[indices]).all(axis=1)
         _refuse(task, who, indices, finite, "draw writes a number that is not finite")
@@ -74,7 +74,7 @@ def _guard(task: Task, who: str, paid: str) -> None:
         _refuse(task, who, indices, good, "draw gives no start: begin_row must be called for each row")
 
     def checked_kernel(start: int, stop: int, *arguments: Any) -> int:
-        with plugins.telling(who, "the kernel fails"):
+        with registry.telling(who, "the kernel fails"):
             ended = kernel(start, stop, *arguments)
         pose, rows, mine = arguments[0], np.arange(start, stop), slice(start, stop)
         if not np.isfinite(pose[mine]).all():
@@ -92,9 +92,9 @@ def _guard(task: Task, who: str, paid: str) -> None:
         return int(ended)
 
     def checked_metrics(i: int) -> dict[str, float]:
-        with plugins.telling(who, "own_metrics fails"):
+        with registry.telling(who, "own_metrics fails"):
             found = {name: float(value) for name, value in own_metrics(i).items()}
-        if task.name not in tasks.OWN and (lacking := sorted(columns - found.keys())):
+        if task.name not in registry.TASKS.own and (lacking := sorted(columns - found.keys())):
             raise AgentError(f"{who}: own_metrics lacks {', '.join(lacking)}")
         return found
 

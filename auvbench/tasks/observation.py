@@ -10,6 +10,7 @@ import numpy as np
 from auvbench.config import tasks
 from auvbench.errors import ConfigError
 from auvbench.observation import BODY, WORLD, Block, ObservationSpec
+from auvbench.registry import TASKS
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 CODES = {
@@ -62,7 +63,7 @@ def observation_spec(
 
 
 def _block(name: str, task: tasks.Task, actuators: Sequence[str], bounds: tuple[float, ...]) -> Block:
-    spec = tasks.TASKS[task.name]
+    spec = TASKS[task.name]
     to = "reference" if spec.has_yaw else "waypoint"
     axes = BODY if task.position_frame == "body" else WORLD
     # A vector to another point than the reference may be as long as twice the way to it.
@@ -118,7 +119,7 @@ def check_vehicle(task: tasks.Task, vehicle: VehicleModel) -> None:
     Raises:
         ConfigError: names the tasks that the vehicle can do.
     """
-    free = [spec.name for spec in tasks.TASKS.values() if not spec.needs_thrusters]
+    free = [spec.name for spec in TASKS.values() if not spec.needs_thrusters]
     controlled = vehicle.allocation[[0, 1, 2, 5]]
     if task.name not in free and np.linalg.matrix_rank(controlled, tol=1e-6) < len(controlled):
         raise ConfigError(

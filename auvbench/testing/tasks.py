@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.config.compose import compose
-from auvbench.config.tasks import TASKS
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError
 from auvbench.metrics import METRICS
 from auvbench.record import OUTCOMES, record_columns
+from auvbench.registry import TASKS
 from auvbench.testing.draws import ConformanceError, actions, run_checks, same
 
 N, STEPS = 5, 40

@@ -11,9 +11,10 @@ import numpy as np
 
 from auvbench import tracking
 from auvbench.agents import base as agents
-from auvbench.config import algorithms, installed, schema, simulators
-from auvbench.config.algorithms import AGENTS, learns
+from auvbench.config import algorithms, complete, schema, simulators
+from auvbench.config.algorithms import learns
 from auvbench.errors import AuvbenchError, TrainingError
+from auvbench.registry import AGENTS
 from auvbench.runs import integrity, interruption, provenance, status
 from auvbench.runs.atomic_io import storage
 from auvbench.runs.directory import RunDirectory, now
@@ -33,9 +34,9 @@ def check_runnable(config: schema.TrainConfig) -> None:
     start later.
 
     Raises:
-        ConfigError: the vehicle cannot do the task or lacks the actuator that fails, the controller cannot steer it, or Gazebo is not installed.
+        ConfigError: the vehicle cannot do the task or lacks the actuator that fails, the controller cannot steer it, or Gazebo is not complete.
         VehicleError: Gazebo cannot simulate the vehicle.
-        MissingExtraError: the controller, or train.log, needs a package that is not installed.
+        MissingExtraError: the controller, or train.log, needs a package that is not complete.
     """
     tracking.prepare(config.train.log, config.name)
     vehicle = sheet.load(config.vehicle)
@@ -48,7 +49,7 @@ def check_runnable(config: schema.TrainConfig) -> None:
         bindings.modules()
     residual = getattr(config.algo, "residual", None)
     algo = residual.base if isinstance(residual, algorithms.Residual) else config.algo
-    if algo.agent in AGENTS and not learns(algo):
+    if algo.agent in AGENTS.own and not learns(algo):
         agents.make(dataclasses.replace(config, algo=algo), vehicle)
 
 
@@ -77,7 +78,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             ended=None,
             error=None,
             attempts=int(manifest["attempts"]) + 1,
-            versions=provenance.versions() | installed.releases(config),
+            versions=provenance.versions() | complete.releases(config),
             git=provenance.git(),
             host=provenance.host(simulators.threads(config.simulator)),
         )
@@ -101,7 +102,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             with storage(f"cannot write {run.path}"):
                 # With the simulator's versions, which are known by now.
                 manifest = close(
-                    "complete", **result, versions=provenance.versions() | installed.releases(config)
+                    "complete", **result, versions=provenance.versions() | complete.releases(config)
                 )
         except LockLostError:
             raise  # the run and its manifest belong to another process by now
@@ -125,7 +126,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
 def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity.Entry]:
     """Tries an agent that came from elsewhere and learns nothing here; returns the files that the manifest is to vouch for."""
-    if any(isinstance(part, installed.CONFIGS) for part in (config.algo, config.task, config.reward)):
+    if any(isinstance(part, complete.CONFIGS) for part in (config.algo, config.task, config.reward)):
         _try(config)
     if isinstance(config.algo, algorithms.ArduSub):
         from auvbench.agents.ardusub import ArduSubAgent

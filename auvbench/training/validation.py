@@ -17,11 +17,11 @@ import numpy as np
 
 from auvbench.agents.base import Agent
 from auvbench.config.compose import compose
-from auvbench.config.tasks import TASKS
 from auvbench.config.validate import evaluate_config
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import roll_out
 from auvbench.record import record_columns
+from auvbench.registry import TASKS
 from auvbench.runs.progress import EpisodeLog
 
 

@@ -22,8 +22,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from auvbench import isolation
-from auvbench.config import plugins
+from auvbench import isolation, registry
 from auvbench.errors import AuvbenchError, plain_warnings
 from auvbench.runs import interruption, lock, status
 from auvbench.runs.directory import RunDirectory, now
@@ -107,7 +106,7 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
 
 
 def _resolve(target: str) -> Target:
-    function: Target = plugins.resolve(target)
+    function: Target = registry.resolve(target)
     if (torch := sys.modules.get("torch")) is not None:
         torch.set_num_threads(1)  # also where it was imported before
     return function

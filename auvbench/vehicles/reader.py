@@ -12,7 +12,7 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from auvbench.config import plugins
+from auvbench.config import folders
 from auvbench.errors import VehicleError, closest
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
@@ -35,7 +35,7 @@ def sheets() -> dict[str, Traversable]:
     The latter win, as they do in Hydra's search path.
     """
     found: dict[str, Traversable] = {}
-    for folder in plugins.option_folders("vehicle"):
+    for folder in folders.of_group("vehicle"):
         if folder.is_dir():
             for entry in folder.iterdir():
                 if entry.name.endswith(".yaml"):

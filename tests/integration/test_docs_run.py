@@ -20,7 +20,8 @@ from omegaconf import DictConfig
 
 from auvbench.cli import main
 from auvbench.commands import plan
-from auvbench.config import compose, grids, installed
+from auvbench.config import complete as completing
+from auvbench.config import compose, grids
 from auvbench.metrics import Metric
 from tests import synthetic
 from tests.conftest import Once
@@ -102,7 +103,7 @@ def two_of_each(jobs: list[list[str]]) -> list[list[str]]:
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    complete, jobs = installed.complete, grids.jobs
+    complete, jobs = completing.complete, grids.jobs
 
     def completed(config: DictConfig, **words: Any) -> DictConfig:
         found = complete(config, **words)
@@ -112,10 +113,10 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setenv("WANDB_MODE", "offline")
     monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
-    monkeypatch.setattr(installed, "complete", completed)
+    monkeypatch.setattr(completing, "complete", completed)
     monkeypatch.setattr(plan, "REPLICATIONS", 10)
     monkeypatch.setattr(grids, "jobs", lambda found: two_of_each(jobs(found)))
-    assert compose.installed is installed
+    assert compose.complete is completing
 
 
 def with_ids(text: str) -> str:

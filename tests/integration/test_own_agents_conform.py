@@ -9,8 +9,9 @@ import pytest
 import torch
 
 from auvbench import testing
-from auvbench.config import plugins
-from auvbench.config.algorithms import AGENTS, learns
+from auvbench.config import folders
+from auvbench.config.algorithms import learns
+from auvbench.registry import AGENTS
 from auvbench.simulators.gazebo import bindings
 from tests.simulator_contract import SIMULATOR_CHECKS, check_simulator
 
@@ -54,7 +55,7 @@ absent = bindings.missing()
 def test_no_agent_and_no_simulator_is_left_out() -> None:
     # ArduSub moves the vehicle itself: tests/integration/test_ardusub_contest.py.
     assert OVERRIDES.keys() | {"ardusub"} == AGENTS.keys()
-    assert set(plugins.options("simulator")) <= {"fossen", "gazebo", "ros2"}
+    assert set(folders.options("simulator")) <= {"fossen", "gazebo", "ros2"}
 
 
 @pytest.mark.slow

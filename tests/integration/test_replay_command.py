@@ -13,9 +13,9 @@ from PIL import Image
 
 from auvbench.cli import main
 from auvbench.config.compose import compose
-from auvbench.config.tasks import TASKS
 from auvbench.config.validate import evaluate_config
 from auvbench.evaluation.replay import replay
+from auvbench.registry import TASKS
 from auvbench.reporting import replay_pictures as films
 from auvbench.runs.directory import RunDirectory
 from tests import configs

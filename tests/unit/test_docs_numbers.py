@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from auvbench.agents.base import make
 from auvbench.agents.classical.mpc import MPCController
-from auvbench.config.algorithms import AGENTS
 from auvbench.envs.batch import Batch
+from auvbench.registry import AGENTS
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import trajectory_tracking as curves
 from auvbench.vehicles import sheet

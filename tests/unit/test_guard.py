@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from auvbench import cli
+from auvbench import cli, registry
 from auvbench.commands import runs as runs_command
-from auvbench.config import plugins
 from auvbench.untrusted.text import message
 from tests.waiting import LIMIT
 
@@ -254,7 +253,7 @@ def test_the_error_of_a_package_names_its_traceback(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def foreign(_: object) -> int:
-        with plugins.telling("algo=theirs of theirs==1", "act fails"):
+        with registry.telling("algo=theirs of theirs==1", "act fails"):
             raise LookupError("no such thruster")
 
     monkeypatch.setattr(runs_command, "main", foreign)

@@ -27,6 +27,7 @@ from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.observer import Observer
 from auvbench.agents.classical.shooting import Program
 from auvbench.config import algorithms, schema, tasks
+from auvbench.registry import TASKS
 from auvbench.vehicles.symbolic import symbolic
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -71,7 +72,7 @@ class MPCController:
         self.room = np.array([low, high]) - start
         self.ahead = task.preview.interval if isinstance(task, tasks.Tracked) else 0.0
         """s between points of a preview"""
-        self.turns = tasks.TASKS[task.name].has_yaw
+        self.turns = TASKS[task.name].has_yaw
         self.solves = self.failed = self.late = 0
         self.reset(np.empty(0, dtype=np.int64))
 

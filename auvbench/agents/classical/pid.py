@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.cascade import YAW, Cascade, Estimator, to_level
-from auvbench.config import algorithms, schema, tasks
+from auvbench.config import algorithms, schema
 from auvbench.errors import ConfigError
+from auvbench.registry import TASKS
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.actuators import BuoyancyEngine, Fin, MassShifter, Thruster
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -103,7 +104,7 @@ class FinController:
             )
         self.vehicle = vehicle
         self.gains = gains
-        self.follows = tasks.TASKS[config.task.name].has_yaw
+        self.follows = TASKS[config.task.name].has_yaw
         """whether the reference is a path, not a waypoint"""
         spec = observation_spec(config.task, vehicle.actuators)
         self.estimate = Estimator(1.0 / config.step.frequency, gains.filter_time, spec)

@@ -24,10 +24,9 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from auvbench.config import algorithms, schema
-from auvbench.config.algorithms import AGENTS
-from auvbench.config.plugins import resolve
 from auvbench.config.schema import discount
 from auvbench.errors import ActionError, AuvbenchError, TrainingError
+from auvbench.registry import AGENTS, resolve
 
 WEIGHTS, STATISTICS = "policy.pt", "normalisation.npz"
 """The files of a trained model."""

@@ -20,9 +20,8 @@ from stable_baselines3.common.policies import BasePolicy
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.learned import learners
 from auvbench.config import algorithms, schema
-from auvbench.config.algorithms import AGENTS
-from auvbench.config.plugins import resolve
 from auvbench.errors import RunError
+from auvbench.registry import AGENTS, resolve
 from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import archives, reading
 from auvbench.vehicles.vehicle_model import VehicleModel

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from auvbench.agents.classical.cascade import Estimator
-from auvbench.config.algorithms import AGENTS
-from auvbench.config.plugins import resolve
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.rollout import roll_out
+from auvbench.registry import AGENTS, resolve
 from auvbench.vehicles import sheet
 from tests import configs
 

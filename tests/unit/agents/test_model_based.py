@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 
 from auvbench.agents.classical import lqr
-from auvbench.config.algorithms import AGENTS
-from auvbench.config.plugins import resolve
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
+from auvbench.registry import AGENTS, resolve
 from auvbench.vehicles import sheet
 from tests import configs
 

@@ -9,9 +9,9 @@ from omegaconf import open_dict
 
 from auvbench.commands.tune import plan_of
 from auvbench.config.compose import compose, typed
-from auvbench.config.tasks import TASKS
 from auvbench.config.validate import evaluate_config, train_config
 from auvbench.errors import ConfigError
+from auvbench.registry import TASKS
 
 CONF = Path(__file__).resolve().parents[3] / "conf"
 

@@ -10,11 +10,11 @@ from omegaconf import OmegaConf
 
 from auvbench import cli
 from auvbench.commands.completion import candidates
-from auvbench.config import plugins
+from auvbench.config import folders
 from auvbench.config.compose import compose, typed
-from auvbench.config.plugins import find
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
+from auvbench.registry import AGENTS
 from auvbench.runs.identity import run_id
 from auvbench.vehicles import reader
 from tests.packages import MINE, Site, learning, site, steering
@@ -61,7 +61,7 @@ def test_it_is_listed_and_completed_without_being_imported(
 ) -> None:
     steering(site)
     (site.folder / "mine/__init__.py").write_text("raise RuntimeError('imported')")
-    assert "mine" in plugins.options("algo")
+    assert "mine" in folders.options("algo")
     assert candidates(["report", "outputs", "--baseline", "mi"]) == ["mine"]
     assert cli.main(["train", "--help"]) == 0
     assert " mine," in capsys.readouterr().out
@@ -226,4 +226,4 @@ def test_a_frozen_configuration_wants_the_package_it_was_made_with(site: Site) -
         ConfigError, match=r"and is not installed|is not installed; pip install 'mine-package==1\.0'"
     ):
         typed(frozen)
-    assert find("auvbench.agents", "mine") is None
+    assert AGENTS.find("mine") is None

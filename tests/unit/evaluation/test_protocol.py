@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from auvbench.config.tasks import TASKS
 from auvbench.errors import ConfigError
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
+from auvbench.registry import TASKS
 from auvbench.vehicles.sheet import load
 from tests import configs
 

@@ -10,9 +10,9 @@ import pandas as pd
 import pytest
 
 from auvbench import metrics, record
-from auvbench.config import tasks
 from auvbench.evaluation import reference
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
+from auvbench.registry import TASKS
 from auvbench.tasks import base
 from auvbench.tasks import fingerprint as frozen
 from tests import configs
@@ -47,9 +47,9 @@ def test_scenarios_are_those_of_the_published_studies(study: str) -> None:
     assert seen
 
 
-@pytest.mark.parametrize("task", tasks.OWN)
+@pytest.mark.parametrize("task", TASKS.own)
 def test_fingerprints_cover_columns_and_blocks_that_a_task_declares(task: str) -> None:
-    kind, spec = base.factory(task), tasks.TASKS[task]
+    kind, spec = base.factory(task), TASKS[task]
     assert set(kind.reference_columns) <= set(record.record_columns(task))
     assert set(kind.reference_blocks) <= set(spec.blocks)
     assert kind.reference_columns
@@ -58,7 +58,7 @@ def test_fingerprints_cover_columns_and_blocks_that_a_task_declares(task: str) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", tasks.OWN)
+@pytest.mark.parametrize("task", TASKS.own)
 def test_a_new_metric_and_a_new_block_change_no_fingerprint(
     task: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -70,8 +70,8 @@ def test_a_new_metric_and_a_new_block_change_no_fingerprint(
     record.forget()
     # A block that the task did not have, and none that it has twice.
     more = {"docking": "preview", "waypoint": "velocity_error"}.get(task, "goal_error")
-    spec = dataclasses.replace(tasks.TASKS[task], blocks=(more, *tasks.TASKS[task].blocks))
-    monkeypatch.setitem(tasks.TASKS, task, spec)
+    spec = dataclasses.replace(TASKS[task], blocks=(more, *TASKS[task].blocks))
+    monkeypatch.setitem(TASKS.entered, task, spec)
     try:
         assert "effort_J" in record.record_columns(task)
         assert reference.digest(config, None) == before

@@ -13,7 +13,6 @@ from auvbench.cli import main
 from auvbench.commands import pilot as command
 from auvbench.commands.pilot import task_of, task_of_policy
 from auvbench.config.compose import compose
-from auvbench.config.tasks import TASKS
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, RunError, UserError
@@ -22,6 +21,7 @@ from auvbench.pilot.mission import Logbook, Mission
 from auvbench.pilot.observation import SUPPLIED, observe
 from auvbench.pilot.steering import Limits, Steering
 from auvbench.record import record_columns
+from auvbench.registry import TASKS
 from auvbench.tasks.kernels import F_REFERENCE
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load

@@ -11,12 +11,12 @@ import pytest
 
 from auvbench.agents.base import make
 from auvbench.analysis import grouping
-from auvbench.config.tasks import TASKS
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.evaluation.protocol import resolve_conditions
 from auvbench.evaluation.rollout import roll_out
 from auvbench.record import OUTCOMES, record_columns
+from auvbench.registry import TASKS
 from auvbench.tasks import kernels as k
 from auvbench.vehicles import sheet
 from tests import configs

@@ -10,12 +10,13 @@ import pytest
 
 import auvbench
 from auvbench import cli, metrics
-from auvbench.config import installed, rewards, tasks
+from auvbench.config import complete, rewards
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError
 from auvbench.record import record_columns
+from auvbench.registry import REWARDS, TASKS
 from auvbench.tasks import kernels as k
 from auvbench.testing import ConformanceError, check_task
 from auvbench.testing.tasks import its_functions_stay_within_their_arrays
@@ -58,11 +59,11 @@ def test_it_is_chosen_with_its_reward_its_types_and_its_package(site: Site) -> N
     assert type(config.task).__name__ == "CirclingConfig"
     assert (config.task.radius, config.task.package) == (4.0, "auvbench-example==1.0")
     assert (config.reward.name, config.reward.package) == ("view", "auvbench-example==1.0")
-    assert installed.releases(config) == {"auvbench-example": "1.0"}
-    assert installed.releases({"algo": {}, "reward": {"package": "auvbench-example==1.0"}}) == {
+    assert complete.releases(config) == {"auvbench-example": "1.0"}
+    assert complete.releases({"algo": {}, "reward": {"package": "auvbench-example==1.0"}}) == {
         "auvbench-example": "1.0"
     }
-    assert tasks.TASKS["circling"].title == "circling a pole"
+    assert TASKS["circling"].title == "circling a pole"
     assert record_columns("circling")[-2:] == ("in_view", "closest_m")
     assert set(metrics.SHARED) < set(record_columns("circling"))
 
@@ -75,8 +76,8 @@ def test_what_it_entered_is_gone_when_it_is_forgotten(site: Site) -> None:
     assert len(metrics.METRICS) == len(before) + 2
     site.look_again()
     assert before == metrics.METRICS
-    assert "circling" not in tasks.TASKS
-    assert not rewards.REWARDS
+    assert "circling" not in TASKS
+    assert not REWARDS.entered
 
 
 @pytest.mark.slow
@@ -276,4 +277,4 @@ def test_a_frozen_configuration_is_read_again(site: Site) -> None:
     config = compose("train", [*CIRCLING, "task.radius=4"])
     site.look_again()
     assert typed(config).task.radius == 4.0
-    assert tasks.TASKS["circling"].primary == "mean_in_view"
+    assert TASKS["circling"].primary == "mean_in_view"

@@ -12,10 +12,10 @@ from gymnasium.utils.env_checker import check_env
 from scipy.spatial.transform import Rotation
 
 from auvbench.agents.base import make
-from auvbench.config.tasks import TASKS
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
+from auvbench.registry import TASKS
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.gazebo import simulator as gazebo
 from auvbench.tasks import kernels as k

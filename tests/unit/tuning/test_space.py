@@ -116,7 +116,7 @@ def test_a_search_that_is_not_there_is_not_passed_over(tmp_path, monkeypatch, ca
 @pytest.mark.slow
 def test_one_command_gives_every_shipped_space_the_same_budget(monkeypatch):
     from auvbench.commands import tune
-    from auvbench.config import plugins
+    from auvbench.config import folders
 
     seen = []
     monkeypatch.setattr(tune, "_studies", lambda configs, *_: seen.extend(configs) or 0)
@@ -124,7 +124,7 @@ def test_one_command_gives_every_shipped_space_the_same_budget(monkeypatch):
     plans = [plan_of(config, {}, {})[0] for config in seen]
     assert {plan.tune.trials for plan in plans} == {7}
     assert {tuple(plan.tune.rungs) for plan in plans} == {(50000, 150000, 400000)}
-    assert {plan.name for plan in plans} == set(plugins.options("search"))
+    assert {plan.name for plan in plans} == set(folders.options("search"))
     assert {"ppo", "sac", "ddpg", "td3", "pid", "lqr", "smc", "mpc"} <= {plan.name for plan in plans}
     assert all(len(plan.dimensions) >= 3 for plan in plans)
 

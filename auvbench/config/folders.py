@@ -1,0 +1,64 @@
+"""The folders in which Hydra finds options: auvbench's `conf/`, those of installed packages, and `./conf`."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from functools import cache
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+
+from auvbench import registry
+from auvbench.errors import ConfigError
+
+GROUP = "auvbench.conf"
+"""The group of entry points that are the dotted path of a folder."""
+
+
+@cache
+def packages() -> tuple[tuple[str, Path], ...]:
+    """Return release and path of the folders of `auvbench.conf` entry points; no package is imported.
+
+    Raises:
+        ConfigError: a folder does not exist.
+    """
+    found = []
+    for one in registry.declared(GROUP, GROUP):
+        top, *below = one.value.split(".")
+        spec = importlib.util.find_spec(top) if re.fullmatch(r"\w+", top) else None
+        places = [Path(place, *below) for place in (spec.submodule_search_locations or ())] if spec else []
+        path = next((place for place in places if place.is_dir()), None)
+        if path is None:
+            raise ConfigError(
+                f"auvbench.conf: {one.value} of {one.release} is no folder of an installed package; "
+                f"pip uninstall {one.package}, or install one that has it"
+            )
+        found.append((one.release, path))
+    return tuple(found)
+
+
+def of_group(group: str) -> list[Traversable]:
+    """Return the folders with the options of a group; a file in a later folder wins.
+
+    Raises:
+        ConfigError: the folder of an installed package does not exist.
+    """
+    installed = [path / group for _, path in reversed(packages())]
+    return [*installed, resources.files("auvbench.conf") / group, Path("conf") / group]
+
+
+def options(group: str) -> list[str]:
+    """Return the names that `group=NAME` takes, without waiting for Hydra.
+
+    >>> "thesis" in options("protocol")
+    True
+    """
+    entries = [entry for folder in of_group(group) if folder.is_dir() for entry in folder.iterdir()]
+    return sorted({e.name.removesuffix(".yaml") for e in entries if e.name.endswith(".yaml")})
+
+
+def misnamed(group: str, name: str) -> Path | None:
+    """Return the user's file of an option that ends in .yml, which no command reads; None without one."""
+    path = Path("conf") / group / f"{name.removesuffix('.yml').removesuffix('.yml.yaml')}.yml"
+    return path if re.fullmatch(r"[\w.-]{1,100}", name) and path.is_file() else None

@@ -1,0 +1,352 @@
+"""The registry of everything that is chosen by name: auvbench's own, and that of installed packages.
+
+A kind of thing (agents, tasks, ...) has lines `name = module:object`. auvbench's own lines are the tables below; those of a
+package are the entry points of one group. The object is a spec, which says all that auvbench must know of the thing without
+importing its code: name, title, the schema of its configuration, and `module:object` of the code.
+
+Nothing else is ever loaded: no path and no code that a configuration or a run directory names. A package is imported when
+something of it is chosen. Two things only tell auvbench's own from a package's: the package's release is part of a run's
+identity, and what a package's code returns is always checked.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, is_dataclass
+from functools import cache, reduce
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
+
+from auvbench.errors import AgentError, AuvbenchError, ConfigError, PluginImportError
+from auvbench.untrusted.text import first_line, short
+
+if TYPE_CHECKING:
+    from auvbench.config.algorithms import AgentSpec
+    from auvbench.config.rewards import RewardSpec
+    from auvbench.config.tasks import TaskSpec
+
+
+class Spec:
+    """What a kind's specs have in common; each kind has a frozen dataclass below it."""
+
+    __slots__ = ()
+    base: ClassVar[type] = object
+    """The class below which a package's schema must be."""
+
+    name: str
+    """The value that chooses it."""
+    schema: type | None
+    """The dataclass of its configuration: types, ranges and meanings of its keys; None without any key."""
+
+    @property
+    def code(self) -> str:
+        """`module:object` of its code."""
+        raise NotImplementedError
+
+    def fault(self) -> str:
+        """Return why a package's spec cannot be used; empty where it can."""
+        return ""
+
+    def enter(self) -> None:
+        """Do what else its entering changes.
+
+        Raises:
+            ValueError: it cannot be entered.
+        """
+
+    def leave(self) -> None:
+        """Undo `enter`."""
+
+
+S = TypeVar("S", bound=Spec)
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Declared:
+    """An entry point with its package."""
+
+    group: str
+    name: str
+    package: str
+    value: str
+    version: str
+    key: str
+
+    @property
+    def release(self) -> str:
+        """The package as a requirement, `auvbench-example==1.0`: part of a run's configuration and identity."""
+        return f"{self.package}=={self.version}"
+
+    def error(self, reason: str) -> ConfigError:
+        """Return an error that names key, entry point and package."""
+        return ConfigError(f"{self.key}={self.name}: {self.value} of {self.release} {reason}")
+
+
+@cache
+def entry_points() -> Any:
+    """Return the entry points of all groups: each call of the library reads the files of every installed package anew."""
+    from importlib import metadata  # slow to import, and no other part of a command's help needs it
+
+    return metadata.entry_points()
+
+
+@cache
+def load(point: Declared) -> Any:
+    """Import the object of an entry point.
+
+    Raises:
+        PluginImportError: it cannot be imported, or does not exist.
+    """
+    from importlib import metadata
+
+    try:
+        return metadata.EntryPoint(point.name, point.value, point.group).load()
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # all that a package may do when it is imported, an exit included
+        raise PluginImportError(str(point.error(f"cannot be imported: {describe_error(error)}"))) from error
+
+
+class Kind(Mapping[str, S], Generic[S]):
+    """All things of one kind as a mapping from names to specs: auvbench's own, then those of packages that were entered.
+
+    Args:
+        group: of the entry points of packages.
+        key: of the configuration, or word of the command line, that names one.
+        spec: `module:class` of the specs.
+        own: auvbench's own, `module:spec` by name.
+    """
+
+    def __init__(self, group: str, key: str, spec: str, own: Mapping[str, str]) -> None:
+        self.group = group
+        self.key = key
+        self.own = tuple(own)
+        """Names of auvbench's own."""
+        self.entered: dict[str, S] = {}
+        """Specs of packages that were chosen, or read in a run."""
+        self._spec = spec
+        self._lines = dict(own)
+
+    def __getitem__(self, name: str) -> S:
+        if name in self.entered:
+            return self.entered[name]
+        spec: S = resolve(self._lines[name])
+        return spec
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._lines or name in self.entered
+
+    def __iter__(self) -> Iterator[str]:
+        yield from self._lines
+        yield from (name for name in self.entered if name not in self._lines)
+
+    def __len__(self) -> int:
+        return len({*self._lines, *self.entered})
+
+    @property
+    def spec(self) -> type[S]:
+        """The class of the specs."""
+        kind: type[S] = resolve(self._spec)
+        return kind
+
+    def declared(self) -> tuple[Declared, ...]:
+        """Return all entry points of the kind, by name and package; nothing is imported."""
+        return declared(self.group, self.key)
+
+    def names(self) -> tuple[str, ...]:
+        """Return auvbench's own names, then those that packages declare; nothing is imported."""
+        return tuple(dict.fromkeys([*self._lines, *(point.name for point in self.declared())]))
+
+    def find(self, name: str) -> Declared | None:
+        """Return the entry point of this name, or None.
+
+        Raises:
+            ConfigError: several packages declare it, or auvbench has the name itself.
+        """
+        found = [point for point in self.declared() if point.name == name]
+        holders = [*(["auvbench"] if name in self._lines else []), *(point.package for point in found)]
+        if found and len(holders) > 1:
+            raise ConfigError(
+                f"{self.key}={short(name)}: {' and '.join(holders)} have one of that name each; uninstall one: pip "
+                f"uninstall {holders[-1]}"
+            )
+        return found[0] if found else None
+
+    def missing(self, name: str, release: str) -> ConfigError:
+        """Return the error of a configuration whose package is not installed in its version."""
+        here = self.find(name)
+        now = "is not installed" if here is None else f"{here.release} is installed"
+        return ConfigError(
+            f"{self.key}={short(name)}: comes with {short(release)}, and {now}; pip install '{short(release)}'"
+        )
+
+    def choose(self, name: str, release: str | None = None) -> S:
+        """Return the spec of a name; that of a package enters.
+
+        Args:
+            name: auvbench's own, or an entry point's.
+            release: of the package that must have it; None: any.
+
+        Raises:
+            ConfigError: the package is not installed, not in this release, or its spec cannot be used.
+            KeyError: no package has the name, and no release says which one had it.
+        """
+        found = self.find(name)
+        if release is not None and (found is None or found.release != release):
+            raise self.missing(name, release)
+        return self[name] if found is None else self.enter(found)
+
+    def enter(self, found: Declared) -> S:
+        """Enter what an installed package brings, and return its spec.
+
+        Raises:
+            ConfigError: what it declares cannot be used.
+        """
+        kind, thing = self.spec, load(found)
+        if not isinstance(thing, kind) and (adopt := getattr(kind, "adopt", None)):
+            known = self.entered.get(found.name)
+            thing = known if known is not None and known.code == found.value else adopt(found, thing)
+        if not isinstance(thing, kind):
+            raise found.error(f"is a {type(thing).__name__}; it must be an auvbench.plugin.{kind.__name__}")
+        if thing.name != found.name:
+            raise found.error(f"has the name {short(repr(thing.name))}; it must be that of its entry point")
+        if self.entered.get(thing.name) is not thing:
+            if fault := schema_fault(thing.schema, kind.base) or thing.fault():
+                raise found.error(fault)
+            try:
+                thing.enter()
+            except ValueError as error:
+                raise found.error(str(error)) from None
+            self.entered[thing.name] = thing
+        return thing
+
+    def forget(self) -> None:
+        """Remove what entered: for tests, and for programs that install packages."""
+        for spec in self.entered.values():
+            spec.leave()
+        self.entered.clear()
+
+
+@cache
+def declared(group: str, key: str) -> tuple[Declared, ...]:
+    """Return all entry points of a group, by name and package; nothing is imported."""
+    return tuple(
+        sorted({
+            Declared(group, point.name, point.dist.name, point.value, point.dist.version, key)
+            for point in entry_points().select(group=group)
+            if point.dist is not None
+        })
+    )  # fmt: skip
+
+
+def schema_fault(schema: Any, base: type, word: str = "schema") -> str:
+    """Return why a package's schema cannot be used; empty where it is None or a dataclass below `base` with types of keys."""
+    from omegaconf import OmegaConf  # slow to import, and needed where a package's thing was chosen only
+    from omegaconf.errors import OmegaConfBaseException
+
+    reason = ""
+    try:
+        if schema is None:
+            return ""
+        if isinstance(schema, type) and issubclass(schema, base) and is_dataclass(schema):
+            OmegaConf.structured(schema)
+            return ""
+    except (OmegaConfBaseException, TypeError, ValueError) as error:
+        reason = f" ({describe_error(error)})"
+    return f"has a {word} that is no dataclass below auvbench.plugin.{base.__name__}{reason}"
+
+
+def resolve(target: str) -> Any:
+    """Return the object that "module:object" of a line stands for."""
+    module, _, names = target.partition(":")
+    return reduce(getattr, names.split("."), importlib.import_module(module))
+
+
+def describe_error(error: BaseException) -> str:
+    """Return an exception of foreign code in one line."""
+    kind = type(error).__name__
+    return short(f"{kind}: {first_line(error)}" if str(error) else kind)
+
+
+@contextmanager
+def telling(who: str, what: str) -> Iterator[None]:
+    """Turn an exception of foreign code into an `AgentError` that names the plug-in and the call."""
+    try:
+        yield
+    except AuvbenchError:
+        raise
+    except Exception as error:
+        raise AgentError(f"{who}: {what}: {describe_error(error)}") from error
+
+
+def _lines(module: str, *names: str) -> dict[str, str]:
+    return {name: f"{module}:{name}" for name in names}
+
+
+_ALGORITHMS = "auvbench.config.algorithms"
+_LEARNERS = (
+    "ppo",
+    "sac",
+    "ddpg",
+    "td3",
+    "tqc",
+    "crossq",
+    "trpo",
+    "recurrent_ppo",
+    "ppo_residual",
+    "sac_residual",
+)
+_CONTROLLERS = ("pid", "alos", "lqr", "smc", "mpc", "random", "onnx", "ardusub")
+AGENTS: Kind[AgentSpec] = Kind(
+    "auvbench.agents",
+    "algo.agent",
+    f"{_ALGORITHMS}:AgentSpec",
+    _lines(_ALGORITHMS, *_LEARNERS, *_CONTROLLERS),
+)
+
+_TASKS = "auvbench.config.tasks"
+TASKS: Kind[TaskSpec] = Kind(
+    "auvbench.tasks",
+    "task.name",
+    f"{_TASKS}:TaskSpec",
+    _lines(_TASKS, "waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"),
+)
+
+_REWARDS = "auvbench.config.rewards"
+REWARDS: Kind[RewardSpec] = Kind(
+    "auvbench.rewards",
+    "reward.name",
+    f"{_REWARDS}:RewardSpec",
+    # in the order of their codes in `tasks.rewards`
+    _lines(
+        _REWARDS,
+        *(
+            "thesis",
+            "tracking",
+            "exponential",
+            "marinegym_hover",
+            "gym_auv_path",
+            "gym_dockauv",
+            "goal",
+            "path",
+        ),
+    ),
+)
+
+KINDS: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS)
+
+
+def forget() -> None:
+    """Forget what packages brought and what is known of them: for tests, and for programs that install packages."""
+    for kind in KINDS:
+        kind.forget()
+    forget_packages()
+
+
+def forget_packages() -> None:
+    """Forget which packages are installed: a process looks for them itself."""
+    from auvbench.config import folders
+
+    for cached in (entry_points, declared, load, folders.packages):
+        cached.cache_clear()
