@@ -10,7 +10,6 @@ auvbench: what is needed to mend it is saved in a file, and the line names that 
 from __future__ import annotations
 
 import errno
-import importlib
 import os
 import platform
 import shlex
@@ -20,7 +19,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from auvbench import __version__, isolation
-from auvbench.commands import COMMANDS
 from auvbench.errors import (
     AgentError,
     AuvbenchError,
@@ -29,6 +27,7 @@ from auvbench.errors import (
     closest,
     plain_warnings,
 )
+from auvbench.registry import COMMANDS, resolve, telling
 from auvbench.untrusted.text import forgiving, message, present, say, short, silence
 
 MEANT = {
@@ -51,8 +50,10 @@ _NAMED = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR)
 
 
 def usage() -> str:
-    width = max(map(len, COMMANDS))
-    lines = [f"  {name:<{width}}  {text}" for name, text in COMMANDS.items()]
+    known = {name: COMMANDS[name].title for name in COMMANDS.own}
+    known |= {point.name: f"of {point.release}" for point in COMMANDS.declared()}
+    width = max(map(len, known))
+    lines = [f"  {name:<{width}}  {text}" for name, text in known.items()]
     return "\n".join(
         [
             "usage: auvbench COMMAND [ARGUMENTS]",
@@ -88,20 +89,24 @@ def _dispatch(arguments: Sequence[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help", "help"):
         print(usage())
         return 0
-    if arguments[0] == "-V" or (arguments[0] in (*COMMANDS, "--version") and "--version" in arguments):
+    if arguments[0] == "-V" or (arguments[0] in (*COMMANDS.own, "--version") and "--version" in arguments):
         print(f"auvbench {__version__}")
         return 0
     plain_warnings()
     name, rest = arguments[0], arguments[1:]
-    if name not in COMMANDS:
-        hint = f"did you mean {MEANT[name]!r}?" if name in MEANT else closest(short(name), COMMANDS)
+    found = None if name in COMMANDS.own else COMMANDS.find(name)
+    if found is None and name not in COMMANDS.own:
+        hint = f"did you mean {MEANT[name]!r}?" if name in MEANT else closest(short(name), COMMANDS.names())
         raise UserError(f"unknown command {short(name)!r}; {hint}")
     try:
         os.getcwd()
     except OSError as error:
         raise UserError(f"the working directory is gone ({error.strerror}): cd to another folder") from None
-    command = importlib.import_module(f"auvbench.commands.{name.replace('-', '_')}")
-    return int(command.main(rest) or 0)
+    if found is None:
+        return int(resolve(COMMANDS[name].code)(rest) or 0)
+    spec = COMMANDS.enter(found)
+    with telling(f"auvbench {name} of {found.release}", "fails"):
+        return int(resolve(spec.code)(rest) or 0)
 
 
 def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:

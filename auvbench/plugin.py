@@ -1,15 +1,19 @@
-"""What a package imports to bring agents, tasks or rewards to auvbench (docs/adding-a-controller.md).
+"""What a package imports to bring agents, tasks, rewards, simulators, launchers, trackers or commands to auvbench.
 
 An agent is made by `factory(config, vehicle)` from the whole configuration; the entry point names the
 factory, and its attribute `Config` is the dataclass of what its YAML file says. A task is a `TaskSpec`, a reward a
-`RewardSpec` (docs/adding-a-task.md); their code takes `auvbench.tasks.base` and `auvbench.tasks.kernels` too.
+`RewardSpec`, and so on (docs/adding-a-package.md); the code of tasks and rewards takes `auvbench.tasks.base` and `auvbench.tasks.kernels` too.
 """
 
 from auvbench.agents.base import Agent, Callbacks, Components, Learner
-from auvbench.config.algorithms import AgentConfig
+from auvbench.config.algorithms import AgentConfig, AgentSpec
+from auvbench.config.commands import CommandSpec
+from auvbench.config.launchers import LauncherConfig, LauncherSpec
 from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number
+from auvbench.config.simulators import Capabilities, SimulatorConfig, SimulatorSpec
 from auvbench.config.tasks import ERRORS, TaskConfig, TaskSpec
+from auvbench.config.trackers import TrackerSpec
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import AgentError, ConfigError, RunError, TrainingError
 from auvbench.metrics import column
@@ -20,16 +24,24 @@ __all__ = [
     "Agent",
     "AgentConfig",
     "AgentError",
+    "AgentSpec",
     "Batch",
     "Callbacks",
+    "Capabilities",
+    "CommandSpec",
     "Components",
     "ConfigError",
+    "LauncherConfig",
+    "LauncherSpec",
     "Learner",
     "RewardConfig",
     "RewardSpec",
     "RunError",
+    "SimulatorConfig",
+    "SimulatorSpec",
     "TaskConfig",
     "TaskSpec",
+    "TrackerSpec",
     "TrainConfig",
     "TrainingError",
     "Transition",

@@ -23,8 +23,12 @@ from auvbench.untrusted.text import first_line, short
 
 if TYPE_CHECKING:
     from auvbench.config.algorithms import AgentSpec
+    from auvbench.config.commands import CommandSpec
+    from auvbench.config.launchers import LauncherSpec
     from auvbench.config.rewards import RewardSpec
+    from auvbench.config.simulators import SimulatorSpec
     from auvbench.config.tasks import TaskSpec
+    from auvbench.config.trackers import TrackerSpec
 
 
 class Spec:
@@ -258,9 +262,9 @@ def schema_fault(schema: Any, base: type, word: str = "schema") -> str:
 
 
 def resolve(target: str) -> Any:
-    """Return the object that "module:object" of a line stands for."""
+    """Return the object that "module:object" stands for, or the module of "module"."""
     module, _, names = target.partition(":")
-    return reduce(getattr, names.split("."), importlib.import_module(module))
+    return reduce(getattr, names.split(".") if names else [], importlib.import_module(module))
 
 
 def describe_error(error: BaseException) -> str:
@@ -334,7 +338,52 @@ REWARDS: Kind[RewardSpec] = Kind(
     ),
 )
 
-KINDS: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS)
+_SIMULATORS = "auvbench.config.simulators"
+SIMULATORS: Kind[SimulatorSpec] = Kind(
+    "auvbench.simulators",
+    "simulator.name",
+    f"{_SIMULATORS}:SimulatorSpec",
+    _lines(_SIMULATORS, "fossen", "gazebo", "ros2"),
+)
+
+_LAUNCHERS = "auvbench.config.launchers"
+LAUNCHERS: Kind[LauncherSpec] = Kind(
+    "auvbench.launchers",
+    "launcher.name",
+    f"{_LAUNCHERS}:LauncherSpec",
+    _lines(_LAUNCHERS, "local", "slurm", "ray"),
+)
+
+_TRACKING = "auvbench.config.trackers"
+TRACKERS: Kind[TrackerSpec] = Kind(
+    "auvbench.trackers", "train.log", f"{_TRACKING}:TrackerSpec", _lines(_TRACKING, "wandb", "mlflow")
+)
+
+_COMMANDS = "auvbench.config.commands"
+COMMANDS: Kind[CommandSpec] = Kind(
+    "auvbench.commands",
+    "auvbench COMMAND",
+    f"{_COMMANDS}:CommandSpec",
+    _lines(
+        _COMMANDS,
+        *(
+            "init",
+            "train",
+            "resume",
+            "evaluate",
+            "tune",
+            "report",
+            "compare",
+            "publish",
+            "submit",
+            "verify",
+            "bound",
+        ),
+        *("plan", "vehicles", "simulate", "serve", "pilot", "runs", "export", "replay", "completion"),
+    ),
+)
+
+KINDS: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS, LAUNCHERS, TRACKERS, COMMANDS)
 
 
 def forget() -> None:

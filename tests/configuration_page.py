@@ -13,9 +13,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from auvbench.config import schema, simulation, simulators, tuning
+from auvbench.config import schema, simulation, tuning
 from auvbench.config.validate import limit
-from auvbench.registry import AGENTS, REWARDS, TASKS
+from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "configuration.md"
@@ -28,8 +28,6 @@ Generated from `conf/` and the schema by `python -m tests.configuration_page`. T
 [sheet](adding-a-vehicle.md).
 """
 
-SIMULATORS = {"fossen": simulators.Fossen, "gazebo": simulators.Gazebo, "ros2": simulators.Ros2}
-LAUNCHERS = {"local": schema.Local, "slurm": schema.Slurm, "ray": schema.Ray}
 SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Runs: `train`", "train.yaml", "", schema.TrainConfig),
     *((f"`task={name}`", f"task/{name}.yaml", "task.", TASKS[name].schema) for name in TASKS.own),
@@ -39,10 +37,13 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),
     ("Training", "train/default.yaml", "train.", schema.Train),
     *(
-        (f"`simulator={name}`", f"simulator/{name}.yaml", "simulator.", kind)
-        for name, kind in SIMULATORS.items()
+        (f"`simulator={name}`", f"simulator/{name}.yaml", "simulator.", SIMULATORS[name].schema)
+        for name in SIMULATORS.own
     ),
-    *((f"`launcher={name}`", f"launcher/{name}.yaml", "launcher.", kind) for name, kind in LAUNCHERS.items()),
+    *(
+        (f"`launcher={name}`", f"launcher/{name}.yaml", "launcher.", LAUNCHERS[name].schema)
+        for name in LAUNCHERS.own
+    ),
     ("Tests: `evaluate`", "evaluate.yaml", "", schema.EvaluateConfig),
     ("Protocol", "protocol/test.yaml", "protocol.", schema.Protocol),
     ("Searches: `tune`", "tune.yaml", "", tuning.TuneConfig),

@@ -32,10 +32,15 @@ class Site:
         agents: Mapping[str, str] | None = None,
         tasks: Mapping[str, str] | None = None,
         rewards: Mapping[str, str] | None = None,
+        points: Mapping[str, Mapping[str, str]] | None = None,
         conf: str | None = None,
         version: str = "1.0",
     ) -> None:
-        """Writes modules and YAML files by their paths, and the entry points; takes the place of another version."""
+        """Writes modules and YAML files by their paths, and the entry points; takes the place of another version.
+
+        Args:
+            points: entry points of further groups.
+        """
         self.uninstall(package)
         for path, text in files.items():
             place = self.folder / path
@@ -44,6 +49,7 @@ class Site:
             self.modules.add(path.split("/", 1)[0].removesuffix(".py"))
         groups = {"auvbench.agents": agents or {}}
         groups |= {"auvbench.tasks": tasks or {}, "auvbench.rewards": rewards or {}}
+        groups |= points or {}
         groups["auvbench.conf"] = {} if conf is None else {package: conf}
         info = self.folder / f"{package.replace('-', '_')}-{version}.dist-info"
         info.mkdir()

@@ -11,12 +11,12 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 
-from auvbench.commands import COMMANDS
 from auvbench.commands.grammar import WHERE, Parser
 from auvbench.commands.report_options import FORMATS, STUDIES
 from auvbench.config import folders
 from auvbench.errors import UserError, closest
 from auvbench.record import measure_names
+from auvbench.registry import COMMANDS
 
 _BASH = """\
 _auvbench() {
@@ -107,7 +107,7 @@ def candidates(words: Sequence[str]) -> list[str]:
     known = _flags(command)
     flag = before[-1] if before else ""
     if not command:
-        offered = list(COMMANDS)
+        offered = list(COMMANDS.names())
     elif word.startswith("-"):
         offered = known
     elif flag.startswith("--") and flag in known and (values := _values(flag)):
@@ -123,7 +123,7 @@ def candidates(words: Sequence[str]) -> list[str]:
 
 
 def _flags(command: str) -> list[str]:
-    if command in HYDRA or command not in COMMANDS:
+    if command in HYDRA or command not in COMMANDS.own:
         return list(HYDRA.get(command, ()))
     module = import_module(f"auvbench.commands.{'report_options' if command == 'report' else command}")
     parser = module.parser() if hasattr(module, "parser") else None

@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 from auvbench.commands.grammar import Parser, number
-from auvbench.errors import UserError, closest
+from auvbench.errors import ConfigError, UserError, closest
 from auvbench.metrics import METRICS
 from auvbench.record import measure_names
+from auvbench.registry import TRACKERS
 from auvbench.runs import declared as analyses
 from auvbench.runs.declared import Declared
-from auvbench.tracking import SERVICES, Service
 from auvbench.untrusted import reading, typed_json
+from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Range
 
 Format = Literal["terminal", "md", "tex", "csv", "html"]
@@ -40,7 +41,7 @@ class Options:
     condition: Name | None
     format: tuple[Format, ...]
     figures: bool
-    log: Service | None
+    log: Name | None
     study: Study | None
     confidence: Annotated[float, Range(0.5, 0.999)]
     margin: Annotated[float, Range(analyses.SMALLEST)] | None
@@ -81,6 +82,9 @@ def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict
     if declared is not None:
         settings |= _known(declared.report) | _set_by(declared)
     typed = {key: given[key] for key in KEYS if given.get(key) is not None}
+    log = typed.get("log", settings["log"])
+    if log is not None and log not in TRACKERS.names():
+        raise ConfigError(f"--log {short(str(log))}: unknown; {closest(str(log), TRACKERS.names())}")
     options = replace(
         _options(settings | typed, typed),
         declared=declared,
@@ -173,7 +177,7 @@ def parser() -> Parser:
     add(
         "--log",
         metavar="SERVICE",
-        help=f"log the ranked table and the files there too: {', '.join(SERVICES)}",
+        help=f"log the ranked table and the files there too: {', '.join(TRACKERS.names())}",
     )
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
     add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")

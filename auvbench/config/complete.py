@@ -12,14 +12,19 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from auvbench.config import algorithms, rewards, schema, tasks
+from auvbench.config import algorithms, rewards, schema, simulators, tasks
 from auvbench.errors import ConfigError
-from auvbench.registry import AGENTS, REWARDS, TASKS, Kind
+from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
 from auvbench.untrusted.text import short
 
-CHOSEN: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS)
-"""The kinds that are a group of a configuration."""
-CONFIGS = (algorithms.AgentConfig, tasks.TaskConfig, rewards.RewardConfig)
+COMPUTE: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS)
+"""The kinds that are a group of a configuration and change what a run computes."""
+CONFIGS = (
+    algorithms.AgentConfig,
+    tasks.TaskConfig,
+    rewards.RewardConfig,
+    simulators.SimulatorConfig,
+)
 """The classes of what packages bring, as far as it computes a run."""
 
 
@@ -34,7 +39,8 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
         ConfigError: a key is unknown or missing, a type is wrong, or the package cannot be used.
         OmegaConfBaseException: as above, for `compose.translate`.
     """
-    for kind in CHOSEN:
+    # A run that is read does not need the launcher that started it.
+    for kind in COMPUTE if frozen else (*COMPUTE, LAUNCHERS):
         key, _, named_by = kind.key.partition(".")
         node = config.get(key)
         chosen = node.get(named_by) if isinstance(node, DictConfig) else None
@@ -77,7 +83,7 @@ def _typed(kind: type, key: str, node: DictConfig, added: Mapping[str, Any]) -> 
 def releases(config: Any) -> dict[str, str]:
     """Return the versions of the packages behind a configuration, typed or plain, by name, for a manifest."""
     found = {}
-    for kind in CHOSEN:
+    for kind in COMPUTE:
         group = kind.key.partition(".")[0]
         node = config.get(group) if isinstance(config, Mapping) else getattr(config, group)
         package = node.get("package") if isinstance(node, Mapping) else getattr(node, "package", None)

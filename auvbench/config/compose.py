@@ -37,13 +37,12 @@ from auvbench.config import (
     restricted_yaml,
     schema,
     simulation,
-    simulators,
     suggestions,
     tuning,
 )
 from auvbench.config import overrides as typing
 from auvbench.errors import ConfigError, closest
-from auvbench.registry import AGENTS, REWARDS, TASKS, Kind
+from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
 from auvbench.untrusted.text import plain_lines
 
 T = TypeVar("T")
@@ -75,8 +74,8 @@ def _register_schemas(store: ConfigStore) -> None:
         **{f"{name}_schema": kind for name, kind in _schemas(AGENTS).items()},
     }
     for group, known in (
-        ("launcher", schema.LAUNCHERS),
-        ("simulator", simulators.SCHEMAS),
+        ("launcher", _schemas(LAUNCHERS)),
+        ("simulator", _schemas(SIMULATORS)),
         ("task", _schemas(TASKS)),
         ("reward", _schemas(REWARDS)),
     ):
@@ -186,7 +185,7 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         config = complete.complete(config, frozen=True)
         merged = OmegaConf.structured(schema.TrainConfig)
         merged.algo = _empty(config, "algo.agent", _schemas(AGENTS))
-        merged.simulator = _empty(config, "simulator.name", simulators.SCHEMAS)
+        merged.simulator = _empty(config, "simulator.name", _schemas(SIMULATORS))
         merged.task = _empty(config, "task.name", _schemas(TASKS))
         merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
         merged = OmegaConf.merge(merged, config)

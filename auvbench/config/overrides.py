@@ -18,10 +18,10 @@ from hydra.errors import HydraException, MissingConfigException, OverrideParseEx
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
-from auvbench.config import folders, misfits, schema, simulation, simulators, suggestions, tuning
+from auvbench.config import folders, misfits, schema, simulation, suggestions, tuning
 from auvbench.config.restricted_yaml import ALLOWED
 from auvbench.errors import ConfigError, closest
-from auvbench.registry import AGENTS
+from auvbench.registry import AGENTS, LAUNCHERS, SIMULATORS
 from auvbench.untrusted.reading import DIGITS, no_yaml
 
 PATHS = ("output", "plot")
@@ -110,9 +110,9 @@ def whole_keys() -> frozenset[str]:
     kinds: list[tuple[type, str]] = [
         (root, "") for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation)
     ]
-    kinds += [(tuning.Tune, "tune."), *((AGENTS[name].schema, "algo.") for name in AGENTS.own)]
-    kinds += [(kind, "launcher.") for kind in schema.LAUNCHERS.values()]
-    kinds += [(kind, "simulator.") for kind in simulators.SCHEMAS.values()]
+    kinds.append((tuning.Tune, "tune."))
+    for group, known in (("algo.", AGENTS), ("launcher.", LAUNCHERS), ("simulator.", SIMULATORS)):
+        kinds += [(known[name].schema, group) for name in known.own]
     return frozenset(
         key
         for kind, prefix in kinds

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, is_dataclass
 from typing import Any, get_args, get_type_hints
 
 from auvbench.record import PRIMARY, measure_names
+from auvbench.registry import TRACKERS
 
 INF = math.inf
 
@@ -233,7 +234,7 @@ class Train:
     clip_rewards: float = number(0.0, 1e6, open_low=True)
     checkpoint: Checkpoint
     progress: bool
-    log: str = later(choice("tensorboard", "wandb", "mlflow"), "tensorboard")
+    log: str = later(choice_of(lambda: ("tensorboard", *TRACKERS.names())), "tensorboard")
 
 
 @dataclass(kw_only=True)
@@ -279,50 +280,6 @@ class Analysis:
     protocol: str = later(name(), "test")
     conditions: list[str] | None = None  # the verdicts are about the first; null: all of the protocol
     episodes: int | None = later(number(1, 1_000_000))  # of a condition; null: as the protocol says
-
-
-@dataclass(kw_only=True)
-class Launcher:
-    """Where the runs of a grid are carried out; neutral for their results."""
-
-    name: str = choice("local", "slurm", "ray")
-
-
-@dataclass(kw_only=True)
-class Local(Launcher):
-    """Processes of this machine."""
-
-    workers: int = number(0, 100_000)
-
-
-@dataclass(kw_only=True)
-class Slurm(Launcher):
-    """Jobs of a SLURM cluster."""
-
-    workers: int = number(0, 1_000_000)
-    partition: str | None
-    account: str | None
-    time: str | None
-    mem: str | None
-    cpus: int = number(1, 4096)
-    signal_before: int = number(1, 65_535)  # s; sbatch takes no more
-    poll: float = number(0.1, 3600.0)  # s
-    grace: float = number(0.0, 3600.0)  # s
-    setup: list[str]
-    sbatch: list[str]
-
-
-@dataclass(kw_only=True)
-class Ray(Launcher):
-    """Tasks of a Ray cluster."""
-
-    workers: int = number(0, 1_000_000)
-    address: str | None
-    cpus: float = number(0.0, 4096.0, open_low=True)
-    memory: int = number(0, 1 << 40)  # MiB
-
-
-LAUNCHERS: dict[str, type] = {"local": Local, "slurm": Slurm, "ray": Ray}
 
 
 @dataclass(kw_only=True)

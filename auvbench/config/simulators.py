@@ -1,4 +1,4 @@
-"""The schemas of the `simulator` group, and the capabilities of simulators.
+"""The schemas of the `simulator` group, the specs of auvbench's own simulators, and what simulators can.
 
 A configuration that asks for more than a simulator can is refused before anything starts.
 """
@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
-from auvbench.config.schema import SCALES, Current, Disturbance, Scale, choice, number
+from auvbench.config.schema import SCALES, Current, Disturbance, Scale, choice, choice_of, number
+from auvbench.config.schema import name as plain_name
 from auvbench.errors import ConfigError
+from auvbench.registry import SIMULATORS, Spec
 
 CURRENTS = ("none", "steady", "varying", "sheared")
 """Kinds of current, each including those before it: steady in an episode, varying in it, and changing with depth."""
@@ -32,20 +34,15 @@ class Capabilities:
     """it has `set_waves`"""
 
 
-CAPABILITIES: dict[str, Capabilities] = {
-    "fossen": Capabilities(
-        exact_resume=True, deterministic=True, scales=True, currents="sheared", waves=True
-    ),
-    "gazebo": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared"),
-    "ros2": Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared"),
-}
-
-
 @dataclass(kw_only=True)
 class Simulator:
     """The key of every `simulator/*.yaml`."""
 
-    name: str = choice(*CAPABILITIES)
+    name: str = choice_of(lambda: SIMULATORS.own)
+
+    def limited(self, capabilities: Capabilities) -> Capabilities:
+        """Return the capabilities that are left with these options."""
+        return capabilities
 
 
 @dataclass(kw_only=True)
@@ -63,6 +60,10 @@ class Gazebo(Simulator):
     max_step: float = number(0.0, 1.0, open_low=True)  # s
     hydrodynamics: str = choice("corrected", "published")
 
+    def limited(self, capabilities: Capabilities) -> Capabilities:
+        # The published plugin takes a current when a vehicle is made.
+        return replace(capabilities, currents="steady") if self.hydrodynamics == "published" else capabilities
+
 
 @dataclass(kw_only=True)
 class Ros2(Simulator):
@@ -72,32 +73,93 @@ class Ros2(Simulator):
     clock: str = choice("auto", "lockstep", "clock", "wall")
     timeout: float = number(0.0, 1e4, open_low=True)  # s
 
+    def limited(self, capabilities: Capabilities) -> Capabilities:
+        if self.clock == "lockstep":
+            return capabilities
+        # The server is unknown, and messages arrive late.
+        return replace(capabilities, deterministic=False, scales=False, currents="steady")
 
-SCHEMAS: dict[str, type] = {
-    "fossen": Fossen,
-    "gazebo": Gazebo,
-    "ros2": Ros2,
-}
+
+@dataclass(kw_only=True)
+class SimulatorConfig(Simulator):
+    """The `simulator` configuration of an installed package; a subclass has keys of its own."""
+
+    name: str = plain_name()
+    package: str
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatorSpec(Spec):
+    """Everything that auvbench knows of one value of `simulator.name` without importing its code."""
+
+    base: ClassVar[type] = SimulatorConfig
+
+    name: str
+    """Value of `simulator.name`."""
+    factory: str
+    """`module:callable`: called with the configuration (of the schema), a `VehicleModel`, the number of vehicles and the
+    longest substep in s that is stable for each of them, it returns a `simulators.base.Simulator`."""
+    capabilities: Capabilities
+    """With all options as `full` has them."""
+    schema: type = SimulatorConfig
+    """Keys of `simulator` with their types and ranges; below `SimulatorConfig` in a package."""
+    full: str = ""
+    """The option that gives it all of its capabilities, where another takes some away (`Simulator.limited`)."""
+    check: str = ""
+    """`module:function` of configuration and vehicle that raises an error before a run where it cannot simulate."""
+    served: str = ""
+    """`module:class` where its vehicles are those of a server: the class has `vehicles(configuration, vehicle)`, their number,
+    and `clock()`, by which the last test counted its steps. One test at a time moves them."""
+
+    @property
+    def code(self) -> str:
+        """`module:callable`."""
+        return self.factory
+
+    def fault(self) -> str:
+        able = isinstance(self.capabilities, Capabilities) and self.capabilities.currents in CURRENTS
+        return "" if able else "has capabilities that are none; make them by auvbench.plugin.Capabilities"
+
+
+_SIMULATORS = "auvbench.simulators"
+_SHEARED = Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared")
+fossen = SimulatorSpec(
+    "fossen",
+    f"{_SIMULATORS}.fossen:make",
+    Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared", waves=True),
+    Fossen,
+)
+gazebo = SimulatorSpec(
+    "gazebo",
+    f"{_SIMULATORS}.gazebo.simulator:make",
+    _SHEARED,
+    Gazebo,
+    full="simulator.hydrodynamics=corrected",
+    check=f"{_SIMULATORS}.gazebo.simulator:check",
+)
+ros2 = SimulatorSpec(
+    "ros2",
+    f"{_SIMULATORS}.ros2:make",
+    _SHEARED,
+    Ros2,
+    full="simulator.clock=lockstep",
+    served=f"{_SIMULATORS}.ros2:Served",
+)
 
 
 def capabilities(simulator: Simulator) -> Capabilities:
     """Return a simulator's capabilities with its present options."""
-    can = CAPABILITIES[simulator.name]
-    if isinstance(simulator, Gazebo) and simulator.hydrodynamics == "published":
-        return replace(can, currents="steady")  # the plugin takes a current when a vehicle is made
-    if isinstance(simulator, Ros2) and simulator.clock != "lockstep":
-        # The server is unknown, and messages arrive late.
-        return replace(can, deterministic=False, scales=False, currents="steady")
-    return can
+    return simulator.limited(SIMULATORS[simulator.name].capabilities)
+
+
+def is_served(simulator: Simulator) -> bool:
+    """Return whether a simulator's vehicles are those of a server."""
+    return bool(SIMULATORS[simulator.name].served)
 
 
 def threads(simulator: Any) -> int:
-    """Return the threads that a batch may use: more than one on the embedded simulator only."""
-    return simulator.threads if isinstance(simulator, Fossen) else 1
-
-
-_FULL = {"gazebo": "simulator.hydrodynamics=corrected", "ros2": "simulator.clock=lockstep"}
-"""By simulator: the option that gives it all of its CAPABILITIES."""
+    """Return the threads that a batch may use: more than one on a simulator that has the key."""
+    return int(getattr(simulator, "threads", 1))
 
 
 def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
@@ -110,11 +172,12 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
     def need(key: str, what: str, able: Callable[[Capabilities], bool]) -> None:
         if able(capabilities(simulator)):
             return
-        own = (
-            [_FULL[simulator.name]] if simulator.name in _FULL and able(CAPABILITIES[simulator.name]) else []
-        )
+        here = SIMULATORS[simulator.name]
+        own = [here.full] if here.full and able(here.capabilities) else []
         others = [
-            f"simulator={name}" for name, can in CAPABILITIES.items() if able(can) and name != simulator.name
+            f"simulator={name}"
+            for name, spec in SIMULATORS.items()
+            if able(spec.capabilities) and name != simulator.name
         ]
         raise ConfigError(
             f"{key}: asks for {what}, which simulator={simulator.name} does not have here; use {' or '.join(own + others)}"

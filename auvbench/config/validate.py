@@ -220,10 +220,8 @@ def check_across(config: schema.TrainConfig) -> None:
         scale, key = getattr(config.disturbance.randomisation, name), f"disturbance.randomisation.{name}"
         _below(f"{key}.low", scale.low, f"{key}.high", scale.high)
     simulators.check_disturbance(config.simulator, config.disturbance)
-    alone = config.train.evaluate_every == 0 or not isinstance(config.simulator, simulators.Ros2)
-    what = (
-        "be 0 with simulator=ros2: a test would take the server's vehicles away from the episodes in flight"
-    )
+    alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
+    what = f"be 0 with simulator={config.simulator.name}: a test would take the server's vehicles away from the episodes in flight"
     require(alone, "train.evaluate_every", config.train.evaluate_every, what)
     _algorithm(config.algo)
 

@@ -6,8 +6,9 @@ import dataclasses
 
 from auvbench.config import schema, simulators
 from auvbench.config.schema import SCALES
+from auvbench.registry import SIMULATORS, resolve, telling
+from auvbench.simulators import guard
 from auvbench.simulators.base import Simulator
-from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -19,11 +20,10 @@ def at_once(config: schema.TrainConfig, wanted: int) -> int:
     Raises:
         ConfigError: there is no such server.
     """
-    if not isinstance(config.simulator, simulators.Ros2):
+    served = SIMULATORS[config.simulator.name].served
+    if not served:
         return wanted
-    from auvbench.simulators.ros2 import connect
-
-    return min(wanted, connect(config.simulator, sheet.load(config.vehicle)).n)
+    return min(wanted, int(resolve(served).vehicles(config.simulator, sheet.load(config.vehicle))))
 
 
 def make_simulator(
@@ -46,17 +46,14 @@ def make_simulator(
     limit = _shortest_time_constant(vehicle, drawn)
     sheet.refuse_stiff_vehicle(vehicle.name, limit)
     vehicle = stand_in or vehicle
-    if isinstance(config, simulators.Fossen):
-        return FossenSimulator(vehicle, n, min(config.max_step, limit), config.threads)
-    if isinstance(config, simulators.Gazebo):
-        from auvbench.simulators.gazebo.simulator import GazeboSimulator
-
-        step = min(config.max_step, limit)
-        return GazeboSimulator(vehicle, n, max_step=step, hydrodynamics=config.hydrodynamics)
-    from auvbench.simulators.ros2 import Ros2Simulator
-
-    assert isinstance(config, simulators.Ros2)
-    return Ros2Simulator(vehicle, n, config)
+    spec = SIMULATORS[config.name]
+    if not isinstance(config, simulators.SimulatorConfig):
+        own: Simulator = resolve(spec.code)(config, vehicle, n, limit)
+        return own
+    who = f"simulator={config.name} of {config.package}"
+    with telling(who, "cannot be made"):
+        made = resolve(spec.code)(config, vehicle, n, limit)
+    return guard.checked(made, who)
 
 
 def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from auvbench import registry
 from auvbench.agents import base as agents
 from auvbench.agents.base import Agent
-from auvbench.config import complete, schema, simulators
+from auvbench.config import complete, schema
 from auvbench.config.algorithms import learns
 from auvbench.config.schema import step_limit
 from auvbench.envs.simulator_factory import at_frequency
@@ -207,10 +207,8 @@ def _evaluate(
     for condition in conditions:
         report(condition.name, 0)
         rollouts.append((condition, roll(run, protocol, condition, report)))
-        if isinstance(condition.config.simulator, simulators.Ros2):
-            from auvbench.simulators import ros2
-
-            clocks[condition.name] = ros2.clock()
+        if served := registry.SIMULATORS[condition.config.simulator.name].served:
+            clocks[condition.name] = registry.resolve(served).clock()
     conditions = as_played(conditions, clocks)
     summary: dict[str, Any] = {
         "schema_version": identity.SCHEMA_VERSION,

@@ -10,7 +10,7 @@ from typing import Any
 
 from auvbench.agents.base import Agent
 from auvbench.config import schema
-from auvbench.config.simulators import Ros2
+from auvbench.config.simulators import is_served
 from auvbench.errors import AuvbenchError
 from auvbench.evaluation.evaluate import Report, Roll, evaluate, make_agent, stale
 from auvbench.evaluation.protocol import ResolvedCondition, resolve_conditions
@@ -108,7 +108,7 @@ def _on_a_server(run: RunDirectory, protocol: schema.Protocol) -> bool:
         conditions = resolve_conditions(protocol, run.check())
     except AuvbenchError:
         return False  # the test reports the error
-    return any(isinstance(condition.config.simulator, Ros2) for condition in conditions)
+    return any(is_served(condition.config.simulator) for condition in conditions)
 
 
 def _test(

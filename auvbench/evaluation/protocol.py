@@ -14,7 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import complete, feasible, schema
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
-from auvbench.config.simulators import Ros2
+from auvbench.config.simulators import is_served
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError, VehicleError
 from auvbench.evaluation import reference, sealed
@@ -229,7 +229,7 @@ def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) ->
     """Return the conditions with the clock that each was played by, where the configuration left it to the server."""
     return [
         replace(c, config=replace(c.config, simulator=replace(c.config.simulator, clock=clocks[c.name])))
-        if c.name in clocks and isinstance(c.config.simulator, Ros2)
+        if c.name in clocks and is_served(c.config.simulator)
         else c
         for c in conditions
     ]

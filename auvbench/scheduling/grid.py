@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from auvbench.config import schema
 from auvbench.config.algorithms import learns
+from auvbench.config.launchers import Launcher
 from auvbench.errors import ConfigError, RunError
+from auvbench.registry import LAUNCHERS, resolve
 from auvbench.runs import status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import State
@@ -198,17 +199,9 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
     from omegaconf import OmegaConf
 
     options = OmegaConf.to_object(launcher)
+    if not isinstance(options, Launcher):
+        raise ConfigError("launcher: its file must start from a schema (see conf/launcher)")
     # Imported when chosen: each backend has needs of its own.
-    if isinstance(options, schema.Slurm):
-        from auvbench.scheduling.slurm import SlurmBackend
-
-        return SlurmBackend(options, target=target)
-    if isinstance(options, schema.Ray):
-        from auvbench.scheduling.ray import RayBackend
-
-        return RayBackend(options, target=target)
-    if isinstance(options, schema.Local):
-        from auvbench.scheduling.local import CONTROLLERS, LEARNERS, LocalBackend
-
-        return LocalBackend(options.workers, target=target, preload=LEARNERS if learning else CONTROLLERS)
-    raise ConfigError("launcher: its file must start from a schema (see conf/launcher)")
+    spec = LAUNCHERS.choose(options.name)
+    made: Backend = resolve(spec.code)(options, target, learning)
+    return made

@@ -15,6 +15,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import ClassVar
 
+from auvbench.config.launchers import Local
 from auvbench.runs import interruption, pool
 from auvbench.scheduling.loop import Phase, Status
 from auvbench.training import worker
@@ -130,3 +131,8 @@ def _work(folder: str, run: str, target: str) -> None:
     """The life of a worker."""
     pool.begin_worker(folder)
     sys.exit(worker.work(run, target=target, log=True))
+
+
+def make(options: Local, target: str, learning: bool) -> LocalBackend:
+    """Return the backend; see `config.launchers.LauncherSpec.factory`."""
+    return LocalBackend(options.workers, target=target, preload=LEARNERS if learning else CONTROLLERS)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from auvbench.config.schema import Ray
+from auvbench.config.launchers import Ray
 from auvbench.errors import UserError
 from auvbench.runs import lock
 from auvbench.scheduling.loop import Phase, Status
@@ -121,3 +121,8 @@ def carry_out(run: str, target: str) -> int:
     except KeyboardInterrupt:
         process.send_signal(signal.SIGTERM)
     return process.wait()
+
+
+def make(options: Ray, target: str, learning: bool) -> RayBackend:
+    """Return the backend; see `config.launchers.LauncherSpec.factory`."""
+    return RayBackend(options, target=target)

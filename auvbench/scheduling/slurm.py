@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from auvbench.config.schema import Slurm
+from auvbench.config.launchers import Slurm
 from auvbench.errors import RunError, UserError
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.scheduling.loop import Phase, Status, SubmitError
@@ -297,3 +297,8 @@ def command(arguments: Sequence[str], *, check: bool = True) -> str:
         last = (done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode}").splitlines()[-1]
         raise SubmitError(f"{arguments[0]} refused: {last}")
     return done.stdout
+
+
+def make(options: Slurm, target: str, learning: bool) -> SlurmBackend:
+    """Return the backend; see `config.launchers.LauncherSpec.factory`."""
+    return SlurmBackend(options, target=target)

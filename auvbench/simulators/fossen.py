@@ -12,8 +12,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from auvbench.config import simulators
 from auvbench.config.schema import SCALES
-from auvbench.config.simulators import CAPABILITIES
 from auvbench.dynamics import layout
 from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
 from auvbench.dynamics.rigid_body import GZ_SIM_8_11, rigid_body_mass
@@ -65,7 +65,7 @@ class FossenSimulator(VehicleBatch):
         threads: that share the vehicles, if there are at least `THREADED`.
     """
 
-    capabilities = CAPABILITIES["fossen"]
+    capabilities = simulators.fossen.capabilities
 
     def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01, threads: int = 1) -> None:
         super().__init__(vehicle, n, max_step)
@@ -174,6 +174,11 @@ class FossenSimulator(VehicleBatch):
         blocks = self._parameters.reshape(self._n_blocks, PARAMETER_ROWS, layout.LANES)
         rows = parameter_rows(self.vehicle, self.scales[lanes])
         blocks[lanes // layout.LANES, :, lanes % layout.LANES] = rows
+
+
+def make(settings: simulators.Fossen, vehicle: VehicleModel, n: int, longest: float) -> FossenSimulator:
+    """Return the simulator of a configuration; see `config.simulators.SimulatorSpec.factory`."""
+    return FossenSimulator(vehicle, n, min(settings.max_step, longest), settings.threads)
 
 
 def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:

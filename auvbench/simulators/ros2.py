@@ -229,3 +229,20 @@ class Ros2Simulator:
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
         """Do nothing: a resumed run begins the episodes in flight again."""
+
+
+def make(settings: simulators.Ros2, vehicle: VehicleModel, n: int, longest: float) -> Ros2Simulator:
+    """Return the simulator of a configuration; see `config.simulators.SimulatorSpec.factory`."""
+    return Ros2Simulator(vehicle, n, settings)
+
+
+class Served:
+    """What a test must know of the server; see `config.simulators.SimulatorSpec.served`."""
+
+    @staticmethod
+    def vehicles(settings: simulators.Ros2, vehicle: VehicleModel) -> int:
+        return connect(settings, vehicle).n
+
+    @staticmethod
+    def clock() -> str:
+        return clock()

@@ -7,22 +7,17 @@ A log changes neither a run's id nor its bits. The environment variables of the 
 from __future__ import annotations
 
 import functools
-import importlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Protocol
 
 from auvbench.errors import AuvbenchError, AuvbenchWarning, ConfigError, MissingExtraError
+from auvbench.registry import TRACKERS, resolve
 
 LOCAL = "tensorboard"
 """the value of `train.log` with which the run's TensorBoard file is the only log"""
-
-Service = Literal["wandb", "mlflow"]
-SERVICES: tuple[str, ...] = get_args(Service)
-"""each is an extra, a package and a module here"""
 
 
 class Tracker(Protocol):
@@ -33,6 +28,19 @@ class Tracker(Protocol):
 
     def close(self, error: BaseException | None) -> None:
         """End the logged run, or with an error this attempt."""
+
+
+class Service(Protocol):
+    """What the module of a tracker offers. An exception in any of them is a line for the user."""
+
+    def prepare(self, experiment: str) -> None:
+        """Do before the first run of a grid what its runs cannot do at once; `experiment` is the `name` of the runs."""
+
+    def start(self, key: str, config: Mapping[str, Any], name: str) -> Tracker:
+        """Open the logged run of a training; see `tracking.start`."""
+
+    def table(self, name: str, csv: str, files: list[Path]) -> None:
+        """Log a ranked table; see `tracking.table`."""
 
 
 @functools.cache
@@ -50,11 +58,7 @@ def prepare(service: str, experiment: str) -> None:
     if service == LOCAL:
         return
     with _refusals(f"train.log={service}"):
-        module = _client(service)
-        if service == "mlflow":
-            module.experiment(experiment)
-        else:
-            module.refuse_settings()
+        _client(service).prepare(experiment)
 
 
 def start(service: str, key: str, config: Mapping[str, Any], name: str) -> Tracker | None:
@@ -80,7 +84,7 @@ def table(service: str, name: str, csv: str, files: list[Path]) -> None:
     """Log a ranked table with the files of its report, as a logged run of its own.
 
     Args:
-        service: one of `SERVICES`.
+        service: one of `registry.TRACKERS`.
         name: of the logged run.
         csv: the table.
         files: of the report.
@@ -117,12 +121,21 @@ class _Lenient:
             warnings.warn(AuvbenchWarning(message), stacklevel=3)
 
 
-def _client(service: str) -> ModuleType:
+def _client(service: str) -> Service:
     """Return the module of a service, which imports its client."""
+    spec = TRACKERS.choose(service)
     try:
-        return importlib.import_module(f"auvbench.tracking.{service}")
+        module: Service = resolve(spec.code)
     except ModuleNotFoundError as error:
-        raise MissingExtraError(service, extra=service, purpose=f"logging to {service}") from error
+        if not spec.extra:
+            raise
+        raise MissingExtraError(service, extra=spec.extra, purpose=f"logging to {service}") from error
+    lacking = [name for name in ("prepare", "start", "table") if not callable(getattr(module, name, None))]
+    if lacking:
+        raise ConfigError(
+            f"train.log={service}: {spec.code} lacks {', '.join(lacking)} (auvbench.tracking.Service)"
+        )
+    return module
 
 
 @contextmanager

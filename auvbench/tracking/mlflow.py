@@ -20,7 +20,7 @@ PARAMETERS = ("task", "vehicle", "algo", "reward.k", "step.frequency", "seed", "
 def start(key: str, config: Mapping[str, Any], name: str) -> Run:
     """Open the logged run with this key; see `auvbench.tracking.start`."""
     client = MlflowClient()
-    place = experiment(str(config["name"]))
+    place = experiment_of(str(config["name"]))
     found = client.search_runs([place], filter_string=f"tags.`{KEY}` = '{key}'")
     if found:
         run = found[0].info.run_id
@@ -32,7 +32,12 @@ def start(key: str, config: Mapping[str, Any], name: str) -> Run:
     return Run(client, run)
 
 
-def experiment(name: str) -> str:
+def prepare(experiment: str) -> None:
+    """Make the experiment; see `auvbench.tracking.prepare`."""
+    experiment_of(experiment)
+
+
+def experiment_of(name: str) -> str:
     """Return the id of an experiment, which is made if it does not exist."""
     client = MlflowClient()
     found = client.get_experiment_by_name(name)
@@ -65,7 +70,7 @@ def table(name: str, csv: str, files: list[Path]) -> None:
     import pandas as pd
 
     client = MlflowClient()
-    run = client.create_run(experiment("reports"), run_name=name).info.run_id
+    run = client.create_run(experiment_of("reports"), run_name=name).info.run_id
     client.log_table(run, pd.read_csv(io.StringIO(csv)), "ranking.json")
     root = os.path.commonpath([path.parent for path in files])
     for path in files:

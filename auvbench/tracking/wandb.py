@@ -51,6 +51,11 @@ def table(name: str, csv: str, files: list[Path]) -> None:
     run.finish()
 
 
+def prepare(experiment: str) -> None:
+    """Refuse settings that `refuse_settings` names; see `auvbench.tracking.prepare`."""
+    refuse_settings()
+
+
 def refuse_settings() -> None:
     """Refuse W&B's settings of the working directory: they choose the server that gets the user's key.
 

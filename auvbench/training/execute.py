@@ -14,7 +14,7 @@ from auvbench.agents import base as agents
 from auvbench.config import algorithms, complete, schema, simulators
 from auvbench.config.algorithms import learns
 from auvbench.errors import AuvbenchError, TrainingError
-from auvbench.registry import AGENTS
+from auvbench.registry import AGENTS, SIMULATORS, resolve
 from auvbench.runs import integrity, interruption, provenance, status
 from auvbench.runs.atomic_io import storage
 from auvbench.runs.directory import RunDirectory, now
@@ -34,19 +34,16 @@ def check_runnable(config: schema.TrainConfig) -> None:
     start later.
 
     Raises:
-        ConfigError: the vehicle cannot do the task or lacks the actuator that fails, the controller cannot steer it, or Gazebo is not complete.
+        ConfigError: the vehicle cannot do the task or lacks the actuator that fails, the controller cannot steer it, or Gazebo is not installed.
         VehicleError: Gazebo cannot simulate the vehicle.
-        MissingExtraError: the controller, or train.log, needs a package that is not complete.
+        MissingExtraError: the controller, or train.log, needs a package that is not installed.
     """
     tracking.prepare(config.train.log, config.name)
     vehicle = sheet.load(config.vehicle)
     check_vehicle(config.task, vehicle)
     parameters.check(config, vehicle)
-    if isinstance(config.simulator, simulators.Gazebo):
-        from auvbench.simulators.gazebo import bindings, sdf
-
-        sdf.check_vehicle(vehicle, config.simulator.hydrodynamics)
-        bindings.modules()
+    if check := SIMULATORS[config.simulator.name].check:
+        resolve(check)(config.simulator, vehicle)
     residual = getattr(config.algo, "residual", None)
     algo = residual.base if isinstance(residual, algorithms.Residual) else config.algo
     if algo.agent in AGENTS.own and not learns(algo):

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from auvbench.config.schema import Ray
+from auvbench.config.launchers import Ray
 from auvbench.errors import UserError
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory

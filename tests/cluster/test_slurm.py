@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from auvbench.config.schema import Slurm
+from auvbench.config.launchers import Slurm
 from auvbench.errors import AuvbenchError
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.grid import sweep

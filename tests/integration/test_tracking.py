@@ -14,6 +14,7 @@ from auvbench import tracking
 from auvbench.agents.learned.sb3 import Follower
 from auvbench.commands import report
 from auvbench.errors import AuvbenchWarning, ConfigError, MissingExtraError, TrainingError
+from auvbench.registry import TRACKERS
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.execute import execute
 from tests import synthetic
@@ -105,7 +106,7 @@ def logged_mlflow() -> tuple[set[str], dict[str, dict[int, float]]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("service", tracking.SERVICES)
+@pytest.mark.parametrize("service", TRACKERS.own)
 def test_a_run_that_goes_on_has_one_log_and_the_bits_of_an_unlogged_one(
     service: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, trained: Trained
 ) -> None:
@@ -122,7 +123,7 @@ def test_a_run_that_goes_on_has_one_log_and_the_bits_of_an_unlogged_one(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("service", tracking.SERVICES)
+@pytest.mark.parametrize("service", TRACKERS.own)
 def test_a_report_is_logged_with_its_table(service: str, tmp_path: Path) -> None:
     pytest.importorskip(service)
     synthetic.write_experiment(tmp_path / "outputs" / "study")
@@ -136,7 +137,7 @@ def test_a_report_is_logged_with_its_table(service: str, tmp_path: Path) -> None
     assert [row[1] for row in found["data"]] == [line.split(",")[0] for line in expected[1:]]
 
 
-@pytest.mark.parametrize("service", tracking.SERVICES)
+@pytest.mark.parametrize("service", TRACKERS.own)
 def test_a_missing_client_is_named(service: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, f"auvbench.tracking.{service}", raising=False)
     for name in [name for name in sys.modules if name.startswith(f"{service}.")]:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from auvbench.commands import COMMANDS
 from auvbench.config.compose import compose, run
+from auvbench.registry import COMMANDS
 from tests.docs_blocks import MISTAKES, PAGES, steps
 
 MADE_BY_THE_READER = re.compile(r"polyu|pursuit|my_agent|circling|mine\.onnx|\.\.\.")

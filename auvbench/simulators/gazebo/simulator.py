@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auvbench.config.simulators import CAPABILITIES
+from auvbench.config import simulators
 from auvbench.errors import ConfigError
 from auvbench.simulators.base import VehicleBatch
 from auvbench.simulators.gazebo import bindings, sdf
@@ -41,7 +41,7 @@ class GazeboSimulator(VehicleBatch):
         VehicleError: Gazebo cannot simulate this vehicle; see `sdf.check_vehicle`.
     """
 
-    capabilities = CAPABILITIES["gazebo"]
+    capabilities = simulators.gazebo.capabilities
 
     def __init__(
         self, vehicle: VehicleModel, n: int, max_step: float = 0.01, hydrodynamics: str = "corrected"
@@ -223,3 +223,20 @@ class Thrust:
 def _moved(x: FloatArray, A: FloatArray) -> FloatArray:
     """Return A x for each row of `x` (n, order); the last bits of a matrix product would depend on n."""
     return np.asarray(np.einsum("nj,ij->ni", x, A))
+
+
+def make(settings: simulators.Gazebo, vehicle: VehicleModel, n: int, longest: float) -> GazeboSimulator:
+    """Return the simulator of a configuration; see `config.simulators.SimulatorSpec.factory`."""
+    step = min(settings.max_step, longest)
+    return GazeboSimulator(vehicle, n, max_step=step, hydrodynamics=settings.hydrodynamics)
+
+
+def check(settings: simulators.Gazebo, vehicle: VehicleModel) -> None:
+    """Check before a run that Gazebo can simulate the vehicle.
+
+    Raises:
+        ConfigError: Gazebo's bindings are not installed.
+        VehicleError: it cannot.
+    """
+    sdf.check_vehicle(vehicle, settings.hydrodynamics)
+    bindings.modules()

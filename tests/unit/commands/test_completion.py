@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from auvbench.cli import main
-from auvbench.commands import COMMANDS
+from auvbench.registry import COMMANDS
 
 
 def complete(line: str) -> list[str]:

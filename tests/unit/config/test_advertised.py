@@ -15,8 +15,8 @@ from omegaconf import OmegaConf
 from auvbench.analysis import thesis
 from auvbench.analysis.claims import WEAK
 from auvbench.analysis.evidence import partial_rank_correlation, trend
-from auvbench.commands import COMMANDS
 from auvbench.config.compose import compose
+from auvbench.registry import COMMANDS
 from tests import configuration_page
 
 ROOT = Path(__file__).parents[3]

@@ -1,12 +1,15 @@
 """What a simulator cannot is refused while the configuration is checked."""
 
+from dataclasses import replace
+
 import pytest
 
 from auvbench.config import simulators
 from auvbench.config.compose import compose
-from auvbench.config.simulators import CAPABILITIES, Capabilities
+from auvbench.config.simulators import Capabilities
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
+from auvbench.registry import SIMULATORS
 
 
 @pytest.fixture
@@ -20,10 +23,10 @@ def plain(monkeypatch):
             "scales": False,
             "currents": "steady",
         } | changes
-        monkeypatch.setitem(CAPABILITIES, "fossen", Capabilities(**able))
-        monkeypatch.setitem(
-            CAPABILITIES, "able", CAPABILITIES["fossen"].__class__(True, True, True, "sheared", True)
-        )
+        plain = replace(SIMULATORS["fossen"], capabilities=Capabilities(**able))
+        able = replace(plain, name="able", capabilities=Capabilities(True, True, True, "sheared", True))
+        monkeypatch.setitem(SIMULATORS.entered, "fossen", plain)
+        monkeypatch.setitem(SIMULATORS.entered, "able", able)
 
     return limit
 
@@ -96,8 +99,8 @@ def test_waves_need_the_embedded_simulator(simulator):
 
 @pytest.mark.slow
 def test_every_simulator_has_a_schema_and_a_file():
-    for name in CAPABILITIES:
-        assert name in simulators.SCHEMAS
+    for name in SIMULATORS.own:
+        assert issubclass(SIMULATORS[name].schema, simulators.Simulator)
         assert compose("train", [f"simulator={name}"]).simulator.name == name
 
 

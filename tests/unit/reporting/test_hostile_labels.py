@@ -104,7 +104,7 @@ def test_ray_does_not_report_to_its_makers(monkeypatch: pytest.MonkeyPatch) -> N
     import sys
     import types
 
-    from auvbench.config.schema import Ray
+    from auvbench.config.launchers import Ray
     from auvbench.scheduling.ray import RayBackend
 
     seen: list[str | None] = []

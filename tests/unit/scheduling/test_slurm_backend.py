@@ -15,7 +15,7 @@ import pytest
 from rich.console import Console
 
 from auvbench.config.compose import compose
-from auvbench.config.schema import Slurm
+from auvbench.config.launchers import Slurm
 from auvbench.errors import UserError
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling import grid, loop, slurm, views

@@ -1,0 +1,84 @@
+"""The schemas of the `launcher` group, and the specs of auvbench's own launchers. Importing it imports no launcher."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from auvbench.config.schema import choice_of, number
+from auvbench.config.schema import name as plain_name
+from auvbench.registry import LAUNCHERS, Spec
+
+
+@dataclass(kw_only=True)
+class Launcher:
+    """Where the runs of a grid are carried out; neutral for their results."""
+
+    name: str = choice_of(lambda: LAUNCHERS.own)
+
+
+@dataclass(kw_only=True)
+class Local(Launcher):
+    """Processes of this machine."""
+
+    workers: int = number(0, 100_000)
+
+
+@dataclass(kw_only=True)
+class Slurm(Launcher):
+    """Jobs of a SLURM cluster."""
+
+    workers: int = number(0, 1_000_000)
+    partition: str | None
+    account: str | None
+    time: str | None
+    mem: str | None
+    cpus: int = number(1, 4096)
+    signal_before: int = number(1, 65_535)  # s; sbatch takes no more
+    poll: float = number(0.1, 3600.0)  # s
+    grace: float = number(0.0, 3600.0)  # s
+    setup: list[str]
+    sbatch: list[str]
+
+
+@dataclass(kw_only=True)
+class Ray(Launcher):
+    """Tasks of a Ray cluster."""
+
+    workers: int = number(0, 1_000_000)
+    address: str | None
+    cpus: float = number(0.0, 4096.0, open_low=True)
+    memory: int = number(0, 1 << 40)  # MiB
+
+
+@dataclass(kw_only=True)
+class LauncherConfig(Launcher):
+    """The `launcher` configuration of an installed package; a subclass has keys of its own."""
+
+    name: str = plain_name()
+    package: str
+
+
+@dataclass(frozen=True, slots=True)
+class LauncherSpec(Spec):
+    """Everything that auvbench knows of one value of `launcher.name` without importing its code."""
+
+    base: ClassVar[type] = LauncherConfig
+
+    name: str
+    """Value of `launcher.name`."""
+    factory: str
+    """`module:callable`: called with the options (of the schema), what a worker calls with a run directory (`module:function`)
+    and whether any run learns, it returns a `scheduling.loop.Backend`."""
+    schema: type = LauncherConfig
+    """Keys of `launcher` with their types and ranges; below `LauncherConfig` in a package."""
+
+    @property
+    def code(self) -> str:
+        """`module:callable`."""
+        return self.factory
+
+
+local = LauncherSpec("local", "auvbench.scheduling.local:make", Local)
+slurm = LauncherSpec("slurm", "auvbench.scheduling.slurm:make", Slurm)
+ray = LauncherSpec("ray", "auvbench.scheduling.ray:make", Ray)

@@ -1,0 +1,29 @@
+"""The specs of auvbench's own trackers. Importing it imports no client."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from auvbench.registry import Spec
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSpec(Spec):
+    """Everything that auvbench knows of one value of `train.log` without importing its client."""
+
+    name: str
+    """Value of `train.log` and of `--log`."""
+    module: str
+    """The module, with the functions of `tracking.Service`."""
+    extra: str = ""
+    """The extra of auvbench that installs the client; empty in a package."""
+    schema: None = None
+
+    @property
+    def code(self) -> str:
+        """The module."""
+        return self.module
+
+
+wandb = TrackerSpec("wandb", "auvbench.tracking.wandb", "wandb")
+mlflow = TrackerSpec("mlflow", "auvbench.tracking.mlflow", "mlflow")

@@ -1,0 +1,354 @@
+"""Simulators, launchers, trackers and commands of installed packages: chosen, used, and refused in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from auvbench import cli, registry
+from auvbench.commands.completion import candidates
+from auvbench.config.compose import compose, typed
+from auvbench.config.validate import train_config
+from auvbench.envs.batch import Batch
+from auvbench.errors import AgentError
+from auvbench.registry import COMMANDS, KINDS, LAUNCHERS, SIMULATORS, TRACKERS
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.identity import run_id
+from tests.packages import Site, site
+
+__all__ = ["site"]
+
+STILL = """
+    import numpy as np
+    from dataclasses import dataclass
+    from auvbench.plugin import Capabilities, SimulatorConfig, SimulatorSpec, number
+    from auvbench.simulators.base import VehicleBatch
+
+    @dataclass(kw_only=True)
+    class StillConfig(SimulatorConfig):
+        drift: float = number(0.0, 1.0)  # m/s
+
+    CAN = Capabilities(exact_resume=True, deterministic=True, scales=False, currents="none")
+
+    class Still(VehicleBatch):
+        capabilities = CAN
+
+        def __init__(self, vehicle, n, drift):
+            super().__init__(vehicle, n, 0.01)
+            self.drift = drift
+
+        def reset(self, indices, pose, velocity, scales=None):
+            self._place(indices, pose, velocity)
+
+        def step(self, command, duration):
+            self.pose[:, 0] += self.drift * duration
+
+        def state_dict(self):
+            return {"pose": self.pose.copy()}
+
+        def load_state_dict(self, state):
+            self.pose[:] = state["pose"]
+
+    def make(settings, vehicle, n, longest):
+        return Still(vehicle, n, settings.drift)
+
+    SPEC = SimulatorSpec("still", "still:make", CAN, StillConfig)
+"""
+STILL_YAML = "name: still\ndrift: 0.5\n"
+
+INLINE = """
+    from dataclasses import dataclass
+    from pathlib import Path
+    from auvbench.plugin import LauncherConfig, LauncherSpec
+    from auvbench.registry import resolve
+    from auvbench.scheduling.loop import Phase, Status
+
+    @dataclass(kw_only=True)
+    class InlineConfig(LauncherConfig):
+        note: str
+
+    class Job:
+        mark = None
+
+        def __init__(self, run, code):
+            self.run, self.code = run, code
+
+        def poll(self):
+            return Status(Phase.ENDED, self.code)
+
+        def cancel(self, *, force=False):
+            pass
+
+    class Backend:
+        slots = 1
+
+        def __init__(self, options, target):
+            self.options, self.target = options, target
+
+        def submit(self, run):
+            Path("note.txt").write_text(self.options.note)
+            return Job(run, int(resolve(self.target)(run) or 0))
+
+        def close(self):
+            pass
+
+    def make(options, target, learning):
+        return Backend(options, target)
+
+    SPEC = LauncherSpec("inline", "inline:make", InlineConfig)
+"""
+INLINE_YAML = "name: inline\nnote: hello\n"
+
+FILE_LOG = """
+    import json
+    from pathlib import Path
+    from auvbench.plugin import TrackerSpec
+
+    LOG = Path("log.jsonl")
+
+    def _write(*values):
+        with LOG.open("a") as file:
+            file.write(json.dumps(values) + "\\n")
+
+    class Run:
+        def write(self, scalars, step):
+            _write("write", step, sorted(scalars))
+
+        def close(self, error):
+            _write("close", repr(error))
+
+    def prepare(experiment):
+        _write("prepare", experiment)
+
+    def start(key, config, name):
+        _write("start", key, config["name"], name)
+        return Run()
+
+    def table(name, csv, files):
+        _write("table", name, csv.splitlines()[0], [path.name for path in files])
+
+    SPEC = TrackerSpec("filelog", "filelog")
+"""
+
+HELLO = """
+    from auvbench.plugin import CommandSpec
+
+    def main(words):
+        if "fail" in words:
+            raise ValueError("no such word")
+        print("hello", *words)
+        return 3 if words else None
+
+    SPEC = CommandSpec("hello", "say hello", "hello:main")
+"""
+
+
+def simulating(site: Site, *changes: tuple[str, str], version: str = "1.0") -> None:
+    text = STILL
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    files = {"still.py": text, "still_conf/__init__.py": "", "still_conf/simulator/still.yaml": STILL_YAML}
+    points = {"auvbench.simulators": {"still": "still:SPEC"}}
+    site.install("still-water", files, points=points, conf="still_conf", version=version)
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    """The one line with which a command ends with exit code 2."""
+    assert cli.main(list(words)) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1, error
+    return error
+
+
+def batch(*overrides: str) -> Batch:
+    return Batch(train_config(compose("train", ["algo=pid", *overrides])), 2, seed=1)
+
+
+def test_auvbench_s_own_lines_name_their_specs() -> None:
+    for kind in KINDS:
+        for name in kind.own:
+            spec = kind[name]
+            assert isinstance(spec, kind.spec)
+            assert spec.name == name
+            registry.resolve(spec.code.partition(":")[0]) if kind in (COMMANDS, LAUNCHERS) else None
+        assert list(kind) == list(kind.own)
+        assert len(kind) == len(kind.own)
+        with pytest.raises(KeyError):
+            kind["nothing of this name"]
+
+
+@pytest.mark.slow
+def test_a_simulator(site: Site) -> None:
+    simulating(site)
+    environments = batch("simulator=still", "simulator.drift=0.25")
+    assert environments.config.simulator.package == "still-water==1.0"
+    environments.reset()
+    before = environments.simulator.pose.copy()
+    environments.step(environments._action)
+    moved = environments.simulator.pose - before
+    assert moved[:, 0] == pytest.approx(0.25 * environments.task.duration)
+    assert not moved[:, 1:].any()
+    state = environments.state_dict()
+    environments.step(environments._action)
+    environments.load_state_dict(state)
+    assert (environments.simulator.pose == before + moved).all()
+
+
+@pytest.mark.slow
+def test_a_simulator_s_package_is_part_of_a_run_s_identity(site: Site) -> None:
+    def frozen() -> object:
+        return json.loads(json.dumps(_plain(compose("train", ["algo=pid", "simulator=still"]))))
+
+    def _plain(config):
+        from omegaconf import OmegaConf
+
+        return OmegaConf.to_container(config, resolve=True)
+
+    simulating(site)
+    first = frozen()
+    simulating(site, version="2.0")
+    assert run_id(first) != run_id(frozen())
+    from omegaconf import OmegaConf
+
+    with pytest.raises(Exception, match=r"comes with still-water==1\.0, and still-water==2\.0 is installed"):
+        typed(OmegaConf.create(first))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("simulator.drift=2",), "simulator.drift=2.0: must be at least 0 and at most 1"),
+        (("simulator.drfit=1",), "simulator.drfit: unknown key; did you mean simulator.drift?"),
+        (
+            ("disturbance=current",),
+            "asks for a steady current, which simulator=still does not have here; use",
+        ),
+        (("simulator=stil",), "did you mean 'still'?"),
+    ],
+)
+def test_what_is_typed_wrong_of_a_simulator_is_one_line(
+    site: Site, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str
+) -> None:
+    simulating(site)
+    assert message in refused(capsys, "train", "algo=pid", "simulator=still", *words)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("SimulatorSpec(\"still\", \"still:make\", CAN", "SimulatorSpec(\"still\", \"still:make\", 3"), "has capabilities that are none"),
+        (("CAN, StillConfig)", "CAN, int)"), "has a schema that is no dataclass below auvbench.plugin.SimulatorConfig"),
+        (("SPEC = SimulatorSpec(", "SPEC = dict(a="), "cannot be imported"),
+    ],
+)  # fmt: skip
+def test_what_a_simulator_declares_wrong_is_one_line(
+    site: Site, capsys: pytest.CaptureFixture[str], change: tuple[str, str], message: str
+) -> None:
+    simulating(site, change)
+    error = refused(capsys, "train", "algo=pid", "simulator=still")
+    assert message in error
+    assert "of still-water==1.0" in error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("self.pose[:, 0] += ", "self.pose[1, 0] = np.nan * "), "step gives pose of vehicle 1 a number that is not finite"),
+        (("self.drift = drift\n", "self.power = [0.0]\n"), "power is list; it must be float64 (2,)"),
+        (("self.drift = drift\n", "self.pose = self.pose[:, :3]\n"), "pose is float64 (2, 3); it must be float64 (2, 7)"),
+        (("self.pose[:, 0] += ", "self.nothing += "), "step fails: AttributeError"),
+        (("return Still(", "return dict("), "cannot be made: TypeError"),
+        (("return Still(vehicle, n, settings.drift)", "return 3"), "a int, lacks reset"),
+    ],
+)  # fmt: skip
+def test_what_a_simulator_computes_wrong_is_named(site: Site, change: tuple[str, str], message: str) -> None:
+    simulating(site, change)
+    with pytest.raises(AgentError) as raised:
+        environments = batch("simulator=still")
+        environments.reset()
+        environments.step(environments._action)
+    assert "simulator=still of still-water==1.0: " in str(raised.value)
+    assert message in str(raised.value)
+
+
+@pytest.mark.slow
+def test_a_launcher(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    files = {
+        "inline.py": INLINE,
+        "inline_conf/__init__.py": "",
+        "inline_conf/launcher/inline.yaml": INLINE_YAML,
+    }
+    site.install(
+        "in-line", files, points={"auvbench.launchers": {"inline": "inline:SPEC"}}, conf="inline_conf"
+    )
+    words = ["train", "-m", "algo=pid", "seed=0,1", "launcher=inline"]
+    assert cli.main(words) == 0, capsys.readouterr().err
+    assert Path("note.txt").read_text() == "hello"
+    (kept,) = {path.parent.parent for path in Path("outputs").rglob("manifest.json")}
+    runs = [RunDirectory(path.parent) for path in kept.rglob("manifest.json")]
+    assert [run.manifest()["state"] for run in runs] == ["complete"] * 2
+    assert "launcher.note: " in refused(capsys, *words, "launcher.note=[1]")
+    site.uninstall("in-line")
+    for run in runs:  # a run does not need what started it
+        typed_config = run.check()
+        assert typed_config["algo"]["agent"] == "pid"
+    assert "no such option" in refused(capsys, *words)
+
+
+@pytest.mark.slow
+def test_a_tracker(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    site.install(
+        "file-log", {"filelog.py": FILE_LOG}, points={"auvbench.trackers": {"filelog": "filelog:SPEC"}}
+    )
+    few = ["algo=ppo", "train.total_steps=64", "algo.n_envs=2", "algo.n_steps=16", "algo.batch_size=16"]
+    assert cli.main(["train", *few, "train.log=filelog"]) == 0, capsys.readouterr().err
+    lines = [json.loads(line) for line in Path("log.jsonl").read_text().splitlines()]
+    assert [line[0] for line in lines][:2] == ["prepare", "start"]
+    assert "write" in {line[0] for line in lines}
+    assert lines[-1] == ["close", "None"]
+    assert "did you mean 'filelog'?" in refused(capsys, "train", *few, "train.log=filelogs")
+    assert "did you mean 'filelog'?" in refused(capsys, "report", "outputs", "--log", "filelogs")
+
+
+def test_a_tracker_without_its_functions(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    site.install(
+        "file-log",
+        {"filelog.py": FILE_LOG.replace("def table", "def tables")},
+        points={"auvbench.trackers": {"filelog": "filelog:SPEC"}},
+    )
+    assert "train.log=filelog: filelog lacks table" in refused(
+        capsys, "train", "algo=pid", "train.log=filelog"
+    )
+
+
+def test_a_command(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    site.install("greeting", {"hello.py": HELLO}, points={"auvbench.commands": {"hello": "hello:SPEC"}})
+    assert cli.main(["hello"]) == 0
+    assert cli.main(["hello", "there"]) == 3
+    assert capsys.readouterr().out == "hello\nhello there\n"
+    assert cli.main(["--help"]) == 0
+    assert "hello       of greeting==1.0\n" in capsys.readouterr().out
+    assert "hello" in candidates([""])
+    assert "did you mean 'hello'?" in refused(capsys, "helo")
+    error = refused(capsys, "hello", "fail")
+    assert "auvbench hello of greeting==1.0: fails: ValueError: no such word" in error
+
+
+def test_a_command_of_auvbench_s_name(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    site.install("thief", {"thief.py": HELLO}, points={"auvbench.commands": {"train": "thief:SPEC"}})
+    assert cli.main(["train", "--help"]) == 0  # auvbench's own
+    assert "hello" not in capsys.readouterr().out
+
+
+def test_names_of_packages_are_listed_without_an_import(site: Site) -> None:
+    broken = {"broken.py": "raise RuntimeError('imported')"}
+    groups = {kind.group: {"theirs": "broken:SPEC"} for kind in (SIMULATORS, LAUNCHERS, TRACKERS, COMMANDS)}
+    site.install("broken", broken, points=groups)
+    for kind in (SIMULATORS, LAUNCHERS, TRACKERS, COMMANDS):
+        assert kind.names() == (*kind.own, "theirs")
