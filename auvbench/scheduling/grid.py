@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from auvbench.config.algorithms import learns
-from auvbench.config.launchers import Launcher
-from auvbench.errors import ConfigError, RunError
-from auvbench.registry import LAUNCHERS, resolve
+from auvbench.config.launchers import Launcher, LauncherConfig
+from auvbench.errors import AgentError, ConfigError, RunError
+from auvbench.registry import LAUNCHERS, resolve, telling
 from auvbench.runs import status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import State
@@ -203,5 +203,15 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
         raise ConfigError("launcher: its file must start from a schema (see conf/launcher)")
     # Imported when chosen: each backend has needs of its own.
     spec = LAUNCHERS.choose(options.name)
-    made: Backend = resolve(spec.code)(options, target, learning)
+    if not isinstance(options, LauncherConfig):
+        own: Backend = resolve(spec.code)(options, target, learning)
+        return own
+    who = f"launcher={options.name} of {options.package}"
+    with telling(who, "cannot be made"):
+        made: Backend = resolve(spec.code)(options, target, learning)
+    needed = ("limit", "submit", "adopt", "wait", "close")
+    if lacking := [name for name in needed if not hasattr(made, name)]:
+        raise AgentError(
+            f"{who}: what it makes, a {type(made).__name__}, lacks {', '.join(lacking)} (auvbench.scheduling.loop.Backend)"
+        )
     return made

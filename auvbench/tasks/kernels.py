@@ -73,7 +73,7 @@ P_YAW = 12  # 1: the task has a yaw of its own, F_REFERENCE_YAW; 0: its yaw is t
 P_PREVIEW = 13  # the first column of F with the previewed points
 P_PREVIEWED = 14  # previewed points
 P_HISTORY = 15  # stacked observations
-P_REWARD = 16  # which of rewards.SCHEMAS
+P_REWARD = 16  # place of the reward in registry.REWARDS
 P_REWARD_OWN = 17  # the parameters of the reward, in the order of its schema
 P_OWN = 32  # the first entry of a task's own
 

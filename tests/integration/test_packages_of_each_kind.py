@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
+from omegaconf import OmegaConf
 
-from auvbench import cli, registry
+from auvbench import cli
 from auvbench.commands.completion import candidates
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
-from auvbench.errors import AgentError
+from auvbench.errors import AgentError, ConfigError
 from auvbench.registry import COMMANDS, KINDS, LAUNCHERS, SIMULATORS, TRACKERS
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.identity import run_id
@@ -61,9 +64,10 @@ STILL_YAML = "name: still\ndrift: 0.5\n"
 INLINE = """
     from dataclasses import dataclass
     from pathlib import Path
+from typing import Any
     from auvbench.plugin import LauncherConfig, LauncherSpec
-    from auvbench.registry import resolve
     from auvbench.scheduling.loop import Phase, Status
+    from auvbench.training.worker import work
 
     @dataclass(kw_only=True)
     class InlineConfig(LauncherConfig):
@@ -82,14 +86,20 @@ INLINE = """
             pass
 
     class Backend:
-        slots = 1
+        limit = 1
 
         def __init__(self, options, target):
             self.options, self.target = options, target
 
         def submit(self, run):
             Path("note.txt").write_text(self.options.note)
-            return Job(run, int(resolve(self.target)(run) or 0))
+            return Job(run, work(run, target=self.target))
+
+        def adopt(self, run):
+            return None
+
+        def wait(self, seconds):
+            pass
 
         def close(self):
             pass
@@ -104,6 +114,7 @@ INLINE_YAML = "name: inline\nnote: hello\n"
 FILE_LOG = """
     import json
     from pathlib import Path
+from typing import Any
     from auvbench.plugin import TrackerSpec
 
     LOG = Path("log.jsonl")
@@ -173,7 +184,8 @@ def test_auvbench_s_own_lines_name_their_specs() -> None:
             spec = kind[name]
             assert isinstance(spec, kind.spec)
             assert spec.name == name
-            registry.resolve(spec.code.partition(":")[0]) if kind in (COMMANDS, LAUNCHERS) else None
+            module = spec.code.partition(":")[0]
+            assert importlib.util.find_spec(module) is not None, module
         assert list(kind) == list(kind.own)
         assert len(kind) == len(kind.own)
         with pytest.raises(KeyError):
@@ -199,21 +211,18 @@ def test_a_simulator(site: Site) -> None:
 
 @pytest.mark.slow
 def test_a_simulator_s_package_is_part_of_a_run_s_identity(site: Site) -> None:
-    def frozen() -> object:
-        return json.loads(json.dumps(_plain(compose("train", ["algo=pid", "simulator=still"]))))
-
-    def _plain(config):
-        from omegaconf import OmegaConf
-
-        return OmegaConf.to_container(config, resolve=True)
+    def frozen() -> dict[str, Any]:
+        plain = OmegaConf.to_container(compose("train", ["algo=pid", "simulator=still"]), resolve=True)
+        assert isinstance(plain, dict)
+        return {str(key): value for key, value in plain.items()}
 
     simulating(site)
     first = frozen()
     simulating(site, version="2.0")
     assert run_id(first) != run_id(frozen())
-    from omegaconf import OmegaConf
-
-    with pytest.raises(Exception, match=r"comes with still-water==1\.0, and still-water==2\.0 is installed"):
+    with pytest.raises(
+        ConfigError, match=r"comes with still-water==1\.0, and still-water==2\.0 is installed"
+    ):
         typed(OmegaConf.create(first))
 
 
@@ -269,10 +278,14 @@ def test_what_a_simulator_declares_wrong_is_one_line(
 )  # fmt: skip
 def test_what_a_simulator_computes_wrong_is_named(site: Site, change: tuple[str, str], message: str) -> None:
     simulating(site, change)
-    with pytest.raises(AgentError) as raised:
+
+    def step_once() -> None:
         environments = batch("simulator=still")
         environments.reset()
         environments.step(environments._action)
+
+    with pytest.raises(AgentError) as raised:
+        step_once()
     assert "simulator=still of still-water==1.0: " in str(raised.value)
     assert message in str(raised.value)
 

@@ -10,7 +10,7 @@ import pytest
 
 from auvbench import cli
 from auvbench.commands import grammar
-from auvbench.config import overrides, plugins, suggestions
+from auvbench.config import folders, overrides, suggestions
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.errors import ConfigError
@@ -19,7 +19,7 @@ from auvbench.runs.plan import prepare
 from tests import fake_training
 
 
-@pytest.mark.parametrize("module", [grammar, suggestions, overrides, plugins])
+@pytest.mark.parametrize("module", [grammar, suggestions, overrides, folders])
 def test_the_examples_in_the_documentation(module: object) -> None:
     assert doctest.testmod(module).failed == 0  # type: ignore[arg-type]
 

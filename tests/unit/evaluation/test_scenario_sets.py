@@ -6,9 +6,9 @@ import re
 
 import pytest
 
-from auvbench.config.tasks import OWN
 from auvbench.evaluation import scenario_sets
 from auvbench.evaluation.scenario_sets import SETS, VEHICLES, newest
+from auvbench.registry import TASKS
 from tests.scenario_page import PAGE, computed, page
 
 
@@ -17,7 +17,7 @@ def test_the_page_is_the_one_that_is_generated() -> None:
 
 
 def test_each_task_has_a_set_and_names_are_unique() -> None:
-    assert set(newest()) == set(OWN)
+    assert set(newest()) == set(TASKS.own)
     names = [one.name for one in SETS]
     assert len(set(names)) == len(names)
     assert all(re.fullmatch(r"20\d\d[a-z]", one.version) for one in SETS)
@@ -26,7 +26,7 @@ def test_each_task_has_a_set_and_names_are_unique() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", OWN)
+@pytest.mark.parametrize("task", TASKS.own)
 def test_the_newest_version_is_what_the_code_draws(task: str) -> None:
     found = tuple(computed(task, vehicle) for vehicle in VEHICLES)
     assert found == newest()[task].fingerprints, (
