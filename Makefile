@@ -27,7 +27,7 @@ MINUTES ?= 60
 REPLICATIONS ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install clone-path demo test test-slow check format lint type layers links docs bench statistics words gallery verification parity soak fuzz lock release test-cluster test-programs clean
+.PHONY: help install clone-path demo test test-slow check format lint type layers links docs bench statistics words house gallery verification parity soak fuzz lock release test-cluster test-programs clean
 
 help: ## what there is to make
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -103,6 +103,9 @@ statistics: $(TOOLS) ## measure anew how often reports are right: tables of docs
 
 words: $(TOOLS) ## how plain the texts are: sentence length and patterns to avoid (ARGS="--sample 60" draws texts to read aloud)
 	@$(BIN)/python -m benchmarks.words $(ARGS)
+
+house: $(TOOLS) ## how the code is built: imports, names of integrations, reads by number (ARGS=--show lists them)
+	@$(BIN)/python -m benchmarks.house $(ARGS)
 
 gallery: $(TOOLS) ## the pictures of the documentation
 	$(BIN)/python -m benchmarks.gallery

@@ -1,0 +1,229 @@
+"""Measure how the code is built: `python -m benchmarks.house`, or `make house`.
+
+It prints the measures next to their goals. `--show` lists the files and reads behind each number. Imports are measured in fresh
+processes which make an environment, evaluate a run, and write a report.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "auvbench"
+
+INTEGRATION = re.compile(r"ros ?2|rclpy|gazebo|ardusub|mavlink|slurm|wandb|mlflow|\bray\b", re.IGNORECASE)
+"""Foreign systems that an integration talks to."""
+INTEGRATIONS = (
+    *("ros2", "mavlink", "ardusub", "integrations", "simulators/gazebo", "simulators/ros2.py"),
+    *(
+        "scheduling/slurm.py",
+        "scheduling/ray.py",
+        "tracking/wandb.py",
+        "tracking/mlflow.py",
+        "agents/ardusub.py",
+    ),
+)
+"""Files and folders of the package that are an integration."""
+
+KINDS = {
+    "agent": ("lqr", "conf/algo"),
+    "task": ("docking", "conf/task"),
+    "reward": ("gym_dockauv", "conf/reward"),
+    "block": ("goal_error", ""),
+    "sensor": ("drift", ""),
+    "disturbance": ("waves", "conf/disturbance"),
+    "simulator": ("gazebo", "conf/simulator"),
+    "launcher": ("slurm", "conf/launcher"),
+    "tracker": ("wandb", ""),
+    "command": ("bound", ""),
+    "metric": ("settling_time_s", ""),
+    "actuator": ("drop_weight", ""),
+}
+"""One of auvbench's own of each kind, and the folder of its YAML file."""
+
+COMPILED = re.compile(r"compiled|njit|jit|cfunc|row")
+ARRAY = re.compile(r"Floats|Integers|FloatArray|IntArray|NDArray|FloatTable")
+
+_LOADED = """
+import pathlib, sys
+def loaded():
+    for name, module in sorted(sys.modules.items()):
+        file = getattr(module, "__file__", None)
+        if name.split(".")[0] == "auvbench" and file and file.endswith(".py"):
+            print("FILE", pathlib.Path(file).resolve())
+"""
+ENVIRONMENT = f"""{_LOADED}
+import gymnasium, auvbench
+environment = gymnasium.make("auvbench/Waypoint-v0", noise="none")
+environment.reset(seed=0)
+environment.step(environment.action_space.sample())
+loaded()
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """A line of the table."""
+
+    name: str
+    now: str
+    goal: str
+    details: Sequence[str] = ()
+
+
+def sources(folder: Path = PACKAGE) -> Iterator[tuple[Path, ast.Module]]:
+    """Yield the Python files of a folder with their syntax trees."""
+    for path in sorted(folder.rglob("*.py")):
+        yield path, ast.parse(path.read_text(encoding="utf-8"))
+
+
+def words(tree: ast.AST) -> Iterator[str]:
+    """Yield the names and the texts of a syntax tree; docstrings and other texts that stand alone are left out."""
+    alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name):
+            yield node.id
+        elif isinstance(node, ast.Attribute):
+            yield node.attr
+        elif isinstance(node, ast.alias):
+            yield node.name
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module or ""
+        elif isinstance(node, ast.arg):
+            yield node.arg
+        elif isinstance(node, ast.keyword):
+            yield node.arg or ""
+        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
+            yield node.name
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
+            yield node.value
+
+
+def naming_an_integration() -> list[str]:
+    """Return the files of the core in whose code the name of a foreign system occurs."""
+    found = []
+    for path, tree in sources():
+        place = path.relative_to(PACKAGE).as_posix()
+        if not place.startswith(INTEGRATIONS) and any(INTEGRATION.search(word) for word in words(tree)):
+            found.append(place)
+    return found
+
+
+def naming(name: str, folder: str) -> list[str]:
+    """Return the files that name a thing in code, and its YAML file: what its author had to touch."""
+    pattern = re.compile(rf"(?<![A-Za-z]){name}(?![A-Za-z])", re.IGNORECASE)
+    camel = name.title().replace("_", "")
+    found = [
+        path.relative_to(ROOT).as_posix()
+        for path, tree in sources()
+        if any(pattern.search(word) or camel in word for word in words(tree))
+    ]
+    file = ROOT / folder / f"{name}.yaml"
+    return [*found, *([file.relative_to(ROOT).as_posix()] if folder and file.is_file() else [])]
+
+
+def reads(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield line and text of reads of an array by a number or a numeric constant in compiled functions.
+
+    An array is an argument with the type of one. A constant is a name in capitals.
+    """
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        if not any(COMPILED.search(ast.unparse(decorator)) for decorator in function.decorator_list):
+            continue
+        arrays = {
+            argument.arg
+            for argument in function.args.args
+            if argument.annotation is not None and ARRAY.search(ast.unparse(argument.annotation))
+        }
+        for node in ast.walk(function):
+            if (
+                isinstance(node, ast.Subscript)
+                and isinstance(node.ctx, ast.Load)
+                and isinstance(node.value, ast.Name)
+                and node.value.id in arrays
+                and _by_number(node.slice)
+            ):
+                yield node.lineno, ast.unparse(node)
+
+
+def _by_number(index: ast.expr) -> bool:
+    parts = index.elts if isinstance(index, ast.Tuple) else [index]
+    return any(_is_number(part) for part in parts)
+
+
+def _is_number(node: ast.expr) -> bool:
+    if isinstance(node, ast.BinOp):
+        return _is_number(node.left) or _is_number(node.right)
+    if isinstance(node, ast.Slice):
+        return any(part is not None and _is_number(part) for part in (node.lower, node.upper))
+    name = node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+    return isinstance(node, ast.Constant) or (len(name) > 1 and name.isupper())
+
+
+def closure(code: str, folder: str) -> list[Path]:
+    """Return the files of the package that a program has loaded when it calls `loaded()`."""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
+    )
+    if done.returncode:
+        raise SystemExit(f"benchmarks.house: {done.stderr.strip().splitlines()[-1]}")
+    return [Path(line.split(" ", 1)[1]) for line in done.stdout.splitlines() if line.startswith("FILE ")]
+
+
+def _command(*arguments: str) -> str:
+    return f"{_LOADED}\nfrom auvbench.cli import main\nassert main({list(arguments)!r}) == 0\nloaded()\n"
+
+
+def _closure(name: str, code: str, folder: str, goal: str) -> Measure:
+    files = closure(code, folder)
+    lines = sum(len(path.read_text(encoding="utf-8").splitlines()) for path in files)
+    shown = [path.relative_to(ROOT).as_posix() for path in files if path.is_relative_to(ROOT)]
+    return Measure(f"files and lines that {name} imports", f"{len(files)}, {lines / 1000:.1f}k", goal, shown)
+
+
+def measures(*, run: bool = True) -> Iterator[Measure]:
+    """Yield the measures; those of imports only with `run`."""
+    core = naming_an_integration()
+    yield Measure("files of the core that name an integration", str(len(core)), "0", core)
+    if run:
+        with tempfile.TemporaryDirectory() as folder:
+            yield _closure("an environment", ENVIRONMENT, folder, "35, 6k")
+            closure(_command("train", "algo=pid", "train.progress=false"), folder)
+            evaluate = _command("evaluate", "outputs", "protocol.episodes=2")
+            yield _closure("evaluate", evaluate, folder, "55, 10k")
+            yield _closure("report", _command("report", "outputs", "--no-figures"), folder, "60, 10k")
+    found = [
+        f"{path.relative_to(ROOT)}:{line}: {text}" for path, tree in sources() for line, text in reads(tree)
+    ]
+    yield Measure("reads of an array by a number in compiled functions", str(len(found)), "0", found)
+    for kind, (name, place) in KINDS.items():
+        files = naming(name, place)
+        yield Measure(f"files that name the {kind} {name}", str(len(files)), "3", files)
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.house", description=__doc__.splitlines()[0])
+    parser.add_argument("--show", action="store_true", help="list the files and reads behind each number")
+    parser.add_argument(
+        "--no-imports", action="store_true", help="leave out what needs a training and a test"
+    )
+    options = parser.parse_args(argv)
+    print(f"{'measure':<62} {'now':>12} {'goal':>8}")
+    for measure in measures(run=not options.no_imports):
+        print(f"{measure.name:<62} {measure.now:>12} {measure.goal:>8}", flush=True)
+        if options.show:
+            print(*(f"    {detail}" for detail in measure.details), sep="\n")
+
+
+if __name__ == "__main__":
+    main()

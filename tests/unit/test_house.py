@@ -1,0 +1,52 @@
+"""`make house` counts what it says."""
+
+from __future__ import annotations
+
+import ast
+import textwrap
+
+import pytest
+
+from benchmarks import house
+
+
+def counted(text: str) -> list[str]:
+    return [read for _, read in house.reads(ast.parse(textwrap.dedent(text)))]
+
+
+def test_reads_of_arrays_by_number_are_counted_in_compiled_functions() -> None:
+    text = """
+    @compiled("tasks")
+    def kernel(i: int, F: Floats, P: Floats, names: tuple) -> None:
+        F[i, k.F_YAW] = P[3] + F[i, k.F_YAW + 1] + F[i, 0] + P[i] + names[0] + F[i, column]
+        P[1] = F[k.F_START : k.F_START + 3][0]
+
+    def plain(P: Floats) -> float:
+        return P[3]
+    """
+    assert sorted(counted(text)) == [
+        "F[i, 0]",
+        "F[i, k.F_YAW + 1]",
+        "F[k.F_START:k.F_START + 3]",
+        "P[3]",
+    ]
+
+
+def test_names_and_texts_count_and_docstrings_do_not() -> None:
+    tree = ast.parse('"""About gazebo."""\nimport slurm_tools as tools\nx = "over ROS 2"\n"""alone"""\n')
+    assert list(house.words(tree)) == ["slurm_tools", "x", "over ROS 2"]
+    assert house.INTEGRATION.search("over ROS 2")
+    assert not house.INTEGRATION.search("array")
+
+
+@pytest.mark.parametrize("kind", house.KINDS)
+def test_each_kind_has_an_example_that_exists(kind: str) -> None:
+    name, folder = house.KINDS[kind]
+    files = house.naming(name, folder)
+    assert files
+    assert not folder or kind == "disturbance" or f"{folder}/{name}.yaml" in files
+
+
+def test_files_of_integrations_exist() -> None:
+    for place in house.INTEGRATIONS:
+        assert (house.PACKAGE / place).exists() or place == "integrations"
