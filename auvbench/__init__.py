@@ -18,11 +18,12 @@ ID = "auvbench/Waypoint-v0"
 
 
 def register() -> None:
-    """Registers the Gymnasium ids (by entry-point strings, so that nothing else is imported).
+    """Register the Gymnasium ids (by entry-point strings, so that nothing else is imported).
 
-    Besides `auvbench/Waypoint-v0`, one for each cell of the thesis, `auvbench/Waypoint-K40-25Hz-v0`, and one for each
-    other task: `auvbench/StationKeeping-v0`, `TrajectoryTracking`, `PathFollowing`, `Docking`, and those of installed
-    packages, `PoleInspection` for `pole_inspection`.
+    The ids are `auvbench/Waypoint-v0`, one for each cell of the original study
+    (`auvbench/Waypoint-K40-25Hz-v0`), and one for each further task: `auvbench/StationKeeping-v0`,
+    `TrajectoryTracking`, `PathFollowing`, `Docking`. Tasks of installed packages get an id too:
+    `PoleInspection` for `pole_inspection`.
     """
     from gymnasium.envs.registration import register as add
     from gymnasium.envs.registration import registry
@@ -43,13 +44,13 @@ def register() -> None:
                 id=name,
                 entry_point="auvbench.envs.gym_env:WaypointEnv",
                 vector_entry_point="auvbench.envs.vector_env:WaypointVectorEnv",
-                # The other tasks end their episodes themselves, in seconds.
+                # Tasks other than the waypoint task have their own time limit, in seconds.
                 max_episode_steps=None if "task" in keywords else 1000,
                 kwargs=keywords,
             )
 
 
-# Gymnasium takes five times as long to import as `auvbench --help` takes to answer, and the command line makes
-# its environments without the registry.
+# Importing Gymnasium takes five times as long as `auvbench --help`, and the command line creates its
+# environments without the registry.
 if os.path.basename(sys.argv[0] if sys.argv else "") not in ("auvbench", "auvbench.exe"):
     register()

@@ -1,4 +1,4 @@
-"""`python -m auvbench` is `auvbench`."""
+"""Run `auvbench` as `python -m auvbench`."""
 
 import sys
 

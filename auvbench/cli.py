@@ -1,10 +1,10 @@
-"""The command line: names the commands, imports one only when it is chosen, and turns its unforeseen errors into one line.
+"""Parse the command's name, import that command only, and report unexpected errors in one line.
 
-Nothing heavy is imported here (a test asserts that torch, hydra, numba and pandas stay out of `--help`), so that help and
-completion answer at once.
+This module imports nothing heavy, so that help and completion answer at once. A test asserts that `--help`
+does not import torch, hydra, numba or pandas.
 
-A user's mistake, a full disk and an interruption have their line where they arise or here. Anything else is a defect of
-auvbench: what is needed to mend it is saved in a file, and the line names that file. Exit code 70 (EX_SOFTWARE of sysexits.h).
+User errors, a full disk and interruptions are reported in one line. Any other exception is a defect of
+auvbench: a report is saved in a file, and the line names the file. Exit code 70 (EX_SOFTWARE of sysexits.h).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ MEANT = {
     **dict.fromkeys(("diff", "versus"), "compare"),
     **dict.fromkeys(("new", "create"), "init"),
 }
-"""Commands of other programs, and what does the same here."""
+"""Command names of similar programs, and the auvbench command to suggest instead."""
 
 DEFECT = 70
 
@@ -75,9 +75,9 @@ def usage() -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one command; returns its exit code.
+    """Run one command and return its exit code.
 
-    0 done, 1 failed, 2 the user's mistake, 70 a defect of auvbench (see `guarded`), 130 interrupted.
+    Exit codes: 0 success, 1 failure, 2 user error, 70 defect of auvbench (see `guarded`), 130 interrupted.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     with isolation.restored():
@@ -110,11 +110,11 @@ def _dispatch(arguments: Sequence[str]) -> int:
 
 
 def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
-    """Calls `command`; returns its exit code, or that of the error that it ended with. Never raises.
+    """Call `command` and return its exit code, or the exit code of the error that it raised. Never raise.
 
     Args:
-        command: does the work.
-        arguments: the command line, for the report about a defect.
+        command: function to call.
+        arguments: command line, for the report of a defect.
     """
     present()
     forgiving()
@@ -122,7 +122,7 @@ def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
     try:
         sys.stdout.flush()
     except BrokenPipeError:
-        silence(sys.stdout)  # its reader (head, less) went away: no error
+        silence(sys.stdout)  # The reader of the pipe (head, less) closed it: not an error.
     except (OSError, ValueError) as error:
         code = code or _failed(error, arguments)
         silence(sys.stdout)
@@ -136,10 +136,10 @@ def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
 def _carried_out(command: Callable[[], int], arguments: Sequence[str]) -> int:
     try:
         return command()
-    except SystemExit as leaving:  # of argparse and Hydra, for --help
+    except SystemExit as leaving:  # argparse and Hydra exit this way after --help.
         return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
     except KeyboardInterrupt as interruption:
-        # One of ours says what is saved and which signal it was.
+        # auvbench's own message names the signal and what was saved.
         say(f"auvbench: {message(str(interruption) or 'interrupted')}")
         return int(getattr(interruption, "exit_code", 130))
     except BrokenPipeError:
@@ -159,13 +159,13 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
         say(f"auvbench: {message(text)}")
         return error.exit_code
     if type(error).__module__.partition(".")[0] in ("omegaconf", "hydra"):
-        # ${nope} in a value: it is resolved where the value is first asked for, which may be anywhere.
+        # An interpolation such as ${nope} fails where its value is first read, which may be anywhere.
         from auvbench.config.compose import translate
 
         say(f"auvbench: {message(translate(error))}")
         return 2
     if isinstance(error, MemoryError):
-        say("auvbench: there is not enough memory for this; nothing that was written before is lost")
+        say("auvbench: out of memory; files that were already written are intact")
         return 1
     if isinstance(error, OSError) and error.errno in _DISK:
         from auvbench.runs.atomic_io import storage_error
@@ -178,12 +178,12 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
     saved = _save(error, arguments)
     where = f"; details: {saved}" if saved else " (and no details could be saved)"
     reason = short(f"{type(error).__name__}: {error}")
-    say(f"auvbench: a defect of auvbench, not of what you typed: {reason}{where}")
+    say(f"auvbench: internal error, not caused by your input: {reason}{where}")
     return DEFECT
 
 
 def _save(error: BaseException, arguments: Sequence[str]) -> Path | None:
-    """Write versions, command and traceback into a new file; return None where no folder takes it."""
+    """Write versions, command and traceback into a new file; return None if no folder is writable."""
     from auvbench.runs import error_file
 
     return error_file.save(_details(error, arguments))
@@ -193,8 +193,11 @@ def _details(error: BaseException, arguments: Sequence[str]) -> str:
     from auvbench.runs import provenance
 
     lines = [
-        f"auvbench {__version__} met what it does not know. Please report this file: SECURITY.md says how where it",
-        "could be misused, else open an issue. Nothing in it was sent anywhere.",
+        (
+            f"auvbench {__version__} failed with an unexpected error. Please report this file: open an issue, "
+            "or follow SECURITY.md if the error "
+        ),
+        "could be misused. Nothing in this file was sent anywhere.",
         "",
         f"command: {shlex.join(['auvbench', *arguments])}",
         f"folder: {os.environ.get('PWD', '')}",

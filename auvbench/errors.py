@@ -1,8 +1,8 @@
-"""The one small hierarchy of errors.
+"""Define the error classes of auvbench.
 
-Every message of a `UserError` names the offending value and what would be right: it is printed as one line
-and the command ends with exit code 2. Anything else that is raised is a defect of auvbench: its traceback is
-saved in a file that the command's one line names (cli.py).
+Every message of a `UserError` names the wrong value and what is allowed. It is printed as one line, and the
+command ends with exit code 2. Any other exception is a defect of auvbench: its traceback is saved in a file,
+and the command's one line names the file (cli.py).
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from collections.abc import Iterable
 
 
 class AuvbenchError(Exception):
-    """Base class of everything that auvbench raises on purpose."""
+    """Base class of every error that auvbench raises on purpose."""
 
     exit_code = 1
 
 
 class UserError(AuvbenchError):
-    """Something the user typed, or a file the user named, is not right. Exit code 2."""
+    """An argument, or a file that the user named, is wrong. Exit code 2."""
 
     exit_code = 2
 
 
 class ConfigError(UserError):
-    """A key, a type or a value of the configuration is not right."""
+    """A key, type or value of the configuration is wrong."""
 
 
 class PluginImportError(ConfigError):
@@ -37,15 +37,15 @@ class VehicleError(UserError):
 
 
 class RunError(UserError):
-    """A run directory is missing, damaged, foreign or held by another process."""
+    """A run directory is missing, damaged, not auvbench's, or locked by another process."""
 
 
 class ReportError(UserError):
-    """There is nothing to report on, or what was asked for is not in the runs."""
+    """The runs contain nothing to report, or not what was asked for."""
 
 
 class MissingExtraError(UserError):
-    """A part of auvbench needs packages that only come with one of its extras."""
+    """A feature needs packages of an extra that is not installed."""
 
     def __init__(self, package: str, *, extra: str, purpose: str) -> None:
         super().__init__(
@@ -54,19 +54,22 @@ class MissingExtraError(UserError):
 
 
 class TrainingError(AuvbenchError):
-    """A run stopped for a reason of its own (a NaN, a full disk); its manifest says which. Exit code 1."""
+    """A run stopped because of an error in the run itself (a NaN, a full disk); its manifest names the error.
+
+    Exit code 1.
+    """
 
 
 class ActionError(AuvbenchError, ValueError):
-    """What was given as an action is none: a NaN, an infinity, or another shape than the environment takes."""
+    """An array is not a valid action: it contains a NaN or infinity, or has the wrong shape."""
 
 
 class AgentError(AuvbenchError):
-    """An agent, a simulator, a task or a reward of an installed package does not do what it must; the message names it."""
+    """An agent, simulator, task or reward of an installed package breaks its contract; the message names it."""
 
 
 class AuvbenchWarning(UserWarning):
-    """Something is not as it should be and is dealt with; the message says how."""
+    """A problem that auvbench works around; the message says how."""
 
 
 _python_s = warnings.formatwarning
@@ -76,19 +79,20 @@ def _one_line(
     message: Warning | str, category: type[Warning], filename: str, lineno: int, line: str | None = None
 ) -> str:
     if issubclass(category, AuvbenchWarning):
-        # One line, and nothing in it that a terminal would obey: a warning may name files of a stranger's.
+        # One printable line: a warning may quote file names from an untrusted source, with control characters.
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in str(message))
         return f"auvbench: warning: {text}\n"
     return _python_s(message, category, filename, lineno, line)
 
 
 def plain_warnings() -> None:
-    """Our warnings are for users: printed without the place in the code from which they come."""
+    """Print auvbench's warnings without the source line that raised them."""
     warnings.formatwarning = _one_line
 
 
 def closest(name: str, valid: Iterable[str]) -> str:
-    """The hint that ends an error message: the closest valid name, letter case aside, and all of them.
+    """Return the hint that ends an error message: the closest valid name (ignoring case), then all valid
+    names.
 
     >>> closest("bluerov", ["bluerov2", "rexrov"])
     "did you mean 'bluerov2'? valid: bluerov2, rexrov"

@@ -1,9 +1,9 @@
-"""Keep the working directory out of what dependencies read, before any of them is imported.
+"""Keep dependencies from reading the working directory, before any of them is imported.
 
-The working directory may come from another person. auvbench reads `./conf` and the files that were typed; its
-dependencies would read more: modules, numba's configuration (which names a cache of pickles), Matplotlib's style, and
-the profiles of DDS. `isolate` runs first in each process of a command, and the processes that it starts inherit the
-environment.
+The working directory may come from another person. auvbench reads only `./conf` and the files that the user
+typed. Its dependencies would read more: modules, numba's configuration (which names a cache of pickles),
+Matplotlib's style, and DDS profiles. Each process of a command calls `isolate` first, and child processes
+inherit its environment variables.
 """
 
 from __future__ import annotations
@@ -21,12 +21,14 @@ from types import ModuleType
 from auvbench.errors import UserError
 
 DDS = {
-    "SKIP_DEFAULT_XML_FILE": "1",  # Fast DDS reads no DEFAULT_FASTRTPS_PROFILES.xml
-    "SKIP_DEFAULT_XML": "1",  # the same since Fast DDS 3
+    "SKIP_DEFAULT_XML_FILE": "1",  # Fast DDS: skip DEFAULT_FASTRTPS_PROFILES.xml
+    "SKIP_DEFAULT_XML": "1",  # same, since Fast DDS 3
 }
 ENVIRONMENT = {
-    "PYTHONSAFEPATH": "1",  # no child imports modules of the working directory; multiprocessing starts two
-    "MATPLOTLIBRC": os.devnull,  # no style but that of the figures
+    # Child processes do not import modules from the working directory; multiprocessing starts two such
+    # processes.
+    "PYTHONSAFEPATH": "1",
+    "MATPLOTLIBRC": os.devnull,  # only the style of auvbench's figures
     "MPLBACKEND": "Agg",
     **DDS,
 }
@@ -45,13 +47,13 @@ ABSOLUTE = (
     "XDG_CONFIG_HOME",
     "XDG_STATE_HOME",
 )
-"""Variables of the user that name settings, libraries or caches; a relative path would be one of the working directory."""
+"""User variables that name settings, libraries or caches; a relative path would point into the working directory."""
 
 HERE = Path(__file__).parent
 
 
 def isolate() -> None:
-    """Prepare this process; call it before any dependency is imported.
+    """Isolate this process; call it before any dependency is imported.
 
     Raises:
         UserError: a variable of `ABSOLUTE` has a relative path.
@@ -59,11 +61,12 @@ def isolate() -> None:
     for name in ABSOLUTE:
         for path in _relative(os.environ.get(name, "")):
             raise UserError(
-                f"{name}={path}: must be an absolute path; a relative one names files of the working directory"
+                f"{name}={path}: must be an absolute path; a relative path would point into the working directory"
             )
     os.environ.update(ENVIRONMENT)
     os.environ["MPLCONFIGDIR"] = str(_matplotlib_folder())
-    # setuptools adds a relative placeholder for editable installations. The empty path is of a user's own program.
+    # setuptools adds a relative placeholder for editable installations. The empty path comes from a user's own
+    # program.
     sys.path[:] = [path for path in sys.path if not path or os.path.isabs(path)]
     if not any(isinstance(finder, _Sheltered) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Sheltered())
@@ -71,7 +74,7 @@ def isolate() -> None:
 
 @contextmanager
 def restored() -> Iterator[None]:
-    """Restore the environment that `isolate` changes inside: a program that calls a command goes on with its own."""
+    """Restore the environment variables on exit, so that a program that calls a command keeps its own."""
     before = {name: os.environ.get(name) for name in (*ENVIRONMENT, "MPLCONFIGDIR")}
     try:
         yield
@@ -84,7 +87,7 @@ def restored() -> Iterator[None]:
 
 
 def _relative(value: str) -> list[str]:
-    r"""Return the relative paths in a variable: one path, or for Cyclone DDS a list of URIs and XML.
+    r"""Return the relative paths in a variable: one path, or a list of URIs and XML for Cyclone DDS.
 
     >>> _relative("file:///etc/dds.xml,a.xml"), _relative("<CycloneDDS>a,b</CycloneDDS>"), _relative("")
     (['a.xml'], [], [])
@@ -95,7 +98,7 @@ def _relative(value: str) -> list[str]:
 
 
 def _matplotlib_folder() -> Path:
-    """Return a folder for Matplotlib's list of fonts, beside the folder with the styles of the user."""
+    """Return a folder for Matplotlib's font list; the user's own folder may contain styles."""
     given = os.environ.get("MPLCONFIGDIR")
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     folder = Path(given) if given else Path(cache, "matplotlib")
@@ -103,9 +106,9 @@ def _matplotlib_folder() -> Path:
 
 
 class _Sheltered(MetaPathFinder):
-    """Import modules that read the working directory while they are imported, with another one.
+    """Import modules that read the working directory on import from within another directory.
 
-    For these files no variable has precedence over the working directory.
+    No environment variable takes precedence over the files that these modules read.
     """
 
     modules: dict[str, Callable[[ModuleType], None]]
@@ -133,17 +136,17 @@ class _Sheltered(MetaPathFinder):
 
 
 def _forget_numba_file(config: ModuleType) -> None:
-    """Let numba look for no file at later compilations, when it reads its configuration again."""
+    """Keep numba from searching for a configuration file when it reloads its configuration."""
     setattr(config, "_config_fname", os.devnull)  # noqa: B010, for mypy: not a regular file, so never read
 
 
 @contextmanager
 def _elsewhere() -> Iterator[None]:
-    """Work in the folder of the package, which has no file that a dependency reads."""
+    """Change to the package's folder, which has no file that a dependency reads."""
     try:
-        before = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))  # also where the folder was removed
+        before = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))  # works even if the folder was removed
     except OSError:
-        yield  # a folder that cannot be opened has no files to read
+        yield  # A folder that cannot be opened has no files to read.
         return
     try:
         os.chdir(HERE)

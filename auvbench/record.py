@@ -1,4 +1,4 @@
-"""A record: one row per episode, the same in training and in tests. docs/protocol.md defines the columns."""
+"""Define a record: one row per episode, with the same columns in training and in tests (docs/protocol.md)."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ from functools import cache
 from auvbench.metrics import METRICS, Kind, Totals
 
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
-"""How an episode ends, in the order of the codes 0 to 3 in tasks/kernels.py. A task lists those of its own."""
+"""How an episode can end, in the order of the codes 0 to 3 in tasks/kernels.py. Each task lists its own subset."""
 ABORTED = "aborted"
-"""Outcome of a pilot's mission that was ended from outside; mission.json has the reason."""
+"""Outcome of a pilot's mission that was stopped by a person or a failsafe; mission.json has the reason."""
 
 PRIMARY = "primary"
-"""stands for the measure that ranks agents of a task (`primary_of`)"""
+"""Placeholder for the measure that ranks the agents of a task (`primary_of`)"""
 
 Record = dict[str, float | int | str]
 
 
 def columns(*kinds: Kind) -> tuple[str, ...]:
-    """Return the columns of all tasks, or those of some kinds: `scenario`, the same for every agent that meets it."""
+    """Return the columns of all tasks, or only the columns of some kinds.
+
+    A `scenario` column is the same for every agent in the same scenario.
+    """
     return tuple(m.name for m in METRICS if m.value is not None and (not kinds or m.kind in kinds))
 
 
 def measured() -> tuple[str, ...]:
-    """Return the columns that hold a finite number in every row that has them."""
+    """Return the columns whose value, where a row has one, is a finite number."""
     return columns("scenario", "episode")
 
 
@@ -44,11 +47,11 @@ def record_of(totals: Totals, task: str) -> Record:
 
 
 def forget() -> None:
-    """Clear what is cached: the metrics have changed."""
+    """Clear the cache after the metrics have changed."""
     _of.cache_clear()
 
 
 def measure_names() -> tuple[str, ...]:
-    """Return the names of everything that agents can be compared by; `analysis.measures` computes them."""
+    """Return the names of all measures that `analysis.measures` can compare agents by."""
     compared = ("rate", "penalised", "episode", "derived")
     return tuple(metric.measure for metric in METRICS if metric.kind in compared)

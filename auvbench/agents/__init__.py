@@ -1,1 +1,1 @@
-"""What turns observations into actions: classical controllers and learned policies behind one contract."""
+"""Agents, which turn observations into actions: classical controllers and learned policies behind one contract."""

@@ -1,9 +1,10 @@
-"""`algo=ardusub`: ArduSub's own modes, in lock-step with the embedded physics.
+"""Let ArduSub's own modes steer, in lock-step with the embedded physics (`algo=ardusub`).
 
-ArduSub changes its PWM hundreds of times in an agent step. The agent therefore brings the simulator of its tests along: the
-embedded one, whose step lasts as long as every agent's, and in which each packet of ArduSub's moves the vehicle on. The
-agent gives orders once per agent step, from the same observation as all agents: a target in mode GUIDED, or a pilot's
-sticks in POSHOLD and ALT_HOLD. Everything else ArduSub knows from its own sensors, which it simulates from the true motion.
+ArduSub changes its PWM hundreds of times in an agent step. The agent therefore has its own simulator for its
+tests: the embedded one, with steps as long as every agent's, in which each packet from ArduSub advances the
+vehicle. The agent gives orders once per agent step, from the same observation as all agents: a target in mode
+GUIDED, or a pilot's sticks in POSHOLD and ALT_HOLD. All other information comes from ArduSub's own sensors,
+which ArduSub simulates from the true motion.
 """
 
 from __future__ import annotations
@@ -34,11 +35,11 @@ Floats = NDArray[np.float64]
 
 
 class ArduSubAgent:
-    """ArduSub itself steers; one episode at a time, each with a process of its own.
+    """Agent that lets ArduSub steer; one episode at a time, each in a new process.
 
     Raises:
-        ConfigError: the vehicle has fins or fits none of ArduSub's frames, the task observes no position or yaw error, or
-            the program is missing or not the one that the run was made with.
+        ConfigError: the vehicle has fins or fits no frame of ArduSub, the task observes no position or yaw
+            error, or the program is missing or differs from the run's.
         MissingExtraError: pymavlink is not installed.
     """
 
@@ -53,7 +54,7 @@ class ArduSubAgent:
         except ConfigError as error:
             reason = str(error).partition(";")[0]
             raise ConfigError(
-                f"{reason}; algo=ardusub flies bluerov2, bluerov2_heavy and their variants"
+                f"{reason}; use bluerov2, bluerov2_heavy or their variants with algo=ardusub"
             ) from error
         self._estimate = Estimator(
             1.0 / config.step.frequency, 1.0, observation_spec(config.task, vehicle.actuators)
@@ -63,10 +64,10 @@ class ArduSubAgent:
         dialect()
 
     def simulator(self, config: schema.TrainConfig, vehicle: VehicleModel) -> Piloted:
-        """Return the simulator of a test's condition, with this agent's ArduSub at the thrusters.
+        """Return the simulator for a test's condition, with this agent's ArduSub at the thrusters.
 
         Raises:
-            ConfigError: the condition asks for what ArduSub's sensors and outputs cannot have.
+            ConfigError: the condition has an effect that cannot reach ArduSub's sensors or outputs.
         """
         refuse(config)
         self._vehicle = Piloted(vehicle, self._motors, self._algo, self._program)
@@ -76,15 +77,15 @@ class ArduSubAgent:
         self._estimate.reset(len(episodes))
 
     def act(self, observation: Observations) -> Actions:
-        """Order ArduSub towards the reference; return its outputs (1, n_u) in [-1, 1] as they are now.
+        """Order ArduSub towards the reference; return its present outputs (1, n_u) in [-1, 1].
 
         Raises:
-            ConfigError: the environment is not the agent's own.
+            ConfigError: the environment does not use the agent's own simulator.
         """
         vehicle, now = self._vehicle, self._estimate
         if vehicle is None:
             raise ConfigError(
-                "algo=ardusub moves the vehicle itself, in the tests of auvbench evaluate alone"
+                "algo=ardusub moves the vehicle itself, which only the tests of auvbench evaluate support"
             )
         now.update(observation.astype(np.float64))
         ahead, port, up = to_body(now.error, now.yaw)[0].tolist()
@@ -107,7 +108,7 @@ class ArduSubAgent:
             self._vehicle.stop()
 
     def check(self, vehicle: VehicleModel) -> None:
-        """Start ArduSub once, so that a run with a program that does not fit fails at its start."""
+        """Start ArduSub once, so that a run with an unsuitable program fails at its start."""
         piloted = Piloted(vehicle, self._motors, self._algo, self._program)
         piloted.reset(np.arange(1), np.array([[0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6)))
         piloted.stop()
@@ -116,25 +117,25 @@ class ArduSubAgent:
 class Piloted(FossenSimulator):
     """One vehicle of the embedded simulator, driven by ArduSub.
 
-    An episode begins with a new process. The vehicle is held where it starts until ArduSub's estimator has settled and
-    ArduSub has armed; then the clock of the episode starts. PWM becomes a command in proportion, 1100 to 1900 us for -1 to 1,
-    so that the thrusters give ArduSub the forces that they give every agent.
+    An episode begins with a new process. The vehicle is held at its start until ArduSub's estimator has
+    settled and ArduSub has armed; then the clock of the episode starts. PWM is converted linearly to a
+    command, 1100 to 1900 us to -1 to 1, so that ArduSub has the same thruster forces as every agent.
     """
 
     def __init__(self, vehicle: VehicleModel, motors: Motors, algo: algorithms.ArduSub, path: Path) -> None:
         super().__init__(vehicle, 1)
         self.outputs = np.zeros((1, len(vehicle.actuators)))
-        """(1, n_u) in [-1, 1], what ArduSub's PWM asks for now"""
+        """(1, n_u) commands in [-1, 1] from ArduSub's present PWM"""
         self.pilot: sitl.Sitl | None = None
         self.settled = 0.0
-        """s of ArduSub's time before the episode"""
+        """ArduSub's time in s before the episode"""
         self._motors, self._algo, self._path = motors, algo, path
         self._sensors = Sensors(self)
 
     def reset(
         self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
     ) -> None:
-        """Put the vehicle at `pose` (1, 7) and wait until a new ArduSub is ready to fly; see `Simulator.reset`.
+        """Put the vehicle at `pose` (1, 7) and wait until a new ArduSub is ready; see `Simulator.reset`.
 
         Raises:
             TrainingError: ArduSub does not start or arm.
@@ -151,12 +152,12 @@ class Piloted(FossenSimulator):
 
     @property
     def running(self) -> sitl.Sitl:
-        """ArduSub in this episode."""
+        """Return the ArduSub of this episode."""
         assert self.pilot is not None, "reset comes first"
         return self.pilot
 
     def stop(self) -> None:
-        """End the process of ArduSub."""
+        """End ArduSub's process."""
         if self.pilot is not None:
             self.pilot.close()
             self.pilot = None
@@ -167,9 +168,9 @@ class Piloted(FossenSimulator):
         self.outputs[0, self._motors.order] = np.clip(share * self._motors.signs, -1.0, 1.0)
 
     def step(self, command: ArrayLike, duration: float) -> None:
-        """Advance by `duration` s under ArduSub's PWM; a fault has made `command` 0 for a dead thruster.
+        """Advance by `duration` s under ArduSub's PWM; `command` is 0 for a thruster that a fault has killed.
 
-        Afterwards `command_force` and `power` hold the means of the step.
+        Afterwards `command_force` and `power` are means over the step.
 
         Raises:
             TrainingError: ArduSub disarms, ends or falls silent.
@@ -189,15 +190,15 @@ class Piloted(FossenSimulator):
 
 
 def refuse(config: schema.TrainConfig) -> None:
-    """Refuse conditions that reach ArduSub neither through its sensors nor through its thrusters.
+    """Reject conditions that reach ArduSub neither through its sensors nor through its thrusters.
 
     Raises:
-        ConfigError: names the key.
+        ConfigError: a condition is rejected; the message names its key.
     """
     if not isinstance(config.simulator, simulators.Fossen):
         raise ConfigError(f"simulator={config.simulator.name}: algo=ardusub needs simulator=fossen")
     noise, disturbance = config.noise, config.disturbance
-    own = "ArduSub has sensors of its own (its SIM_ parameters)"
+    own = "ArduSub has its own sensors (its SIM_ parameters)"
     if noise.scale > 0.0 and max(noise.position.high, noise.yaw.high, noise.command.high) > 0.0:
         raise ConfigError(
             f"noise={noise.name}: cannot be applied to algo=ardusub, {own}; use protocol=ardusub, or noise=none"
@@ -208,7 +209,7 @@ def refuse(config: schema.TrainConfig) -> None:
     ):
         raise ConfigError(f"disturbance.sensor: cannot be applied to algo=ardusub, {own}")
     if disturbance.delay.action > 0.0 or disturbance.delay.observation > 0.0:
-        raise ConfigError("disturbance.delay: cannot be applied to algo=ardusub, whose loop is its own")
+        raise ConfigError("disturbance.delay: cannot be applied to algo=ardusub, which has its own loop")
     if disturbance.fault.mode in ("stuck", "any"):
         raise ConfigError(
             f"disturbance.fault.mode={disturbance.fault.mode}: cannot be applied to algo=ardusub; use dead or weak"

@@ -1,4 +1,4 @@
-"""Agent and Learner protocols, what a learner's checkpoint is made of, and the function that makes an agent."""
+"""Agent and Learner protocols, the components of a learner's checkpoint, and the agent factory."""
 
 from __future__ import annotations
 
@@ -26,57 +26,58 @@ Actions = NDArray[np.floating]
 
 
 class Agent(Protocol):
-    """A controller in a test: acts on a batch of observations. Made by `factory(config, vehicle)`.
+    """A controller in a test: acts on a batch of observations. Created by `factory(config, vehicle)`.
 
     An agent may also have:
 
-    * `load(folder)`: reads what its run keeps in `model/`, before the first `reset`;
-    * `row_by_row = True`, of its class: an action takes as long in a batch as alone. Its tests are then shared among
-      processes by episodes;
+    * `load(folder)`: read the run's `model/`; called before the first `reset`;
+    * `row_by_row = True` in its class: a batch does not speed up its actions, so that its tests are shared
+      among processes by episodes;
     * `ended(rows)`: called with the rows of the batch that have ended;
-    * `simulator(config, vehicle)`: the simulator of its tests, one vehicle at a time, for an agent whose own loop moves the
-      actuators within an agent step; its actions are then what is recorded, and command nothing;
-    * `notes()`: whole numbers by name that it has counted since it was made; a test's summary holds their sums.
+    * `simulator(config, vehicle)`: the simulator of its tests, with one vehicle, for an agent whose own loop
+      moves the actuators within an agent step; its actions are then only recorded, and command nothing;
+    * `notes()`: counters by name since the agent's creation; a test's summary has their sums.
     """
 
     def reset(self, episodes: Integers) -> None:
-        """Forget everything: the given episodes (n,) begin, one per row."""
+        """Begin new episodes (n,), one per row, and forget everything else."""
 
     def act(self, observation: Observations) -> Actions:
         """Return actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
 
 
 class Callbacks(Protocol):
-    """What carries out a run, as its learner sees it: the learner calls these.
+    """Interface of a run for its learner: the learner calls these methods.
 
-    `begin` once, then `step` after each step of the environment, and `checkpoint` at every point where the learner's state is
-    whole. All of them may raise: let it through.
+    Call `begin` once, then `step` for each step of the environment, and `checkpoint` whenever the learner's
+    state is complete. All methods may raise exceptions, which the learner must not catch.
     """
 
-    total_steps: int  # of environment steps, the sum over the n environments
+    total_steps: int  # budget in environment steps, summed over the n environments
 
     def begin(self) -> int:
-        """Call when everything is built and before the first step.
+        """Call this when everything is built, before the first step.
 
-        Where the run goes on from a checkpoint, the environment and the learner (its `restore`) are by then what
-        they were; otherwise nothing happens. Returns the environment steps that lie behind: 0 for a new run.
+        If the run continues from a checkpoint, this restores the environment and the learner (by its
+        `restore`). Returns the finished environment steps: 0 for a new run.
         """
 
     def step(self, steps: int, transition: Transition) -> float:
         """Take one step of 1 / `step.frequency` s with actions (n, n_u), clipped to [-1, 1].
 
-        Writes the rows of the episodes that ended, reports progress, and tests the policy where
-        `train.evaluate_every` asks for it, by the learner's own `reset` and `act`. Returns the s that this took from
-        training.
+        Writes the rows of the ended episodes, reports progress, and tests the policy if
+        `train.evaluate_every` requires it, by the learner's own `reset` and `act`. Returns the time in s that
+        this took from training.
 
         Raises:
             TrainingError: an observation or a reward is not finite.
         """
 
     def checkpoint(self, steps: int) -> None:
-        """Call where `state()` holds all that training goes on with, at least every few hundred steps.
+        """Call this when `state()` has everything that training continues with, at least every few hundred
+        steps.
 
-        Saves the learner if that is due, and raises if the run was asked to stop.
+        Saves the learner if a checkpoint is due, and raises an exception if the run was asked to stop.
         """
 
     def log(self, scalars: Mapping[str, float], steps: int) -> None:
@@ -84,34 +85,34 @@ class Callbacks(Protocol):
 
 
 class Ring(Protocol):
-    """A learner's memory of transitions, which checkpoints store by increments; SB3's `ReplayBuffer` is one.
+    """A learner's memory of transitions, which checkpoints store incrementally; SB3's `ReplayBuffer` is one.
 
-    A row is what all environments did in one step. Row r of a run lies at r % buffer_size of each of the arrays
+    A row has one step of all environments. Row r of a run is at index r % buffer_size of each of the arrays
     `observations`, `next_observations`, `actions`, `rewards`, `dones` and `timeouts`.
     """
 
     n_envs: int
-    buffer_size: int  # rows
-    pos: int  # where the next row goes
+    buffer_size: int  # number of rows
+    pos: int  # index of the next row
     full: bool  # whether the oldest row has been overwritten
 
 
 @dataclass(slots=True)
 class Components:
-    """What a checkpoint is made of, by name; `files` is its form on disk. Nothing is unpickled."""
+    """Components of a checkpoint by name; `files` converts them to files. Nothing is unpickled."""
 
-    tensors: dict[str, dict[str, Any]] = field(default_factory=dict)  # state dicts -> `<name>.pt`
-    arrays: dict[str, dict[str, NDArray[Any]]] = field(default_factory=dict)  # -> `<name>.npz`
-    values: dict[str, Any] = field(default_factory=dict)  # plain data -> `<name>.json`
+    tensors: dict[str, dict[str, Any]] = field(default_factory=dict)  # state dicts, saved as `<name>.pt`
+    arrays: dict[str, dict[str, NDArray[Any]]] = field(default_factory=dict)  # arrays, saved as `<name>.npz`
+    values: dict[str, Any] = field(default_factory=dict)  # plain data, saved as `<name>.json`
 
     def files(self) -> Iterator[tuple[str, bytes]]:
-        """File name and content of each component.
+        """Yield file name and content of each component.
 
         Raises:
-            TypeError: an array holds Python objects, or JSON has no form for a value.
+            TypeError: an array contains Python objects, or a value cannot be written as JSON.
         """
         if self.tensors:
-            import torch  # only here: a learner without tensors does not wait for it
+            import torch  # imported late: a learner without tensors does not need it
 
         for name, tensors in self.tensors.items():
             stream = io.BytesIO()
@@ -147,66 +148,70 @@ class Components:
 
 
 class Learner(Agent, Protocol):
-    """An agent that learns. In a test, and in the tests during its training, it acts as every agent does.
+    """An agent that learns. In a test, and in tests during its training, it acts like every agent.
 
-    `reset` and `act` must neither draw from what training draws from nor change what it goes on with: with and
-    without tests on the way the same policy must come out. Nothing is pickled.
+    `reset` and `act` must neither draw from training's random generators nor change training's state: the
+    policy must be the same with and without tests during training. Nothing is pickled.
     """
 
     exact_resume: bool
-    """Whether `restore` brings back everything, so that a run that was stopped ends with the same bits. A learner that
-    cannot says False: it has no checkpoints, `state` and `restore` are never called, and a run that was stopped begins
-    anew, which its manifest names."""
+    """Whether `restore` restores everything, so that an interrupted run ends with the same bits. If False,
+    the learner has no checkpoints, `state` and `restore` are never called, and an interrupted run restarts,
+    which its manifest records.
+    """
 
     def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:
-        """Train until at least `callbacks.total_steps` environment steps are done; the state is whole on return.
+        """Train for at least `callbacks.total_steps` environment steps; the state must be complete on return.
 
         Args:
-            environment: fresh; `config.algo.n_envs` episodes side by side.
-            config: of the run.
-            callbacks: to be called as they say.
+            environment: new environment with `config.algo.n_envs` parallel episodes.
+            config: configuration of the run.
+            callbacks: methods to call as they describe.
 
         Raises:
-            TrainingError: a NaN, or another failure of the run.
+            TrainingError: a number is NaN, or the run fails otherwise.
         """
 
     def save(self, folder: Path) -> None:
         """Write the trained policy as files into an empty folder: arrays, tensors, JSON, never a pickle."""
 
     def load(self, folder: Path) -> None:
-        """Read what `save` wrote, in a process that has not trained; `act` then gives the same actions.
+        """Read the files of `save` in a process that has not trained; `act` must then give the same actions.
 
-        The caller has compared the files with their digests.
+        The caller has checked the digests of the files.
 
         Raises:
             RunError: a file is missing, damaged, or of another policy than the configuration's.
         """
 
     def state(self) -> Components:
-        """Return everything that training continues with except `replay` and the environment: arrays, tensors, plain values.
+        """Return everything that training continues with, except `replay` and the environment: arrays,
+        tensors, plain values.
 
-        Called from within `callbacks.checkpoint`, and once more when `learn` has returned.
+        Called within `callbacks.checkpoint`, and once more when `learn` has returned.
 
         Raises:
-            TrainingError: it is not fit to be saved, for instance holds a NaN.
+            TrainingError: the state must not be saved, e.g. because it contains a NaN.
         """
 
     def restore(self, components: Components) -> None:
-        """Return to what `state` gave; called from within `callbacks.begin`, after the environment was restored.
+        """Restore a state from `state`; called within `callbacks.begin`, after the environment was restored.
 
         Raises:
-            RunError: it is of another learner.
+            RunError: the state belongs to another learner.
         """
 
 
 def replay(learner: Learner) -> Ring | None:
-    """Return the memory of transitions that a learner's checkpoints store by increments: its attribute `replay`, if any."""
+    """Return the memory of transitions that a learner's checkpoints store incrementally: its attribute
+    `replay`, or None.
+    """
     ring: Ring | None = getattr(learner, "replay", None)
     return ring
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
-    """Return the agent that `config.algo` names, for a vehicle; an agent that learns has learned nothing yet."""
+    """Return the agent of `config.algo` for a vehicle; a learner is untrained."""
     name = config.algo.agent
     if name not in AGENTS.own:
         from auvbench.agents import plugins
@@ -217,5 +222,5 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
 
 
 def learner_of(config: schema.TrainConfig, vehicle: VehicleModel) -> Learner:
-    """Return the learner that `config.algo` names."""
+    """Return the learner of `config.algo`."""
     return cast(Learner, make(config, vehicle))

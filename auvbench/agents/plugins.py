@@ -1,4 +1,4 @@
-"""Agents of installed packages behind the contract: what they answer is looked at before it steers a vehicle."""
+"""Agents of installed packages behind the contract: their answers are checked before they steer a vehicle."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
-    """Return the agent of an installed package that `config.algo` names.
+    """Return the agent of an installed package, for `config.algo`.
 
     Raises:
-        ConfigError: its package is not installed, in another version, or cannot be imported.
-        AgentError: it cannot be made, or lacks what an agent needs.
+        ConfigError: the package is not installed, has another version, or cannot be imported.
+        AgentError: the agent cannot be created, or lacks a required method.
     """
     algo = config.algo
-    who = f"{algo.agent} of {algo.package}"
+    label = f"{algo.agent} of {algo.package}"
     factory = registry.resolve(registry.AGENTS.choose(algo.agent, algo.package).code)
-    with registry.telling(who, "cannot be made"):
-        made = factory(config, vehicle)
-    lacking = [name for name in ("reset", "act") if not callable(getattr(made, name, None))]
+    with registry.telling(label, "cannot be made"):
+        agent = factory(config, vehicle)
+    lacking = [name for name in ("reset", "act") if not callable(getattr(agent, name, None))]
     if lacking:
-        raise AgentError(f"{who}: what it makes, a {type(made).__name__}, lacks {' and '.join(lacking)}")
+        raise AgentError(f"{label}: what it makes, a {type(agent).__name__}, lacks {' and '.join(lacking)}")
     kind = PluginLearner if algo.learns else PluginAgent
-    return kind(made, who, len(vehicle.actuators))
+    return kind(agent, label, len(vehicle.actuators))
 
 
 class PluginAgent:
-    """Check every action of a plug-in agent.
+    """Wrapper that checks every action of a plug-in agent.
 
     Attributes:
         inner: the agent itself.
@@ -64,7 +64,7 @@ class PluginAgent:
         """Reset the agent with a copy of the episodes.
 
         Raises:
-            AgentError: it fails.
+            AgentError: the agent raises an exception.
         """
         with registry.telling(self._who, "reset fails"):
             self.inner.reset(episodes.copy())
@@ -73,7 +73,8 @@ class PluginAgent:
         """Return the agent's actions for a copy of the observations.
 
         Raises:
-            AgentError: it fails, or its actions are none: of another shape, no numbers, not finite, out of range.
+            AgentError: the agent raises an exception, or its actions have a wrong shape or type, or are not
+                finite or out of range.
         """
         with registry.telling(self._who, "act fails"):
             action = self.inner.act(observation.copy())
@@ -83,7 +84,7 @@ class PluginAgent:
 
 
 def action_fault(action: Any, n: int, n_u: int) -> str:
-    """Return what is wrong with actions for n episodes; empty where they are (n, n_u) numbers in [-1, 1].
+    """Return what is wrong with actions for n episodes; '' if they are (n, n_u) numbers in [-1, 1].
 
     >>> import numpy as np
     >>> action_fault(np.full((2, 6), 1.5), 2, 6)
@@ -103,7 +104,7 @@ def action_fault(action: Any, n: int, n_u: int) -> str:
 
 
 class PluginLearner(PluginAgent):
-    """A plug-in agent that learns; the worker reports faults of its training.
+    """Plug-in agent that learns; the worker reports faults of its training.
 
     `learn`, `save`, `restore`, `replay` and `exact_resume` are the agent's own.
     """
@@ -119,7 +120,7 @@ class PluginLearner(PluginAgent):
         """Load the agent's files.
 
         Raises:
-            AgentError: it fails.
+            AgentError: the agent raises an exception.
         """
         with registry.telling(self._who, f"load fails on {folder}"):
             self.inner.load(folder)
@@ -128,9 +129,9 @@ class PluginLearner(PluginAgent):
         """Return the agent's state.
 
         Raises:
-            AgentError: it gives something else.
+            AgentError: the agent returns something else.
         """
-        found = self.inner.state()
-        if not isinstance(found, Components):
-            raise AgentError(f"{self._who}: state gives a {type(found).__name__}; it must give Components")
-        return found
+        state = self.inner.state()
+        if not isinstance(state, Components):
+            raise AgentError(f"{self._who}: state gives a {type(state).__name__}; it must give Components")
+        return state

@@ -1,4 +1,4 @@
-"""`algo=onnx`: a controller from an ONNX file, trained or written elsewhere."""
+"""Steer with an ONNX file that was trained or written elsewhere (`algo=onnx`)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 class PolicyFile:
-    """The policy that a run keeps in its `model/`; `load` reads it."""
+    """Policy in a run's `model/`; `load` reads it."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo
@@ -28,7 +28,7 @@ class PolicyFile:
         """Read the file in a run's `model/`.
 
         Raises:
-            PolicyError: it is missing, damaged, of another shape, or not the one that the run was made with.
+            PolicyError: the file is missing, damaged, of another shape, or not the run's original file.
             MissingExtraError: ONNX Runtime is not installed.
         """
         path = folder / exported.NETWORK
@@ -41,18 +41,18 @@ class PolicyFile:
         self.policy = exported.Policy(data, str(path), card=card, **sizes)
 
     def processor_time(self) -> float:
-        """Return the seconds of processor time that this process and that of the policy have taken."""
+        """Return the processor time in s of this process and of the policy's process."""
         assert self.policy is not None, "load comes first"
         return time.process_time() + self.policy.seconds
 
     def reset(self, episodes: Integers) -> None:
-        """Do nothing: the network keeps no state."""
+        """Do nothing: the network has no state."""
 
     def act(self, observation: Observations) -> Actions:
         """Return actions (n, n_u).
 
         Raises:
-            PolicyError: the file answers what is no action.
+            PolicyError: the file returns an invalid action.
         """
         assert self.policy is not None, "load comes first"
         return self.policy.act(observation)

@@ -1,5 +1,5 @@
-"""From run directories to what can be said: runs, agents, measures, the ranking, findings, studies.
+"""Analyse run directories: runs, agents, measures, ranking, findings, studies.
 
-`load` makes `RunRecord`s and `grouping` sections and agents of them; `ranking`, `findings` and `claims` say what
-follows. Nothing is drawn here: `reporting` does that.
+`load` reads `RunRecord`s, and `grouping` forms sections and agents; `ranking`, `findings` and `claims` draw
+conclusions. `reporting` draws figures and tables.
 """

@@ -1,10 +1,10 @@
-"""A published study: its runs, test episodes and trajectories in three Parquet files.
+"""Read a published study: its runs, test episodes and trajectories in three Parquet files.
 
     runs.parquet          a row per run: configuration, manifest and summaries as JSON
     episodes.parquet      a row per episode; `protocol` is "train" for training episodes
     trajectories.parquet  a row per step of the first test episodes (optional)
 
-The footer of runs.parquet holds the sizes and digests of the other two files.
+The footer of runs.parquet has the sizes and digests of the other two files.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from auvbench.untrusted.text import short
 
 RUNS, EPISODES, TRAJECTORIES = "runs.parquet", "episodes.parquet", "trajectories.parquet"
 TRAIN = "train"
-"""the protocol of training episodes"""
+"""name of the protocol of training episodes"""
 NOTE = "auvbench"
-"""entry of the footer of runs.parquet"""
+"""key of the note in the footer of runs.parquet"""
 
 FOLLOWING: dict[str, tuple[str, Callable[[Any, Any], Any], str]] = {
     "duration_s": ("steps", operator.truediv, "frequency_hz"),
     "command_norm_sum_N": ("steps", operator.mul, "command_norm_mean_N"),
 }
-"""columns that are not stored, and how they follow from two others"""
+"""columns that are not stored, with the formula that computes each from two other columns"""
 SCALE = {"t_ms": 1e-3, "x_mm": 1e-3, "y_mm": 1e-3, "z_mm": 1e-3}
-"""columns of trajectories.parquet: whole milliseconds and millimetres"""
+"""columns of trajectories.parquet, as whole milliseconds and millimetres"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,20 +50,20 @@ class Note:
     content: str
     """digest of the table's names and texts"""
     files: dict[str, integrity.FileEntry]
-    """the other Parquet files"""
+    """entries of the other Parquet files"""
     schema_version: Annotated[int, typed_json.Range(1, 1)] = 1
 
 
 def is_archive(folder: Path) -> bool:
-    """Return whether a folder holds a published study."""
+    """Return whether a folder contains a published study."""
     return (folder / RUNS).is_file() and not (folder / RUNS).is_symlink()
 
 
 class Archive:
-    """Read a published study.
+    """Reader of a published study.
 
     Args:
-        folder: with the three files.
+        folder: folder with the three files.
 
     Raises:
         Damage: runs.parquet cannot be used.
@@ -93,23 +93,24 @@ class Archive:
         return [str(name) for name in self._rows.index]
 
     def document(self, run: str, column: str) -> Any:
-        """Return the JSON value of a run in `config`, `manifest`, `evaluations` or `validation`.
+        """Return a JSON value of a run: `config`, `manifest`, `evaluations` or `validation`.
 
         Raises:
-            Damage: It is no JSON object.
+            Damage: the value is not a JSON object.
         """
         with named(f"{RUNS}: {column} of {short(run, 60)}"):
             return reading.json_value(str(self._rows.loc[run, column]).encode())
 
     def summaries(self, run: str) -> dict[str, Any]:
         """Return the summary of each evaluation of a run, by protocol."""
-        found = self.document(run, "evaluations")
-        if not isinstance(found, dict):
+        summaries = self.document(run, "evaluations")
+        if not isinstance(summaries, dict):
             raise Damage(f"{RUNS}: evaluations of {short(run, 60)} is no JSON object")
-        return found
+        return summaries
 
     def episodes(self, run: str, protocol: str) -> pd.DataFrame:
-        """Return the episodes of a run by a protocol, with the columns of its record; `TRAIN` for its training.
+        """Return the episodes of a run by a protocol, with the columns of its record; `TRAIN` is its
+        training.
 
         Raises:
             Damage: episodes.parquet cannot be used.
@@ -122,9 +123,9 @@ class Archive:
         for name in frame.columns:
             if isinstance(frame[name].dtype, pd.CategoricalDtype):
                 frame[name] = frame[name].astype(object)
-        for name, (one, operation, other) in FOLLOWING.items():
-            if {one, other} <= set(frame.columns):
-                frame[name] = operation(frame[one], frame[other])
+        for name, (first, operation, other) in FOLLOWING.items():
+            if {first, other} <= set(frame.columns):
+                frame[name] = operation(frame[first], frame[other])
         known = [name for name in columns() if name in frame.columns]
         return frame[[*(name for name in frame.columns if name not in known), *known]]
 
@@ -153,7 +154,7 @@ class Archive:
 
     @property
     def has_paths(self) -> bool:
-        """Return whether the study stores trajectories."""
+        """Return whether the study has stored trajectories."""
         return (self.folder / TRAJECTORIES).is_file()
 
     @cached_property

@@ -1,7 +1,8 @@
-"""The seven claims of the original study, judged from the runs that exist: `auvbench report --study thesis`.
+"""Judge the seven claims of the original study from the available runs: `auvbench report --study thesis`.
 
-docs/claims.md states each claim's test. A claim holds if all of its parts do (Berger 1982, Technometrics 24:295), and
-fails if one does; each part is tested at the confidence of the report, or for "does not hold" at that level over the parts.
+docs/claims.md states each claim's test. A claim holds if all of its parts hold (Berger 1982, Technometrics
+24:295), and fails if one part fails. Each part is tested at the report's confidence; for "does not hold" that
+level is divided among the parts.
 """
 
 from __future__ import annotations
@@ -41,15 +42,15 @@ from auvbench.statistics.typical import trainings_needed
 KS = (1.0, 40.0, 100.0)
 """the original study's values of K"""
 LEARNED = 0.15
-"""test success above which a run learned something: ten runs of 3000 and 5000 steps reached 0.2 to 8.4 %"""
+"""test success above which a run has learned: ten runs of 3000 and 5000 steps reached 0.2 to 8.4 %"""
 SUCCESS_MARGIN = 0.05
-"""claim 3: a gain in the success rate below this does not count as one"""
+"""claim 3: smallest gain in the success rate that counts"""
 GENERALISES = 0.8
-"""claim 5: success rate whose lower limit makes a training one that generalises"""
+"""claim 5: a training generalises if the lower limit of its success rate is above this"""
 WEAK = 0.5
-"""claim 6: rank correlations within ± this do not count as one"""
+"""claim 6: largest absolute rank correlation that counts as none"""
 FEWEST_AGENTS = 5
-"""claim 6: points of a correlation"""
+"""claim 6: smallest number of agents for a correlation"""
 DIFFER_IN_K = "evaluated SAC agents that differ in K at equal frequency"
 
 
@@ -62,27 +63,28 @@ def averaged(
     *,
     less: bool = False,
 ) -> Part:
-    """Return a part that claims first - second > a bound (`less`: below it) in success, averaged over matched cells.
+    """Return a part that claims first - second > a bound (`less`: below it) in success, averaged over matched
+    cells.
 
-    The difference is that of typical trainings.
+    The difference is between typical trainings.
     """
     if not pairs:
         return Part(OPEN, missing=absent)
-    kept = [pair for pair in pairs if informative(pair)]
-    left = _left_out(len(pairs) - len(kept), "cell")
-    if not kept:
+    pairs_used = [pair for pair in pairs if informative(pair)]
+    left = _left_out(len(pairs) - len(pairs_used), "cell")
+    if not pairs_used:
         return Part(OPEN, missing=f"{absent} that are evidence{left}", run_ids=run_ids(*pairs))
     m = measure("success_rate")
-    verdict = by_interval(lambda c: mean_difference(kept, m, c)[0], levels, above, less=less)
-    shown = difference(mean_difference(kept, m, levels[0])[0], m)
-    few = few_trainings([agent for pair in kept for agent in pair], levels)
-    statistic = f"{what} {shown} over {counted(len(kept), 'matched cell')}{left}{few}"
-    missing = _more_seeds([agent for pair in kept for agent in pair]) if verdict == OPEN else ""
-    return Part(verdict, statistic, missing, run_ids(*kept))
+    verdict = by_interval(lambda c: mean_difference(pairs_used, m, c)[0], levels, above, less=less)
+    shown = difference(mean_difference(pairs_used, m, levels[0])[0], m)
+    few = few_trainings([agent for pair in pairs_used for agent in pair], levels)
+    statistic = f"{what} {shown} over {counted(len(pairs_used), 'matched cell')}{left}{few}"
+    missing = _more_seeds([agent for pair in pairs_used for agent in pair]) if verdict == OPEN else ""
+    return Part(verdict, statistic, missing, run_ids(*pairs_used))
 
 
 def few_trainings(agents: Sequence[Agent], levels: tuple[float, float]) -> str:
-    """Return the assumption of an interval of fewer trainings than it needs; empty where there are enough."""
+    """Return the assumption of an interval from fewer trainings than it needs; '' if there are enough."""
     fewest, needed = min(len(agent.outcome) for agent in agents), trainings_needed(1, 1 - levels[0])
     return (
         f" (fewer than {needed} trainings: if they cluster around the typical one)" if fewest < needed else ""
@@ -90,7 +92,9 @@ def few_trainings(agents: Sequence[Agent], levels: tuple[float, float]) -> str:
 
 
 def informative(agents: Sequence[Agent]) -> bool:
-    """Return whether a comparison of agents is evidence: several seeds, equal budgets, and one of them learned something."""
+    """Return whether a comparison of agents is evidence: several seeds, equal budgets, and at least one agent
+    that learned.
+    """
     trained = [agent for agent in agents if learns(agent)]
     budgets = {budget_of(run) for agent in trained for run in agent.runs}
     several = all(len(agent.outcome) > 1 for agent in trained)
@@ -98,7 +102,7 @@ def informative(agents: Sequence[Agent]) -> bool:
 
 
 def learned(agent: Agent) -> bool:
-    """Return whether the best run of an agent succeeds more than an untrained one may."""
+    """Return whether the best run of an agent succeeds more often than an untrained one may."""
     return bool(agent.success.mean(axis=1).max() > LEARNED)
 
 
@@ -113,10 +117,11 @@ def _more_seeds(agents: Sequence[Agent]) -> str:
 
 
 def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
-    """1: for every K, fewer than half of the SAC trainings at 55 Hz converge within 1,000,000 steps.
+    """Claim 1: for every K, fewer than half of the SAC trainings at 55 Hz converge within 1,000,000 steps.
 
-    It holds if for each K the upper limit of the probability to converge is below one half, and fails if for some K, or
-    over all of them, more than half converge (exact binomial limits; the tests of "fails" by Bonferroni).
+    The claim holds if for each K the upper limit of the probability to converge is below one half. It fails
+    if for some K, or over all K, more than half converge (exact binomial limits; the tests of "fails" with
+    Bonferroni's correction).
     """
     alpha = 1 - e.confidence
     here = [run for run in e.sac if run.frequency == thesis.HIGH_FREQUENCY]
@@ -145,18 +150,20 @@ def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
 
 
 def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
-    """2: at equal K, of two SAC runs the one of the lower frequency converges in fewer steps; permutation test.
+    """Claim 2: of two SAC runs with equal K, the run at the lower frequency converges in fewer steps;
+    permutation test.
 
-    Two tests must agree: each run within its own time limit, and all runs of a K within the shortest of theirs. The first
-    favours the longer limit, the second the shorter one, for which its run was trained.
+    Two tests must agree: each run within its own time limit, and all runs of a K within the shortest of their
+    limits. The first test favours the run with the longer limit, the second the run with the shorter limit,
+    which was trained for it.
     """
     judged = [run for run in e.sac if e.attainable(run.limit)]
     ids = tuple(run.run.id for run in judged)
     tests = []
     for own, what in ((False, "converges sooner in"), (True, "converges sooner within its own limit in")):
-        found = trend(_dates(judged, own), e.seed)
-        if found is not None:
-            tests.append(by_trend(found, f"the lower frequency {what}", e.levels(1), ids))
+        result = trend(_dates(judged, own), e.seed)
+        if result is not None:
+            tests.append(by_trend(result, f"the lower frequency {what}", e.levels(1), ids))
     if len(tests) < 2:
         missing = ["SAC runs that differ in frequency at equal K and converge", *e.unattainable(e.sac)]
         return [Part(OPEN, missing="; ".join(missing), run_ids=ids)]
@@ -170,11 +177,14 @@ def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
 
 
 def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
-    """Return (K, -frequency, -steps to convergence) per run, within its own time limit or the shortest of its K."""
+    """Return (K, -frequency, -steps to convergence) per run, within its own time limit or the shortest limit
+    of its K.
+    """
     points: list[Point] = []
     for k in sorted({run.k for run in runs}):
         members = [run for run in runs if run.k == k]
-        # Equal budgets: what converged after the shortest training of the stratum ended counts as not converged.
+        # Equal budgets: a run that converged after the shortest training of the stratum ended counts as not
+        # converged.
         budget = min(run.steps for run in members)
         limit = min(run.limit for run in members)
         dates = [run.converged_at(run.limit if own else limit) for run in members]
@@ -185,9 +195,9 @@ def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
 
 
 def larger_k_raises_reward_not_success(e: Evidence) -> list[Part]:
-    """3: largest against smallest K at equal frequency: no more success.
+    """Claim 3: the largest K does not succeed more than the smallest at equal frequency.
 
-    It never holds: K scales the reward, so rewards of different K do not compare.
+    The claim never holds, because rewards of different K are not comparable: K scales the reward.
     """
     pairs, low, high = _extremes(e.of("sac"))
     what = f"K={high:g} against K={low:g}: success (margin {100 * SUCCESS_MARGIN:g} points)"
@@ -198,7 +208,9 @@ def larger_k_raises_reward_not_success(e: Evidence) -> list[Part]:
 
 
 def sac4_is_best(e: Evidence) -> list[Part]:
-    """4: SAC with K = 1 at 25 Hz is first of the SAC agents, resolved; and K = 1 succeeds more than the largest K."""
+    """Claim 4: SAC with K = 1 at 25 Hz has the resolved first rank of the SAC agents, and K = 1 succeeds more
+    than the largest K.
+    """
     levels = e.levels(2)
     pairs, low, high = _extremes(e.of("sac"))
     turned = [(small, large) for large, small in pairs]
@@ -232,7 +244,9 @@ def _first_of_its_kind(agents: Sequence[Agent], levels: tuple[float, float]) -> 
 
 
 def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float, float]:
-    """Return pairs (largest K, smallest K) of agents equal in all else, and these two K; no pair where K does not vary."""
+    """Return pairs (largest K, smallest K) of agents equal in all else, and these two K; no pair if K does
+    not vary.
+    """
     ks = sorted({cell(agent)[0] for agent in agents if np.isfinite(cell(agent)[0])})
     if len(ks) < 2:
         return [], np.nan, np.nan
@@ -240,9 +254,11 @@ def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float
 
 
 def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
-    """5: some SAC run that did not converge tests above 80 %; not, if fewer than half of such trainings would.
+    """Claim 5: some SAC run that did not converge succeeds in above 80 % of the tests; fails if fewer than
+    half of such trainings would.
 
-    "Did not converge" counts after 1,000,000 steps, and where some control converges within the run's time limit.
+    A run counts as not converged after 1,000,000 steps, if some control converges within the run's time
+    limit.
     """
     tested = {
         run.id: (float(agent.success[i].mean()), agent.outcome.shape[1])
@@ -255,16 +271,16 @@ def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
     if not judged:
         return [Part(OPEN, missing="; ".join([missing, *e.unattainable(full)]))]
     yes, no = e.levels(1)
-    found = [tested[run.run.id] for run in judged]
-    best, n = max(found)
-    # The best of several is optimistic: Bonferroni over the runs it was chosen from.
-    low, high = limits(best * n, n, (1 - yes) / 2 / len(found))
-    reach = sum(x > GENERALISES for x, _ in found)
-    share = limits(reach, len(found), (1 - no) / 2)[1]
+    rates = [tested[run.run.id] for run in judged]
+    best, n = max(rates)
+    # The best of several runs is optimistic: Bonferroni's correction over these runs.
+    low, high = limits(best * n, n, (1 - yes) / 2 / len(rates))
+    reach = sum(x > GENERALISES for x, _ in rates)
+    share = limits(reach, len(rates), (1 - no) / 2)[1]
     verdict = HOLDS if low > GENERALISES else FAILS if reach == 0 and share < 0.5 else OPEN
     text = amount(Estimate(best, low, high), measure("success_rate"))
     statistic = (
-        f"the best of {counted(len(found), 'run')} that did not converge succeeds in {text}; {reach} of them above "
+        f"the best of {counted(len(rates), 'run')} that did not converge succeeds in {text}; {reach} of them above "
         f"{100 * GENERALISES:g} %, so at most {100 * share:.0f} % of such trainings"
     )
     ids = tuple(run.run.id for run in judged)
@@ -272,10 +288,11 @@ def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
 
 
 def straightness_and_steps(e: Evidence) -> list[Part]:
-    """6: over the agents that learned something, straightness and steps do not correlate at equal failure rates.
+    """Claim 6: over the agents that learned, straightness and steps do not correlate at equal failure rates.
 
-    A failed episode is long and crooked, so both rank with the failure rate. Judged is the partial rank correlation of mean
-    deviation and mean steps given the failure rate: it holds within ±0.5, and fails if its interval excludes 0.
+    A failed episode is long and crooked, so both measures correlate with the failure rate. The test uses the
+    partial rank correlation of mean deviation and mean steps given the failure rate: the claim holds within
+    ±0.5, and fails if the interval excludes 0.
     """
     needed = ("deviation_mean_m", "steps")
     agents = [a for a in e.agents if learns(a) and learned(a) and all(name in a.metrics for name in needed)]
@@ -285,11 +302,11 @@ def straightness_and_steps(e: Evidence) -> list[Part]:
     deviation, steps = (np.array([np.nanmean(agent.metrics[name]) for agent in agents]) for name in needed)
     failing = np.array([1 - float(agent.success.mean()) for agent in agents])
     n = independent(agents)
-    found = partial_rank_correlation(deviation, steps, failing, n, e.confidence)
-    inside = found.low > -WEAK and found.high < WEAK
-    verdict = HOLDS if inside else FAILS if found.low > 0 or found.high < 0 else OPEN
+    rho = partial_rank_correlation(deviation, steps, failing, n, e.confidence)
+    inside = rho.low > -WEAK and rho.high < WEAK
+    verdict = HOLDS if inside else FAILS if rho.low > 0 or rho.high < 0 else OPEN
     statistic = (
-        f"Spearman's rho given the failure rate {found.value:.2f} [{found.low:.2f}, {found.high:.2f}] over {len(agents)} "
+        f"Spearman's rho given the failure rate {rho.value:.2f} [{rho.low:.2f}, {rho.high:.2f}] over {len(agents)} "
         f"agents that count as {n} independent ones, none means within ±{WEAK:g}"
     )
     missing = "more agents: the interval is wider than what counts as none" if verdict == OPEN else ""
@@ -297,7 +314,9 @@ def straightness_and_steps(e: Evidence) -> list[Part]:
 
 
 def sac_is_more_robust_to_frequency(e: Evidence) -> list[Part]:
-    """7: SAC loses less from the lowest to the highest frequency; PPO beats SAC at 10 Hz; PPO fails at 25 Hz."""
+    """Claim 7: SAC loses less from the lowest to the highest frequency; PPO beats SAC at 10 Hz; PPO fails at
+    25 Hz.
+    """
     levels = e.levels(3)
     sac, ppo = ({cell(agent): agent for agent in e.of(family)} for family in ("sac", "ppo"))
     both = sorted(set(sac) & set(ppo))
@@ -316,9 +335,10 @@ def _interaction(
     both: Sequence[tuple[float, float]],
     levels: tuple[float, float],
 ) -> Part:
-    """(SAC high - SAC low) - (PPO high - PPO low) in success, averaged over K.
+    """Return the part on (SAC high - SAC low) - (PPO high - PPO low) in success, averaged over K.
 
-    A K at which one of the two learned nothing at the low frequency is left out: it has nothing to lose.
+    A K at which SAC or PPO learned nothing at the low frequency is left out: such an agent has no success to
+    lose.
     """
     frequencies = sorted({f for _, f in both})
     if len(frequencies) < 2:
@@ -326,36 +346,40 @@ def _interaction(
     low, high = frequencies[0], frequencies[-1]
     ks = [k for k in sorted({k for k, _ in both}) if {(k, low), (k, high)} <= set(both)]
     fours = [(sac[k, high], sac[k, low], ppo[k, high], ppo[k, low]) for k in ks]
-    kept = [
+    cells = [
         four
         for four in fours
         if informative(four[:2]) and informative(four[2:]) and learned(four[1]) and learned(four[3])
     ]
-    left = _left_out(len(fours) - len(kept), "value") + (f" at {low:g} Hz" if len(kept) < len(fours) else "")
-    if not kept:
+    left = _left_out(len(fours) - len(cells), "value") + (
+        f" at {low:g} Hz" if len(cells) < len(fours) else ""
+    )
+    if not cells:
         return Part(OPEN, missing=f"SAC and PPO agents at two frequencies that are evidence{left}")
-    m, used = measure("success_rate"), [agent for four in kept for agent in four]
-    found = Typical(used, m)
-    weights = dict(enumerate(np.tile([1.0, -1.0, -1.0, 1.0], len(kept)) / len(kept)))
-    verdict = by_interval(lambda c: found.contrast(weights, 1 - c), levels, 0.0)
-    shown = difference(found.contrast(weights, 1 - levels[0]), m)
+    m, used = measure("success_rate"), [agent for four in cells for agent in four]
+    typical = Typical(used, m)
+    weights = dict(enumerate(np.tile([1.0, -1.0, -1.0, 1.0], len(cells)) / len(cells)))
+    verdict = by_interval(lambda c: typical.contrast(weights, 1 - c), levels, 0.0)
+    shown = difference(typical.contrast(weights, 1 - levels[0]), m)
     statistic = (
         f"from {low:g} to {high:g} Hz the success of SAC's typical training changes by {shown} more than PPO's, over "
-        f"{counted(len(kept), 'value')} of K{left}{few_trainings(used, levels)}"
+        f"{counted(len(cells), 'value')} of K{left}{few_trainings(used, levels)}"
     )
     return Part(verdict, statistic, _more_seeds(used) if verdict == OPEN else "", run_ids(used))
 
 
 def _ppo_fails(agent: Agent | None, levels: tuple[float, float]) -> Part:
-    """PPO with K = 1 at 25 Hz succeeds in less than half; with less than the original study's budget that is no failure."""
+    """Return the part on PPO with K = 1 at 25 Hz succeeding in less than half; a smaller budget than the
+    original study's does not count as failure.
+    """
     if agent is None or len(agent.outcome) < 2:
         return Part(OPEN, missing="several training seeds of PPO with K=1 at 25 Hz")
     m = measure("success_rate")
-    found = Typical([agent], m)
-    verdict = by_interval(lambda c: found.contrast({0: 1.0}, 1 - c), levels, 0.5, less=True)
+    typical = Typical([agent], m)
+    verdict = by_interval(lambda c: typical.contrast({0: 1.0}, 1 - c), levels, 0.5, less=True)
     steps = min(int(run.manifest.get("steps") or 0) for run in agent.runs)
     statistic = (
-        f"the typical training of PPO with K=1 at 25 Hz succeeds in {amount(found.contrast({0: 1.0}, 1 - levels[0]), m)}, "
+        f"the typical training of PPO with K=1 at 25 Hz succeeds in {amount(typical.contrast({0: 1.0}, 1 - levels[0]), m)}, "
         f"failing means below half{few_trainings([agent], levels)}"
     )
     missing = _more_seeds([agent]) if verdict == OPEN else ""
@@ -388,19 +412,19 @@ CLAIMS: tuple[tuple[str, Callable[[Evidence], list[Part]]], ...] = (
         sac_is_more_robust_to_frequency,
     ),
 )
-"""each in words, and the function that judges it"""
+"""Text of each claim, and the function that judges it"""
 
 
 def judge(
     runs: Sequence[RunRecord], agents: Sequence[Agent], *, confidence: float = 0.95, seed: int = 0
 ) -> list[ClaimVerdict]:
-    """Return each claim with its verdict: holds, does not hold, cannot be said (and what is missing).
+    """Return each claim with its verdict: holds, does not hold, or cannot be said (with what is missing).
 
     Args:
         runs: all runs, for their training records; unfinished ones are left out.
-        agents: evaluated agents of one condition; grouped by algorithm, K and frequency alone.
-        confidence: of every interval.
-        seed: of the permutations.
+        agents: evaluated agents of one condition, grouped only by algorithm, K and frequency.
+        confidence: confidence of every interval.
+        seed: seed of the permutations.
     """
     evidence = Evidence(runs, agents, confidence, seed)
     return [together(text, parts(evidence)) for text, parts in CLAIMS]

@@ -1,4 +1,6 @@
-"""Success and the measure that ranks under each condition of a protocol, and what changes against the undisturbed one."""
+"""Compute success and the primary measure under each condition of a protocol, and their change from the
+undisturbed condition.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +26,11 @@ UNITS = {
     "drag": "times",
     "payload": "of the mass",
 }
-"""of the levels of a factor"""
+"""units of a factor's levels"""
 
 
 def split(condition: str) -> tuple[str, str]:
-    """Factor and level of a condition; a condition that is no level of anything is a factor of its own.
+    """Return factor and level of a condition; a condition that is not a level is its own factor.
 
     >>> split("current=0.5"), split("dead-thruster")
     (('current', '0.5'), ('dead-thruster', ''))
@@ -38,7 +40,7 @@ def split(condition: str) -> tuple[str, str]:
 
 
 def in_words(condition: str) -> tuple[str, str]:
-    """Factor, and level with its unit.
+    """Return factor and level, the level with its unit.
 
     >>> in_words("current=0.5"), in_words("mass=1.3"), in_words("nominal")
     (('current', '0.5 m/s'), ('mass', '× 1.3'), ('nominal', ''))
@@ -49,7 +51,7 @@ def in_words(condition: str) -> tuple[str, str]:
 
 
 def sealed_note(runs: Sequence[RunRecord], protocol: str) -> str:
-    """Return the files of a sealed protocol and what was not tested; empty for other protocols."""
+    """Return the files of a sealed protocol and what was not tested; '' for other protocols."""
     files: dict[str, None] = {}
     missing: dict[str, None] = {}
     for run in runs:
@@ -65,7 +67,7 @@ def sealed_note(runs: Sequence[RunRecord], protocol: str) -> str:
 
 
 def default(runs: Sequence[RunRecord], protocol: str) -> str:
-    """The condition that is reported where none was asked for: the undisturbed one, else the protocol's first."""
+    """Return the condition to report by default: the undisturbed one, else the protocol's first."""
     for run in runs:
         if protocol in run.evaluations:
             names = [c["name"] for c in run.evaluations[protocol].summary["conditions"]]
@@ -76,21 +78,29 @@ def default(runs: Sequence[RunRecord], protocol: str) -> str:
 def results(
     agents: Sequence[Agent], protocol: str, confidence: float, by: Measure | None = None
 ) -> tuple[Condition, ...]:
-    """Return the results under each condition of the protocol, in its order (`of_evaluations`); empty for only one."""
+    """Return the results under each condition of the protocol, in its order (`of_evaluations`); empty if it
+    has only one.
+    """
     tested = {a.label: [r.evaluations[protocol] for r in a.runs if protocol in r.evaluations] for a in agents}
-    names = {c["name"] for found in tested.values() for one in found for c in one.summary["conditions"]}
+    names = {
+        c["name"]
+        for evaluations in tested.values()
+        for evaluation in evaluations
+        for c in evaluation.summary["conditions"]
+    }
     return of_evaluations(tested, confidence, by) if len(names) > 1 else ()
 
 
 def of_evaluations(
     tested: Mapping[str, Sequence[Evaluation]], confidence: float, by: Measure | None = None
 ) -> tuple[Condition, ...]:
-    """Return success rates and means under each condition, and changes against the undisturbed one if there is one.
+    """Return success rates and means under each condition, and changes from the undisturbed condition if
+    there is one.
 
     Args:
-        tested: by agent, the evaluation of each seed; all of the same scenarios.
-        confidence: of the intervals.
-        by: the measure whose means are wanted; rates and penalised times have none.
+        tested: evaluations of an agent's seeds, by agent; all with the same scenarios.
+        confidence: confidence of the intervals.
+        by: measure whose means are computed; not for rates and penalised times.
     """
     column = by.column if by and not by.rate and not by.penalty else ""
     kind = metric_of(column) or UNKNOWN
@@ -101,20 +111,20 @@ def of_evaluations(
 
 @dataclass(frozen=True, slots=True)
 class Met:
-    """What the seeds of an agent did under one condition; columns are scenarios."""
+    """Results of an agent's seeds under one condition; columns are scenarios."""
 
     success: FloatArray
-    """(seeds, E) 1.0 where an episode was one"""
+    """(seeds, E) 1.0 for a successful episode"""
     par1: FloatArray
-    """(seeds, E) steps, the limit where the episode was no success"""
+    """(seeds, E) steps; the limit for a failed episode"""
     time: tuple[float, float]
-    """step frequency in Hz and limit in steps: steps are compared where both are the same"""
+    """step frequency in Hz and limit in steps: steps are compared only if the two are equal"""
     measured: FloatArray | None = None
-    """(seeds, E) the measure that ranks"""
+    """(seeds, E) the primary measure"""
 
 
 def by_condition(evaluations: Sequence[Evaluation], column: str) -> dict[str, Met]:
-    """Return what seeds did under each condition of their protocol, in its order; `column` is that of the measure."""
+    """Return the results of seeds under each condition of their protocol, in its order, for a measure's `column`."""
     rows: dict[str, list[pd.DataFrame]] = {}
     times: dict[str, tuple[float, float]] = {}
     for evaluation in evaluations:
@@ -123,14 +133,14 @@ def by_condition(evaluations: Sequence[Evaluation], column: str) -> dict[str, Me
             name = condition["name"]
             times[name] = condition["frequency_hz"], condition["max_steps"]
             rows.setdefault(name, []).append(frames[name].sort_values("episode"))
-    found = {}
+    results = {}
     for name, seeds in rows.items():
         success = np.array([(seed["outcome"] == "success").to_numpy(np.float64) for seed in seeds])
         steps = np.array([seed["steps"].to_numpy(np.float64) for seed in seeds])
-        there = column and all(column in seed for seed in seeds)
-        measured = np.array([seed[column].to_numpy(np.float64) for seed in seeds]) if there else None
-        found[name] = Met(success, np.where(success > 0, steps, times[name][1]), times[name], measured)
-    return found
+        present = column and all(column in seed for seed in seeds)
+        measured = np.array([seed[column].to_numpy(np.float64) for seed in seeds]) if present else None
+        results[name] = Met(success, np.where(success > 0, steps, times[name][1]), times[name], measured)
+    return results
 
 
 def _condition(
@@ -141,7 +151,7 @@ def _condition(
 ) -> Condition:
     here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
     measured = {label: m.measured for label, m in here.items() if m.measured is not None}
-    # A seed that did not meet both has no change, and its agent none.
+    # If a seed lacks one of the two conditions, its agent has no change.
     both = {
         label: (m, still)
         for label, m in here.items()
@@ -177,13 +187,14 @@ def _means(
 def _changes(
     by_agent: Mapping[str, FloatArray], confidence: float, *, rate: bool = False
 ) -> dict[str, Estimate]:
-    """Mean change of each agent, (seeds, scenarios) by label, with its interval.
+    """Return the mean change of each agent, (seeds, scenarios) by label, with its interval.
 
-    Where no scenario changes hands, that of the rate does not end at 0: none of n trials may be 1.9 % of all with n = 200.
+    If no scenario changes its outcome, the interval of a rate's change does not end at 0: 0 of n = 200 trials
+    still allows 1.9 %.
     """
-    found = _means(by_agent, confidence, bounds=(-1.0, 1.0) if rate else (-np.inf, np.inf))
+    means_of_changes = _means(by_agent, confidence, bounds=(-1.0, 1.0) if rate else (-np.inf, np.inf))
     for label, changes in by_agent.items():
         if rate and not changes.any():
             most = float(wilson(0, changes.shape[1], confidence)[1])
-            found[label] = replace(found[label], low=-most, high=most)
-    return found
+            means_of_changes[label] = replace(means_of_changes[label], low=-most, high=most)
+    return means_of_changes

@@ -1,4 +1,4 @@
-"""Say in one line how a report differs from the analysis that was declared, and what was declared when."""
+"""Describe in one line how a report differs from the declared analysis, and what was declared when."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from auvbench.analysis.records import Agent, Ranking, RunRecord, learns
 from auvbench.runs.declared import KEY, Declared
 
 NAMED = 3
-"""Agents that a sentence names"""
+"""Largest number of agents that a sentence names"""
 
 
 @dataclass(frozen=True, slots=True)
 class Analysed:
-    """What a report computes its verdicts with."""
+    """What a report computes its verdicts with: options and rows."""
 
     rank_by: str
     baseline: str | None
@@ -33,26 +33,26 @@ class Analysed:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """The declared analysis of a section."""
+    """Declared analysis of a section."""
 
     declared: Declared
     analysed: Analysed
     rows: frozenset[str]
-    """Ids of the declared runs of the section"""
+    """Ids of the section's declared runs"""
 
 
 def declared_rows(
     declared: Declared, folder: Path, protocol: str, loaded: Sequence[RunRecord] | None = None
 ) -> dict[str, frozenset[str]]:
-    """Return the ids of the declared runs by vehicle and task.
+    """Return the ids of the declared runs, by vehicle and task.
 
-    A declaration of an earlier version names no runs: those in its folder stand in for them.
+    A declaration of an earlier version does not name runs: the runs in its folder are used instead.
 
     Args:
-        declared: the declaration.
-        folder: where it was found.
-        protocol: the declared one.
-        loaded: all runs in the folder, where they are loaded.
+        declared: declaration.
+        folder: folder of the declaration.
+        protocol: declared protocol.
+        loaded: all runs in the folder, if they are loaded already.
     """
     rows: dict[str, set[str]] = {}
     if declared.names_runs:
@@ -72,11 +72,11 @@ def sentence(
     """Return whether a table is the declared analysis, and when it was declared.
 
     Args:
-        plan: the declared analysis.
-        done: what the table was computed with.
-        runs: of the section.
-        agents: of the table.
-        ranking: the table.
+        plan: declared analysis.
+        done: options and rows of the table.
+        runs: runs of the section.
+        agents: agents of the table.
+        ranking: ranking of the table.
     """
     used = [run for run in runs if failed_training(run) or done.protocol in run.evaluations]
     differences = [
@@ -93,14 +93,14 @@ def sentence(
 
 
 def undeclared(why: str) -> str:
-    """Return the sentence of a report without a declared analysis; `why` none of several is used."""
+    """Return the sentence for a report without a declared analysis; `why` says why none of several is used."""
     return f"{capitalized(why or 'no analysis was declared before the runs')}."
 
 
 def _options(plan: Plan, done: Analysed, ranking: Ranking) -> list[str]:
-    """Return the options that differ, as they are typed, and a baseline that stands in for the declared one."""
+    """Return the options that differ, as the user types them, and a baseline that replaces the declared one."""
     declared = plan.analysed
-    found = [
+    differences = [
         f"--{field.name.replace('_', '-')} {getattr(done, field.name)}"
         for field in fields(Analysed)
         if _plain(getattr(done, field.name)) != _plain(getattr(declared, field.name))
@@ -111,8 +111,8 @@ def _options(plan: Plan, done: Analysed, ranking: Ranking) -> list[str]:
             str(row.key.get("algo")).casefold() for row in ranking.rows
         }
         if declared.baseline.casefold() not in names:
-            found.append(f"the baseline is {primary.baseline} instead of {declared.baseline}")
-    return found
+            differences.append(f"the baseline is {primary.baseline} instead of {declared.baseline}")
+    return differences
 
 
 def _plain(value: object) -> object:
@@ -122,18 +122,18 @@ def _plain(value: object) -> object:
 def _rows(plan: Plan, used: Sequence[RunRecord], agents: Sequence[Agent]) -> list[str]:
     """Return which declared runs are missing, and which runs were not declared."""
     ids = {run.id for run in used}
-    found = []
+    differences = []
     if missing := plan.rows - ids:
         of = f"{len(missing)} of {counted(len(plan.rows), 'declared run')}"
         is_missing = "is" if len(missing) == 1 else "are"
         names = sorted({_algorithm(id) for id in missing})
-        found.append(f"{of} {is_missing} missing ({listed(names, NAMED)})")
+        differences.append(f"{of} {is_missing} missing ({listed(names, NAMED)})")
     if added := ids - plan.rows:
         of = counted(len(added), "run")
-        found.append(
+        differences.append(
             f"{of} {'was' if len(added) == 1 else 'were'} not declared ({_joined(_labels(agents, added))})"
         )
-    return found
+    return differences
 
 
 def _algorithm(id: str) -> str:
@@ -146,20 +146,20 @@ def _algorithm(id: str) -> str:
 
 
 def _labels(agents: Sequence[Agent], ids: Collection[str]) -> list[str]:
-    """Return the labels of agents all of whose runs are among `ids`, and how many trainings of others."""
-    found, known = [], set()
+    """Return the labels of agents whose runs are all in `ids`, and counts of trainings of other agents."""
+    labels, known = [], set()
     for agent in agents:
         own = {run.id for run in agent.runs}
         known |= own
         if n := len(own & set(ids)):
-            found.append(agent.label if n == len(own) else f"{counted(n, 'training')} of {agent.label}")
-    if not found:
-        found = sorted({_algorithm(id) for id in ids})
-    return found
+            labels.append(agent.label if n == len(own) else f"{counted(n, 'training')} of {agent.label}")
+    if not labels:
+        labels = sorted({_algorithm(id) for id in ids})
+    return labels
 
 
 def _joined(labels: Sequence[str]) -> str:
-    """Return labels, which may contain commas, in one line."""
+    """Return labels, which may contain commas, joined in one line."""
     more = [f"{len(labels) - NAMED} more"] if len(labels) > NAMED else []
     return "; ".join([*labels[:NAMED], *more])
 
@@ -168,23 +168,23 @@ def _scenarios(declared: Declared, protocol: str, used: Sequence[RunRecord]) -> 
     """Return how the tests differ from the declared protocol."""
     if not declared.names_runs or protocol != declared.protocol:
         return []
-    found: dict[str, None] = {}
+    differences: dict[str, None] = {}
     for run in used:
         if (evaluation := run.evaluations.get(protocol)) is None:
             continue
         summary = evaluation.summary
         if (seed := summary["seed"]) != declared.scenario_seed:
-            found[f"scenarios of seed {seed} instead of {declared.scenario_seed}"] = None
+            differences[f"scenarios of seed {seed} instead of {declared.scenario_seed}"] = None
         for condition in summary["conditions"]:
             if condition["episodes"] != declared.episodes:
-                found[f"{condition['episodes']} test episodes instead of {declared.episodes}"] = None
+                differences[f"{condition['episodes']} test episodes instead of {declared.episodes}"] = None
             if condition["name"] not in declared.conditions:
-                found[f"condition {condition['name']} was not declared"] = None
-    return list(found)[:NAMED]
+                differences[f"condition {condition['name']} was not declared"] = None
+    return list(differences)[:NAMED]
 
 
 def _carry(declared: Declared, used: Sequence[RunRecord]) -> int:
-    """Return the number of runs that were made under the declaration."""
+    """Return the number of runs that were created under the declaration."""
     digests = declared.digests
     return sum(run.manifest.get(KEY) in digests for run in used)
 
@@ -208,25 +208,27 @@ def _when(declared: Declared, used: Sequence[RunRecord]) -> str:
 
 
 def _later(declared: Declared, used: Sequence[RunRecord], agents: Sequence[Agent]) -> str:
-    """Return which runs were declared when results of others were there."""
+    """Return which runs were declared when results of other runs already existed."""
     if not _carry(declared, used):
         return ""
     ended = sorted(time for run in used if (time := _time(run.manifest.get("ended"))) is not None)
     groups: dict[str, list[tuple[int, str]]] = {}
     for run in used:
-        made = _declared_at(declared, run)
-        if made is not None and (known := sum(time < made for time in ended)):
-            groups.setdefault(_day(made), []).append((known, run.id))
+        declared_at = _declared_at(declared, run)
+        if declared_at is not None and (known := sum(time < declared_at for time in ended)):
+            groups.setdefault(_day(declared_at), []).append((known, run.id))
     texts = []
-    for day, found in groups.items():
-        labels = _joined(_labels(agents, {id for _, id in found}))
-        texts.append(f"{labels} ({day}, after {min(found)[0]} of {len(used)} runs)")
+    for day, counts in groups.items():
+        labels = _joined(_labels(agents, {id for _, id in counts}))
+        texts.append(f"{labels} ({day}, after {min(counts)[0]} of {len(used)} runs)")
     word = "Declared" if declared.names_runs else "Added"
     return f"{word} later: {'; '.join(texts)}." if texts else ""
 
 
 def _declared_at(declared: Declared, run: RunRecord) -> datetime | None:
-    """Return when a run was declared: the date of its stage, or the date of its manifest if that has another digest."""
+    """Return when a run was declared: the date of its stage, or of its manifest if the manifest has another
+    digest.
+    """
     stage = declared.stage_of(run.id)
     if stage is not None and run.manifest.get(KEY) == stage[1]:
         return _time(stage[0].declared)
@@ -235,10 +237,10 @@ def _declared_at(declared: Declared, run: RunRecord) -> datetime | None:
 
 def _time(text: object) -> datetime | None:
     try:
-        found = datetime.fromisoformat(str(text))
+        time = datetime.fromisoformat(str(text))
     except ValueError:
         return None
-    return found if found.tzinfo is not None else None
+    return time if time.tzinfo is not None else None
 
 
 def _day(time: datetime | None) -> str:
@@ -247,7 +249,7 @@ def _day(time: datetime | None) -> str:
 
 
 def _planned(declared: Declared, agents: Sequence[Agent]) -> str:
-    """Return which learners have another number of seeds than planned."""
+    """Return which learners have a different number of seeds than planned."""
     counts = [(agent.label, len(agent.runs)) for agent in agents if learns(agent)]
     other = [f"{label} has {n}" for label, n in counts if n != declared.seeds]
     if not declared.seeds or not other:

@@ -1,4 +1,4 @@
-"""What an agent knows beyond noisy readings, and how many trials chose its settings: comparisons are rarely between equals."""
+"""Report what each agent knows beyond noisy readings, and how many trials chose its settings."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from auvbench.analysis.records import Agent, Ranking, RunRecord, run_learns
 from auvbench.registry import AGENTS
 
 VELOCITIES = ("velocity", "angular_velocity", "velocity_error")
-"""blocks of an observation that are true velocities"""
+"""observation blocks that are true velocities"""
 
 
 def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, int]) -> Ranking:
-    """Return the ranking with what each agent knows and the trials that chose its settings.
+    """Return the ranking with each agent's knowledge and the trials that chose its settings.
 
     Args:
-        ranking: of the agents.
-        agents: with their runs.
-        trials: by label, where the runs do not record them.
+        ranking: ranking of the agents.
+        agents: agents with their runs.
+        trials: number of trials by label, for runs that do not record it.
     """
     rows = []
     for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
@@ -36,7 +36,7 @@ def knowledge(run: RunRecord) -> tuple[str, ...]:
     known = dict.fromkeys(() if spec is None else spec.knows)
     observed = _blocks(config)
     reads = spec is None or spec.observes
-    plans = run_learns(run) or "model" in known  # other controllers follow the reference as it is now
+    plans = run_learns(run) or "model" in known  # other controllers follow only the present reference
     if plans and "preview" in observed and config.get("task.preview.points"):
         known["preview"] = None
     if reads and any(block in observed for block in VELOCITIES):

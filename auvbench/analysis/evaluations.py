@@ -1,6 +1,6 @@
-"""Read one evaluation of a run, and check it: no row of a damaged one enters a table.
+"""Read and check one evaluation of a run: no row of a damaged one enters a table.
 
-The files of a run must agree with the digests that vouch for them, with each other, and with the run's id.
+The files of a run must agree with their recorded digests, with each other, and with the run's id.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from auvbench.untrusted.text import LONGEST, plain, short
 
 
 class Damage(Exception):
-    """Why a file cannot be used; `kind` is that of the `Problem`."""
+    """A file cannot be used; `kind` is the kind of `Problem`."""
 
     def __init__(self, message: str, kind: str = "damaged") -> None:
         super().__init__(message)
@@ -30,19 +30,21 @@ class Damage(Exception):
 
 
 def is_name(value: Any) -> bool:
-    """Return whether a text can stand in a table and in a figure: one line, not endless, every character visible."""
+    """Return whether a text is a valid name in tables and figures: one line, limited length, every character
+    visible.
+    """
     return isinstance(value, str) and 0 < len(value) <= LONGEST and plain(value) == value
 
 
 def finite(table: np.ndarray[Any, Any]) -> bool:
-    """Return whether all of it are numbers that can have been measured."""
-    # A text anywhere makes a table one of objects; NaN compares as False.
+    """Return whether all values are finite numbers of a plausible size."""
+    # A text anywhere gives the table the type object; NaN compares as False.
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
 
 @contextmanager
 def named(file: str) -> Iterator[None]:
-    """Read a file within this context: what goes wrong becomes Damage that names the file."""
+    """Turn an error in reading a file into a Damage that names the file."""
     try:
         yield
     except FileNotFoundError as error:
@@ -56,10 +58,10 @@ def named(file: str) -> Iterator[None]:
 
 
 def check_digest(holder: Mapping[str, Any], name: str, data: bytes) -> None:
-    """Compare a file with what the manifest or summary records of it.
+    """Compare a file with its record in the manifest or summary.
 
     Raises:
-        Damage: They differ.
+        Damage: the file differs.
     """
     # Digests are recorded when a run is complete.
     if integrity.FILES in holder and (wrong := integrity.difference(holder, name, data)):
@@ -67,7 +69,7 @@ def check_digest(holder: Mapping[str, Any], name: str, data: bytes) -> None:
 
 
 def disagreement(manifest: Mapping[str, Any], config: Mapping[str, Any]) -> str:
-    """Return how a manifest differs from the run that config.yaml describes; empty where it does not."""
+    """Return how a manifest differs from the run that config.yaml describes; '' if they agree."""
     if wrong := identity.mismatch(config, str(manifest["id"])):
         return f"config.yaml does not belong to the run {manifest['id']}: {wrong}"
     for key, meant in (("seed", config["seed"]), ("algo", config["algo"]["name"])):
@@ -77,17 +79,17 @@ def disagreement(manifest: Mapping[str, Any], config: Mapping[str, Any]) -> str:
 
 
 def protocols_of(run: RunRecord) -> list[str]:
-    """Return the names of the protocols by which a run was evaluated."""
+    """Return the names of the protocols by which a run was tested."""
     if run.archive is not None:
         return sorted(run.archive.summaries(run.id))
     return sorted(path.parent.name for path in run.directory.glob("evaluations/*/summary.json"))
 
 
 def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
-    """Read the evaluation of a run by a protocol that it has.
+    """Read the evaluation of a run by a protocol.
 
     Raises:
-        Damage: It cannot be used, was changed, or its files disagree.
+        Damage: the evaluation cannot be used, was changed, or its files disagree.
     """
     schema = columns.of_test()
     if (study := run.archive) is not None:
@@ -102,7 +104,7 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
         summary = integrity.read(directory / "summary.json", integrity.Summary)
     with named("episodes.csv"):
         data = reading.content(directory / "episodes.csv", reading.DATA)
-        # A condition may be called 1.30.
+        # A condition may be named 1.30.
         frame = tables.csv(data, schema, words=("condition",))
         if not data.endswith(b"\n") or (len(frame) and frame.iloc[-1:, -1].isna().any()):
             raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows is incomplete")
@@ -113,10 +115,10 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
 
 
 def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:
-    """Check that an evaluation is of this run, of its present model, and by the protocol of its folder.
+    """Check that an evaluation belongs to this run and its present model, and to the protocol of its folder.
 
     Raises:
-        Damage: It is not.
+        Damage: it does not.
     """
     summary, wrong = evaluation.summary, ""
     if summary["run"] != manifest["id"]:
@@ -124,22 +126,22 @@ def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:
     elif summary["protocol"] != evaluation.protocol:
         wrong = f"it is by the protocol {summary['protocol']}"
     elif summary["model"] != integrity.digests(manifest, "model/"):
-        wrong = "another model was tested than the run has now: evaluate again"
+        wrong = "the run's model has changed since the test: evaluate again"
     if wrong:
         raise Damage(wrong, "foreign")
 
 
 def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
-    """Raise Damage unless all rows of the summary are there, each once."""
+    """Raise Damage unless each row that the summary counts is there exactly once."""
     expected = {c["name"]: c["episodes"] for c in summary["conditions"]}
     if len(expected) < max(1, len(summary["conditions"])):
         raise Damage("summary.json has no conditions, or one of them twice")
     conditions = frame["condition"].tolist()
-    found = Counter(conditions)
-    for name in [*expected, *found]:
-        if found[name] != expected.get(name, 0):
+    counts = Counter(conditions)
+    for name in [*expected, *counts]:
+        if counts[name] != expected.get(name, 0):
             raise Damage(
-                f"episodes.csv has {found[name]} episodes of condition {name!r}, "
+                f"episodes.csv has {counts[name]} episodes of condition {name!r}, "
                 f"summary.json says {expected.get(name, 0)}: evaluate again"
             )
     if len(set(zip(conditions, frame["episode"].tolist(), strict=True))) < len(frame):

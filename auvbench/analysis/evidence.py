@@ -1,4 +1,4 @@
-"""What the claims of the original study are judged on: trainings, agents, and parts of a verdict."""
+"""Provide the evidence for the claims of the original study: trainings, agents, and parts of a verdict."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray, quant
 HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot be said"
 
 WINDOW = 100
-"""episodes that are averaged"""
+"""number of episodes to average over"""
 SHORT = 0.8
-"""of the time limit: a window with a longer mean episode has not converged"""
+"""share of the time limit: a window with a longer mean episode has not converged"""
 HALF = 0.5
-"""share of successes in the window, without which short episodes are early collisions and no convergence"""
+"""smallest success rate of a converged window, since short episodes may be early collisions"""
 PERMUTATIONS = 10_000
 
 Point = tuple[str, float, float]
@@ -32,7 +32,7 @@ Point = tuple[str, float, float]
 
 
 def limit_s(run: RunRecord) -> float:
-    """Return the seconds that a training episode may last; NaN where the configuration does not say."""
+    """Return the time limit of a training episode in s; NaN if the configuration has none."""
     if (limit := run.config.get("task.time_limit")) is not None:
         return float(limit)
     steps, f = run.config.get("task.max_steps"), run.config.get("step.frequency")
@@ -42,8 +42,9 @@ def limit_s(run: RunRecord) -> float:
 def good_windows(seconds: FloatArray, success: BoolArray, limit: float) -> BoolArray:
     """Return whether each window of `WINDOW` episodes is good; empty for fewer episodes.
 
-    In a good window at least `HALF` of the episodes succeed within `limit` seconds, and the mean duration, cut at the limit,
-    is below `SHORT` of it. `seconds` and `success` (n,) are those of the episodes in the order in which they ended.
+    In a good window, at least `HALF` of the episodes succeed within `limit` seconds, and the mean duration,
+    cut at the limit, is below `SHORT` of it. `seconds` and `success` (n,) are in the order in which the
+    episodes ended.
     """
     in_time = _window_means(success & (seconds <= limit))
     duration = _window_means(np.minimum(seconds, limit))
@@ -57,7 +58,7 @@ def _window_means(values: FloatArray | BoolArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Learning:
-    """The training of a run."""
+    """Training of a run."""
 
     run: RunRecord
     k: float
@@ -66,21 +67,21 @@ class Learning:
     steps: int
     """environment steps of the whole training"""
     seconds: FloatArray  # (n,) duration of each episode
-    success: BoolArray  # (n,)
+    success: BoolArray  # (n,) success of each episode
     ended: FloatArray  # (n,) environment steps when the episode ended
 
     @property
     def limit(self) -> float:
-        """Seconds that an episode may last."""
+        """Return the time limit of an episode in s."""
         return limit_s(self.run)
 
     @property
     def converged(self) -> bool:
-        """Whether the run converged within its own time limit."""
+        """Return whether the run converged within its own time limit."""
         return bool(np.isfinite(self.converged_at(self.limit)))
 
     def converged_at(self, limit: float) -> float:
-        """Return the environment steps before the first good window; inf where the last window is not good."""
+        """Return the environment steps before the first good window; inf if the last window is not good."""
         good = good_windows(self.seconds, self.success, limit)
         if not good.size or not good[-1]:
             return np.inf
@@ -92,7 +93,7 @@ def learning(run: RunRecord) -> Learning | None:
     """Read a run's training; None without records, without a frequency, or with fewer than `WINDOW` episodes."""
     try:
         frame = training(run)
-    except Damage:  # the figures name it
+    except Damage:  # The figures report the damage.
         return None
     k, frequency = run.config.get("reward.k"), run.config.get("step.frequency")
     if frame is None or len(frame) < WINDOW or not frequency:
@@ -111,21 +112,21 @@ def learning(run: RunRecord) -> Learning | None:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """Of two runs of a stratum, how often the one of the higher level has the higher value; ties half."""
+    """How often the run of the higher level has the higher value, of two runs of a stratum; a tie counts half."""
 
     share: float
     pairs: int
     p_up: float
-    """one-sided: values do not rise with the level"""
+    """one-sided p-value of the hypothesis that values do not rise with the level"""
     p_down: float
-    """one-sided: values do not fall with it"""
+    """one-sided p-value of the hypothesis that values do not fall with the level"""
 
 
 def trend(points: Sequence[Point], seed: int = 0) -> Trend | None:
-    """Return Jonckheere and Terpstra's statistic within strata with a permutation test; None without a pair.
+    """Return Jonckheere and Terpstra's statistic within strata, with a permutation test; None without a pair.
 
-    Values are permuted among the runs of a stratum, 10,000 times: exact in level for any distribution, and with one run per
-    cell of two strata no smaller than 1/4, as it should be.
+    Values are permuted among the runs of a stratum 10,000 times. The test's level is exact for any
+    distribution. With one run per cell of two strata, no p-value is smaller than 1/4, as it should be.
     """
     rng = np.random.default_rng(seed)
     pairs, wins, permuted = 0, 0.0, np.zeros(PERMUTATIONS)
@@ -160,7 +161,7 @@ class Part:
 
 
 class Evidence:
-    """Runs and agents of a report, as the claims use them."""
+    """Runs and agents of a report, as evidence for the claims."""
 
     def __init__(self, runs: Sequence[RunRecord], agents: Sequence[Agent], confidence: float, seed: int):
         self.runs, self.confidence, self.seed = runs, confidence, seed
@@ -172,22 +173,22 @@ class Evidence:
 
     @cached_property
     def sac(self) -> list[Learning]:
-        """The training records of SAC, evaluated or not; reading those of a long training takes a while."""
+        """Return the training records of SAC, tested or not; reading long trainings takes a while."""
         names = {str(run.config.get("algo.name")) for run in self.runs}
         name = "sac_thesis" if "sac_thesis" in names else "sac"
         mine = [r for r in self.runs if r.state == "complete" and r.config.get("algo.name") == name]
-        found = (learning(run) for run in sorted(mine, key=lambda run: run.id))
-        return [one for one in found if one is not None]
+        trainings = (learning(run) for run in sorted(mine, key=lambda run: run.id))
+        return [training for training in trainings if training is not None]
 
     def levels(self, parts: int) -> tuple[float, float]:
-        """Return the confidences of the intervals that say "holds" and "does not hold", of a claim with several parts."""
+        """Return the confidences of the intervals for "holds" and "does not hold" of a claim with several parts."""
         return self.confidence, 1 - (1 - self.confidence) / parts
 
     def attainable(self, limit: float) -> bool:
-        """Return whether a control meets the criterion of convergence within a time limit in s.
+        """Return whether some control meets the criterion of convergence within a time limit in s.
 
-        The controls are all evaluated policies of the report, controllers included: none of them learns during its test.
-        Where no control converges, "did not converge" says nothing about learning.
+        The controls are all tested policies of the report, including controllers: they do not learn during
+        the test. If no control converges, "did not converge" says nothing about learning.
         """
         for agent in self.agents:
             for seconds, success in zip(agent.metrics.get("duration_s", ()), agent.success > 0, strict=False):
@@ -197,20 +198,20 @@ class Evidence:
         return False
 
     def unattainable(self, runs: Sequence[Learning]) -> list[str]:
-        """Return what is missing where no control converges within the runs' time limits."""
-        found = sorted({run.limit for run in runs if not self.attainable(run.limit)})
-        if not found:
+        """Return what is missing if no control converges within the runs' time limits."""
+        time_limits = sorted({run.limit for run in runs if not self.attainable(run.limit)})
+        if not time_limits:
             return []
-        times = listed([f"{limit:.3g}" for limit in found])
+        times = listed([f"{limit:.3g}" for limit in time_limits])
         return [f"a time limit within which a control converges (no policy does within {times} s)"]
 
 
 def by_interval(
     at: Callable[[float], Estimate], levels: tuple[float, float], above: float, *, less: bool = False
 ) -> str:
-    """Return whether a value lies above a bound (`less`: below it): the whole interval lies on one side.
+    """Return whether a value is above a bound (`less`: below it): the whole interval is on one side.
 
-    `at` gives the estimate by confidence, and `levels` are the confidences of "holds" and "does not hold".
+    `at` returns the estimate for a confidence; `levels` are the confidences of "holds" and "does not hold".
     """
     yes, no = at(levels[0]), at(levels[1])
     if (yes.high < above) if less else (yes.low > above):
@@ -228,7 +229,7 @@ def by_trend(found: Trend, what: str, levels: tuple[float, float], ids: tuple[st
 
 
 def together(text: str, parts: Sequence[Part]) -> ClaimVerdict:
-    """Return a claim's verdict: it fails if one of its parts does, holds if all do, and cannot be said otherwise."""
+    """Return a claim's verdict: it fails if one part fails, holds if all parts hold, and otherwise cannot be said."""
     verdicts = [part.verdict for part in parts]
     verdict = FAILS if FAILS in verdicts else OPEN if OPEN in verdicts else HOLDS
     statistics, missing = [], []
@@ -248,9 +249,10 @@ def _sentence(parts: Sequence[str]) -> str:
 
 
 def independent(agents: Sequence[Agent]) -> int:
-    """Return how many of the agents are independent: cells of a crossed grid share the effects of their levels.
+    """Return the number of independent agents: cells of a crossed grid share the effects of their levels.
 
-    One, and one for each further level of each factor: the parameters of the grid's main effects.
+    The number is one, plus one for each further level of each factor: the parameters of the grid's main
+    effects.
     """
     levels = [{agent.key.get(factor) for agent in agents} for factor in FACTORS]
     return min(len(agents), 1 + sum(len(found) - 1 for found in levels))
@@ -261,14 +263,15 @@ def partial_rank_correlation(
 ) -> Estimate:
     """Return Spearman's rho of x and y given a third variable, with an interval for n independent points.
 
-    The interval is that of Bonett & Wright (2000, Psychometrika 65:23), tanh(atanh rho ± z sqrt((1 + rho²/2) / (n - 3))),
-    with one point less for the third variable. It is [-1, 1] where rho is undefined or n leaves no freedom.
+    The interval follows Bonett & Wright (2000, Psychometrika 65:23): tanh(atanh rho ± z sqrt((1 + rho²/2) /
+    (n - 3))), with one point less for the third variable. It is [-1, 1] if rho is undefined or n is too
+    small.
     """
-    from scipy.stats import rankdata  # half a second of imports that most reports do not need
+    from scipy.stats import rankdata  # imported late: takes half a second, and most reports do not need it
 
     ranks = [rankdata(values) for values in (x, y, given)]
     with np.errstate(invalid="ignore"):
-        r = np.nan_to_num(np.corrcoef(ranks))  # a variable without ranks correlates with none
+        r = np.nan_to_num(np.corrcoef(ranks))  # a constant variable correlates with none
     left = np.sqrt((1 - r[0, 2] ** 2) * (1 - r[1, 2] ** 2))
     free = n - 4 if np.ptp(ranks[2]) > 0 else n - 3
     if left < 1e-6 or min(np.ptp(ranks[0]), np.ptp(ranks[1])) == 0:

@@ -1,4 +1,6 @@
-"""Findings: what the data show in addition to the primary analysis, one template per kind; effects of the factors of a grid."""
+"""Find what the data show in addition to the primary analysis, with one template per kind, and effects of a
+grid's factors.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +21,9 @@ from auvbench.statistics.intervals import Estimate
 from auvbench.statistics.typical import trainings_needed
 
 SHOWN = 5
-"""findings that a report shows at once; the others are one click away"""
+"""number of findings that a report shows at once; the others are one click away"""
 APART = 0.2
-"""difference of two success rates from which a higher return misleads"""
+"""smallest difference of two success rates for which a higher return misleads"""
 
 
 def find(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
@@ -37,9 +39,11 @@ def find(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
 
 
 def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | None:
-    """Return a finding where a trained agent has a higher return than the most successful one and far less success.
+    """Return a finding if a trained agent has a higher return than the most successful agent but far less
+    success.
 
-    Of several such agents the least successful is named; the interval counts all of them (Bonferroni).
+    Of several such agents the finding names the least successful; the interval counts all of them
+    (Bonferroni).
     """
     whole = [a for a in agents if learns(a) and np.isfinite(a.metrics.get("return", np.array(np.nan))).all()]
     if not whole:
@@ -49,12 +53,12 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
     if not richer:
         return None
     rich = min(richer, key=_typical_success)
-    found = Typical([rich, good], measure("success_rate"))
-    less = found.difference(0, 1, (1 - confidence) / len(richer))
+    typical = Typical([rich, good], measure("success_rate"))
+    less = typical.difference(0, 1, (1 - confidence) / len(richer))
     if not (less.value <= -APART and less.high < 0):
         return None
     returns = [_typical_return(agent) for agent in (rich, good)]
-    rates = found.value
+    rates = typical.value
     waypoints = task_of(rich.runs[0]) == "waypoint"
     verb, of = ("reaches", "of the waypoints") if waypoints else ("succeeds in", "of the episodes")
     text = (
@@ -82,18 +86,18 @@ def _typical_return(agent: Agent) -> float:
 
 
 def resolved_effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> list[Finding]:
-    """Return the resolved effects of the factors of a grid, the largest first."""
-    found = [_as_in_the_table(effect, ranking) for effect in effects(agents, m, ranking.confidence)]
-    adjusted = holm([effect.p_value for effect in found])
-    resolved = [e for e, p in zip(found, adjusted, strict=True) if p < 1 - ranking.confidence]
+    """Return the resolved effects of a grid's factors, the largest first."""
+    listed_effects = [_as_in_the_table(effect, ranking) for effect in effects(agents, m, ranking.confidence)]
+    adjusted = holm([effect.p_value for effect in listed_effects])
+    resolved = [e for e, p in zip(listed_effects, adjusted, strict=True) if p < 1 - ranking.confidence]
     resolved.sort(key=lambda effect: -abs(effect.difference.value))
-    basis = f"Holm over {counted(len(found), 'effect')}"
-    needed = trainings_needed(max(len(found), 1), 1 - ranking.confidence)
+    basis = f"Holm over {counted(len(listed_effects), 'effect')}"
+    needed = trainings_needed(max(len(listed_effects), 1), 1 - ranking.confidence)
     return [_effect(effect, m, basis, needed) for effect in resolved]
 
 
 def _as_in_the_table(effect: Effect, ranking: Ranking) -> Effect:
-    """Return an effect of one pair with that pair's interval: a difference has one interval on a page."""
+    """Return an effect of one pair with that pair's interval, so that a page shows one interval per difference."""
     if len(effect.pairs) == 1:
         first, second = (agent.label for agent in effect.pairs[0])
         for c in ranking.comparisons:
@@ -119,7 +123,7 @@ def _effect(effect: Effect, m: Measure, basis: str, needed: int) -> Finding:
 
 
 def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
-    """Return the agent whose trainings differ most, where seeds are most of its variance; None elsewhere."""
+    """Return the agent whose trainings differ most, if seeds are most of its variance; else None."""
     several = [a for a in agents if len(a.outcome) > 1 and learns(a) and np.isfinite(m.values(a)).all()]
     if not several:
         return None
@@ -150,17 +154,18 @@ class Effect:
     difference: Estimate
     p_value: float
     agree: int
-    """trainings of the first level that differ from the second level's typical one as the effect says"""
+    """trainings of the first level that differ from the second level's typical one in the effect's direction"""
     trainings: int
-    """of the first level"""
+    """trainings of the first level"""
     fewest: int
-    """trainings of the agent with the fewest"""
+    """smallest number of trainings of an agent"""
 
 
 def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> list[tuple[Agent, Agent]]:
-    """Pairs of agents at the two levels of the factor that are equal in all other keys.
+    """Return pairs of agents at the two levels of a factor that are equal in all other keys.
 
-    Nothing is a level where the configuration says so (`task.time_limit: null`), not where it has no such key.
+    A null value counts as a level if the configuration has the key (`task.time_limit: null`), not if the key
+    is missing.
     """
     cells: dict[tuple[tuple[str, Any], ...], dict[Any, Agent]] = {}
     for agent in agents:
@@ -168,12 +173,12 @@ def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> li
             continue
         rest = tuple(sorted((k, v) for k, v in agent.key.items() if k != factor))
         cells.setdefault(rest, {})[agent.key.get(factor)] = agent
-    found = [(cell[first], cell[second]) for cell in cells.values() if first in cell and second in cell]
-    return sorted(found, key=lambda pair: pair[0].label)
+    pairs = [(cell[first], cell[second]) for cell in cells.values() if first in cell and second in cell]
+    return sorted(pairs, key=lambda pair: pair[0].label)
 
 
 def _says(agent: Agent, factor: str) -> bool:
-    """Whether the agent has the factor at all: PPO has no `algo.tau`, and a limit in seconds that is null is one."""
+    """Return whether the agent has the factor: PPO has no `algo.tau`, but a null time limit is a value."""
     config = agent.runs[0].config
     return agent.key.get(factor) is not None or factor in config or f"{factor}.name" in config
 
@@ -181,15 +186,15 @@ def _says(agent: Agent, factor: str) -> bool:
 def mean_difference(
     pairs: Sequence[tuple[Agent, Agent]], m: Measure, confidence: float
 ) -> tuple[Estimate, float]:
-    """Return the mean over the pairs of the difference first - second of typical trainings, and the p-value of none.
+    """Return the mean over pairs of the difference first - second of typical trainings, and its p-value.
 
-    The pairs are taken as they are (the cells of this grid); what varies is trainings and scenarios.
+    The pairs are fixed (the cells of this grid); trainings and scenarios are random.
     """
     agents = list({id(agent): agent for pair in pairs for agent in pair}.values())
     sides = [sum((one is agent) - (other is agent) for one, other in pairs) for agent in agents]
     weights = {i: side / len(pairs) for i, side in enumerate(sides) if side}
-    found = Typical(agents, m)
-    return found.contrast(weights, 1 - confidence), found.p_of(weights)
+    typical = Typical(agents, m)
+    return typical.contrast(weights, 1 - confidence), typical.p_of(weights)
 
 
 def _effect_of(
@@ -198,21 +203,21 @@ def _effect_of(
     estimate, p = mean_difference(pairs, m, confidence)
     agree, trainings, fewest = 0, 0, []
     for pair in pairs:
-        found = Typical(pair, m)
-        gains = found.gains(0, float(found.value[1]))
+        typical = Typical(pair, m)
+        gains = typical.gains(0, float(typical.value[1]))
         agree += int((gains * m.sign * estimate.value > 0).sum())
         trainings += len(gains)
-        fewest.append(found.fewest((0, 1)))
+        fewest.append(typical.fewest((0, 1)))
     return Effect(factor, *said, tuple(pairs), estimate, p, agree, trainings, min(fewest))
 
 
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:
-    """The effects of each factor that varies among the agents with several training seeds.
+    """Return the effects of each factor that varies among the agents with several training seeds.
 
-    Of up to three levels every pair; of more numbers, the largest with the smallest; of more names, which have no order,
-    every pair that is matched in several cells: of one cell the table has the pair itself. An effect that cannot be
-    tested (no values, a single episode, fewer than five trainings) is left out, as are agents with one training seed: they
-    are policies, and what sets two of them apart is no effect of a factor.
+    With up to three levels every pair is tested. With more numbers, only the largest against the smallest.
+    With more names, which have no order, every pair matched in several cells; the table already has a pair of
+    one cell. An effect that cannot be tested (no values, a single episode, fewer than five trainings) is left
+    out. So are agents with one training seed: a difference between two policies is not an effect of a factor.
     """
     learners = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
     result = []
@@ -226,9 +231,9 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
             pairs = matched(learners, factor, first, second)
             if len(pairs) >= (1 if few or not names else 2):
                 said = _level(factor, first, ordered), _level(factor, second, ordered)
-                found = _effect_of(factor, said, pairs, m, confidence)
-                if np.isfinite(found.p_value):
-                    result.append(found)
+                effect = _effect_of(factor, said, pairs, m, confidence)
+                if np.isfinite(effect.p_value):
+                    result.append(effect)
     return result
 
 

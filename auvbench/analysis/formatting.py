@@ -1,7 +1,7 @@
-"""Numbers and lists as they stand in tables and sentences.
+"""Format numbers and lists for tables and sentences.
 
-Numbers are rounded by the rule of metrology (JCGM 100:2008, 7.2.6): the uncertainty, the longer arm of the interval, keeps two
-significant digits, and the value is rounded to the same decimal place.
+Numbers are rounded by the rule of metrology (JCGM 100:2008, 7.2.6): the uncertainty, the longer arm of the
+interval, has two significant digits, and the value has the same decimal places.
 """
 
 from __future__ import annotations
@@ -14,21 +14,22 @@ from auvbench.analysis.measures import UNKNOWN, Measure, metric_of
 from auvbench.statistics.intervals import Estimate
 
 NOTHING = "–"
-"""a number that does not exist (the time to goal of an agent that never arrived)"""
+"""stands for a number that does not exist (the time to goal of an agent that never arrives)"""
 
 
 def decimals(half_width: float) -> int:
-    """Return the decimal places at which `half_width` keeps two significant digits; negative for tens and hundreds.
+    """Return the decimal places at which `half_width` has two significant digits; negative for tens and
+    hundreds.
 
     >>> decimals(1.34), decimals(0.0991), decimals(12.0), decimals(345.0), decimals(0.0996)
     (1, 3, 0, -1, 2)
     """
-    # Rounding first: 0.0996 becomes 0.10, whose second digit stands one place further left.
+    # Round first: 0.0996 becomes 0.10, whose second digit is one place further left.
     return 1 - math.floor(math.log10(float(f"{half_width:.1e}")))
 
 
 def fixed(value: float, places: int) -> str:
-    """Return `value` at some decimal places; negative places round tens and hundreds, and zero has no sign.
+    """Return `value` with some decimal places; negative places round tens and hundreds, and zero has no sign.
 
     >>> fixed(1234.5, -1), fixed(2.005, 1), fixed(-0.01, 1)
     ('1230', '2.0', '0.0')
@@ -40,7 +41,7 @@ def fixed(value: float, places: int) -> str:
 
 
 def significant(value: float, digits: int = 4) -> str:
-    """Return `value` to some significant digits, for a number without an interval.
+    """Return `value` with some significant digits, for a number without an interval.
 
     >>> significant(3.14159), significant(12345.6), significant(0.0)
     ('3.142', '12350', '0')
@@ -54,11 +55,11 @@ def rounded(estimate: Estimate, scale: float = 1.0) -> tuple[str, str, str]:
     """Return value, lower and upper bound as text, rounded to the same place.
 
     Args:
-        estimate: the value and its interval.
-        scale: a factor applied first (100 for percent, 1e-3 for kJ).
+        estimate: value with its interval.
+        scale: factor to apply first (100 for percent, 1e-3 for kJ).
 
     Returns:
-        three strings; the bounds are empty without an interval (one episode, no spread).
+        Three strings; the bounds are empty without an interval (one episode, no spread).
     """
     value, low, high = (scale * x for x in (estimate.value, estimate.low, estimate.high))
     half = max(value - low, high - value)
@@ -71,7 +72,7 @@ def rounded(estimate: Estimate, scale: float = 1.0) -> tuple[str, str, str]:
 
 
 def name(m: Measure) -> str:
-    """A measure in a sentence.
+    """Return a measure's name for a sentence.
 
     >>> from auvbench.analysis.measures import measure
     >>> name(measure("success_rate")), name(measure("mean_deviation_mean_m")), name(measure("mean_smoothness_per_s"))
@@ -84,7 +85,7 @@ def name(m: Measure) -> str:
 
 
 def unit(m: Measure) -> str:
-    """Unit of a measure, with a space in front; empty where it has none.
+    """Return a measure's unit with a space in front; '' if it has none.
 
     >>> from auvbench.analysis.measures import measure
     >>> unit(measure("success_rate")), unit(measure("mean_energy_J")), unit(measure("mean_smoothness_per_s"))
@@ -101,18 +102,18 @@ def unit(m: Measure) -> str:
 
 
 def unit_of_difference(m: Measure) -> str:
-    """Unit of a difference of a measure, with a space in front: two rates differ by points."""
+    """Return the unit of a measure's difference with a space in front: two rates differ by points."""
     return " points" if m.rate else unit(m)
 
 
 def amount(estimate: Estimate, m: Measure) -> str:
-    """A value with its interval: '97.2 % [95.3, 98.4]'."""
+    """Return a value with its interval: '97.2 % [95.3, 98.4]'."""
     value, low, high = rounded(estimate, m.scale)
     return f"{value}{unit(m)}" + (f" [{low}, {high}]" if low else "")
 
 
 def size(value: float, m: Measure) -> str:
-    """A difference without sign and interval: '2 points', '1.1 s'.
+    """Return a difference without sign and interval: '2 points', '1.1 s'.
 
     >>> from auvbench.analysis.measures import measure
     >>> size(0.02, measure("success_rate")), size(10.99, measure("par1_steps")), size(1.099, measure("par1_time_s"))
@@ -122,14 +123,14 @@ def size(value: float, m: Measure) -> str:
 
 
 def difference(estimate: Estimate, m: Measure) -> str:
-    """A difference with its interval and sign: '+3.1 points [1.0, 5.2]' for a rate."""
+    """Return a difference with its interval and sign: '+3.1 points [1.0, 5.2]' for a rate."""
     value, low, high = rounded(estimate, m.scale)
     sign = "+" if estimate.value > 0 and not value.startswith("-") else ""
     return f"{sign}{value}{unit_of_difference(m)}" + (f" [{low}, {high}]" if low else "")
 
 
 def rounded_difference(estimate: Estimate, m: Measure) -> tuple[str, str]:
-    """The size of a difference and its interval without signs: ('28 steps', ' [27, 29]').
+    """Return the size of a difference and its interval without signs: ('28 steps', ' [27, 29]').
 
     >>> from auvbench.analysis.measures import measure
     >>> rounded_difference(Estimate(-28.0, -29.46, -26.5), measure("par1_steps"))
@@ -141,12 +142,12 @@ def rounded_difference(estimate: Estimate, m: Measure) -> tuple[str, str]:
 
 
 def turned(estimate: Estimate) -> Estimate:
-    """The same difference seen from the other side."""
+    """Return the difference with reversed sign."""
     return replace(estimate, value=-estimate.value, low=-estimate.high, high=-estimate.low)
 
 
 def listed(items: Sequence[str], most: int = 5) -> str:
-    """A list in words, cut off where it is long.
+    """Return a list in words, shortened if it is long.
 
     >>> listed(["a", "b", "c"]), listed(list("abcdefgh"), most=3)
     ('a, b and c', 'a, b, c and 5 more')
@@ -158,7 +159,7 @@ def listed(items: Sequence[str], most: int = 5) -> str:
 
 
 def counted(n: int, noun: str) -> str:
-    """A number with its noun.
+    """Return a number with its noun.
 
     >>> counted(1, "seed"), counted(3, "seed")
     ('1 seed', '3 seeds')
@@ -167,12 +168,12 @@ def counted(n: int, noun: str) -> str:
 
 
 def capitalized(text: str) -> str:
-    """A text with a capital first letter."""
+    """Return a text with a capital first letter."""
     return f"{text[:1].upper()}{text[1:]}"
 
 
 def p_value(p: float) -> str:
-    """A p-value.
+    """Return a p-value as text.
 
     >>> p_value(0.04321), p_value(0.00001)
     ('p = 0.043', 'p < 0.001')

@@ -1,10 +1,10 @@
-"""Puts runs together into sections and agents.
+"""Group runs into sections and agents.
 
-A section has the runs that can share a table: those of one vehicle that met the same scenarios. An agent has the seeds of one
-configuration, paired with all others by test scenario.
+A section contains the runs that can share a table: runs of one vehicle on the same scenarios. An agent
+contains the seeds of one configuration, paired with all other agents by test scenario.
 
-Runs of one table met the same test, so the task, noise and disturbances of their configurations only say what they were
-trained with. A controller that learns nothing has no use for them: its runs that differ in nothing else are one agent.
+Runs of one table had the same test, so the task, noise and disturbances in their configurations only describe
+their training. They do not affect a controller: its runs that differ in nothing else are one agent.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ GROUPING = ("algo.name", "reward.k", "step.frequency")
 NOT_METRICS = ("condition", "outcome", "episode", "environment")
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
-"""beginnings of keys of a run that a protocol takes over into its test"""
+"""prefixes of run keys that a protocol copies into its test"""
 TASK = ", task "
-"""between a vehicle and its task in the subject of a section"""
+"""text between a vehicle and its task in the subject of a section"""
 
 
 def agents(
@@ -46,21 +46,22 @@ def agents(
     protocol: str = "test",
     condition: str = "nominal",
 ) -> tuple[list[Agent], list[Problem]]:
-    """Group evaluated runs by the values of `GROUPING` and of all other keys that vary among them.
+    """Group tested runs by the values of `GROUPING` and of all other keys that vary among them.
 
-    A training that failed is a seed without a success (`NO_POLICY`): a user may draw one that fails.
+    A failed training is a seed without a success (`NO_POLICY`): a user's training may fail, too.
 
     Args:
-        runs: as `load` returns them, of one vehicle and one set of scenarios (see `sections`).
+        runs: result of `load`, for one vehicle and one set of scenarios (see `sections`).
         protocol: name of the protocol.
         condition: name of the condition within it.
 
     Returns:
-        the agents in the order of their keys, and what is missing. `Agent.metrics` has every numeric column of
+        Agents in the order of their keys, and the problems. `Agent.metrics` has every numeric column of
+            episodes.csv and `time_to_goal_s` (NaN for a failed episode).
         episodes.csv and `time_to_goal_s` (NaN where the episode was no success).
 
     Raises:
-        ReportError: an unknown protocol or condition, or no run that can be reported.
+        ReportError: the protocol or condition is unknown, or no run can be reported.
     """
     known = set[str]().union(*(run.config.keys() for run in runs))
     keys = {key.removesuffix(".name"): key for key in GROUPING if key in known}
@@ -86,12 +87,12 @@ def agents(
 
 def frequency_fixed(tested: Iterable[np.ndarray[Any, Any]]) -> bool:
     """Return whether all test episodes had one step frequency."""
-    found = np.concatenate([np.empty(0), *map(np.ravel, tested)])
-    return np.unique(found[np.isfinite(found)]).size <= 1
+    frequencies = np.concatenate([np.empty(0), *map(np.ravel, tested)])
+    return np.unique(frequencies[np.isfinite(frequencies)]).size <= 1
 
 
 def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str], fixed: bool) -> list[list[RunRecord]]:
-    """Return the runs put together by the values of the keys that matter to them."""
+    """Return the runs grouped by the values of the keys that matter to them."""
     cells: dict[tuple[str, ...], list[RunRecord]] = {}
     for run in runs:
         values = (
@@ -108,7 +109,7 @@ def _key(run: RunRecord, keys: Mapping[str, str]) -> dict[str, Any]:
 def _rows(
     runs: Sequence[RunRecord], protocol: str, condition: str
 ) -> tuple[dict[str, pd.DataFrame], list[Problem]]:
-    """The condition's episodes by run id, all of the same scenarios in the same order."""
+    """Return the condition's episodes by run id, all with the same scenarios in the same order."""
     evaluated = [run for run in runs if protocol in run.evaluations]
     if not evaluated:
         raise ReportError(f"none of the {len(runs)} runs has a usable evaluation by protocol {protocol!r}")
@@ -147,7 +148,7 @@ def _rows(
 
 
 def failed_training(run: RunRecord) -> bool:
-    """Whether a training ended without a policy, by divergence for example; interrupted ones have not ended."""
+    """Return whether a training ended without a policy, e.g. by divergence; interrupted ones have not ended."""
     return run.state == "failed" and run_learns(run)
 
 
@@ -163,7 +164,7 @@ def _agent(
     some = next(iter(rows.values()))
     table = pd.concat(
         [rows[group[i].id] for i in tested] or [some.iloc[:0]], join="inner", ignore_index=True
-    )  # at once: a column by itself of each seed is slow
+    )  # at once: adding the columns one by one is slow
     words = table["outcome"].to_numpy()
     codes = np.select([words == name for name in OUTCOMES], list(range(len(OUTCOMES)))).astype(np.int8)
     outcome = np.full((len(group), len(some)), NO_POLICY, dtype=np.int8)
@@ -175,7 +176,7 @@ def _agent(
             values[tested] = np.array(table[column], dtype=np.float64).reshape(len(tested), len(some))
     _count_failures(str(group[0].config.get("task.name")), outcome, metrics, limit)
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
-    for column in of_the_scenario():  # a training that failed has those of all agents
+    for column in of_the_scenario():  # A failed training gets the columns of all agents.
         if column in metrics:
             # A copy's rows may lack the column.
             known = next(frame for frame in rows.values() if column in frame)
@@ -185,7 +186,9 @@ def _agent(
 
 
 def _count_failures(task: str, outcome: np.ndarray, metrics: dict[str, Any], limit: float) -> None:
-    """Write what failed episodes count as; rows of earlier versions have what was measured until the failure."""
+    """Set the values that failed episodes count as; rows of earlier versions have the value measured until
+    the failure.
+    """
     if task not in TASKS:
         return
     failed = np.isin(outcome, [OUTCOMES.index(name) for name in TASKS[task].failures])
@@ -195,10 +198,10 @@ def _count_failures(task: str, outcome: np.ndarray, metrics: dict[str, Any], lim
 
 
 SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)
-"""keys in which the seeds of one agent may differ: they do not change what was to be learned"""
+"""keys in which the seeds of one agent may differ, since they do not change the task to learn"""
 
 OF_LEARNING = ("train.", "reward.")
-"""beginnings of keys that mean nothing to a controller that learns nothing"""
+"""prefixes of keys without meaning for a controller"""
 
 
 def refined(
@@ -206,25 +209,26 @@ def refined(
     keys: Mapping[str, str],
     frequency_fixed: bool,
 ) -> dict[str, str]:
-    """Return the keys of a grouping, and as many more as tell apart what varied within its groups, by short name.
+    """Return the keys of a grouping, plus the keys that distinguish runs within its groups, by short name.
 
-    A folder of choices counts as one (`disturbance` for all that differs in `disturbance.*`) where its name differs.
-    `groups` are the runs that `keys` put together; `frequency_fixed` says that the test has one step frequency.
+    A configuration group counts as one key (`disturbance` for all differences in `disturbance.*`) if its name
+    differs. `groups` are the runs grouped by `keys`; `frequency_fixed` says whether the test has one step
+    frequency.
     """
     excused = set(keys.values())
-    found = dict(keys)
+    grouping = dict(keys)
     parts = [list(group) for group in groups]
     while varying := _varying(parts, excused, frequency_fixed):
         key = min(varying, key=lambda k: (not k.endswith(".name"), -varying[k], k))
-        found[key.removesuffix(".name")] = key
+        grouping[key.removesuffix(".name")] = key
         excused.add(key)
         parts = [part for group in parts for part in _split(group, key)]
-    return found
+    return grouping
 
 
 def _varying(groups: Iterable[Sequence[RunRecord]], excused: set[str], frequency_fixed: bool) -> Counter[str]:
-    """Return in how many of the groups each key varies."""
-    found = Counter[str]()
+    """Return the number of groups in which each key varies."""
+    counts = Counter[str]()
     for group in groups:
         first = group[0].config
         suspects = {
@@ -235,8 +239,8 @@ def _varying(groups: Iterable[Sequence[RunRecord]], excused: set[str], frequency
         }
         for key in suspects:
             values = {str(run.config.get(key)) for run in group if matters(key, run, frequency_fixed)}
-            found[key] += len(values) > 1
-    return +found
+            counts[key] += len(values) > 1
+    return +counts
 
 
 def _split(group: Sequence[RunRecord], key: str) -> list[list[RunRecord]]:
@@ -261,12 +265,12 @@ def matters(key: str, run: RunRecord, frequency_fixed: bool) -> bool:
 
 
 def trained(run: RunRecord) -> bool:
-    """Whether the run is a training; a controller has nothing to learn."""
+    """Return whether the run is a training, not a controller."""
     return run_learns(run) or has_training(run)
 
 
 def level(value: Any) -> Any:
-    """A value of the configuration as a level of a factor: a list (noise.sensor) as its text, to look it up by."""
+    """Return a configuration value as a level of a factor: a list (noise.sensor) becomes text, which can be a key."""
     return str(value) if isinstance(value, list) else value
 
 
@@ -277,46 +281,50 @@ class Section:
     title: str
     """'vehicle rexrov', 'vehicle rexrov, scenarios 1a2b3c4d'"""
     folder: str
-    """a name that a folder can have, no two sections the same"""
+    """valid and unique folder name"""
     vehicle: str
-    """and the task where it is not that of waypoints: 'rexrov', 'rexrov, task docking'"""
+    """vehicle, and the task unless it is the waypoint task: 'rexrov', 'rexrov, task docking'"""
     fingerprint: str
     runs: tuple[RunRecord, ...]
-    """those that were evaluated, and the others of the vehicle in its first section"""
+    """tested runs; the vehicle's first section also has its other runs"""
     problems: tuple[Problem, ...] = ()
-    """why its runs are not in another section's table, where that can be mended"""
+    """reasons why the runs are in a separate section, if that can be mended"""
 
 
 def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
-    """Runs by vehicle, task and fingerprint, the largest section first; at least one of them was evaluated.
+    """Return sections of runs by vehicle, task and fingerprint, the largest first; each has at least one
+    tested run.
 
-    A run without a usable evaluation goes to the first section of its vehicle, or else to the first of all.
+    A run without a usable evaluation goes to the first section of its vehicle, or else to the very first
+    section.
     """
-    found: dict[tuple[str, str], list[RunRecord]] = {}
+    cells: dict[tuple[str, str], list[RunRecord]] = {}
     for run in runs:
         if protocol in run.evaluations:
-            found.setdefault((subject_of(run), run.evaluations[protocol].fingerprint), []).append(run)
-    order = sorted(found, key=lambda cell: (-len(found[cell]), cell))
+            cells.setdefault((subject_of(run), run.evaluations[protocol].fingerprint), []).append(run)
+    order = sorted(cells, key=lambda cell: (-len(cells[cell]), cell))
     home = {vehicle: (vehicle, fingerprint) for vehicle, fingerprint in reversed(order)}
-    members = {cell: list(found[cell]) for cell in order}
+    members = {cell: list(cells[cell]) for cell in order}
     for run in runs:
         if protocol not in run.evaluations:
             members[home.get(subject_of(run), order[0])].append(run)
-    return [_section(cell, home[cell[0]], found, members[cell], protocol) for cell in order]
+    return [_section(cell, home[cell[0]], cells, members[cell], protocol) for cell in order]
 
 
 def subject_of(run: RunRecord) -> str:
-    """Return vehicle and task of a run; the waypoint task goes without saying."""
+    """Return vehicle and task of a run; the waypoint task is left out."""
     return declared.subject(run.config.get("vehicle.name", "vehicle"), task_of(run))
 
 
 def split_problems(problems: Iterable[Problem], parts: Sequence[Section]) -> list[list[Problem]]:
-    """The problems by the section whose run they are about; what is about no run stands with the first."""
+    """Return the problems of each section by the section of their run; problems without a run go to the first
+    section.
+    """
     place = {run.id: i for i, part in enumerate(parts) for run in part.runs}
-    found: list[list[Problem]] = [[] for _ in parts]
+    split: list[list[Problem]] = [[] for _ in parts]
     for problem in problems:
-        found[place.get(problem.where, 0)].append(problem)
-    return found
+        split[place.get(problem.where, 0)].append(problem)
+    return split
 
 
 def _section(
@@ -328,7 +336,7 @@ def _section(
 ) -> Section:
     subject, fingerprint = cell
     alone = [other for other in found if other[0] == subject] == [cell]
-    # Next to other tasks the waypoint task is named, too.
+    # Next to other tasks, the waypoint task is named as well.
     named = subject if TASK in subject or not any(TASK in s for s, _ in found) else f"{subject}{TASK}waypoint"
     title = f"vehicle {named}" if alone else f"vehicle {named}, scenarios {fingerprint[:8]}"
     folder = re.sub(r"[^\w.-]+", "_", subject if alone else f"{subject}-{fingerprint[:8]}").lstrip(".") or "_"
@@ -340,7 +348,7 @@ def _section(
 def _other_scenarios(
     cell: tuple[str, str], home: tuple[str, str], found: dict[tuple[str, str], list[RunRecord]], protocol: str
 ) -> Problem:
-    """Why runs of one vehicle have a section of their own, and what would unite them."""
+    """Return why some runs of one vehicle are in a separate section, and how to unite them."""
     here, there = found[cell], found[home]
     episodes = [len(runs[0].evaluations[protocol].episodes) for runs in (here, there)]
     message = (

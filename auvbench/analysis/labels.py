@@ -1,4 +1,4 @@
-"""Names of agents, as short as the grouping allows: 'PPO K=1', or 'PPO' where K is the same for all."""
+"""Name agents as briefly as the grouping allows: 'PPO K=1', or 'PPO' if K is the same for all."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from auvbench.registry import AGENTS
 from auvbench.untrusted.text import plain
 
 OF_THE_TEST = ("task.", "noise.", "disturbance.", "simulator.")
-"""beginnings of keys that a table's test fixes for all agents"""
+"""prefixes of keys that a table's test fixes for all agents"""
 OF_THE_AGENT = ("task.position_frame", "task.observation", "task.history", "task.preview")
-"""beginnings of keys of what an agent observes: no test changes it"""
+"""keys of an agent's observation, which no test changes"""
 OWN = "own"
-"""protocol that tests each run in its own task, noise and disturbances"""
+"""protocol that tests each run with its own task, noise and disturbances"""
 OBSERVATION = "task.observation"
 FREQUENCY = "step.frequency"
-"""the test fixes it unless a protocol leaves each run its own"""
+"""key that the test fixes unless a protocol leaves each run its own"""
 
 
 def is_fixed(key: str, frequency_fixed: bool) -> bool:
-    """Return whether the test of a table fixes a key, so that it only says what a run was trained with.
+    """Return whether the test of a table fixes a key, so that the key only describes a run's training.
 
     >>> is_fixed("disturbance", True), is_fixed("task.goal_radius", True), is_fixed("algo.gamma", True)
     (True, True, False)
@@ -38,16 +38,16 @@ def is_fixed(key: str, frequency_fixed: bool) -> bool:
 
 
 LONGEST = 80
-"""characters of a value in a label"""
+"""largest number of characters of a value in a label"""
 
 BY = {FREQUENCY: "at", "simulator": "in"}
-"""words before a value that an agent was trained with; any other has its name"""
+"""words before a value that an agent was trained with; other values follow their name"""
 
 Key = Mapping[str, Any]
 
 
 def part(name: str, value: Any) -> str:
-    """One value of the grouping as it stands in a label.
+    """Return one value of the grouping as text for a label.
 
     >>> part("algo", "crossq"), part("reward.k", 1.0), part("step.frequency", 25.0), part("algo.n_envs", 32)
     ('CrossQ', 'K=1', '25 Hz', 'n_envs=32')
@@ -63,7 +63,7 @@ def part(name: str, value: Any) -> str:
     shown = f"{value:g}" if isinstance(value, float) else "unset" if value is None else plain(str(value))
     if blocks := _words(value):
         shown = ", ".join(blocks)
-    if len(shown) > LONGEST:  # a list, say: its beginning and what tells it from others
+    if len(shown) > LONGEST:  # e.g. a list: show its beginning and a digest that distinguishes it
         shown = f"{shown[:LONGEST]}… ({hashlib.sha256(shown.encode()).hexdigest()[:6]})"
     if name == "reward.k":
         return f"K={shown}"
@@ -71,7 +71,7 @@ def part(name: str, value: Any) -> str:
         return f"{shown} Hz"
     if name == "train.total_steps" and isinstance(value, int | float):
         return f"{in_short(value)} steps"
-    if name in ("vehicle", "simulator"):  # a name that says what it names
+    if name in ("vehicle", "simulator"):  # the value explains itself
         return shown
     if name == "seed":
         return f"seed {shown}"
@@ -80,7 +80,7 @@ def part(name: str, value: Any) -> str:
 
 
 def title(algorithm: str) -> str:
-    """Return the name of an algorithm or preset in tables: the registry's title, and what the preset adds to it.
+    """Return the name of an algorithm or preset in tables: the registry's title, and the preset's suffix.
 
     >>> title("mpc_tuned"), title("ppo_residual"), title("ppo_tuned_60k"), title("my_agent")
     ('MPC, tuned', 'PPO added to PID', 'PPO, tuned 60k', 'my_agent')
@@ -98,7 +98,7 @@ def title(algorithm: str) -> str:
 
 
 def in_short(number: float) -> str:
-    """A large number with its thousands or millions as a letter.
+    """Return a large number with k or M for thousands or millions.
 
     >>> in_short(300_000), in_short(1_000_000), in_short(1_500_000), in_short(512)
     ('300k', '1M', '1.5M', '512')
@@ -112,14 +112,14 @@ def in_short(number: float) -> str:
 def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool = True) -> list[str]:
     """Return a unique label per key.
 
-    A value is left out where it is the same for all learners, or the usual one; a classical controller shows only what
-    varies among the agents of its own algorithm. What the test fixes for all stands behind "trained with". Of an
-    observation stands what it lacks of all that is observed.
+    A value is left out if it is the same for all learners, or the usual one; a controller shows only what
+    varies among the agents of its own algorithm. Values that the test fixes for all follow "trained with". An
+    observation is shown by the blocks that it lacks.
 
     Args:
-        keys: values by short name of a configuration key.
+        keys: values by short name of a configuration key, for each agent.
         learners: whether each agent learns.
-        frequency_fixed: whether the test has one step frequency for all.
+        frequency_fixed: whether the test has one step frequency for all agents.
     """
     if not keys:
         return []
@@ -141,14 +141,14 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
             or (n not in left_out and len({str(k[n]) for k in peers}) > 1 and not _foreign(n, key, keys))
         ]
         missing = unobserved(key.get(OBSERVATION), observations)
-        kept = ["unobserved" if n == OBSERVATION else n for n in shown if n != OBSERVATION or missing]
-        short.append(label_of({**key, "unobserved": missing}, kept, frequency_fixed))
+        names_shown = ["unobserved" if n == OBSERVATION else n for n in shown if n != OBSERVATION or missing]
+        short.append(label_of({**key, "unobserved": missing}, names_shown, frequency_fixed))
     full = [label_of(key, list(key), frequency_fixed) for key in keys]
     return [s if short.count(s) == 1 else f for s, f in zip(short, full, strict=True)]
 
 
 def unobserved(observation: Any, observations: Sequence[Any]) -> str:
-    """Return the blocks that an observation lacks of all that are observed.
+    """Return the blocks that an observation lacks, of all blocks that some agent observes.
 
     >>> unobserved("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
     'velocity, gravity'
@@ -158,7 +158,7 @@ def unobserved(observation: Any, observations: Sequence[Any]) -> str:
 
 
 def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
-    """Return the values, by key, that at least three of four learners share and others do not.
+    """Return the values, by key, that at least three of four learners share and other learners do not.
 
     >>> ppo = [{"algo": "ppo", "task.history": n} for n in (1, 1, 1, 4)]
     >>> usual(ppo, [True] * 4), usual(ppo[1:], [True] * 3)
@@ -167,25 +167,25 @@ def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
     trained = [key for key, learner in zip(keys, learners, strict=True) if learner]
     if len(trained) < 4:
         return {}
-    found = {}
+    values = {}
     for name in trained[0]:
-        if name in ("algo", OBSERVATION):  # of an observation stands what it lacks
+        if name in ("algo", OBSERVATION):  # an observation is shown by the blocks that it lacks
             continue
         value, count = Counter(str(key[name]) for key in trained).most_common(1)[0]
         first = next(key for key in trained if str(key[name]) == value)
         if 0.75 * len(trained) <= count < len(trained) and not _foreign(name, first, keys):
-            found[name] = first[name]
-    return found
+            values[name] = first[name]
+    return values
 
 
 def usual_sentence(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
-    """Return what the labels leave out, as a sentence below a table; none where they leave nothing out."""
+    """Return what the labels leave out, as a sentence below a table; empty if they leave out nothing."""
     shown = ", ".join(part(name, value) for name, value in usual(keys, learners).items())
     return [f"Learners whose names do not say otherwise: {shown}."] if shown else []
 
 
 def label_of(key: Key, names: Sequence[str], frequency_fixed: bool) -> str:
-    """Return a label of some values: 'PPO K=1, trained at 25 Hz in gazebo with disturbance=severe'."""
+    """Return a label for some values: 'PPO K=1, trained at 25 Hz in gazebo with disturbance=severe'."""
     fixed = [n for n in names if is_fixed(n, frequency_fixed)]
     own = " ".join(part(n, key[n]) for n in names if n not in fixed) or "all runs"
     words = [f"{BY[n]} {part(n, key[n])}" for n in BY if n in fixed]
@@ -195,7 +195,10 @@ def label_of(key: Key, names: Sequence[str], frequency_fixed: bool) -> str:
 
 
 def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:
-    """Whether a value belongs to another choice: `simulator.hydrodynamics` of a simulator of which none has it."""
+    """Return whether a value belongs to a different choice, e.g.
+
+    `simulator.hydrodynamics` if no agent's simulator has it.
+    """
     return any(
         name.startswith(f"{choice}.") and all(k[name] is None for k in keys if k[choice] == key[choice])
         for choice in key
@@ -203,12 +206,12 @@ def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:
 
 
 def _words(value: Any) -> list[str]:
-    """Return the words of a list that stands as its text, such as an observation; of anything else none."""
+    """Return the words of a list that is shown as text, such as an observation; empty for any other value."""
     return re.findall(r"'(\w+)'", value) if isinstance(value, str) and value.startswith("['") else []
 
 
 def sort_key(value: Any) -> tuple[int, float, str]:
-    """Return a key that sorts numbers by size, then words by the alphabet, nothing last."""
+    """Return a key that sorts numbers by size, then words alphabetically, missing values last."""
     if isinstance(value, int | float) and not math.isnan(value):
         return 0, float(value), ""
     return (2, 0.0, "") if value is None else (1, 0.0, str(value))

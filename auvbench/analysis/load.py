@@ -1,7 +1,7 @@
-"""Reads run directories for a report, and names what keeps a run, or a part of it, out of the tables.
+"""Read run directories for a report, and name what keeps a run, or a part of it, out of the tables.
 
-Nothing here stops at the first thing wrong: what can be read is returned, the rest comes back as `Problem`s.
-Format of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
+An error never stops the reading: readable runs are returned, and the rest is returned as `Problem`s. Format
+of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from auvbench.untrusted.text import short
 __all__ = ["agents", "available_protocols", "known", "load", "require"]
 
 NAMED = 3
-"""problems in the message that there is nothing to report"""
+"""number of problems in the message that there is nothing to report"""
 
 NUMBERS = (
     "reward.k",
@@ -50,41 +50,42 @@ NUMBERS = (
     "task.depth_high",
     "task.max_steps",
 )
-"""keys of a configuration that a report calculates with or sorts by"""
+"""configuration keys that a report calculates with or sorts by"""
 
 
 _Read = tuple[RunRecord | None, list[Problem]]
-"""a run, if it can be used, and what is wrong with it"""
+"""a run, if it can be used, and its problems"""
 
 
 def load(
     paths: Iterable[str | Path], protocol: str | Sequence[str] = "test", where: Sequence[str] = ()
 ) -> tuple[list[RunRecord], list[Problem]]:
-    """All runs under some paths, with their evaluations by the given protocols.
+    """Return all runs under some paths, with their evaluations by the given protocols.
 
     Args:
-        paths: run directories or folders above them.
-        protocol: name, or names, of the protocols whose evaluations are read. A complete run that lacks the
-            first of them is named as a problem; the others may be absent.
-        where: terms that a run must meet, as of `auvbench.runs.run_filter`: ["vehicle=rexrov", "reward.k=1,40"].
+        paths: run directories, or folders that contain them.
+        protocol: names of the protocols whose evaluations are read. A complete run without the first protocol
+            is a problem; the others may be absent.
+        where: terms that a run must match, as in `auvbench.runs.run_filter`: ["vehicle=rexrov",
+            "reward.k=1,40"].
 
     Returns:
-        the runs sorted by id, failed and unfinished ones included (without evaluations), and the problems.
+        Runs sorted by id, including failed and unfinished ones (without evaluations), and the problems.
 
     Raises:
-        ReportError: a path does not exist, or there is not one readable run under all of them.
-        UserError: a term of `where` names what no run has.
+        ReportError: a path does not exist, or no run under the paths is readable.
+        UserError: a term of `where` has a key or value that no run has.
     """
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     problems: list[Problem] = []
-    found = _found(paths, problems)
-    if not found:
+    records = _found(paths, problems)
+    if not records:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
-    found = _with_later_keys(found)
+    records = _with_later_keys(records)
     if where:
-        found = filters.select(found, filters.parse(where), _facts)
-    read = [_with_evaluations(run, protocols) for run in found]
+        records = filters.select(records, filters.parse(where), _facts)
+    read = [_with_evaluations(run, protocols) for run in records]
     runs = _collect(_one_per_id(read, protocols[0]), problems)
     return runs, problems
 
@@ -95,12 +96,12 @@ def known(paths: Iterable[str | Path]) -> list[RunRecord]:
 
 
 def _found(paths: Iterable[str | Path], problems: list[Problem]) -> list[RunRecord]:
-    """Return the readable runs; what is wrong with others is added to `problems`."""
+    """Return the readable runs, and add the problems of others to `problems`."""
     sources = list(_directories(paths, problems))
-    found = _collect((_read_run(source) for source in sources if not is_archive(source)), problems)
+    runs = _collect((_read_run(source) for source in sources if not is_archive(source)), problems)
     for study in filter(is_archive, sources):
-        found += _collect(_read_study(study), problems)
-    return found
+        runs += _collect(_read_study(study), problems)
+    return runs
 
 
 def _facts(run: RunRecord) -> dict[str, Any]:
@@ -109,7 +110,7 @@ def _facts(run: RunRecord) -> dict[str, Any]:
 
 
 def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
-    """The runs there are; what was wrong is added to `problems`."""
+    """Return the runs, and add their problems to `problems`."""
     runs = []
     for run, found in read:
         problems += found
@@ -119,9 +120,9 @@ def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
 
 
 def _with_later_keys(runs: Sequence[RunRecord]) -> list[RunRecord]:
-    """Give runs of earlier versions the keys that runs of the same algorithm and task have since.
+    """Add keys of later versions to runs of earlier versions of the same algorithm and task.
 
-    The value is the one under which nothing changes, so that seeds of both versions are one agent.
+    The value is the one that changes nothing, so that seeds of both versions are one agent.
     """
     unchanged = filters.flat(LATER)
     kinds = [(run.config.get("algo.name"), run.config.get("task.name")) for run in runs]
@@ -135,24 +136,24 @@ def _with_later_keys(runs: Sequence[RunRecord]) -> list[RunRecord]:
 
 
 def available_protocols(runs: Iterable[RunRecord]) -> list[str]:
-    """Names of the protocols by which at least one of the runs was evaluated."""
+    """Return the names of the protocols by which at least one run was tested."""
     return sorted({name for run in runs for name in protocols_of(run)})
 
 
 def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: str) -> None:
-    """Says why there is nothing to report by a protocol, where no run has a usable evaluation by it.
+    """Raise an error if no run has a usable evaluation by a protocol.
 
     Raises:
-        ReportError: naming the protocols there are, or else the first of the problems.
+        ReportError: names the available protocols, or the first problem.
     """
     if any(protocol in run.evaluations for run in runs):
         return
-    there = available_protocols(runs)
-    if not there and protocol not in (known := options("protocol")):
+    protocols = available_protocols(runs)
+    if not protocols and protocol not in (known := options("protocol")):
         raise ReportError(f"--protocol {protocol}: no such protocol; {closest(protocol, known)}")
-    if there and protocol not in there:
+    if protocols and protocol not in protocols:
         raise ReportError(
-            f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, there)}"
+            f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, protocols)}"
         )
     untested = [
         run.directory
@@ -178,16 +179,14 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
             raise ReportError(missing(path))
         if path.is_file():
             if path.name not in ("manifest.json", "config.yaml"):
-                raise ReportError(
-                    f"{path}: a file, and no run; name a run directory or a folder that holds some"
-                )
+                raise ReportError(f"{path}: is a file, not a run; name a run directory or a folder of runs")
             path = path.parent
-        found = 0
+        count = 0
         for folder, folders, files in os.walk(path):
             here = Path(folder)
             if is_archive(here) or "manifest.json" in files:
-                folders.clear()  # nothing below a run is a run
-                found += 1
+                folders.clear()  # folders below a run are not runs
+                count += 1
                 if (real := here.resolve()) not in seen:
                     seen.add(real)
                     yield here
@@ -196,7 +195,7 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
                 problems.append(Problem(str(here), "damaged", "config.yaml without a manifest.json"))
             else:
                 folders[:] = sorted(f for f in folders if f != "report" and not f.startswith("."))
-        if not found:
+        if not count:
             problems.append(Problem(str(path), "missing", "no run here (no folder with a manifest.json)"))
 
 
@@ -217,23 +216,23 @@ def _read_study(folder: Path) -> list[_Read]:
         archive = Archive(folder)
     except Damage as damage:
         return [(None, [Problem(str(folder), damage.kind, str(damage))])]
-    found: list[_Read] = []
+    results: list[_Read] = []
     for name in archive.ids():
         try:
             with named(f"{RUNS}: manifest of {short(name, 60)}"):
                 manifest = integrity.checked(archive.document(name, "manifest"), integrity.Manifest)
             config = archive.document(name, "config")
             archive.summaries(name)
-            found.append((_record(child(folder, name), manifest, config, archive), []))
+            results.append((_record(child(folder, name), manifest, config, archive), []))
         except (Damage, ValueError) as damage:
             kind = getattr(damage, "kind", "damaged")
-            found.append((None, [Problem(f"{folder}: {name}", kind, str(damage))]))
-    return found
+            results.append((None, [Problem(f"{folder}: {name}", kind, str(damage))]))
+    return results
 
 
 def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Archive | None) -> RunRecord:
     if not is_name(manifest["id"]) or not is_plain(manifest["id"]):
-        raise Damage(f"manifest.json has the id {_brief(manifest['id'])}, which is no name")
+        raise Damage(f"manifest.json has the id {_brief(manifest['id'])}, which is not a valid name")
     if archive is not None and manifest["id"] != directory.name:
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
@@ -259,27 +258,28 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
 
 
 def _flattened(config: Any) -> dict[str, Any]:
-    """Return a configuration by dotted keys; the values that labels and groups need have the right type."""
+    """Return a configuration by dotted keys; values that labels and groups need have the right type."""
     if not isinstance(config, dict):
         raise Damage("config.yaml is empty")
-    with named("config.yaml"):  # an anchor may hold itself
+    with named("config.yaml"):  # an anchor may contain itself
         flat = filters.flat(config)
     if not is_name(algo := flat.get("algo.name")):
         raise Damage(f"config.yaml is not that of a run (algo.name is {_brief(algo)}, not a name)")
     for key, value in flat.items():
         if isinstance(value, str) and value and _is_shown(key) and not is_name(value):
             raise Damage(
-                f"config.yaml has the {short(key, 60)} {_brief(value)} ({len(value):,} characters), which is no name"
+                f"config.yaml has the {short(key, 60)} {_brief(value)} ({len(value):,} characters), which "
+                "is not a valid name"
             )
     for key in NUMBERS:
         value = flat.get(key)
         if value is not None and (type(value) not in (int, float) or not abs(value) <= LARGEST):
-            raise Damage(f"config.yaml has the {key} {_brief(value)}, which is no number")
+            raise Damage(f"config.yaml has the {key} {_brief(value)}, which is not a number")
     return flat
 
 
 def _is_shown(key: str) -> bool:
-    """Whether a report may show the text: sheets hold sources and remarks, and paths may be long."""
+    """Return whether a report may show the text: sheets contain sources and remarks, and paths may be long."""
     return key in ("vehicle.name", "vehicle.title") or not key.startswith(
         ("vehicle.", "output", "launcher.", "algo.path")
     )
@@ -290,12 +290,12 @@ def _brief(value: Any) -> str:
 
 
 def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
-    """One run per id, in the order of the ids. Of copies the fullest counts.
+    """Yield one run per id, sorted by id; of several copies, the most complete one counts.
 
-    The order: complete, evaluated, by more protocols, a run directory before a published study, the last that ended, the last
-    folder by name.
+    The order of preference: complete, tested, by more protocols, a run directory before a published study,
+    the latest end, the last folder by name.
 
-    What is wrong with the copies that do not count keeps nothing out of the tables, and is not said.
+    Problems of the other copies are not reported, since they keep nothing out of the tables.
     """
     by_id: dict[str, list[tuple[RunRecord, list[Problem]]]] = {}
     for run, problems in read:
@@ -320,7 +320,7 @@ def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
 
 
 def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
-    """The run with its evaluations read; a failed or unfinished one keeps none."""
+    """Return the run with its evaluations; a failed or unfinished run gets none."""
     if run.state != "complete":
         return run, [_why_not(run)]
     evaluations = {}
@@ -332,9 +332,9 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
                 problems.append(Problem(run.id, "missing", f"no evaluation by protocol {name}: {hint}"))
             continue
         try:
-            found = evaluation_of(run, name)
-            check_belongs(run.manifest, found)
-            evaluations[name] = found
+            evaluation = evaluation_of(run, name)
+            check_belongs(run.manifest, evaluation)
+            evaluations[name] = evaluation
         except Damage as damage:
             problems.append(Problem(run.id, damage.kind, f"evaluation {name}: {damage}"))
     return replace(run, evaluations=evaluations), problems

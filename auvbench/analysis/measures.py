@@ -1,4 +1,4 @@
-"""The measures by which agents are ranked: values per episode, better direction, possible range."""
+"""Define the measures by which agents are ranked: values per episode, better direction, possible range."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
 
 UNKNOWN = Metric("unknown", "", "", "", better="higher", low=-math.inf)
-"""a column that is not in the registry"""
+"""metric of an unregistered column"""
 
 LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
-"""columns bounded by the step limit of the task, times through the frequency"""
+"""columns limited by the step limit of the task; times, through the frequency"""
 
 SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
 
 def metric_of(column: str) -> Metric | None:
-    """Return the metric of a column that describes the agent; None where it is not in the registry."""
+    """Return the metric of a column that describes the agent; None if it is not registered."""
     return next((m for m in METRICS if m.name == column and m.kind in ("episode", "derived")), None)
 
 
 def of_the_scenario() -> tuple[str, ...]:
-    """Return the columns of the scenario, the same for every agent."""
+    """Return the columns of the scenario, which are the same for every agent."""
     return ("frequency_hz", *columns("scenario"))
 
 
@@ -42,14 +42,14 @@ class Measure:
     name: str
     """success_rate, collision_rate, timeout_rate, mean_<column>, par1_steps, par2_time_s, ..."""
     column: str
-    """outcome or a column of episodes.csv"""
+    """outcome, or a column of episodes.csv"""
     higher_is_better: bool
     rate: bool
     penalty: float = 0.0
-    """value of a failure in step or time limits; 0: its own value"""
+    """value of a failure as a multiple of the step or time limit; 0: its own value"""
 
     def values(self, agent: Agent) -> FloatArray:
-        """Return the values (seeds, episodes) of an agent; NaN where it lacks the column."""
+        """Return the values (seeds, episodes) of an agent; NaN if it lacks the column."""
         if self.rate:
             return np.asarray(
                 agent.outcome == OUTCOMES.index(self.name.removesuffix("_rate")), dtype=np.float64
@@ -58,18 +58,18 @@ class Measure:
             return np.full(agent.outcome.shape, np.nan)
         measured = np.asarray(agent.metrics[self.column], dtype=np.float64)
         if not self.penalty:
-            # A training without a policy fails in each episode, where that has a value.
+            # A training without a policy fails in each episode, if failures have a value.
             return np.where(agent.outcome == NO_POLICY, self.failure(agent), measured)
         failed = agent.outcome != SUCCESS
         limit = _limit(agent, self.column)
         if (
             failed.any() and not np.isfinite(limit).all()
-        ):  # a mean over its successes would be no penalised mean
+        ):  # a mean over only its successes would not be a penalised mean
             return np.full(agent.outcome.shape, np.nan)
         return np.where(failed, self.penalty * limit, measured)
 
     def failure(self, agent: Agent) -> float:
-        """Return the value that a failed episode counts as; NaN where it counts as what it measured."""
+        """Return the value that a failed episode counts as; NaN if it counts as measured."""
         if self.rate:
             return float(self.name != "success_rate")
         if self.penalty:
@@ -79,7 +79,7 @@ class Measure:
         return float(bounds) if isinstance(bounds, int | float) else math.nan
 
     def bounds(self, agents: Sequence[Agent]) -> tuple[FloatArray, FloatArray]:
-        """Return the least and the largest possible mean (n,) of each agent."""
+        """Return the smallest and the largest possible mean (n,) of each agent."""
         kind = metric_of(self.column) or UNKNOWN
         least, most = np.full(len(agents), kind.low), np.full(len(agents), kind.high)
         if self.penalty:
@@ -99,12 +99,12 @@ class Measure:
 
     @property
     def sign(self) -> float:
-        """1 where higher is better, else -1."""
+        """Return 1 if higher is better, else -1."""
         return 1.0 if self.higher_is_better else -1.0
 
     @property
     def scale(self) -> float:
-        """100 for a rate, which a reader sees in percent, else 1."""
+        """Return 100 for a rate, which tables show in percent, else 1."""
         return 100.0 if self.rate else 1.0
 
 
@@ -114,14 +114,15 @@ PENALISED = tuple(
     for name, column in (("steps", "steps"), ("time_s", "duration_s"))
     for penalty in (1, 2)
 )
-"""Penalised means: a failure counts as the limit (PAR-1) or twice that (PAR-2), the penalised average runtime of
-algorithm selection (Hutter, Hoos & Leyton-Brown 2011, LION 5; PAR-10 is usual there)."""
+"""Penalised means: a failure counts as the limit (PAR-1) or twice the limit (PAR-2), as the penalised average
+runtime in algorithm selection (Hutter, Hoos & Leyton-Brown 2011, LION 5, who use PAR-10).
+"""
 RANKED_AS = {
     "mean_steps": "par1_steps",
     "mean_duration_s": "par1_time_s",
     "mean_time_to_goal_s": "par1_time_s",
 }
-"""measures that rank in place of a mean that quick failures improve, or that leaves failures out"""
+"""ranking measures that replace a mean which quick failures would improve, or which leaves failures out"""
 
 
 def measures() -> dict[str, Measure]:
@@ -137,7 +138,7 @@ def _limit(agent: Agent, column: str) -> FloatArray:
     limit = np.asarray(agent.step_limit)
     if column == "steps":
         return limit
-    # Seconds. A seed without a policy has the frequency of the others, which met the same scenarios.
+    # Seconds. A seed without a policy has the frequency of the other seeds, which met the same scenarios.
     frequency = np.asarray(agent.metrics.get("frequency_hz", np.nan), dtype=np.float64)
     known = frequency[np.isfinite(frequency)]
     return limit / np.where(np.isfinite(frequency), frequency, known.min() if known.size else np.nan)
@@ -147,27 +148,28 @@ def measure(name: str, option: str = "--rank-by") -> Measure:
     """Return a measure by name.
 
     Raises:
-        ReportError: the name is unknown; the error has the closest one.
+        ReportError: the name is unknown; the error suggests the closest one.
     """
     known = measures()
     if name not in known:
         raise ReportError(
-            f"{option} {name!r} is no measure; {closest(name, known)} (auvbench report --help explains each)"
+            f"{option} {name!r} is not a measure; {closest(name, known)} (auvbench report --help explains each)"
         )
     return known[name]
 
 
 def to_rank_by(name: str, option: str = "--rank-by") -> Measure:
-    """Return the measure that ranks for `name`, so that failures count (`RANKED_AS`).
+    """Return the measure that ranks for `name`, in which failures count (`RANKED_AS`).
 
     Raises:
-        ReportError: as `measure`.
+        ReportError: see `measure`.
     """
     return measure(RANKED_AS.get(name, name), option)
 
 
 def in_unit(margin: float | None, name: str) -> float | None:
-    """Return a margin of the command line as the tables' value: percentage points of a rate become a fraction.
+    """Convert a margin from the command line to the unit of the tables: percentage points of a rate become a
+    fraction.
 
     >>> in_unit(2.0, "success_rate"), in_unit(30.0, "mean_steps")
     (0.02, 30.0)
@@ -176,11 +178,13 @@ def in_unit(margin: float | None, name: str) -> float | None:
 
 
 def all_measures(agents: Sequence[Agent]) -> list[Measure]:
-    """Return the measures that at least one agent has, also of unknown columns, which never rank."""
+    """Return the measures that at least one agent has, including measures of unregistered columns, which
+    never rank.
+    """
     scenario, known = of_the_scenario(), measures()
-    found = {c: None for agent in agents for c in agent.metrics if c not in scenario}
-    means = [known.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in found]
+    columns = {c: None for agent in agents for c in agent.metrics if c not in scenario}
+    means = [known.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in columns]
     named = {str(agent.runs[0].config.get("task.name")) for agent in agents if agent.runs}
     ends = {end for name in named for end in TASKS.get(name, TASKS["waypoint"]).outcomes}
     rates = [m for m in RATES if m.name.removesuffix("_rate") in ends] if ends else RATES
-    return [*rates, *means, *(m for m in PENALISED if m.column in found)]
+    return [*rates, *means, *(m for m in PENALISED if m.column in columns)]

@@ -1,4 +1,4 @@
-"""Names that an analysis gives to agents, in place of the labels that are made from their configurations."""
+"""Apply the names that an analysis gives to agents, instead of labels made from their configurations."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ def name_agents(runs: Sequence[RunRecord], names: Mapping[str, str]) -> list[Run
     """Return the runs with the names of their agents.
 
     Args:
-        runs: as they were loaded.
-        names: terms of `--where`, separated by spaces, by name: {"PPO, no currents": "algo=ppo disturbance.current.speed_high=null"}.
-            A run that several names fit has the first.
+        runs: loaded runs.
+        names: terms of `--where`, separated by spaces, by name: {"PPO, no currents": "algo=ppo
+            disturbance.current.speed_high=null"}. A run that matches several names gets the first.
 
     Raises:
         ReportError: a term is not KEY=VALUE.
@@ -40,10 +40,10 @@ def _fits(run: RunRecord, terms: Sequence[run_filter.Term]) -> bool:
 
 
 def with_names(labels: Sequence[str], agents: Sequence[Sequence[RunRecord]]) -> list[str]:
-    """Return the labels of agents, each replaced by the name that all runs of the agent have.
+    """Return the labels of agents; a label is replaced by the name that all runs of the agent have.
 
     Raises:
-        ReportError: one name fits several agents.
+        ReportError: several agents have the same name.
     """
     names = [{run.name for run in runs} for runs in agents]
     named = [next(iter(own)) if len(own) == 1 else "" for own in names]

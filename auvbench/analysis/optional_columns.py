@@ -1,9 +1,10 @@
-"""Optional columns: computing time of actions and trainings, time over the best known time, and any measure.
+"""Compute optional columns: computing time of actions and trainings, time over the best known time, and any
+measure.
 
-The best known time of a scenario (`auvbench bound`) is that of a trajectory which arrives in the simulator: one found by
-optimal control, or that of the quickest agent. The true optimum is no longer, so an agent takes at least this many times
-the optimum. The ratio is over successes, as a geometric mean, which does not depend on the denominator (Fleming and
-Wallace 1986, CACM 29:218).
+The best known time of a scenario (`auvbench bound`) is the time of a trajectory that reaches the goal in the
+simulator: one that optimal control found, or the quickest agent's. The true optimum is at most this time, so
+the ratio to the optimum is at least the ratio shown. The ratio is a geometric mean over successes, which does
+not depend on the denominator (Fleming and Wallace 1986, CACM 29:218).
 """
 
 from __future__ import annotations
@@ -25,23 +26,23 @@ from auvbench.statistics.intervals import Estimate, FloatArray
 
 ACTION, TRAINING, OVER_BEST_KNOWN = "action_ms", "training_cpu_s", "time_over_best_known"
 COLUMNS = (ACTION, TRAINING, OVER_BEST_KNOWN)
-"""names of --columns, in addition to the measures; `add_optimality` computes the last"""
+"""names of --columns, in addition to the measures; `add_optimality` computes the last one"""
 
 
 def action_time(agent: Agent, protocol: str) -> Estimate | None:
-    """Return the processor time of an action in ms, the mean over runs; None where one was not timed."""
+    """Return the processor time of an action in ms, the mean over runs; None if a run was not timed."""
     timed = _timed(agent, protocol)
     return _mean([found["median_ms"] for found in timed]) if all(timed) else None
 
 
 def training_time(agent: Agent) -> Estimate | None:
-    """Return the processor time of a training in s, the mean over runs; None where one is unknown."""
+    """Return the processor time of a training in s, the mean over runs; None if a run's time is unknown."""
     times = [run.manifest.get("cpu_time_s") for run in agent.runs]
     return _mean([time for time in times if time]) if learns(agent) and all(times) else None
 
 
 def _timed(agent: Agent, protocol: str) -> list[Any]:
-    """Return the time of an action in the test of each run; None where it failed."""
+    """Return the time of an action in the test of each run; None if the timing failed."""
     return [r.evaluations[protocol].summary["inference"] for r in agent.runs if protocol in r.evaluations]
 
 
@@ -50,14 +51,14 @@ def _mean(found: Sequence[float]) -> Estimate | None:
 
 
 def machines(agents: Sequence[Agent], protocol: str, columns: Sequence[str]) -> tuple[str, ...]:
-    """Return a caution for each column of times that were taken on several kinds of processor."""
-    found = {"an action": {t["cpu"] for agent in agents for t in _timed(agent, protocol) if t}}
+    """Return a caution for each column of times from several kinds of processor."""
+    processors = {"an action": {t["cpu"] for agent in agents for t in _timed(agent, protocol) if t}}
     if TRAINING in columns:
         hosts = (run.manifest.get("host") for agent in agents if learns(agent) for run in agent.runs)
-        found["a training"] = {str(host.get("cpu")) for host in hosts if host}
+        processors["a training"] = {str(host.get("cpu")) for host in hosts if host}
     return tuple(
         f"Times of {what} are of different processors and do not compare: {', '.join(sorted(names))}."
-        for what, names in found.items()
+        for what, names in processors.items()
         if len(names) > 1
     )
 
@@ -66,7 +67,7 @@ def validate_columns(names: Sequence[str]) -> None:
     """Validate the names of --columns: optional columns and measures.
 
     Raises:
-        ReportError: there is no column of that name.
+        ReportError: a name is unknown.
     """
     known = [*COLUMNS, *measures()]
     for name in names:
@@ -75,53 +76,56 @@ def validate_columns(names: Sequence[str]) -> None:
 
 
 def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]) -> Ranking:
-    """Return the ranking with the time of an action and further columns; an agent without a value of one gets none.
+    """Return the ranking with the time of an action and further columns; an agent without a value has an
+    empty cell.
 
-    `names` are valid (`validate_columns`).
+    `names` must be valid (`validate_columns`).
     """
     rows = []
     for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
         times = {ACTION: action_time(agent, ranking.protocol)}
         if TRAINING in names:
             times[TRAINING] = training_time(agent)
-        found = {name: time for name, time in times.items() if time is not None}
-        rows.append(replace(row, estimates={**row.estimates, **found}))
+        columns = {name: time for name, time in times.items() if time is not None}
+        rows.append(replace(row, estimates={**row.estimates, **columns}))
     return replace(
         ranking, rows=tuple(rows), columns=tuple(names), machines=machines(agents, ranking.protocol, names)
     )
 
 
 def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
-    """Return the ranking with its limit and each agent's time over it, or with the line that says why there is none."""
+    """Return the ranking with its limit and each agent's time over the limit, or with the reason why there is
+    no limit.
+    """
     vehicles = {str(run.config.get("vehicle.name") or "") for agent in agents for run in agent.runs}
     name = vehicles.pop()
     if vehicles or not files.is_name(name) or not files.is_name(ranking.protocol):
         return replace(ranking, no_limit="No limit: the runs do not name one vehicle.")
-    # `bounds` in the folder of the runs' experiments, where `auvbench bound` writes.
+    # The folder `bounds` next to the runs' experiments, where `auvbench bound` writes.
     parents = {run.directory.absolute().parent.parent for agent in agents for run in agent.runs}
     roots = [parent / files.FOLDER for parent in sorted(parents)[:4]]
     limits, unusable = files.find(ranking.protocol, name, ranking.fingerprint, roots)
-    held = [] if limits is None else limits.condition(ranking.condition)
-    # Episodes are whole numbers from 0 in the order of the columns; a table refuses others.
-    if [bound.episode for bound in held] != list(range(len(agents[0].outcome[0]))):
+    bounds = [] if limits is None else limits.condition(ranking.condition)
+    # Episodes must be numbered from 0 in the order of the columns.
+    if [bound.episode for bound in bounds] != list(range(len(agents[0].outcome[0]))):
         return replace(ranking, no_limit=_none(ranking, name, limits, unusable))
-    steps, least, frequency = np.array([(b.steps, b.least_steps, b.frequency_hz) for b in held]).T
+    steps, least, frequency = np.array([(b.steps, b.least_steps, b.frequency_hz) for b in bounds]).T
     best, proven = steps / frequency, least / frequency
     for agent in agents:
         times = agent.metrics.get("time_to_goal_s")
         if times is not None:
             quickest = np.min(np.where(np.isfinite(times), times, np.inf), axis=0)
-            # Times are multiples of a step: what is less is rounding.
+            # Times are multiples of a step: a smaller difference is rounding.
             best = np.where(best - quickest > 1e-6, quickest, best)
     rows = []
     for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
-        found = over(agent, best, ranking.confidence)
+        ratio = over(agent, best, ranking.confidence)
         rows.append(
-            row if found is None else replace(row, estimates={**row.estimates, OVER_BEST_KNOWN: found})
+            row if ratio is None else replace(row, estimates={**row.estimates, OVER_BEST_KNOWN: ratio})
         )
     limit = Limit(
         seconds=float(best.mean()),
-        steps=float(best.mean() * held[0].frequency_hz),
+        steps=float(best.mean() * bounds[0].frequency_hz),
         proven_seconds=float(proven.mean()),
         gap=float(np.median(best / proven)),
         episodes=len(best),
@@ -130,7 +134,9 @@ def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
 
 
 def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
-    """Return the geometric mean of time to goal over the best known (n,) s, over successes; None without successes."""
+    """Return the geometric mean of time to goal over the best known (n,) s, over successes; None without
+    successes.
+    """
     times = agent.metrics.get("time_to_goal_s")
     if times is None:
         return None
@@ -139,10 +145,12 @@ def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
     logs = np.where(np.isfinite(logs), logs, np.nan)
     if not np.isfinite(logs).any():
         return None
-    # The limit is no longer than any agent's time, so a ratio is no less than 1.
+    # The limit is at most any agent's time, so a ratio is at least 1.
     table = crossed([logs], paired=False, bounds=(0.0, np.inf))
-    found = st.means(table, confidence)[0]
-    return replace(found, value=math.exp(found.value), low=math.exp(found.low), high=math.exp(found.high))
+    estimate = st.means(table, confidence)[0]
+    return replace(
+        estimate, value=math.exp(estimate.value), low=math.exp(estimate.low), high=math.exp(estimate.high)
+    )
 
 
 def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, unusable: Sequence[str]) -> str:
@@ -157,7 +165,7 @@ def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, unusable:
 
 
 def sentences(limit: Limit) -> list[str]:
-    """Return what stands below a table: what the column is, and the limit itself, which has no rank."""
+    """Return the notes below a table: the meaning of the column, and the limit, which has no rank."""
     return [
         "Time over best known: time to goal over the best known time of the scenario, geometric mean over successes; read "
         "it with the success rate. The optimum is at most the best known time, so the ratio to it is at least this one.",

@@ -1,4 +1,4 @@
-"""Tests of all pairs of agents on one measure, and what they allow to say of each pair."""
+"""Test all pairs of agents on one measure, and derive a verdict for each pair."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ BETTER, WORSE, UNDECIDED = "better", "worse", "undecided"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tests:
-    """All pairs of n agents on one measure, (n, n) each; NaN where there is no test."""
+    """Tests of all pairs of n agents on one measure, (n, n) each; NaN for a pair without a test."""
 
     typical: Typical
     confidence: float
     p: FloatArray
     adjusted: FloatArray
-    """by Holm over all pairs"""
+    """p-values adjusted by Holm over all pairs"""
 
     @property
     def measure(self) -> Measure:
-        """Return what the agents are compared in."""
+        """Return the measure that the agents are compared in."""
         return self.typical.measure
 
     @property
     def resolved(self) -> BoolArray:
-        """(n, n) Pairs that differ."""
+        """Return (n, n) the pairs that differ."""
         return np.asarray(self.adjusted < 1 - self.confidence)
 
     def verdict(self, i: int, j: int) -> str:
-        """Return what may be said of agent i against agent j."""
+        """Return the verdict on agent i against agent j."""
         if not self.resolved[i, j]:
             return UNDECIDED
         value = self.typical.value
@@ -48,7 +48,7 @@ class Tests:
     def comparisons(
         self, agents: Sequence[Agent], listed: Sequence[tuple[int, int]]
     ) -> tuple[Comparison, ...]:
-        """Return the listed pairs as a reader sees them."""
+        """Return the listed pairs as comparisons for the report."""
         tested = int(np.isfinite(self.p[np.triu_indices(len(self.p), 1)]).sum())
         needed = trainings_needed(max(tested, 1), 1 - self.confidence)
         return tuple(
@@ -68,12 +68,12 @@ class Tests:
 
 
 def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confidence: float) -> Tests:
-    """Test all pairs of the agents (n,) that are `compared`; all verdicts hold together with the confidence."""
-    found = Typical(agents, m)
+    """Test all pairs of the agents (n,) that are `compared`; all verdicts hold simultaneously with the confidence."""
+    typical = Typical(agents, m)
     p = np.full((len(agents), len(agents)), np.nan)
     for i, j in combinations(np.flatnonzero(compared).tolist(), 2):
-        p[i, j] = p[j, i] = found.p_value(i, j)
-    return Tests(found, confidence, p, _holm(p))
+        p[i, j] = p[j, i] = typical.p_value(i, j)
+    return Tests(typical, confidence, p, _holm(p))
 
 
 def _holm(p: FloatArray) -> FloatArray:
@@ -86,11 +86,12 @@ def _holm(p: FloatArray) -> FloatArray:
 
 
 def rank_intervals(value: FloatArray, resolved: BoolArray) -> list[tuple[int, int]]:
-    """Return for each agent the ranks from 1 + its resolved superiors to n - its resolved inferiors.
+    """Return for each agent the ranks from 1 + (resolved superiors) to n - (resolved inferiors).
 
-    Because the tests of all pairs hold together, so do these intervals: Mogstad, Romano, Shaikh & Wilhelm (2024,
-    Rev. Econ. Stud. 91:476). Bootstrapped ranks do not have that property near ties (Xie, Singh & Zhang 2009).
-    An agent that is not compared may have any rank, and leaves one open to all others.
+    The tests of all pairs hold simultaneously, so these intervals do as well: Mogstad, Romano, Shaikh &
+    Wilhelm (2024, Rev. Econ. Stud. 91:476). Bootstrapped ranks do not have that property near ties (Xie,
+    Singh & Zhang 2009). An agent that is not compared may have any rank, and leaves one rank open to all
+    others.
     """
     better, worse = value[:, None] < value[None, :], value[:, None] > value[None, :]
     first = 1 + (resolved & better).sum(axis=1)

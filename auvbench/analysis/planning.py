@@ -1,4 +1,4 @@
-"""Plan seeds and episodes: from the spread of trainings that are there to the number that resolves a difference."""
+"""Plan seeds and episodes: from the spread of existing trainings to the number that resolves a difference."""
 
 from __future__ import annotations
 
@@ -16,44 +16,44 @@ from auvbench.statistics import power as st
 from auvbench.statistics.intervals import FloatArray, quantile
 
 LEAST, MOST = 0.005, 0.995
-"""rates that are planned for"""
+"""limits of the rates in a plan"""
 POWER = 0.8
 MOST_EPISODES = 100_000
-"""beyond which no number of test episodes is named"""
+"""largest number of test episodes in a plan"""
 
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """What a plan is made for: where trainings come from, and the two typical values that are to be told apart."""
+    """Basis of a plan: the distribution of trainings, and the two typical values to tell apart."""
 
     model: st.Model
     cautious: st.Model | None
-    """trainings that differ as much as the data allow at most; None where the spread was typed"""
+    """trainings with the largest spread that the data allow; None if the spread was typed"""
     values: tuple[float, float]
     spread: st.SeedSpread
     agents: int
-    """that the spread was taken from; 0 where it was typed"""
+    """number of agents that the spread comes from; 0 if it was typed"""
     against_controller: bool = True
-    """whether one of the two is a controller, as the usual baseline is"""
+    """whether one of the two agents is a controller, as the usual baseline is"""
 
 
 def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
-    """The basis that evaluated agents give, around their median value.
+    """Return the basis from tested agents, around their median value.
 
     Args:
-        agents: of one table.
-        m: what is planned for.
-        resolve: the difference, in the measure's unit (a rate from 0 to 1).
+        agents: agents of one table.
+        m: measure to plan for.
+        resolve: difference in the measure's unit (a rate from 0 to 1).
 
     Raises:
-        ReportError: no agent has several seeds, or the difference is no smaller than the range of a rate.
+        ReportError: no agent has several seeds, or the difference is not smaller than the range of a rate.
     """
     several = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
     data = [x for x in (m.values(agent) for agent in several) if np.isfinite(x).all()]
     if not data:
         raise ReportError(
-            "no agent here has several training seeds and values of "
-            f"{m.name}: how much trainings differ is not known; give it by --sd"
+            "no agent has several training seeds with values of "
+            f"{m.name}, so the spread of trainings is unknown; give it with --sd"
         )
     centre = float(np.median([np.median(x.mean(axis=1)) for x in data]))
     if m.rate:
@@ -66,10 +66,11 @@ def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
 
 
 def pair_of_rates(centre: float, resolve: float) -> tuple[float, float]:
-    """Two rates that differ by `resolve`, the first at the centre, or as near as both fit between 0 and 1.
+    """Return two rates that differ by `resolve`, the first at the centre, or as near as the two fit between 0
+    and 1.
 
     Raises:
-        ReportError: they cannot.
+        ReportError: they do not fit.
     """
     if not 0 < resolve <= MOST - LEAST:
         raise ReportError(f"a difference of {100 * resolve:g} points: must be more than 0 and at most 99")
@@ -79,13 +80,13 @@ def pair_of_rates(centre: float, resolve: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """Training seeds of each agent by the power they give; None: not even `statistics.power.MOST_SEEDS`."""
+    """Training seeds that each agent needs, by power; None: more than `statistics.power.MOST_SEEDS`."""
 
     episodes: int
     alone: dict[float, int | None]
-    """by power: the two agents are the whole table"""
+    """seeds by power, for a table of only the two agents"""
     among: dict[float, int | None]
-    """in a table of several, where each agent is compared with one baseline"""
+    """seeds by power, for a table in which several agents are compared with one baseline"""
 
 
 def needs(
@@ -100,18 +101,18 @@ def needs(
     against_controller: bool = True,
     note: Callable[[int, int], object] = lambda episodes, seeds: None,
 ) -> Need:
-    """Fewest training seeds that resolve two agents, by simulation with the report's interval.
+    """Return the fewest training seeds that resolve two agents, by simulation with the report's interval.
 
     Args:
-        model: where trainings come from.
-        values: true values of the two agents, of learners those of the typical trainings.
+        model: distribution of trainings.
+        values: true values of the two agents; for learners, of their typical trainings.
         episodes: test episodes of each training.
-        agents: in the table; n - 1 are compared with the baseline, each at alpha / (n - 1).
-        targets: powers.
-        alpha: of the table.
+        agents: number of agents in the table; n - 1 are compared with the baseline, each at alpha / (n - 1).
+        targets: required powers.
+        alpha: error rate of the table.
         replications: simulated pairs for each number of seeds (standard error at 80 %: 3 points with 200).
-        against_controller: whether one of the two is a controller.
-        note: called with the episodes and the number of seeds that is tried next.
+        against_controller: whether one of the two agents is a controller.
+        note: function called with the episodes and the next number of seeds to try.
     """
     levels = (alpha, alpha / max(agents - 1, 1))
     tried: dict[int, FloatArray] = {}
@@ -137,20 +138,21 @@ def needs(
 
 
 def needed(typical: Typical, i: int, baseline: int, margin: float, level: float) -> Needed | None:
-    """Return how many trainings, or episodes where nothing learns, would decide an open comparison with the baseline.
+    """Return how many trainings (for controllers: episodes) would decide an open comparison with the
+    baseline.
 
-    Further trainings are taken to be like those that were made: they are drawn from these, with the report's own interval and 80 %
-    power. Of two controllers, the difference seen is taken for the true one.
+    Further trainings are drawn from the existing ones, and tested with the report's own interval at 80 %
+    power. For two controllers, the observed difference is taken as the true one.
 
     Args:
-        typical: the agents of the table.
-        i: place of the agent that is compared.
-        baseline: place of the baseline.
-        margin: smallest difference of interest; NaN where there is none.
-        level: of the interval of this comparison.
+        typical: agents of the table.
+        i: index of the compared agent.
+        baseline: index of the baseline.
+        margin: smallest difference of interest; NaN without one.
+        level: error rate of this comparison's interval.
 
     Returns:
-        None where no difference can be computed.
+        None if no difference can be computed.
     """
     error, episodes = typical.error(i, baseline)
     apart = abs(float(typical.value[i] - typical.value[baseline]))
@@ -160,8 +162,8 @@ def needed(typical: Typical, i: int, baseline: int, margin: float, level: float)
     have = max(map(len, gains))
     if have > 1:
         t = float(quantile(1 - level, episodes - 1))
-        found = st.trainings_that_decide(gains[0], gains[1], error, t, level, margin, power=POWER, above=have)
-        return Needed("trainings", found)
+        count = st.trainings_that_decide(gains[0], gains[1], error, t, level, margin, power=POWER, above=have)
+        return Needed("trainings", count)
     goals = [distance for distance in (apart, margin - apart) if distance > 0]
     if not goals:
         return None

@@ -1,14 +1,16 @@
-"""The primary analysis: each agent against one baseline, with a margin, corrected over these comparisons alone.
+"""Compute the primary analysis: each agent against one baseline, with a margin, corrected only over these
+comparisons.
 
-Each agent has one interval of its difference from the baseline. A learner's is of its typical training (statistics/typical.py). The
-intervals hold together (Bonferroni), and a verdict is read off its interval, so the two cannot disagree:
+Each agent has one interval of its difference from the baseline; a learner's interval is about its typical
+training (statistics/typical.py). The intervals hold simultaneously (Bonferroni). Each verdict is derived from
+its interval, so the two cannot disagree:
 
-* equivalent: the whole interval lies within the margin around zero;
-* ahead, behind: else, the interval lies on one side of zero;
-* open: anything else, and two agents that are both at the measure's limit, such as no success in any episode.
+* equivalent: the whole interval is within the margin around zero;
+* ahead, behind: otherwise, the interval is on one side of zero;
+* open: all other cases, and two agents at the measure's limit, e.g. without success in any episode.
 
-Holm's procedure would decide at most a few comparisons more, but it has no simultaneous intervals that agree with its
-verdicts and say more than their sign (Strassburger & Bretz 2008, Stat. Med. 27:4914).
+Holm's procedure would decide at most a few more comparisons. But it has no simultaneous intervals that agree
+with its verdicts and say more than their sign (Strassburger & Bretz 2008, Stat. Med. 27:4914).
 """
 
 from __future__ import annotations
@@ -34,9 +36,9 @@ AHEAD, EQUIVALENT, BEHIND, OPEN = VERDICTS = ("ahead", "equivalent", "behind", "
 
 USUAL_BASELINE = "pid"
 NO_BASELINE = ("random",)
-"""controllers that are no baseline unless they are named"""
+"""controllers that are a baseline only if the user names them"""
 RATE_MARGIN, RELATIVE_MARGIN = 0.02, 0.05
-"""default margins: of a rate, and of any other measure as a share of the baseline's value"""
+"""default margins: for a rate, and for other measures as a share of the baseline's value"""
 
 
 def primary_analysis(
@@ -49,15 +51,15 @@ def primary_analysis(
     """Compare each agent with the baseline.
 
     Args:
-        agents: in the order of the table.
-        tests: of all pairs of them on the primary measure.
+        agents: agents in the order of the table.
+        tests: tests of all pairs of the agents on the primary measure.
         compared: (n,) False for an agent with one training seed, whose comparison stays open.
-        baseline: one of the agents; None chooses it (`default_baseline`).
-        margin: smallest difference of interest in the measure's unit; None takes 2 points of a rate, 5 % of the
-            baseline's value of anything else.
+        baseline: one of the agents; None chooses one (`default_baseline`).
+        margin: smallest difference of interest in the measure's unit; None: 2 points for a rate, 5 % of the
+            baseline's value for other measures.
 
     Returns:
-        None where there is nothing to compare.
+        None if there is nothing to compare.
     """
     chosen = baseline or default_baseline(agents, compared)
     if chosen is None or len(agents) < 2:
@@ -69,14 +71,14 @@ def primary_analysis(
     level = (1 - confidence) / max(len(family), 1)
     limited = _at_worst(tests)
     enough = trainings_needed(max(len(family), 1), 1 - confidence)
-    found = []
+    comparisons = []
     for i, agent in enumerate(agents):
         if i == b:
             continue
         difference = replace(typical.difference(i, b, level), confidence=confidence)
         if i not in family:
             nothing = replace(difference, low=math.nan, high=math.nan)
-            found.append(Against(agent.label, nothing, OPEN))
+            comparisons.append(Against(agent.label, nothing, OPEN))
             continue
         trainings = typical.fewest((i, b))
         # McNemar's test of two controllers may be stricter than the interval.
@@ -84,15 +86,15 @@ def primary_analysis(
             difference = replace(difference, low=min(difference.low, 0.0), high=max(difference.high, 0.0))
         reliable = reliability_of(agents, typical, i, b, margin, confidence)
         if limited[i] and limited[b]:
-            found.append(Against(agent.label, difference, OPEN, None, trainings, enough, reliable))
+            comparisons.append(Against(agent.label, difference, OPEN, None, trainings, enough, reliable))
             continue
         verdict = verdict_of(difference, margin, m)
         few = 0 < trainings < enough
         plan = needed(typical, i, b, margin, level) if verdict == OPEN and not few else None
         reliable = reliability_of(agents, typical, i, b, margin, confidence, verdict)
-        found.append(Against(agent.label, difference, verdict, plan, trainings, enough, reliable))
+        comparisons.append(Against(agent.label, difference, verdict, plan, trainings, enough, reliable))
     by_rank = baseline is None and learns(chosen)
-    return Primary(m.name, chosen.label, margin, confidence, tuple(found), by_rank)
+    return Primary(m.name, chosen.label, margin, confidence, tuple(comparisons), by_rank)
 
 
 def reliability_of(
@@ -106,7 +108,8 @@ def reliability_of(
 ) -> Reliability | None:
     """Return how many trainings of agent i are not behind agent b by more than the margin.
 
-    Of a controller against a learner: how many of the learner's trainings are not behind the controller. None for two controllers.
+    For a controller against a learner, count the learner's trainings that are not behind the controller. None
+    for two controllers.
     """
     turned = typical.trainings[i] <= 1
     learner, other = (b, i) if turned else (i, b)
@@ -127,7 +130,9 @@ def reliability_of(
 def with_reliability(
     c: Comparison, agents: Sequence[Agent], typical: Typical, pair: tuple[int, int], margin: float
 ) -> Comparison:
-    """Return a comparison of two agents with the trainings of each learner that are not behind the other agent."""
+    """Return a comparison of two agents with each learner's number of trainings that are not behind the other
+    agent.
+    """
     i, j = pair
     first, second = (
         reliability_of(agents, typical, one, other, margin, c.difference.confidence)
@@ -139,7 +144,7 @@ def with_reliability(
 
 
 def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
-    """Read the verdict off the interval of a difference from the baseline.
+    """Return the verdict for the interval of a difference from the baseline.
 
     >>> from auvbench.analysis.measures import measure
     >>> verdict_of(Estimate(-3, -4, -2), 1.0, measure("par1_steps"))
@@ -154,7 +159,7 @@ def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
 
 
 def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> str:
-    """Return a sentence on the agents that are, as the baseline is, at the measure's limit; '' without one."""
+    """Return a sentence on the agents that are, like the baseline, at the measure's limit; '' if there is none."""
     limited = [agent.label for agent, at in zip(agents, _at_worst(tests), strict=True) if at]
     others = [label for label in limited if primary is not None and label != primary.baseline]
     if primary is None or not others or len(others) == len(limited):
@@ -166,20 +171,20 @@ def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> 
 
 
 def _at_worst(tests: Tests) -> BoolArray:
-    """Return (n,) whether an agent's typical value is the worst possible one, which failures alone give."""
+    """Return (n,) whether an agent's typical value is the worst possible one, which only failures give."""
     worst = tests.typical.worst
     return np.asarray(np.isfinite(worst) & np.isclose(tests.typical.value, worst, rtol=1e-9, atol=0.0))
 
 
 def default_margin(m: Measure, baseline: float) -> float:
-    """Return the margin where none is named; NaN where the baseline has no value to take a share of."""
+    """Return the default margin; NaN if the baseline has no value to take a share of."""
     if m.rate:
         return RATE_MARGIN
     return RELATIVE_MARGIN * abs(baseline) or math.nan
 
 
 def default_baseline(agents: Sequence[Agent], compared: BoolArray) -> Agent | None:
-    """Return PID where the table has it, else its best controller, else its best agent; None where none is compared."""
+    """Return PID if the table has it, else its best controller, else its best agent; None if no agent is compared."""
     able = [agent for agent, ok in zip(agents, compared, strict=True) if ok]
     usual = [agent for agent in able if agent.key.get("algo") == USUAL_BASELINE]
     controllers = [a for a in able if not learns(a) and a.key.get("algo") not in NO_BASELINE]
@@ -187,26 +192,26 @@ def default_baseline(agents: Sequence[Agent], compared: BoolArray) -> Agent | No
 
 
 def find_baseline(agents: Sequence[Agent], name: str, option: str = "") -> Agent:
-    """Return the agent of that label (letter case aside), or of that algorithm if it is the only one.
+    """Return the agent with that label (ignoring case), or of that algorithm if it is the only one.
 
     Raises:
-        ReportError: none or several; lists the labels.
+        ReportError: no agent or several agents match; lists the labels.
     """
     wanted, said = name.casefold(), option or f"--baseline {name!r}"
     exact = [agent for agent in agents if agent.label == name]
-    found = exact or [agent for agent in agents if agent.label.casefold() == wanted]
-    found = found or [agent for agent in agents if str(agent.key.get("algo", "")).casefold() == wanted]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        labels = ", ".join(sorted(agent.label for agent in found))
-        raise ReportError(f"{said} is {len(found)} agents; give one of their labels: {labels}")
+    matches = exact or [agent for agent in agents if agent.label.casefold() == wanted]
+    matches = matches or [agent for agent in agents if str(agent.key.get("algo", "")).casefold() == wanted]
+    if len(matches) == 1:
+        return matches[0]
+    if matches:
+        labels = ", ".join(sorted(agent.label for agent in matches))
+        raise ReportError(f"{said} is {len(matches)} agents; give one of their labels: {labels}")
     hint = closest(name, (agent.label for agent in agents))
-    raise ReportError(f"{said} is not among the agents; {hint}")
+    raise ReportError(f"{said} is not one of the agents; {hint}")
 
 
 def headline(ranking: Ranking) -> str:
-    """Return one sentence: who is furthest ahead of the baseline, and how many agents have which verdict."""
+    """Return one sentence: the agent furthest ahead of the baseline, and the number of agents by verdict."""
     m = measure(ranking.rank_by)
     primary = ranking.primary
     if not ranking.rows:
@@ -249,11 +254,11 @@ def _counts(primary: Primary, m: Measure) -> str:
         (BEHIND, "behind"),
         (OPEN, "open"),
     ):
-        found = primary.having(verdict)
-        n = len(found) - (verdict == AHEAD)
+        comparisons = primary.having(verdict)
+        n = len(comparisons) - (verdict == AHEAD)
         if n > 0:
             noun = "" if parts else " agent" if n == 1 else " agents"
-            few = sum(c.few for c in found) if verdict != OPEN else 0
+            few = sum(c.few for c in comparisons) if verdict != OPEN else 0
             stars = f" ({few} with *)" if few else ""
             parts.append(f"{n}{noun} {'is' if n == 1 else 'are'} {words}{stars}")
     return ", ".join(parts)

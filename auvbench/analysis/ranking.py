@@ -1,4 +1,4 @@
-"""The ranked table: who is better, and how sure that is. docs/statistics.md explains every number to a reviewer."""
+"""Compute the ranked table; docs/statistics.md explains every number."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from auvbench.errors import ReportError
 from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray
 
 FINER = "par1_steps"
-"""orders agents that are exactly equal in the measure that ranks"""
+"""measure that orders agents with exactly equal values of the ranking measure"""
 ALL_PAIRS = 30
-"""up to so many agents `Ranking.comparisons` has all pairs"""
+"""largest number of agents for which `Ranking.comparisons` has all pairs"""
 
 
 def rank(
@@ -55,22 +55,24 @@ def rank(
 ) -> Ranking:
     """Rank agents by one measure and compare each with a baseline; the order of the agents does not matter.
 
-    Rows are in the order of the typical values, medians over trainings. The primary analysis compares each agent with the baseline.
-    Rank intervals and comparisons are exploratory: they come from the tests of all pairs.
+    Rows are sorted by typical values (medians over trainings). The primary analysis compares each agent with
+    the baseline. Rank intervals and comparisons are exploratory: they come from the tests of all pairs.
 
     Args:
-        agents: of one protocol and condition, with the same scenarios.
-        rank_by: the primary measure, a name of `measures.measures`; means of steps and times rank by their penalised
-            mean (`measures.RANKED_AS`), so that a failure counts.
-        baseline: label of an agent, or its algorithm where that is one agent; None chooses one.
-        confidence: of all intervals.
-        margin: smallest difference of interest in `rank_by`, in its unit (rates from 0 to 1); None takes the default.
-        protocol: by which the agents were tested.
-        condition: named in the table.
-        problems: named in the table.
+        agents: agents of one protocol and condition, with the same scenarios.
+        rank_by: primary measure, a name in `measures.measures`; means of steps and times rank by their
+            penalised mean (`measures.RANKED_AS`), so that a failure counts.
+        baseline: label of an agent, or an algorithm that only one agent has; None chooses one.
+        confidence: confidence of all intervals.
+        margin: smallest difference of interest in the unit of `rank_by` (rates from 0 to 1); None: the
+            default.
+        protocol: protocol of the test.
+        condition: condition to name in the table.
+        problems: problems to name in the table.
 
     Raises:
-        ReportError: no agents, unknown measure or baseline, equal labels, or scenarios that differ.
+        ReportError: there are no agents, the measure or baseline is unknown, two labels are equal, or
+            scenarios differ.
     """
     by, finer = to_rank_by(rank_by), measure(FINER)
     _check(agents, confidence, margin)
@@ -140,25 +142,25 @@ def _check(agents: Sequence[Agent], confidence: float, margin: float | None) -> 
         raise ReportError(f"two agents have the label {twice[0]!r}")
     scenarios = {(agent.fingerprint, agent.outcome.shape[1]) for agent in agents}
     if len(scenarios) > 1:
-        found = ", ".join(f"{fingerprint} ({n} episodes)" for fingerprint, n in sorted(scenarios))
-        raise ReportError(f"the agents met different scenarios and cannot share a table: {found}")
+        listing = ", ".join(f"{fingerprint} ({n} episodes)" for fingerprint, n in sorted(scenarios))
+        raise ReportError(f"the agents met different scenarios and cannot share a table: {listing}")
 
 
 def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Estimate]]:
-    """By agent, the estimates of all measures; one that an agent lacks is NaN, never zero."""
-    found = {m.name: st.means(m.table(agents, paired=False), confidence) for m in all_measures(agents)}
-    return [{name: estimates[i] for name, estimates in found.items()} for i in range(len(agents))]
+    """Return the estimates of all measures, by agent; a measure that an agent lacks is NaN, never zero."""
+    by_measure = {m.name: st.means(m.table(agents, paired=False), confidence) for m in all_measures(agents)}
+    return [{name: estimates[i] for name, estimates in by_measure.items()} for i in range(len(agents))]
 
 
 def _oriented(typical: Typical) -> FloatArray:
-    """(n,) Typical values of which higher is better; an agent without a value comes after all others."""
-    # Rounded so that two agents with the same successes are equal for any order of summation.
+    """Return (n,) typical values, signed so that higher is better; an agent without a value is last."""
+    # Rounded so that two agents with the same successes are equal, whatever the order of summation.
     values = (typical.measure.sign * typical.value).round(12)
     return np.where(np.isnan(values), -np.inf, values)
 
 
 def _ranks(value: FloatArray, finer: FloatArray) -> NDArray[np.int64]:
-    """(n,) Rank of agents that are sorted already; exactly equal ones share the better rank."""
+    """Return (n,) the ranks of sorted agents; exactly equal agents share the better rank."""
     ranks = np.arange(1, len(value) + 1)
     for i in range(1, len(value)):
         if value[i] == value[i - 1] and finer[i] == finer[i - 1]:
@@ -167,9 +169,10 @@ def _ranks(value: FloatArray, finer: FloatArray) -> NDArray[np.int64]:
 
 
 def _listed(compared: BoolArray) -> list[tuple[int, int]]:
-    """Return the pairs (better placed, worse placed) that get a `Comparison`.
+    """Return the pairs (better, worse) that get a `Comparison`.
 
-    All pairs of up to `ALL_PAIRS` compared agents; of more, each with the next and the first with all.
+    With up to `ALL_PAIRS` compared agents these are all pairs; with more, each agent with the next, and the
+    first with all.
     """
     here = [int(i) for i in np.flatnonzero(compared)]
     if len(here) <= ALL_PAIRS:
@@ -187,12 +190,12 @@ def _without_values(agents: Sequence[Agent], measures: Sequence[Measure]) -> lis
 
 
 def one_policy(agent: Agent) -> bool:
-    """Whether the agent is one trained policy: nothing is known of what another training would give."""
+    """Return whether the agent is one trained policy: the effect of another training is unknown."""
     return learns(agent) and len(agent.outcome) == 1
 
 
 def one_run_of_a_controller(agent: Agent) -> Agent:
-    """Return an agent with the first run alone where it does not learn: seeds train nothing, and are no sample."""
+    """Return an agent with only its first run if it does not learn, since its seeds are not a sample."""
     if learns(agent) or len(agent.runs) < 2:
         return agent
     metrics = {column: values[:1] for column, values in agent.metrics.items()}
@@ -200,20 +203,20 @@ def one_run_of_a_controller(agent: Agent) -> Agent:
 
 
 def tuned_on_these(agents: Sequence[Agent], protocol: str) -> str:
-    """A sentence that must be read before such a table; '' where no agent was tuned on its scenarios."""
-    found = [agent.label for agent in agents if any(_on_these(run, protocol) for run in agent.runs)]
-    if not found:
+    """Return a warning to print before such a table; '' if no agent was tuned on its scenarios."""
+    labels = [agent.label for agent in agents if any(_on_these(run, protocol) for run in agent.runs)]
+    if not labels:
         return ""
-    one = len(found) == 1
+    single = len(labels) == 1
     return (
-        f"{listed(found, 4)} {'was' if one else 'were'} tuned on the scenarios of this table (protocol {protocol}): "
-        f"{'its settings are' if one else 'their settings are each'} the luckiest of many trials here, so this is no ranking; "
+        f"{listed(labels, 4)} {'was' if single else 'were'} tuned on the scenarios of this table (protocol {protocol}): "
+        f"{'its settings are' if single else 'their settings are each'} the luckiest of many trials here, so this is no ranking; "
         "protocol=test has scenarios that no tuning sees."
     )
 
 
 def _on_these(run: RunRecord, protocol: str) -> bool:
-    """Whether the run's settings were chosen on the scenarios of its evaluation by this protocol."""
+    """Return whether the run's settings were chosen on the scenarios of its evaluation by this protocol."""
     config = run.config
     evaluation = run.evaluations.get(protocol)
     if config.get("algo.tuned.protocol") is None or evaluation is None:

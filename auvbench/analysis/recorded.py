@@ -1,4 +1,4 @@
-"""Read the records of a run, checked: trajectories of a test, episodes and validations of the training."""
+"""Read and check the records of a run: trajectories of a test, episodes and validations of the training."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ OPTIONAL = ("reference", "dock_yaw")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredPath:
-    """The path of a vehicle through one test episode."""
+    """Trajectory of a vehicle in one test episode."""
 
     episode: int
-    waypoint: tuple[float, float, float]  # m; the goal of a task with another
+    waypoint: tuple[float, float, float]  # m; the goal, in tasks without waypoints
     position: FloatArray  # (T + 1, 3) m
     time: FloatArray  # (T + 1,) s
-    reference: FloatArray | None = None  # (T + 1, 3) m, where it moves; a published study has none
-    dock_yaw: float | None = None  # rad; likewise
+    reference: FloatArray | None = None  # (T + 1, 3) m, if the reference moves; missing in a published study
+    dock_yaw: float | None = None  # rad; missing in a published study
 
 
 def has_paths(evaluation: Evaluation | None) -> bool:
@@ -51,7 +51,7 @@ def paths(run: str, evaluation: Evaluation, condition: str, episodes: int) -> It
     """Yield the stored trajectories of one condition, at most `episodes` of them.
 
     Raises:
-        Damage: The file cannot be read, or holds no trajectories; a pickle is never loaded.
+        Damage: the file cannot be read, or has no trajectories; a pickle is never loaded.
     """
     if evaluation.archive is None:
         yield from _of_file(evaluation.directory / NAME, condition, episodes)
@@ -62,8 +62,8 @@ def paths(run: str, evaluation: Evaluation, condition: str, episodes: int) -> It
     with named(EPISODES):
         waypoints = rows[[f"{goal}_{axis}_m" for axis in "xyz"]].to_numpy(dtype=np.float64)
     where = {int(episode): i for i, episode in enumerate(rows.index)}
-    found = evaluation.archive.paths(run, evaluation.protocol, condition)
-    for episode, position, time in itertools.islice(found, episodes):
+    stored = evaluation.archive.paths(run, evaluation.protocol, condition)
+    for episode, position, time in itertools.islice(stored, episodes):
         if episode not in where:
             raise Damage(f"trajectories of episode {episode}, which was not tested")
         x, y, z = waypoints[where[episode]].tolist()
@@ -75,24 +75,26 @@ def _of_file(file: Path, condition: str, episodes: int) -> Iterator[StoredPath]:
         data = reading.content(file, reading.DATA)
         arrays = archives.paths(data, condition, episodes)
         named_so = re.compile(rf"position_{re.escape(condition)}_(\d+)")
-        there = sorted(int(match[1]) for key in arrays if (match := named_so.fullmatch(key)))
-        found = [_episode(arrays, f"{condition}_{episode}", episode) for episode in there[:episodes]]
-    # Last, for what can be said of the damage says more.
+        numbers = sorted(int(match[1]) for key in arrays if (match := named_so.fullmatch(key)))
+        episodes_read = [
+            _episode(arrays, f"{condition}_{episode}", episode) for episode in numbers[:episodes]
+        ]
+    # Checked last, because the other checks give more specific messages.
     with named("summary.json"):
         summary = integrity.read(file.with_name("summary.json"), integrity.Summary)
     check_digest(summary, file.name, data)
-    yield from found
+    yield from episodes_read
 
 
 def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath:
     """Return one episode of a file.
 
     Raises:
-        ValueError: one has another type or shape, or is not finite.
+        ValueError: an array has the wrong type or shape, or is not finite.
     """
     wanted = {n: f"{n}_{suffix}" for n in (*REQUIRED, *OPTIONAL)}
     raw = {n: arrays[key] for n, key in wanted.items() if n in REQUIRED or key in arrays}
-    # Before they are widened to float64: a byte would take eight.
+    # Checked before conversion to float64: a byte would become eight.
     if any(array.dtype.kind != "f" for array in raw.values()):
         raise ValueError(f"episode {episode} holds no floating-point numbers")
     path = {name: array.astype(np.float64) for name, array in raw.items()}
@@ -123,10 +125,10 @@ def has_training(run: RunRecord) -> bool:
 def training(run: RunRecord) -> pd.DataFrame | None:
     """Return the columns of train/episodes.csv that a report uses; None without that file (PID).
 
-    A table without rows is sound: no episode ended during a short training.
+    A table without rows is valid: no episode ended during a short training.
 
     Raises:
-        Damage: The file cannot be read, lacks a column, or holds an impossible value.
+        Damage: the file cannot be read, lacks a column, or has an impossible value.
     """
     if not has_training(run):
         return None
@@ -145,17 +147,18 @@ VALIDATION = "train/validation.csv"
 
 
 def read_validation_curve(run: RunRecord) -> pd.DataFrame | None:
-    """Return `step` and `success_rate` (0 to 1) of train/validation.csv, steps rising; None where it has no rows.
+    """Return `step` and `success_rate` (0 to 1) of train/validation.csv with rising steps; None if it has no
+    rows.
 
     Raises:
-        Damage: it cannot be read, or holds what it cannot.
+        Damage: the file cannot be read, or has an impossible value.
     """
     with named(VALIDATION):
         rows = validation_rows(run)
         frame = pd.DataFrame({n: [float(row[n]) for row in rows] for n in ("step", "success_rate")})
     rising, possible = frame["step"].is_monotonic_increasing, frame["success_rate"].between(0, 1).all()
     if not (rising and possible and finite(frame.to_numpy())):
-        raise Damage(f"{VALIDATION} holds rows that do not belong together, or numbers that cannot be")
+        raise Damage(f"{VALIDATION} has rows that do not belong together, or impossible numbers")
     return frame if len(frame) else None
 
 
@@ -163,7 +166,7 @@ def validation_rows(run: RunRecord) -> list[dict[str, Any]]:
     """Return the rows of train/validation.csv; empty without that file.
 
     Raises:
-        Damage: it cannot be read.
+        Damage: the file cannot be read.
     """
     with named(VALIDATION):
         if run.archive is not None:

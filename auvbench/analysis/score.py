@@ -1,7 +1,8 @@
-"""A score across tasks: each task's own measure, scaled so that random is 0 and PID is 1.
+"""Compute a score across tasks: each task's primary measure, scaled so that random is 0 and PID is 1.
 
-The score of an agent under one condition of one task is (m(agent) - m(random)) / (m(PID) - m(random)), m the mean of the
-measure that ranks agents there. It needs the agent, PID and random alone: no other row of a table changes it.
+The score of an agent under one condition of one task is (m(agent) - m(random)) / (m(PID) - m(random)), where
+m is the mean of the task's primary measure. It needs only the agent, PID and random: no other row of a table
+changes it.
 """
 
 from __future__ import annotations
@@ -32,15 +33,15 @@ Name = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True, slots=True)
 class OneTask:
-    """The results of the agents of one task."""
+    """Results of the agents of one task."""
 
     title: str
-    """in the heading of a column: 'docking'"""
+    """title in the heading of a column: 'docking'"""
     measure: Measure
     conditions: Mapping[str, Sequence[Agent]]
-    """by condition of the protocol, in its order"""
+    """agents by condition of the protocol, in its order"""
     add: Mapping[str, str]
-    """by algorithm, the command that adds a run of it"""
+    """command that adds a run, by algorithm"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,49 +52,49 @@ class Scored:
     key: Mapping[str, Any]
     trained: bool
     trainings: tuple[int, ...]
-    """training seeds of each task; 0 where it was not tested"""
+    """training seeds of each task; 0 if the agent was not tested on it"""
     tasks: tuple[float, ...]
-    """mean over seeds and conditions by task; NaN where it was not tested"""
+    """mean over seeds and conditions, by task; NaN if the agent was not tested on it"""
     score: Estimate
-    """interquartile mean over seeds, conditions and tasks; NaN where it was not tested on each task"""
+    """interquartile mean over seeds, conditions and tasks; NaN unless the agent was tested on each task"""
     run_ids: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """The table across tasks, best first; agents without all tasks come last."""
+    """Table across tasks, best agent first; agents without all tasks come last."""
 
     titles: tuple[str, ...]
     measures: tuple[Measure, ...]
-    """by which each task is scored"""
+    """measure of each task's score"""
     rows: tuple[Scored, ...]
     cells: int
-    """pairs of task and condition that have a score"""
+    """number of pairs of task and condition that have a score"""
     protocol: str
     confidence: float
     notes: tuple[str, ...] = ()
-    """what is left out, or why there is no score at all"""
+    """what is left out, or why there is no score"""
 
 
 def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int = 0) -> Scores | None:
     """Return the score of each agent over all tasks; None for fewer than two tasks.
 
-    An agent of one task is that of another where they agree in everything that tells agents apart within a task. A
-    training that failed scores 0. A condition under which PID is not ahead of random by more than the default margin is left
-    out: there is no scale.
+    Agents of two tasks are the same if they agree in every key that distinguishes agents within a task. A
+    failed training scores 0. A condition is left out if PID is not ahead of random by more than the default
+    margin: it has no scale.
 
     Args:
-        tasks: of one vehicle or several; all conditions of a task have the same agents.
-        protocol: whose conditions are meant.
-        confidence: of the intervals.
-        seed: of the resampling.
+        tasks: tasks of one or more vehicles; all conditions of a task have the same agents.
+        protocol: protocol of the conditions.
+        confidence: confidence of the intervals.
+        seed: seed of the resampling.
     """
     if len(tasks) < 2:
         return None
     titles, measures = tuple(t.title for t in tasks), tuple(t.measure for t in tasks)
     if missing := [line for task in tasks for line in _missing(task)]:
         return Scores(titles, measures, (), 0, protocol, confidence, tuple(missing))
-    found: dict[Name, list[Cell | None]] = {}
+    by_name: dict[Name, list[Cell | None]] = {}
     notes: list[str] = []
     unscaled: list[str] = []
     cells = 0
@@ -103,8 +104,8 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
         if without:
             unscaled.append(f"{task.title} under {listed(without, len(without))}")
         for name, cell in scored.items():
-            found.setdefault(name, [None] * len(tasks))[i] = cell
-    rows = _rows(list(found.values()), confidence, seed)
+            by_name.setdefault(name, [None] * len(tasks))[i] = cell
+    rows = _rows(list(by_name.values()), confidence, seed)
     if unscaled:
         notes.append(
             f"No score where PID is not ahead of random by more than the margin: {'; '.join(unscaled)}."
@@ -116,18 +117,18 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
 
 
 def _missing(task: OneTask) -> list[str]:
-    """Return a line for each of PID and random that a task lacks or has several of."""
+    """Return a line if a task lacks PID or random, or has several agents of one of them."""
     agents = next(iter(task.conditions.values()))
-    found = []
+    lines = []
     for name in (ONE, ZERO):
         n = sum(_algorithm(agent) == name for agent in agents)
         if n == 0:
-            found.append(f"No score across tasks: {task.title} has no runs of {name}. {task.add[name]}")
+            lines.append(f"No score across tasks: {task.title} has no runs of {name}. {task.add[name]}")
         elif n > 1:
-            found.append(
+            lines.append(
                 f"No score across tasks: {task.title} has {n} agents of algo={name}; --where leaves one."
             )
-    return found
+    return lines
 
 
 def _algorithm(agent: Agent) -> str:
@@ -136,7 +137,7 @@ def _algorithm(agent: Agent) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cell:
-    """The values of an agent under all conditions of a task, and those of the two agents that make its scale."""
+    """Values of an agent under all conditions of a task, and of PID and random, which define its scale."""
 
     agent: Agent
     values: FloatArray  # (S, C, E) of each training under each condition, in each scenario
@@ -145,7 +146,7 @@ class Cell:
     failed: BoolArray  # (S,) trainings without a policy, which score 0
 
     def scores(self, weights: FloatArray | None = None) -> FloatArray:
-        """Return the scores (..., S, C) with each scenario once, or as often as `weights` (..., E) say."""
+        """Return the scores (..., S, C); `weights` (..., E) say how often each scenario counts, by default once."""
         E = self.values.shape[-1]
         w = np.full(E, 1.0 / E) if weights is None else weights
 
@@ -153,8 +154,8 @@ class Cell:
             return np.asarray(np.tensordot(w, x, axes=(-1, -1)))
 
         zero, one = mean(self.zero), mean(self.one)
-        found = (mean(self.values) - zero[..., None, :]) / (one - zero)[..., None, :]
-        return np.where(self.failed[:, None], 0.0, found)
+        scaled = (mean(self.values) - zero[..., None, :]) / (one - zero)[..., None, :]
+        return np.where(self.failed[:, None], 0.0, scaled)
 
 
 def _task(task: OneTask) -> tuple[dict[Name, Cell], list[str]]:
@@ -174,7 +175,7 @@ def _task(task: OneTask) -> tuple[dict[Name, Cell], list[str]]:
         for agent in agents:
             name = tuple(sorted((k, str(v)) for k, v in agent.key.items()))
             members.setdefault(name, []).append((agent, m.values(agent)))
-    found = {}
+    by_name = {}
     for name, cells in members.items():
         columns = [values for _, values in cells]
         if len(cells) < len(zeros) or len({x.shape for x in columns}) > 1:
@@ -182,8 +183,8 @@ def _task(task: OneTask) -> tuple[dict[Name, Cell], list[str]]:
         failed = np.any([(agent.outcome == NO_POLICY).all(axis=1) for agent, _ in cells], axis=0)
         values = np.where(failed[:, None, None], 0.0, np.stack(columns, axis=1))
         if np.isfinite(values).all():
-            found[name] = Cell(cells[0][0], values, np.stack(zeros), np.stack(ones), failed)
-    return found, without
+            by_name[name] = Cell(cells[0][0], values, np.stack(zeros), np.stack(ones), failed)
+    return by_name, without
 
 
 def _rows(members: Sequence[Sequence[Cell | None]], confidence: float, seed: int) -> list[Scored]:
@@ -200,7 +201,7 @@ def _rows(members: Sequence[Sequence[Cell | None]], confidence: float, seed: int
         runs = tuple(run.id for cell in cells for run in cell.agent.runs)
         score = Estimate(math.nan, math.nan, math.nan, confidence)
         if len(cells) == len(row):
-            # Its own runs seed its draws: no other row changes them.
+            # An agent's own runs seed its draws: no other row changes them.
             rng = np.random.default_rng([seed, zlib.crc32(" ".join(runs).encode())])
             score = bootstrapped(cells, confidence, rng)
         rows.append(
@@ -225,30 +226,32 @@ def interquartile(scores: FloatArray) -> FloatArray:
     >>> float(interquartile(np.array([0.0, 1.0, 2.0, 3.0, 100.0, 3.0, 2.0, -50.0])))
     2.0
     """
-    from scipy.stats import trim_mean  # half a second of imports that most reports do not need
+    from scipy.stats import trim_mean  # imported late: takes half a second, and most reports do not need it
 
     return np.asarray(trim_mean(scores, 0.25, axis=-1))
 
 
 RESAMPLES = 1000
-"""draws of a bootstrap"""
+"""number of bootstrap draws"""
 
 
 def bootstrapped(
     cells: Sequence[Cell], confidence: float, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Estimate:
-    """Return the interquartile mean of all scores with a bootstrap interval over trainings and scenarios, task by task.
+    """Return the interquartile mean of all scores, with a bootstrap interval over trainings and scenarios,
+    task by task.
 
-    Percentiles, as rliable's (Agarwal et al. 2021). Of S trainings S - 1 are drawn (Rao & Wu 1988), without which the interval is a
-    third too short at three. A training is drawn with its scores under all conditions, which share its luck; a scenario with all
-    agents and conditions that met it. With few trainings the interval still holds less often than it says
+    The interval uses percentiles, as rliable does (Agarwal et al. 2021). Of S trainings, S - 1 are drawn (Rao
+    & Wu 1988); otherwise the interval would be a third too short for three trainings. A training is drawn
+    with its scores under all conditions, since they share its seed effect; a scenario is drawn with all
+    agents and conditions. With few trainings the interval covers less often than its confidence
     (docs/statistics-appendix.md).
 
     Args:
-        cells: of the agent, one per task. The interval is NaN where a learner has one training.
-        confidence: of the interval.
-        rng: of the draws.
-        resamples: draws.
+        cells: cells of the agent, one per task. The interval is NaN if a learner has one training.
+        confidence: confidence of the interval.
+        rng: generator of the draws.
+        resamples: number of draws.
     """
     value = float(interquartile(np.concatenate([cell.scores().reshape(-1) for cell in cells])))
     if any(learns(cell.agent) and len(cell.values) < 2 for cell in cells):

@@ -1,4 +1,4 @@
-"""Two agents side by side: differences of all measures with intervals, and what differs in their configurations."""
+"""Compare two agents: differences of all measures with intervals, and differences of their configurations."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import plain, short
 
 USUAL = ("success_rate", "par1_time_s", "mean_energy_J", "mean_path_efficiency", "mean_smoothness_per_s")
-"""measures that are shown, after the task's primary one"""
+"""measures to show after the task's primary one"""
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One measure of two agents."""
+    """Comparison of two agents on one measure."""
 
     measure: Measure
     first: Estimate
     second: Estimate
     difference: Estimate
-    """second less first, paired by scenario; of learners with several trainings, that of the typical ones"""
+    """second agent less first, paired by scenario; between typical trainings for learners with several trainings"""
     trainings: int = 0
-    """of the learner with the fewer trainings; 0 where neither has several"""
+    """trainings of the learner that has fewer; 0 if neither has several"""
     reliability: Reliability | None = None
-    """trainings of the second agent, if it has several, else of the first, that are not behind"""
+    """trainings of the second agent (or the first, if only it has several) that are not behind"""
 
     @property
     def better(self) -> int:
-        """0 or 1, the agent that is better; -1 where the interval of the difference holds 0."""
+        """Return 0 or 1, the index of the better agent; -1 if the interval of the difference contains 0."""
         if not (self.difference.low > 0 or self.difference.high < 0):
             return -1
         return int(self.difference.value * self.measure.sign > 0)
@@ -50,48 +50,50 @@ class Difference:
 def find_agent(
     name: str, folder: Path, protocol: str, condition: str | None, where: Sequence[str] = ()
 ) -> Agent:
-    """Return the agent of a run, of a folder that holds one agent, or of that label or algorithm within `folder`.
+    """Return the agent of a run, of a folder with one agent, or with that label or algorithm within `folder`.
 
     Raises:
-        ReportError: the path holds several agents or tests, or the name is none.
+        ReportError: the path has several agents or tests, or the name is unknown.
     """
     path = Path(name)
     source = path if path.exists() else folder
     if not source.exists():
         raise ReportError(
-            f"{name}: is no run or folder; names of agents are looked up in --in FOLDER, and {missing(folder)}"
+            f"{name}: is not a run or folder; names of agents are looked up in --in FOLDER, and {missing(folder)}"
         )
     runs, problems = load([source], protocol, where)
     require(runs, problems, protocol)
     parts = sections(runs, protocol)
     if len(parts) > 1:
         titles = ", ".join(part.title for part in parts)
-        raise ReportError(f"{source}: holds several tests ({titles}); name a folder of one, or type --where")
-    found, _ = agents(
+        raise ReportError(
+            f"{source}: has several tests ({titles}); name a folder with one, or select with --where"
+        )
+    matches, _ = agents(
         parts[0].runs, protocol=protocol, condition=condition or default(parts[0].runs, protocol)
     )
     if source != path:
-        return find_baseline(found, name, f"compare: {name!r}")
-    if len(found) > 1:
-        labels = ", ".join(agent.label for agent in found)
+        return find_baseline(matches, name, f"compare: {name!r}")
+    if len(matches) > 1:
+        labels = ", ".join(agent.label for agent in matches)
         raise ReportError(
-            f"{path}: holds {len(found)} agents ({labels}); name two of them: auvbench compare "
-            f"'{found[0].label}' '{found[1].label}' --in {path}"
+            f"{path}: has {len(matches)} agents ({labels}); name two of them: auvbench compare "
+            f"'{matches[0].label}' '{matches[1].label}' --in {path}"
         )
-    return found[0]
+    return matches[0]
 
 
 def told_apart(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
-    """Return two agents with different labels: where the labels are equal, the names of their folders are added.
+    """Return two agents with different labels; equal labels get the names of their folders.
 
     Raises:
-        ReportError: both are the same runs.
+        ReportError: the two agents are the same runs.
     """
     first, second = pair
     if first.label != second.label:
         return [first, second]
     if {run.directory.resolve() for run in first.runs} & {run.directory.resolve() for run in second.runs}:
-        raise ReportError(f"{names[0]} and {names[1]} hold the same runs; name two agents")
+        raise ReportError(f"{names[0]} and {names[1]} contain the same runs; name two agents")
     folders = [Path(name).name for name in names]
     parts = folders if folders[0] != folders[1] else list(names)
     return [
@@ -101,12 +103,12 @@ def told_apart(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
 
 
 def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -> list[Difference]:
-    """Return the differences of two agents, each interval by itself with the confidence.
+    """Return the differences of two agents; each interval has the confidence by itself.
 
     Args:
         pair: two agents that met the same scenarios.
-        confidence: of each interval.
-        every: all measures that both have, not the usual ones alone.
+        confidence: confidence of each interval.
+        every: compare all measures that the two agents share, not only the usual ones.
 
     Raises:
         ReportError: they met different scenarios.
@@ -123,7 +125,7 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
             f"{second.fingerprint}): evaluate both by one protocol"
         )
     task = TASKS.get(names[0], TASKS["waypoint"])
-    # A mean that quick failures improve says less than the one in which a failure counts.
+    # A mean in which a failure counts replaces a mean that quick failures improve.
     known = {
         m.name: m
         for m in all_measures(pair)
@@ -136,17 +138,17 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
         if not all(count > 0 for count in table.values):
             continue
         means = st.means(table, confidence)
-        found = Typical(pair, m)
-        reliable = reliability_of(pair, found, 1, 0, 0.0, confidence)
-        change = found.difference(1, 0, 1 - confidence)
-        result.append(Difference(m, means[0], means[1], change, found.fewest((0, 1)), reliable))
+        typical = Typical(pair, m)
+        reliable = reliability_of(pair, typical, 1, 0, 0.0, confidence)
+        change = typical.difference(1, 0, 1 - confidence)
+        result.append(Difference(m, means[0], means[1], change, typical.fewest((0, 1)), reliable))
     return result
 
 
 def settings(pair: Sequence[Agent]) -> list[tuple[str, str, str]]:
-    """Return the configuration keys in which two agents differ, with the values of each.
+    """Return the configuration keys in which two agents differ, with their two values.
 
-    A group whose choice differs is one row: `vehicle` stands for all keys of the two sheets.
+    A group with different options is one row: `vehicle` stands for all keys of the two sheets.
     """
     values: list[dict[str, list[str]]] = []
     for agent in pair:

@@ -1,7 +1,7 @@
-"""What the thesis reported: its test table as data, and where its agents lie in the grid.
+"""Provide the original study's results: its test table, and where its agents are in the grid.
 
-200 test episodes at 10 Hz, one training seed (42), 1,000,000 training steps. Values that its scan had damaged were
-restored from sums (rates add to 100; mean sum = mean norm x mean steps) and are marked as such.
+200 test episodes at 10 Hz, one training seed (42), 1,000,000 training steps. Values that were unreadable in
+its scan were restored from sums (rates add up to 100; mean sum = mean norm x mean steps) and are marked.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from auvbench.statistics.intervals import Estimate
 STEPS = 1_000_000
 """training steps of every agent"""
 HIGH_FREQUENCY = 55.0
-"""Hz; where its agents did not converge"""
+"""frequency in Hz at which its agents did not converge"""
 
 CELLS: dict[str, tuple[float, float]] = {
     "0": (40.0, 25.0),
@@ -30,21 +30,21 @@ CELLS: dict[str, tuple[float, float]] = {
     "7": (40.0, 10.0),
     "8": (100.0, 10.0),
 }
-"""K and f in Hz of SAC_i and PPO_i"""
+"""K, and f in Hz, of SAC_i and PPO_i"""
 
 FACTORS = {"algo": "algo.name", "reward.k": "reward.k", "step.frequency": "step.frequency"}
-"""of the grid, by the short name in an agent's key"""
+"""factors of the grid, by the short name in an agent's key"""
 
 AGENTS = ("SAC0", "SAC1", "SAC2", "SAC3", "SAC4", "SAC5", "SAC6", "SAC7", "PPO4", "PPO6", "PPO7")
 
 
 @dataclass(frozen=True, slots=True)
 class Reported:
-    """One number of the thesis."""
+    """One number of the original study."""
 
     value: float
     mark: str = ""
-    """'r' restored from the row's sums; 'text' given in the text, not in the table"""
+    """'r': restored from the row's sums; 'text': given in the text, not in the table"""
 
 
 def _row(values: str) -> dict[str, Reported]:
@@ -72,7 +72,9 @@ TABLE: dict[str, dict[str, Reported]] = {
         "11009.2 19786.81 12654.93 12979.35 10320.23 13429.88 18832.15 14313.92 26390.45 12595.05 -"
     ),
 }
-"""by our measure and its agent; rates in percent. SAC5 and SAC6 print the same deviation_std: one is a slip."""
+"""numbers by our measure and the study's agent; rates in percent. SAC5 and SAC6 have the same deviation_std
+in print: one is a misprint.
+"""
 
 TITLES = {
     "success_rate": "success, %",
@@ -88,21 +90,21 @@ TITLES = {
 
 @dataclass(frozen=True, slots=True)
 class ComparisonRow:
-    """One number of the thesis and ours."""
+    """One number of the original study, and ours."""
 
     agent: str
-    """the thesis's name, SAC4"""
+    """name in the original study, e.g. SAC4"""
     label: str
-    """ours; empty where the cell was not run"""
+    """our label; '' if the cell was not run"""
     measure: str
     theirs: Reported
-    """rates in percent"""
+    """the study's number; rates in percent"""
     ours: Estimate | None
-    """rates in percent"""
+    """our estimate; rates in percent"""
 
 
 def compare(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[ComparisonRow, ...]:
-    """Return every number of the thesis's table with ours of the same algorithm, K and training frequency."""
+    """Return every number of the study's table, with ours for the same algorithm, K and training frequency."""
     known = [with_factors(agent) for agent in agents]
     ours = {metric: _estimates(metric, agents, confidence) for metric in TABLE}
     rows = []
@@ -118,17 +120,17 @@ def compare(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[Comparis
 
 
 def _estimates(metric: str, agents: Sequence[Agent], confidence: float) -> dict[str, Estimate]:
-    """Return our estimates by label, rates in percent."""
+    """Return our estimates by label; rates in percent."""
     m = measure(metric)
-    found = means(m.table(agents, paired=False), confidence) if agents else []
+    estimates = means(m.table(agents, paired=False), confidence) if agents else []
     return {
         agent.label: replace(e, value=m.scale * e.value, low=m.scale * e.low, high=m.scale * e.high)
-        for agent, e in zip(agents, found, strict=True)
+        for agent, e in zip(agents, estimates, strict=True)
     }
 
 
 def with_factors(agent: Agent) -> Agent:
-    """Return an agent whose key has all factors of the grid, read from its runs; None where they differ."""
+    """Return an agent whose key has all factors of the grid, from its runs; None if the runs differ."""
     key = dict(agent.key)
     for short, full in FACTORS.items():
         if key.get(short) is None:
@@ -138,13 +140,15 @@ def with_factors(agent: Agent) -> Agent:
 
 
 def cell(agent: Agent) -> tuple[float, float]:
-    """Return K and training frequency of an agent; NaN where its runs differ."""
+    """Return K and training frequency of an agent; NaN if its runs differ."""
     k, f = agent.key["reward.k"], agent.key["step.frequency"]
     return (float("nan") if k is None else float(k), float("nan") if f is None else float(f))
 
 
 def of_family(agents: Sequence[Agent], family: str) -> list[Agent]:
-    """Return the agents of an algorithm: those trained as in the thesis (`sac_thesis`) where there are any."""
+    """Return the agents of an algorithm; only those trained as in the original study (`sac_thesis`), if there
+    are any.
+    """
     names = {str(agent.key["algo"]) for agent in agents}
     name = f"{family}_thesis" if f"{family}_thesis" in names else family
     return [agent for agent in agents if agent.key["algo"] == name]

@@ -1,4 +1,6 @@
-"""Agents on one measure, as every verdict compares them: learners by their typical trainings, controllers scenario by scenario."""
+"""Compare agents on one measure, as for every verdict: learners by their typical trainings, controllers
+scenario by scenario.
+"""
 
 from __future__ import annotations
 
@@ -28,25 +30,25 @@ class Typical:
         ends = (np.zeros(len(agents)), np.ones(len(agents))) if m.rate else m.bounds(agents)
         self._least, self._most = ends
         self.worst = self._least if m.higher_is_better else self._most
-        """(n,) values that failures alone give; infinite where there is no limit"""
+        """(n,) values if every episode fails; infinite without a limit"""
         self.trainings = np.array([sample.n for sample in self._samples])
-        """(n,) with a value; 1 for a controller"""
+        """(n,) number of trainings with a value; 1 for a controller"""
         self.value = np.array([float(sample.typical) for sample in self._samples])
         """(n,) median over trainings; NaN without a value"""
         self._controllers = cache(self._of_controllers)
 
     def gains(self, i: int, baseline: float) -> FloatArray:
-        """Return what each training of an agent is better by than a value of the measure."""
+        """Return how much better each training of an agent is than a value of the measure."""
         return np.asarray(self.measure.sign * (self._samples[i].means - baseline))
 
     def difference(self, i: int, j: int, level: float) -> Estimate:
-        """Return agent i less agent j with its interval at 1 - `level`; no ends where no verdict can be."""
+        """Return agent i less agent j with its interval at 1 - `level`; without limits if no verdict is possible."""
         if max(self.trainings[i], self.trainings[j]) > 1:
             return self.contrast({i: 1.0, j: -1.0}, level)
         return self._controllers(i, j, level)[0]
 
     def p_value(self, i: int, j: int) -> float:
-        """Return the p-value of no difference of two agents; NaN where no verdict can be."""
+        """Return the p-value of no difference between two agents; NaN if no verdict is possible."""
         if max(self.trainings[i], self.trainings[j]) > 1:
             return self.p_of({i: 1.0, j: -1.0})
         return self._controllers(i, j, typical.ALPHA)[1]
@@ -68,8 +70,8 @@ class Typical:
 
     def error(self, i: int, j: int) -> tuple[float, int]:
         """Return the standard error over scenarios of a difference of two agents, and the number of scenarios."""
-        found = self._contrast({i: 1.0, j: -1.0})
-        return float(found.error), found.samples[0].middle.shape[-1]
+        contrast = self._contrast({i: 1.0, j: -1.0})
+        return float(contrast.error), contrast.samples[0].middle.shape[-1]
 
     def fewest(self, places: Sequence[int]) -> int:
         """Return the trainings of the learner with the fewest among some agents; 0 where none has several."""
@@ -85,17 +87,17 @@ class Typical:
 
     def _contrast(self, weights: dict[int, float]) -> Contrast:
         samples = [self._samples[i] for i in weights]
-        known = np.all([np.isfinite(one.middle) for one in samples], axis=0)
+        known = np.all([np.isfinite(sample.middle) for sample in samples], axis=0)
         if not known.all():
-            samples = [Sample(one.means, one.middle[known]) for one in samples]
+            samples = [Sample(sample.means, sample.middle[known]) for sample in samples]
         return Contrast(samples, tuple(weights.values()), self.measure.rate)
 
     def _of_controllers(self, i: int, j: int, level: float) -> tuple[Estimate, float]:
         """Return the difference of two single runs, and its p-value: McNemar's mid-p for rates, else the paired t-test's."""
         data, at = [self._data[i], self._data[j]], [i, j]
         table = st.crossed(data, rate=self.measure.rate, bounds=(self._least[at], self._most[at]))
-        found = st.pairs(table, 1 - level)
-        estimate, p = found.estimate(0, 1, 1 - level), float(found.p[0, 1])
+        pairs = st.pairs(table, 1 - level)
+        estimate, p = pairs.estimate(0, 1, 1 - level), float(pairs.p[0, 1])
         if self.measure.rate:
             only = data[0][0] @ (1 - data[1][0]), data[1][0] @ (1 - data[0][0])
             p = float(st.mcnemar(*only))
@@ -104,8 +106,8 @@ class Typical:
 
 def _with_values(x: FloatArray) -> FloatArray:
     """Return the trainings that have any value; those without are not in a mean either."""
-    there = np.isfinite(x).any(axis=1)
-    return x[there] if there.any() else x[:1]
+    present = np.isfinite(x).any(axis=1)
+    return x[present] if present.any() else x[:1]
 
 
 def _sample(x: FloatArray) -> Sample:

@@ -1,8 +1,9 @@
-"""ArduSub's frames: which motor pushes where, which thruster of a vehicle it is, and what a PWM makes of it.
+"""Match a vehicle's thrusters to the motors of ArduSub's frames, and convert PWM to forces.
 
-Source of the factors: setup_motors in libraries/AP_Motors/AP_Motors6DOF.cpp, the same as in libraries/SITL/SIM_Submarine.cpp,
-which also says how they point: a motor above 1500 us pushes along (forward, lateral, -throttle) and turns along (roll, pitch, yaw),
-forward, starboard, down. No compiled code is imported here.
+Source of the factors: setup_motors in libraries/AP_Motors/AP_Motors6DOF.cpp. The same factors are in
+libraries/SITL/SIM_Submarine.cpp, which defines their signs: a motor above 1500 us pushes along (forward,
+lateral, -throttle) and turns along (roll, pitch, yaw), axes forward, starboard, down. This module imports no
+compiled code.
 """
 
 from __future__ import annotations
@@ -21,15 +22,17 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 NEUTRAL, LOW, HIGH = 1500, 1100, 1900
-"""us: of no thrust, and of full thrust astern and ahead (MOT_PWM_MIN and MOT_PWM_MAX of ArduSub)"""
+"""PWM in us without thrust, at full thrust astern, and at full thrust ahead (ArduSub's MOT_PWM_MIN and
+MOT_PWM_MAX)
+"""
 SHORTEST, LONGEST = 1000, 2000
-"""us: ArduPilot's own model takes what is not between them for no pulse"""
+"""shortest and longest pulse in us; ArduPilot's own model ignores others"""
 VOLTAGE = 16.0
-"""V, at which the T200 was measured"""
+"""supply voltage of the T200's measurement"""
 MOST = 12
-"""motors of ArduSub (MOT_1_DIRECTION to MOT_12_DIRECTION)"""
+"""largest number of ArduSub's motors (MOT_1_DIRECTION to MOT_12_DIRECTION)"""
 THRUST = ("t200", "sheet")
-"""what turns a PWM into a force: a T200's measured curve, or the thruster's own curve in the sheet"""
+"""sources of the force by PWM: a T200's measured curve, or the thruster's own curve in the sheet"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +43,7 @@ class Frame:
     config: int
     """value of the parameter FRAME_CONFIG"""
     factors: tuple[tuple[float, float, float, float, float, float], ...]
-    """of each motor: roll, pitch, yaw, throttle, forward, lateral"""
+    """factors of each motor: roll, pitch, yaw, throttle, forward, lateral"""
 
     @property
     def motors(self) -> int:
@@ -48,7 +51,9 @@ class Frame:
 
     @property
     def wrench_signs(self) -> Floats:
-        """Signs (motors, 6) of force and moment above 1500 us, body FLU; 0 where the frame says nothing."""
+        """Return the signs (motors, 6) of force and moment above 1500 us, body FLU; 0 if the frame does not
+        specify them.
+        """
         roll, pitch, yaw, throttle, forward, lateral = np.array(self.factors).T
         return np.sign(flip(np.column_stack([forward, lateral, -throttle, roll, pitch, yaw])))
 
@@ -84,23 +89,23 @@ FRAMES = {
         ),
     )
 }
-"""frames whose thrusters are found by where they push, by name; FRAME_CONFIG 1 is ArduSub's default"""
+"""frames by name whose motors can be matched by direction of thrust; FRAME_CONFIG 1 is ArduSub's default"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motors:
-    """The thrusters of a vehicle as ArduSub's motors 1, 2, ..., which it drives on the channels of the same numbers."""
+    """Thrusters of a vehicle as ArduSub's motors 1, 2, ..., which are on the channels of the same numbers."""
 
     vehicle: VehicleModel
     frame: Frame | None
-    """None where the order was given"""
+    """frame; None if the user gave the order"""
     order: tuple[int, ...]
-    """(motors,) index of the thruster among the vehicle's actuators"""
+    """(motors,) index of each motor's thruster among the vehicle's actuators"""
     signs: tuple[float, ...]
-    """(motors,) 1 where the thruster pushes along the sheet's direction above 1500 us, else -1"""
+    """(motors,) 1 if the thruster pushes along the sheet's direction above 1500 us, else -1"""
 
     def forces(self, pwm: ArrayLike, thrust: str = "t200", voltage: float = VOLTAGE) -> Floats:
-        """Return steady forces (..., n_u) in N along the sheet's directions for the PWM (..., motors or more) in us."""
+        """Return steady forces (..., n_u) in N along the sheet's directions for PWM (..., motors or more) in us."""
         pulses = np.asarray(pwm, dtype=np.float64)
         out = np.zeros((*pulses.shape[:-1], len(self.vehicle.units)))
         for channel, (a, sign) in enumerate(zip(self.order, self.signs, strict=True)):
@@ -115,20 +120,21 @@ class Motors:
 
 
 def driven(pwm: ArrayLike) -> NDArray[np.bool_]:
-    """Return whether a channel has a pulse of an ESC (...)."""
+    """Return whether each channel (...) has an ESC's pulse."""
     pulses = np.asarray(pwm)
     return np.asarray((pulses > SHORTEST) & (pulses < LONGEST))
 
 
 def driven_pulse(pwm: int) -> bool:
-    """Return the same for one channel, without arrays."""
+    """Return whether one channel has an ESC's pulse, without arrays."""
     return SHORTEST < pwm < LONGEST
 
 
 def t200_force(pwm: ArrayLike, voltage: float = VOLTAGE) -> Floats:
-    """Return the force (...) in N of a T200 at a PWM (...) in us: Blue Robotics' curve at 16 V, in proportion to the voltage.
+    """Return the force (...) in N of a T200 at PWM (...) in us: Blue Robotics' curve at 16 V, scaled by the
+    voltage.
 
-    The curve's dead band, 1472 to 1528 us, is part of it. Without a pulse there is no force.
+    The curve includes the dead band, 1472 to 1528 us. Without a pulse the force is 0.
     """
     table = t200_table()
     pulses = np.asarray(pwm, dtype=np.float64)
@@ -140,16 +146,18 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
     """Return a vehicle's thrusters in the order of ArduSub's motors.
 
     Args:
-        vehicle: has thrusters alone.
-        given: thrusters' names in the order of the motors, with `-` where PWM above 1500 us pushes against the sheet's
-            direction; None finds the frame by where the thrusters push.
+        vehicle: vehicle with only thrusters.
+        given: thruster names in the order of the motors, with `-` if PWM above 1500 us pushes against the
+            sheet's direction; None matches a frame by direction of thrust.
 
     Raises:
-        ConfigError: the vehicle has other actuators or too many, fits no frame, or `given` is no order of its thrusters.
+        ConfigError: the vehicle has other or too many actuators, fits no frame, or `given` is not an order of
+            its thrusters.
     """
     if vehicle.others:
         raise ConfigError(
-            f"vehicle={vehicle.name}: has {', '.join(vehicle.others)}; ArduSub's frames have thrusters alone, as bluerov2 has"
+            f"vehicle={vehicle.name}: has {', '.join(vehicle.others)}; ArduSub's frames have only "
+            "thrusters, as bluerov2 has"
         )
     if len(vehicle.actuators) > MOST:
         raise ConfigError(
@@ -158,8 +166,8 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
     if given is not None:
         return _given(vehicle, given)
     for frame in FRAMES.values():
-        if (found := _matched(vehicle, frame)) is not None:
-            return Motors(vehicle, frame, *found)
+        if (match := _matched(vehicle, frame)) is not None:
+            return Motors(vehicle, frame, *match)
     known = ", ".join(f"{frame.name} ({frame.motors} motors)" for frame in FRAMES.values())
     raise ConfigError(
         f"vehicle={vehicle.name}: its thrusters fit none of ArduSub's frames {known}; auvbench serve takes their order"
@@ -168,7 +176,9 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
 
 
 def _matched(vehicle: VehicleModel, frame: Frame) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
-    """Return order and signs by which the thrusters push as the frame's motors do; None where they do not."""
+    """Return the order and signs with which the thrusters push as the frame's motors do; None if they do not
+    match.
+    """
     columns = vehicle.allocation.T
     if len(columns) != frame.motors:
         return None

@@ -1,4 +1,4 @@
-"""The embedded physics as ArduSub needs it: PWM in, sensors out, one packet's time after the other."""
+"""Simulate the embedded physics for ArduSub: PWM in, sensor readings out, one packet's duration at a time."""
 
 from __future__ import annotations
 
@@ -30,25 +30,26 @@ NORTH = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 
 _BUOYANCY = SCALES.index("buoyancy")
 _STRONGER = 1.05
-"""times a T200 at 16 V: sheets round its thrust"""
+"""factor on a T200's force at 16 V up to which a thruster counts as a T200, since sheets round its thrust"""
 _FIRST = np.zeros(1, dtype=np.int64)
 
 
 class Physics:
     """One vehicle in its water, driven by the PWM of ArduSub's motors.
 
-    Below the surface its motion is, to the last bit, that of `FossenSimulator` under the same forces. At the surface the
-    buoyancy falls with the share of the vehicle that is above it, so that a vehicle that floats stays there.
+    Below the surface its motion has the bits of `FossenSimulator` under the same forces. At the surface the
+    buoyancy falls with the share of the vehicle above it, so that a floating vehicle stays at the surface.
 
     Args:
-        config: its vehicle, simulator, `task.start` and disturbance; `step.frequency` is that of a fluctuating current.
-        motors: given order of the thrusters (`motors_of`).
-        thrust: of `frames.THRUST`.
-        voltage: V, of the battery.
+        config: vehicle, simulator, `task.start` and disturbance; `step.frequency` is the rate of a
+            fluctuating current.
+        motors: order of the thrusters, if given (`motors_of`).
+        thrust: one of `frames.THRUST`.
+        voltage: voltage of the battery, V.
 
     Raises:
-        ConfigError: the vehicle has fins or fits no frame, the simulator is not the embedded one, or the disturbance has
-            delays or sensor errors.
+        ConfigError: the vehicle has fins or fits no frame, the simulator is not the embedded one, or the
+            disturbance has delays or sensor errors.
     """
 
     def __init__(
@@ -70,8 +71,8 @@ class Physics:
         drawn = config.disturbance.randomisation
         if not isinstance(config.simulator, simulators.Fossen):
             raise ConfigError(f"simulator={config.simulator.name}: ArduSub needs simulator=fossen")
-        made = make_simulator(config.simulator, self.vehicle, 1, drawn, physical.model)
-        self.simulator = cast(FossenSimulator, made)
+        simulator = make_simulator(config.simulator, self.vehicle, 1, drawn, physical.model)
+        self.simulator = cast(FossenSimulator, simulator)
         self._start = np.array([[*config.task.start, *NORTH]])
         self._task = tasks.make(config, self.vehicle, 1, config.seed)
         self._task.assign(np.array([1]))  # episode 0
@@ -80,16 +81,16 @@ class Physics:
         pulses = np.repeat(np.arange(LONGEST + 1)[:, None], len(self.motors.order), axis=1)
         commands = physical(self.motors.forces(pulses, thrust, voltage))
         self._commands = [commands[:, a].tolist() for a in self.motors.order]
-        """of each motor, the simulator's command by PWM"""
+        """for each motor, the simulator's command by PWM"""
         self._command = np.zeros((1, len(self.vehicle.units)))
         self._height = (self.vehicle.buoyancy / (self.vehicle.density * self.vehicle.gravity)) ** (1.0 / 3.0)
-        """m, of the cube that displaces as much water: what of the vehicle is above the surface is measured by it"""
+        """edge length in m of a cube that displaces as much water; the part above the surface is computed with it"""
         self._center = self.vehicle.center_of_buoyancy.tolist()
         self._sensors = Sensors(self.simulator, voltage)
         self.reset()
 
     def reset(self) -> None:
-        """Put the vehicle at rest where it started, at time 0 in the same water."""
+        """Put the vehicle at rest at its start, at time 0, in the same water."""
         self._task.C[:, C_STEPS] = 0
         disturbances, simulator = self._disturbances, self.simulator
         disturbances.D[:] = 0.0
@@ -104,14 +105,15 @@ class Physics:
 
     @property
     def time(self) -> float:
-        """Return the s since the reset."""
+        """Return the time since the reset in s."""
         return self._sensors.time
 
     def step(self, pwm: Sequence[int], duration: float) -> SensorState:
-        """Hold a PWM in us per channel, the motors' first, for `duration` s; return what the sensors read then.
+        """Apply PWM in us for each channel, the motors' first, for `duration` s; return the sensor readings
+        after it.
 
         Raises:
-            TrainingError: the motion left the finite numbers.
+            TrainingError: the motion is not finite.
         """
         simulator, disturbances, row = self.simulator, self._disturbances, self._command[0]
         for channel, a in enumerate(self.motors.order):
@@ -126,7 +128,7 @@ class Physics:
         return state
 
     def _float(self) -> None:
-        """Take away the buoyancy of what is above the surface."""
+        """Subtract the buoyancy of the part above the surface."""
         simulator = self.simulator
         _, _, z, *attitude = simulator.pose[0].tolist()
         above = min(max(0.5 + z / self._height, 0.0), 1.0)
@@ -140,7 +142,7 @@ class Physics:
 
 
 def _check_t200(motors: Motors) -> None:
-    """Refuse thrusters that are far stronger than the T200 that is to drive them."""
+    """Reject thrusters that are far stronger than the T200 whose curve would drive them."""
     most = float(np.max(np.abs(motors.vehicle.force_limits)))
     strongest = float(t200_table()["force_N"][-1])
     if most > _STRONGER * strongest:
@@ -150,10 +152,11 @@ def _check_t200(motors: Motors) -> None:
 
 
 def _refuse_errors(disturbances: Disturbances) -> None:
-    """Refuse what ArduSub has of its own: errors of its sensors, and delays."""
+    """Reject sensor errors and delays, which ArduSub simulates itself."""
     for key, present in (("delay", disturbances.delayed), ("sensor", disturbances.misreads)):
         if present:
             raise ConfigError(
-                f"disturbance.{key}: serve --face ardusub has none, ArduSub simulates its own sensors (SIM_ parameters); use"
+                f"disturbance.{key}: is not available with serve --face ardusub, since ArduSub simulates "
+                "its own sensors (SIM_ parameters); use"
                 " currents, waves, faults and randomisation"
             )

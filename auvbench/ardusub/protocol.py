@@ -1,4 +1,4 @@
-"""The bytes of ArduPilot's JSON backend: a binary packet of PWM in, a line of JSON out.
+"""Read and write ArduPilot's JSON backend: a binary packet of PWM in, a line of JSON out.
 
 Source: libraries/SITL/SIM_JSON.h, SIM_JSON.cpp and examples/JSON/readme.md. This module imports neither NumPy nor compiled code.
 """
@@ -12,63 +12,65 @@ from dataclasses import dataclass
 PORT = 9002
 """UDP port of the physics for ArduPilot's instance 0"""
 PORT_STEP = 10
-"""between the ports of two instances"""
+"""difference between the ports of two instances"""
 SLOWEST = 10
-"""Hz: ArduPilot ignores steps of 0.1 s and more"""
+"""lowest frame rate in Hz: ArduPilot ignores steps of 0.1 s and more"""
 CHANNELS = {18458: 16, 29569: 32}
-"""PWM channels of a packet by its magic number"""
+"""number of PWM channels of a packet, by its magic number"""
 
 _LAYOUTS = {magic: struct.Struct(f"<HHI{channels}H") for magic, channels in CHANNELS.items()}
 _MAGIC = struct.Struct("<H")
 LARGEST = max(layout.size for layout in _LAYOUTS.values())
-"""bytes of the longest packet"""
+"""size of the longest packet in bytes"""
 
 
 class PacketError(ValueError):
-    """A datagram is no packet of ArduPilot's JSON backend."""
+    """A datagram is not a packet of ArduPilot's JSON backend."""
 
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """What ArduSub sends for each step."""
+    """Packet that ArduSub sends for each step."""
 
     frame_rate: int
-    """Hz: the step is to last its reciprocal"""
+    """rate in Hz; the step lasts its reciprocal"""
     frame_count: int
-    """replies that ArduSub has taken since it started"""
+    """number of replies that ArduSub has received since its start"""
     pwm: tuple[int, ...]
-    """(16,) or (32,) us; 0 for a channel without a pulse"""
+    """(16,) or (32,) pulses, us; 0 for a channel without a pulse"""
 
     @property
     def duration(self) -> float:
-        """Length of the step in s."""
+        """Return the length of the step in s."""
         return 1.0 / self.frame_rate
 
 
 @dataclass(frozen=True, slots=True)
 class SensorState:
-    """What ArduSub is told: world north, east, down from its home at the surface; body forward, starboard, down."""
+    """Sensor readings for ArduSub: world north, east, down from its home at the surface; body forward,
+    starboard, down.
+    """
 
     time: float
-    """s since the vehicle was reset"""
+    """time in s since the vehicle was reset"""
     gyro: tuple[float, float, float]
-    """rad/s"""
+    """angular velocity, rad/s"""
     specific_force: tuple[float, float, float]
-    """m/s2, acceleration less gravity: (0, 0, -9.81) at rest and level"""
+    """acceleration less gravity, m/s2: (0, 0, -9.81) at rest and level"""
     position: tuple[float, float, float]
-    """m; the last is the depth"""
+    """position, m; the last number is the depth"""
     velocity: tuple[float, float, float]
-    """m/s over ground"""
+    """velocity over ground, m/s"""
     quaternion: tuple[float, float, float, float]
     """(w, x, y, z), body to world"""
     voltage: float
-    """V, of the battery"""
+    """voltage of the battery, V"""
     current: float
-    """A, out of the battery"""
+    """current of the battery, A"""
 
     @property
     def depth(self) -> float:
-        """Depth below the mean surface in m."""
+        """Return the depth below the mean surface in m."""
         return self.position[2]
 
 
@@ -76,7 +78,7 @@ def parse(datagram: bytes) -> Packet:
     """Return the packet in a datagram.
 
     Raises:
-        PacketError: the magic number or the length is another, or the frame rate is too low.
+        PacketError: the magic number or the length is wrong, or the frame rate is too low.
     """
     if len(datagram) < _MAGIC.size:
         raise PacketError(f"{len(datagram)} bytes: must be 40 or 72")
@@ -93,7 +95,7 @@ def parse(datagram: bytes) -> Packet:
 
 
 def reply(state: SensorState) -> bytes:
-    """Return the line that answers a packet.
+    """Return the reply to a packet.
 
     Raises:
         ValueError: a number is not finite, which ArduPilot's parser would misread.
@@ -113,7 +115,7 @@ def reply(state: SensorState) -> bytes:
     return _LINE.format(*numbers).encode("ascii")
 
 
-# ArduPilot finds a key as the first place where its name stands: no earlier key may contain a later one's name.
+# ArduPilot finds a key by the first occurrence of its name, so no earlier key may contain a later one's name.
 _LINE = (
     '\n{{"timestamp":{:.9f},"imu":{{"gyro":[{:.9f},{:.9f},{:.9f}],"accel_body":[{:.9f},{:.9f},{:.9f}]}},'
     '"position":[{:.9f},{:.9f},{:.9f}],"velocity":[{:.9f},{:.9f},{:.9f}],'

@@ -1,4 +1,4 @@
-"""ArduSub over MAVLink: a ground station's orders, and what ArduSub tells of itself."""
+"""Talk to ArduSub over MAVLink: a ground station's orders, and ArduSub's telemetry."""
 
 from __future__ import annotations
 
@@ -15,31 +15,32 @@ from auvbench.errors import MissingExtraError, TrainingError
 MANUAL = 19
 """mode in which sticks go to the mixer"""
 MODES = {"alt_hold": 2, "guided": 4, "poshold": 16}
-"""Mode::Number of ArduSub/mode.h"""
+"""numbers of modes (Mode::Number in ArduSub/mode.h)"""
 
 _PILOT = 255
-"""MAVLink's system number of a ground station"""
+"""MAVLink system number of a ground station"""
 _POSITION_AND_VELOCITY = 0b100111000000
-"""type mask of SET_POSITION_TARGET_LOCAL_NED: what it ignores. A position alone makes ArduSub plan its way anew with each
-message, so that one that is sent at 10 Hz is approached at 0.03 m/s."""
+"""type mask of SET_POSITION_TARGET_LOCAL_NED: the ignored fields. With only a position, ArduSub would plan a
+new path with each message; at 10 Hz it would approach at 0.03 m/s.
+"""
 _BODY_FRD = 12
-"""MAV_FRAME: ahead, to starboard and down of where ArduSub takes itself to be, level"""
+"""MAV_FRAME with axes ahead, starboard and down, level, relative to ArduSub's own position estimate"""
 _TYPES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}
 
 _used: dict[str, str] = {}
 
 
 def used() -> dict[str, str]:
-    """Return the version of the last ArduSub of this process, for manifests; empty without one."""
+    """Return the version of this process's last ArduSub, for manifests; empty without one."""
     return dict(_used)
 
 
 class Radio:
-    """One end of a MAVLink connection over UDP; the other is an ArduSub that has been told its port.
+    """One end of a MAVLink connection over UDP; the other end is an ArduSub that was started with its port.
 
     Args:
-        path: of ArduSub's program, for errors.
-        parameters: that ArduSub is to confirm.
+        path: path of ArduSub's program, for errors.
+        parameters: parameters that ArduSub must confirm.
 
     Raises:
         MissingExtraError: pymavlink is not installed.
@@ -50,11 +51,11 @@ class Radio:
         self.armed = False
         self.mode = -1
         self.yaw = 0.0
-        """rad, of ArduSub's own estimate, from north to starboard"""
+        """yaw by ArduSub's own estimate, rad, from north to starboard"""
         self.said = ""
-        """the last text of ArduSub"""
+        """last text message of ArduSub"""
         self.unconfirmed = dict(parameters)
-        """parameters that ArduSub has not named with their values"""
+        """parameters that ArduSub has not confirmed yet"""
         self.socket = loopback_socket()
         self.socket.setblocking(False)
         self._peer: Any = None
@@ -68,7 +69,7 @@ class Radio:
             self.socket.sendto(data, self._peer)
 
     def listen(self) -> None:
-        """Take in the telemetry that has arrived."""
+        """Read the telemetry that has arrived."""
         while True:
             try:
                 data, self._peer = self.socket.recvfrom(65_536)
@@ -83,7 +84,7 @@ class Radio:
             submarine = d.MAV_TYPE_SUBMARINE, d.MAV_AUTOPILOT_ARDUPILOTMEGA
             if (message.type, message.autopilot) != submarine:
                 raise TrainingError(
-                    f"{self.path}: is no ArduSub: it calls itself MAV_TYPE {message.type}, MAV_AUTOPILOT {message.autopilot}"
+                    f"{self.path}: is not ArduSub: it reports MAV_TYPE {message.type}, MAV_AUTOPILOT {message.autopilot}"
                 )
             self.armed = bool(message.base_mode & d.MAV_MODE_FLAG_SAFETY_ARMED)
             self.mode = int(message.custom_mode)
@@ -101,7 +102,7 @@ class Radio:
             _used["ardusub"] = f"{major}.{minor}.{patch}{_TYPES.get(type_, '')} ({commit})"
 
     def ask(self) -> None:
-        """Ask for the version, the attitude at 50 Hz, and the parameters that are not confirmed."""
+        """Request the version, the attitude at 50 Hz, and the unconfirmed parameters."""
         d = self._dialect
         self._command(d.MAV_CMD_REQUEST_MESSAGE, d.MAVLINK_MSG_ID_AUTOPILOT_VERSION)
         self._command(d.MAV_CMD_SET_MESSAGE_INTERVAL, d.MAVLINK_MSG_ID_ATTITUDE, 20_000)
@@ -109,11 +110,11 @@ class Radio:
             self._link.param_request_read_send(1, 1, name.encode(), -1)
 
     def set_mode(self, mode: int) -> None:
-        """Ask for a mode."""
+        """Request a mode."""
         self._command(self._dialect.MAV_CMD_DO_SET_MODE, 1, mode)
 
     def arm(self) -> None:
-        """Ask ArduSub to arm."""
+        """Request arming."""
         self._command(self._dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
     def _command(self, number: int, *values: float) -> None:
@@ -127,12 +128,12 @@ class Radio:
     def fly_to(
         self, offset: tuple[float, float, float], yaw: float, velocity: tuple[float, float, float]
     ) -> None:
-        """Give a target of mode GUIDED.
+        """Send a target of mode GUIDED.
 
         Args:
-            offset: m ahead, to starboard and down of the vehicle, level.
-            yaw: rad from north to starboard.
-            velocity: m/s of the target, in the same axes.
+            offset: offset in m from the vehicle: ahead, starboard and down, level.
+            yaw: yaw in rad from north to starboard.
+            velocity: velocity of the target in m/s, in the same axes.
         """
         self._link.set_position_target_local_ned_send(
             *(0, 1, 1, _BODY_FRD, _POSITION_AND_VELOCITY),
@@ -140,16 +141,16 @@ class Radio:
         )
 
     def stick(self, forward: float, starboard: float, up: float, turn: float) -> None:
-        """Move a pilot's sticks, each in [-1, 1]; neutral sticks also tell ArduSub that the pilot is there."""
+        """Move a pilot's sticks, each in [-1, 1]; neutral sticks also show that the pilot is present."""
         x, y, z, r = (round(1000.0 * value) for value in (forward, starboard, up, turn))
         self._link.manual_control_send(1, x, y, 500 + z // 2, r, 0)
 
 
 def loopback_socket() -> socket.socket:
-    """Return a UDP socket on a free port of this machine alone."""
-    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    made.bind(("127.0.0.1", 0))
-    return made
+    """Return a UDP socket on a free port, reachable only from this machine."""
+    udp = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    udp.bind(("127.0.0.1", 0))
+    return udp
 
 
 @cache

@@ -1,4 +1,4 @@
-"""What ArduSub's sensors read of one vehicle of the embedded simulator."""
+"""Compute the readings of ArduSub's sensors for one vehicle of the embedded simulator."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from auvbench.simulators.fossen import FossenSimulator
 Vector = tuple[float, float, float]
 
 GRAVITY = 9.80665
-"""m/s2, to which ArduPilot calibrates accelerometers (GRAVITY_MSS), whatever the sheet's gravity is"""
+"""gravity in m/s2 to which ArduPilot calibrates accelerometers (GRAVITY_MSS), whatever the sheet's value"""
 
 
 class Sensors:
-    """The sensors of a simulator's first vehicle, read once after each step.
+    """Sensors of a simulator's first vehicle; call `read` once after each step.
 
     Args:
-        simulator: of one vehicle.
-        voltage: V, of its battery.
+        simulator: simulator of one vehicle.
+        voltage: voltage of the battery, V.
     """
 
     def __init__(self, simulator: FossenSimulator, voltage: float = VOLTAGE) -> None:
         self.voltage = voltage
         self.time = 0.0
-        """s since the reset"""
+        """time since the reset, s"""
         self._simulator = simulator
         self._velocity: Vector = (0.0, 0.0, 0.0)
-        """at the last reading, m/s in the world"""
+        """velocity at the last reading, m/s in the world"""
 
     def reset(self) -> SensorState:
-        """Begin at time 0; return what the sensors of a vehicle read that is held where it is."""
+        """Restart at time 0; return the readings of a vehicle that is held in place."""
         self.time = 0.0
         attitude, motion = self._simulator.pose[0, 3:].tolist(), self._simulator.velocity[0].tolist()
         self._velocity = to_world(attitude, motion[:3])
         return self._state((0.0, 0.0, 0.0))
 
     def read(self, duration: float) -> SensorState:
-        """Return what the sensors read after a step of `duration` s.
+        """Return the readings after a step of `duration` s.
 
         Raises:
-            TrainingError: the motion left the finite numbers.
+            TrainingError: the motion is not finite.
         """
         self.time += duration
         before = self._velocity
@@ -53,7 +53,8 @@ class Sensors:
             name = self._simulator.vehicle.name
             raise TrainingError(f"{name}: the position is not finite after {self.time:g} s")
         self._velocity = now = to_world(pose[3:], motion[:3])
-        # The mean acceleration of the step: what ArduSub integrates becomes the change of velocity, whatever happened in between.
+        # The mean acceleration of the step, so that ArduSub's integral equals the change of velocity, whatever
+        # happened in between.
         x, y, z = ((a - b) / duration for a, b in zip(now, before, strict=True))
         return self._state((x, y, z))
 
@@ -74,13 +75,13 @@ class Sensors:
 
 
 def frd(vector: Sequence[float]) -> Vector:
-    """Return a vector (3,) forward, port, up as forward, starboard, down."""
+    """Convert a vector (3,) from forward, port, up to forward, starboard, down."""
     x, y, z = vector
     return x, -y, -z
 
 
 def to_world(attitude: Sequence[float], vector: Sequence[float]) -> Vector:
-    """Return R vector; plain floats, because arrays of three cost ten times as much."""
+    """Return R vector; with plain floats, because arrays of three numbers are ten times as slow."""
     w, x, y, z = attitude
     a, b, c = vector
     # v + 2 w (q x v) + 2 q x (q x v)

@@ -1,4 +1,4 @@
-"""The server: vehicles on UDP ports, each in lock-step with the ArduSub that sends to it, if ArduSub has the vehicle's frame."""
+"""Serve vehicles on UDP ports, each in lock-step with the ArduSub that sends to its port."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from auvbench.errors import UserError
 Address = tuple[str, int]
 
 LOOK = 0.5
-"""s between two looks at the clock and for Ctrl-C while nothing arrives"""
+"""time in s between two checks of the clock and of Ctrl-C while nothing arrives"""
 SILENT = 2.0
-"""s after which another ArduSub may take a port: a waiting one repeats its packet every second"""
+"""silence in s after which another ArduSub may take a port; a waiting ArduSub repeats its packet every second"""
 PATIENCE = 10.0
-"""s of silence until a hint what to check, and between reports"""
+"""silence in s before a hint on what to check, and between reports"""
 _AT_ONCE = 64
-"""datagrams read from a port before the others have their turn"""
+"""number of datagrams to read from a port before the next port's turn"""
 _DIFFERENCE = 5
-"""us from neutral from which a motor turns"""
+"""distance in us from neutral at which a motor turns"""
 _SUSPICION = 50
-"""packets in a row that look like those of another frame until they are believed"""
+"""number of consecutive packets that must look like another frame's before an error"""
 
 
 class FrameCheck:
-    """Finds out from the channels in use whether ArduSub has the frame of the vehicle."""
+    """Detects from the used channels whether ArduSub has the vehicle's frame."""
 
     def __init__(self, motors: Motors) -> None:
         self._motors = motors
         self._suspicion = 0
 
     def check(self, pwm: Sequence[int]) -> None:
-        """Take a packet's PWM in us.
+        """Check a packet's PWM in us.
 
         Raises:
-            UserError: ArduSub drives fewer motors than the vehicle has, or the eight of another frame.
+            UserError: ArduSub drives fewer motors than the vehicle has, or the eight motors of another frame.
         """
         count = len(self._motors.order)
         turning = any(driven_pulse(p) and abs(p - NEUTRAL) > _DIFFERENCE for p in pwm[:count])
@@ -70,15 +70,15 @@ class FrameCheck:
 
 
 class Port:
-    """A vehicle and the ArduSub that flies it.
+    """A vehicle and the ArduSub that controls it.
 
     Args:
-        physics: of the vehicle.
-        address: to listen at.
-        say: prints a line for people.
+        physics: physics of the vehicle.
+        address: address to listen at.
+        say: function that prints a line.
 
     Raises:
-        UserError: the port is taken, or the address is not of this machine.
+        UserError: the port is taken, or the address does not belong to this machine.
     """
 
     def __init__(self, physics: Physics, address: Address, say: Callable[[str], None]) -> None:
@@ -88,22 +88,22 @@ class Port:
         self.steps = 0
         self.frame_rate = 0
         self.heard = time.monotonic()
-        """when the peer last sent a packet, or the server began"""
+        """time of the peer's last packet, or of the server's start"""
         self.socket = _listen(address)
         self.number: int = self.socket.getsockname()[1]
         self._count = -1
         self._reply = b""
         self._rival: Address | None = None
-        """another sender, from its first packet on until the peer is heard again"""
+        """another sender, from its first packet until the peer is heard again"""
         self._told: set[str] = set()
         self._frame = FrameCheck(physics.motors)
 
     def serve(self) -> None:
-        """Answer what has arrived.
+        """Answer the packets that have arrived.
 
         Raises:
-            UserError: ArduSub has another frame than the vehicle.
-            TrainingError: the motion left the finite numbers.
+            UserError: ArduSub has a different frame than the vehicle.
+            TrainingError: the motion is not finite.
         """
         packet = self._newest()
         if packet is None or self.peer is None:
@@ -115,12 +115,12 @@ class Port:
             self._count, self.frame_rate = packet.frame_count, packet.frame_rate
             self._reply = protocol.reply(self.physics.step(packet.pwm, packet.duration))
             self.steps += 1
-        # A reply that is lost, here or on its way, is asked for again.
+        # ArduSub repeats its packet if a reply is lost.
         with contextlib.suppress(OSError):
             self.socket.sendto(self._reply, self.peer)
 
     def _newest(self) -> Packet | None:
-        """Return the last packet of the peer that has arrived: an earlier one is a repetition of it, or out of date."""
+        """Return the peer's last packet; earlier ones are repetitions or out of date."""
         newest = None
         for _ in range(_AT_ONCE):
             try:
@@ -139,7 +139,7 @@ class Port:
         return newest
 
     def _accepts(self, sender: Address) -> bool:
-        """Return whether a sender flies this vehicle; the first does, until it has been silent."""
+        """Return whether a sender controls this vehicle: the first sender does, until it falls silent."""
         now = time.monotonic()
         if sender != self.peer:
             if self.peer is not None and now - self.heard < SILENT:
@@ -150,7 +150,8 @@ class Port:
         elif self._rival is not None:
             self._tell_once(
                 "rival",
-                f"{_shown(self._rival)} sends, too, and is ignored: {_shown(sender)} flies this vehicle; give each ArduSub an"
+                f"{_shown(self._rival)} also sends, and is ignored: {_shown(sender)} controls this vehicle; "
+                "give each ArduSub an"
                 f" instance (-I 1: port {self.number + protocol.PORT_STEP}) and serve --vehicles 2",
             )
             self._rival = None
@@ -170,19 +171,19 @@ class Port:
 
 
 class Server:
-    """Vehicles on ports 10 apart, as ArduPilot's instances 0, 1, ... send.
+    """Vehicles on ports 10 apart, as used by ArduPilot's instances 0, 1, ...
 
     Args:
-        vehicles: one for each port.
-        address: to listen at.
-        port: of the first.
-        give_up: s of silence of every ArduSub after which `run` raises; None waits.
-        say: prints a line for people.
-        report: takes the line of progress, about once in `every` s.
-        every: s.
+        vehicles: one vehicle for each port.
+        address: address to listen at.
+        port: first port.
+        give_up: silence in s of every ArduSub after which `run` raises an error; None: wait forever.
+        say: function that prints a line.
+        report: function that takes the line of progress, about once in `every` s.
+        every: interval of reports, s.
 
     Raises:
-        UserError: a port is taken, or the address is not of this machine.
+        UserError: a port is taken, or the address does not belong to this machine.
     """
 
     def __init__(
@@ -207,13 +208,13 @@ class Server:
         except UserError:
             self.close()
             raise
-        for one in self.ports:
-            self._selector.register(one.socket, selectors.EVENT_READ, one)
+        for entry in self.ports:
+            self._selector.register(entry.socket, selectors.EVENT_READ, entry)
         self._meter = Meter(self.ports)
         self._hinted = False
 
     def compile(self) -> None:
-        """Compile what a step needs before ArduSub waits for it."""
+        """Compile the functions of a step before ArduSub waits for them."""
         for port in self.ports:
             port.physics.step((0,) * protocol.CHANNELS[min(protocol.CHANNELS)], 1e-3)
             port.physics.reset()
@@ -223,8 +224,9 @@ class Server:
         """Serve while `go_on()`.
 
         Raises:
-            UserError: ArduSub has another frame than the vehicle, or every ArduSub was silent for `give_up` s.
-            TrainingError: the motion left the finite numbers.
+            UserError: ArduSub has a different frame than the vehicle, or every ArduSub was silent for
+                `give_up` s.
+            TrainingError: the motion is not finite.
         """
         while go_on():
             for key, _ in self._selector.select(LOOK):
@@ -232,7 +234,7 @@ class Server:
             self._watch()
 
     def _watch(self) -> None:
-        """Report progress, or what to check when nothing arrives."""
+        """Report progress, or what to check if nothing arrives."""
         now = time.monotonic()
         silence = now - max(port.heard for port in self.ports)
         if silence < PATIENCE:
@@ -247,22 +249,22 @@ class Server:
 
     def _silence(self, silence: float) -> str:
         host, port = self.ports[0].socket.getsockname()
-        if all(one.peer is None for one in self.ports):
+        if all(entry.peer is None for entry in self.ports):
             return (
                 f"no packet on UDP {host}:{port} for {silence:.0f} s: is ArduSub running with {started(host, port)}? From"
-                " another machine it reaches --address 0.0.0.0 alone"
+                " another machine it needs --address 0.0.0.0"
             )
         return f"ArduSub has been silent for {silence:.0f} s: was it stopped or paused?"
 
     def close(self) -> None:
-        """Give the ports back."""
+        """Close the ports."""
         self._selector.close()
         for port in self.ports:
             port.socket.close()
 
 
 class Meter:
-    """Measures simulated time, its ratio to real time and steps per second."""
+    """Meter of simulated time, its ratio to real time, and steps per second."""
 
     def __init__(self, ports: Sequence[Port]) -> None:
         self._ports = ports
@@ -270,7 +272,7 @@ class Meter:
         self._steps = 0
 
     def line(self, now: float) -> str:
-        """Return the progress since the last line; empty where no vehicle moved."""
+        """Return the progress since the last line; '' if no vehicle moved."""
         steps = sum(port.steps for port in self._ports)
         rate = (steps - self._steps) / (now - self.began)
         self.began, self._steps = now, steps
@@ -314,7 +316,7 @@ def _listen(address: Address) -> socket.socket:
         if code == errno.EACCES:
             raise UserError(f"--port {address[1]}: must be at least 1024 without special rights") from None
         raise UserError(
-            f"--address {address[0]}: is no IPv4 address of this machine; 0.0.0.0 listens at all"
+            f"--address {address[0]}: is not an IPv4 address of this machine; 0.0.0.0 listens at all"
         ) from None
     return listener
 

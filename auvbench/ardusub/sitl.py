@@ -1,11 +1,11 @@
-"""A process of ArduSub's SITL in lock-step: sensors and PWM over UDP, orders and telemetry in MAVLink over UDP.
+"""Run ArduSub's SITL in lock-step: sensors and PWM over UDP, orders and telemetry in MAVLink over UDP.
 
-Both sockets are this process's own, on loopback, so that many pairs run side by side. ArduSub waits for the answer to each
-of its packets: between two calls of `exchange` its clock stands, and what is sent to it meanwhile arrives at the same step
-of its loop each time.
+The two sockets belong to this process and are on loopback, so that many pairs can run at the same time.
+ArduSub waits for the answer to each packet: between two calls of `exchange` its clock stands still, and
+orders sent meanwhile always arrive at the same step of its loop.
 
-An environment variable names the program. A run holds the program's digest and never its path: a run from another person
-must not choose a program to start.
+An environment variable names the program. A run has the program's digest but not its path: a run from another
+person must not choose a program to start.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from auvbench.config import algorithms
 from auvbench.errors import ConfigError, TrainingError
 
 VARIABLE = "AUVBENCH_ARDUSUB"
-"""which names the program"""
+"""environment variable that names the program"""
 
 PARAMETERS = {
     **{
@@ -47,35 +47,36 @@ PARAMETERS = {
     "LOG_BACKEND_TYPE": 0,
     "SIM_RATE_HZ": 400,
 }
-"""what every ArduSub is started with: the calibration of SITL's compasses, sticks that reach to full thrust, no log on disk,
-and packets at the rate of ArduSub's own loop"""
+"""parameters of every ArduSub: the calibration of SITL's compasses, sticks that reach full thrust, no log on
+disk, and packets at the rate of ArduSub's own loop
+"""
 
 PATIENCE = 20.0
-"""s of wall time without a packet after which ArduSub is given up"""
+"""wall time in s without a packet after which ArduSub counts as failed"""
 SETTLING = 120.0
-"""s of ArduSub's time in which it must take its mode, and then arm"""
+"""ArduSub's time in s in which it must change its mode, and then arm"""
 LOWERING = 1.0
-"""m/s, mean speed at which the vehicle is brought to its depth"""
+"""mean speed in m/s at which the vehicle is lowered to its depth"""
 ASKED = 0.5
-"""s of ArduSub's time between two attempts to arm, and between two messages that show that a pilot is there"""
+"""ArduSub's time in s between two attempts to arm, and between two heartbeats of the pilot"""
 
 _HOME = "55,10,0,0"
-"""latitude, longitude, altitude, heading of the world's origin, which is at sea level; ArduPilot takes 0,0 for no place"""
+"""latitude, longitude, altitude, heading of the world's origin at sea level; ArduPilot takes 0,0 as unknown"""
 _EPOCH = "1700000000"
-"""of ArduSub's clock, which sets its GPS's: the same in each run"""
+"""start of ArduSub's clock, which sets its GPS time; the same in each run"""
 
 
 class Sitl:
-    """ArduSub from its start to its end; it never starts over, so nothing of an earlier episode is left in it.
+    """An ArduSub process; it never restarts, so nothing of an earlier episode remains in it.
 
     Args:
-        path: the program.
-        parameters: of ArduSub, by name, in place of its defaults and of `PARAMETERS`.
-        at_birth: called in the new process before the program: what ties it to the life of this one.
+        path: path of the program.
+        parameters: ArduSub's parameters by name; they replace its defaults and `PARAMETERS`.
+        at_birth: function called in the new process before the program starts; ties its life to this process.
 
     Raises:
         MissingExtraError: pymavlink is not installed.
-        TrainingError: the program does not start, or ends, or sends nothing.
+        TrainingError: the program does not start, ends, or sends nothing.
     """
 
     def __init__(
@@ -83,7 +84,7 @@ class Sitl:
     ) -> None:
         self.path = path
         self.time = 0.0
-        """s, that ArduSub has lived through"""
+        """ArduSub's time so far, s"""
         self._count = -1
         self._peer: Any = None
         self._asked = -ASKED
@@ -109,7 +110,7 @@ class Sitl:
                     stdout=output,
                     stderr=subprocess.STDOUT,
                     preexec_fn=at_birth,
-                    start_new_session=True,  # Ctrl-C is for this process, which then ends ArduSub
+                    start_new_session=True,  # Ctrl-C is for this process, which then ends ArduSub.
                 )
         except OSError as error:
             shutil.rmtree(self._folder, ignore_errors=True)
@@ -117,11 +118,11 @@ class Sitl:
         self.close = weakref.finalize(
             self, _end, self._process, self._folder, (self._physics, self.radio.socket)
         )
-        """ends the process; so does the end of this one"""
+        """function that ends the process, which the end of this process also does"""
         self.packet = self._receive()
 
     def exchange(self, state: SensorState, duration: float) -> Packet:
-        """Answer ArduSub's packet with what its sensors read `duration` s later; return its next packet."""
+        """Answer ArduSub's packet with the sensor readings `duration` s later; return its next packet."""
         self.time += duration
         self._physics.sendto(reply(replace(state, time=self.time)), self._peer)
         self.packet = self._receive()
@@ -130,7 +131,7 @@ class Sitl:
     def _receive(self) -> Packet:
         ends = time.monotonic() + PATIENCE
         while True:
-            # Short waits: a process that has ended sends nothing, and is noticed at once.
+            # Short waits, so that the end of the process is noticed at once.
             if select.select([self._physics], [], [], 0.2)[0]:
                 data, sender = self._physics.recvfrom(LARGEST + 1)
                 try:
@@ -154,13 +155,14 @@ class Sitl:
         return f"; it said: {lines[0]}" if lines else ""
 
     def settle(self, still: SensorState, mode: int) -> float:
-        """Bring the vehicle, held by hand, to where it is to start, armed and in `mode`; return the s of ArduSub's time it takes.
+        """Move the held vehicle to its start, armed and in `mode`; return the duration in s of ArduSub's
+        time.
 
-        It is held at the surface until ArduSub's estimator has settled, then lowered: ArduSub takes the pressure in which it
-        starts for that of the surface, and a position that jumps for a fault of its sensors.
+        The vehicle is held at the surface until ArduSub's estimator has settled, then lowered. ArduSub takes
+        its pressure at the start as the surface's, and a jump of the position as a sensor fault.
 
         Raises:
-            TrainingError: ArduSub was not ready within `SETTLING`, or is no submarine.
+            TrainingError: ArduSub was not ready within `SETTLING`, or is not a submarine.
         """
         begun = self.time
         x, y, depth = still.position
@@ -174,13 +176,13 @@ class Sitl:
         while (t := self.time - started) < lowering:
             way, speed, acceleration = _eased(t / lowering)
             force = 1.0 - acceleration * depth / lowering**2 / GRAVITY
-            held = replace(
+            still_there = replace(
                 still,
                 position=(x, y, depth * way),
                 velocity=(0.0, 0.0, speed * depth / lowering),
                 specific_force=(force * ahead, force * starboard, force * down),
             )
-            self.exchange(held, self.packet.duration)
+            self.exchange(still_there, self.packet.duration)
             self._stay_known()
         lowered = self.time
         while not (self.radio.armed and self.radio.mode == mode):
@@ -188,7 +190,7 @@ class Sitl:
         return self.time - begun
 
     def _wait(self, held: SensorState, mode: int, begun: float, arm: bool = False) -> None:
-        """Let a little time pass with the vehicle held; ask for what lacks."""
+        """Let a little time pass with the vehicle held; request what is missing."""
         if self.time - begun > SETTLING:
             raise TrainingError(f"{self.path}: did not {self._lacking(mode)}")
         for _ in range(20):
@@ -201,7 +203,7 @@ class Sitl:
             self.radio.arm()
 
     def _stay_known(self) -> bool:
-        """Listen; every `ASKED` s show that a pilot is there, and return True."""
+        """Receive messages; every `ASKED` s send the pilot's heartbeat and return True."""
         self.radio.listen()
         if self.time - self._asked < ASKED:
             return False
@@ -218,7 +220,9 @@ class Sitl:
 
 
 def _eased(share: float) -> tuple[float, float, float]:
-    """Return way, speed and acceleration at a share of the time of a motion of length and time 1, at rest at both ends."""
+    """Return way, speed and acceleration at a share of the time of a motion of length and time 1, at rest at
+    both ends.
+    """
     angle = math.pi * share
     return 0.5 - 0.5 * math.cos(angle), 0.5 * math.pi * math.sin(angle), 0.5 * math.pi**2 * math.cos(angle)
 
@@ -226,8 +230,8 @@ def _eased(share: float) -> tuple[float, float, float]:
 def _end(process: subprocess.Popen[bytes], folder: Path, sockets: tuple[socket.socket, ...]) -> None:
     process.kill()
     process.wait()
-    for one in sockets:
-        one.close()
+    for endpoint in sockets:
+        endpoint.close()
     shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -235,11 +239,11 @@ def settled(config: DictConfig, algo: algorithms.ArduSub) -> DictConfig:
     """Return a composed configuration with the digest of its ArduSub.
 
     Args:
-        config: composed.
-        algo: its `algo`, checked.
+        config: composed configuration.
+        algo: `algo` of the configuration, checked.
 
     Raises:
-        ConfigError: as `find`.
+        ConfigError: see `find`.
     """
     result = copy.deepcopy(config)
     with open_dict(result):
@@ -251,10 +255,10 @@ def find(sha256: str = "") -> tuple[Path, str]:
     """Return the path of ArduSub's SITL and its SHA-256.
 
     Args:
-        sha256: that it must have; empty for any.
+        sha256: required SHA-256; '' for any.
 
     Raises:
-        ConfigError: no program is named, it cannot be read, or it is another.
+        ConfigError: no program is named, it cannot be read, or it has a different SHA-256.
     """
     named = os.environ.get(VARIABLE, "")
     if not named:
@@ -268,5 +272,7 @@ def find(sha256: str = "") -> tuple[Path, str]:
     except OSError as error:
         raise ConfigError(f"{VARIABLE}={named}: ArduSub's SITL cannot be read: {error.strerror}") from error
     if sha256 not in ("", digest):
-        raise ConfigError(f"{VARIABLE}={named}: is another program than that of algo.sha256={sha256[:12]}...")
+        raise ConfigError(
+            f"{VARIABLE}={named}: differs from the program of algo.sha256={sha256[:12]}...; set it to that program"
+        )
     return path, digest

@@ -1,4 +1,4 @@
-"""`auvbench bound`: the shortest time to the waypoints of a protocol, bracketed."""
+"""`auvbench bound`: compute lower and upper bounds of the time to the waypoints of a protocol."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def main(arguments: Sequence[str]) -> int:
     composed = compose("train", run)
     train_config(composed)
     config = resolved(composed)
-    if not given.force and (there := _there(protocol, config, root)) is not None:
-        print(_summary(there))
-        print("These bounds exist already (--force searches again).")
+    if not given.force and (existing := _there(protocol, config, root)) is not None:
+        print(_summary(existing))
+        print("These bounds exist already (--force computes them again).")
         return 0
     return _compute(protocol, config, root, given.workers)
 
@@ -38,10 +38,13 @@ def main(arguments: Sequence[str]) -> int:
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench bound",
-        description="Computes two bounds of the shortest time to the waypoint in each scenario of a protocol: the best "
-        "trajectory found by optimal control, started from PID, MPC and a straight line and replayed in the simulator, and a "
-        "time that is proven to be too short. auvbench report relates agents to the first (docs/bound.md). The same command "
-        "continues after an interruption. Needs CasADi: pip install 'auvbench[mpc]'.",
+        description="Computes two bounds of the shortest time to the waypoint in each scenario of a "
+        "protocol: the time of the best "
+        "trajectory that optimal control found (started from PID, MPC and a straight line, and replayed in "
+        "the simulator), and a "
+        "time that no trajectory can beat. auvbench report compares agents with the first bound "
+        "(docs/bound.md). After an "
+        "interruption, run the same command to continue. Needs CasADi: pip install 'auvbench[mpc]'.",
         epilog="example: auvbench bound protocol=test vehicle=bluerov2_heavy",
         keys=KEYS,
         workers="searches",
@@ -58,7 +61,7 @@ def parser() -> Parser:
 
 
 def _sorted(words: Sequence[str]) -> tuple[Path, list[str], list[str]]:
-    """Return the output folder, and the words for a run's configuration and for a test.
+    """Return the output folder, the overrides of a run's configuration, and the overrides of a test.
 
     Raises:
         UserError: an unknown key.
@@ -71,7 +74,8 @@ def _sorted(words: Sequence[str]) -> tuple[Path, list[str], list[str]]:
         group = key.partition(".")[0]
         if group == "task":
             raise UserError(
-                f"{word}: no bounds; only the waypoint task has them, with the values of its file (docs/bound.md)"
+                f"{word}: bounds exist only for the waypoint task with the values of its file; leave it out "
+                "(docs/bound.md)"
             )
         if group not in KEYS:
             raise UserError(f"{word}: bound has no such key; {closest(key, KEYS)}")
@@ -108,7 +112,7 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
         Pool(workers, PRELOAD) as pool,
     ):
         for line in left_out:
-            tell.note(f"left out: {line}")
+            tell.note(f"skipped: {line}")
 
         def told(bound: Any) -> None:
             nonlocal done
@@ -121,7 +125,7 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
         except Interrupted as interrupted:
             raise Interrupted(
                 interrupted.signal,
-                f"interrupted: {done} of {total} searches are kept; the same command continues",
+                f"interrupted: {done} of {total} searches are saved; run the same command to continue",
             ) from None
     print(_summary(limits))
     print(f"wrote {os.path.relpath(folder_of(root, protocol.name, limits.about.vehicle))}")

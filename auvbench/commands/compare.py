@@ -1,4 +1,4 @@
-"""`auvbench compare A B`: two runs or agents side by side."""
+"""`auvbench compare A B`: compare two runs or agents side by side."""
 
 from __future__ import annotations
 
@@ -19,8 +19,9 @@ def parser() -> Parser:
     parser = Parser(
         prog="auvbench compare",
         where=True,
-        description="Shows two agents side by side: differences with intervals, paired by test scenario (of learners, between "
-        "typical trainings); the configuration keys in which they differ; the success of their training.",
+        description="Compares two agents side by side: their differences with intervals, paired by test "
+        "scenario (for learners, between "
+        "typical trainings); the configuration keys in which they differ; the success rate in training.",
         epilog="examples:\n"
         "  auvbench compare pid mpc --in outputs/quickstart\n"
         "  auvbench compare outputs/default/ppo-k1-f10-s0-bbe2fa44 outputs/default/ppo-k1-f10-s1-44c8f5ef\n"
@@ -31,25 +32,25 @@ def parser() -> Parser:
         add(
             name,
             metavar=name.upper(),
-            help="a run, a folder with the seeds of one agent, or an agent's label or algorithm in --in FOLDER",
+            help="a run, a folder with the seeds of one agent, or the label or algorithm of an agent in --in FOLDER",
         )
     add(
         "--in",
         dest="folder",
         type=Path,
         default=Path("outputs"),
-        help="where labels are looked up (default: outputs)",
+        help="folder to look labels up in (default: outputs)",
     )
-    add("--protocol", default="test", metavar="NAME", help="the evaluation that is compared (default: test)")
-    add("--condition", metavar="NAME", help="the test condition within the protocol: nominal, current=0.5")
+    add("--protocol", default="test", metavar="NAME", help="protocol whose rows are compared (default: test)")
+    add("--condition", metavar="NAME", help="test condition within the protocol, e.g. nominal, current=0.5")
     add(
         "--confidence",
         type=number(0.5, 0.999),
         default=0.95,
         metavar="P",
-        help="of each interval (default: 0.95)",
+        help="confidence of each interval (default: 0.95)",
     )
-    add("--all", action="store_true", dest="every", help="every measure, not only the usual ones")
+    add("--all", action="store_true", dest="every", help="show every measure, not only the usual ones")
     add(
         "--out",
         type=Path,
@@ -68,11 +69,11 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.runs.atomic_io import storage
 
     names = (given.first, given.second)
-    found = [
+    agents_found = [
         side_by_side.find_agent(name, given.folder, given.protocol, given.condition, given.where)
         for name in names
     ]
-    pair = side_by_side.told_apart(found, names)
+    pair = side_by_side.told_apart(agents_found, names)
     differences = side_by_side.differences(pair, given.confidence, given.every)
     console = Console(highlight=False)
     console.print(TableView(_measures(pair, differences, given.confidence)))
@@ -88,7 +89,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _notes(differences: Sequence[Difference], confidence: float) -> list[str]:
-    """Return what the intervals cover, and what they assume."""
+    """Return notes on what the intervals cover and assume."""
     from auvbench.statistics.typical import FEWEST, trainings_needed
 
     covers = differences[0].difference.covers if differences else ""
@@ -96,7 +97,7 @@ def _notes(differences: Sequence[Difference], confidence: float) -> list[str]:
         f"Each interval holds by itself with {100 * confidence:g} % and covers {covers}; auvbench report compares with one error "
         "rate for all."
     ]
-    trainings = max((one.trainings for one in differences), default=0)
+    trainings = max((difference.trainings for difference in differences), default=0)
     if trainings:
         lines.append(
             "The difference is that of typical trainings (half of all trainings are better, half worse), the others are means. "
@@ -120,17 +121,17 @@ def _measures(pair: Sequence[Agent], differences: Sequence[Difference], confiden
         Heading("measure", words=True),
         *(Heading(agent.label, counted(len(agent.runs), "run")) for agent in pair),
     ]
-    several = any(one.reliability for one in differences)
+    several = any(difference.reliability for difference in differences)
     lines = []
-    for one in differences:
-        column = column_of(one.measure.name)
-        star = "*" if 0 < one.trainings < needed else ""
-        better = f"{pair[one.better].label}{star}" if one.better >= 0 else "open"
+    for difference in differences:
+        column = column_of(difference.measure.name)
+        star = "*" if 0 < difference.trainings < needed else ""
+        better = f"{pair[difference.better].label}{star}" if difference.better >= 0 else "open"
         cells = [Cell(column.text)]
-        cells += [estimate_cell(estimate, column.scale) for estimate in (one.first, one.second)]
-        cells += [estimate_cell(one.difference, column.scale, signed=True), Cell(better)]
+        cells += [estimate_cell(estimate, column.scale) for estimate in (difference.first, difference.second)]
+        cells += [estimate_cell(difference.difference, column.scale, signed=True), Cell(better)]
         if several:
-            cells.append(reliability_cell(one.reliability))
+            cells.append(reliability_cell(difference.reliability))
         lines.append(Line(tuple(cells)))
     headings += [Heading("difference", "second less first"), Heading("better", words=True)]
     if several:
@@ -146,7 +147,7 @@ def _settings(pair: Sequence[Agent], changed: Sequence[tuple[str, str, str]]) ->
 
 
 def _curves(pair: Sequence[Agent], out: Path) -> list[Path]:
-    """Draw the success in training over steps; return the pictures, none where neither agent learns."""
+    """Plot the success rate in training over steps; return the pictures, or nothing if neither agent learns."""
     from auvbench.analysis.ranking import rank
     from auvbench.reporting.figures import draw
 

@@ -1,6 +1,7 @@
 """`auvbench completion SHELL`: print a script that completes commands, overrides, flags, values and paths.
 
-The script asks `auvbench completion query WORDS` for each Tab, which imports nothing heavy unless Hydra must answer.
+The script calls `auvbench completion query WORDS` at each Tab. That call imports nothing heavy unless Hydra
+must answer.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ HYDRA = {
     "tune": ("-m", "--cfg", "--help"),
     "simulate": ("--cfg",),
 }
-"""Commands whose overrides Hydra completes, with their flags"""
+"""Flags of the commands whose overrides Hydra completes"""
 KEYS = {
     "evaluate": ("protocol", "protocol.episodes"),
     "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start", "seed"),
@@ -69,7 +70,7 @@ KEYS = {
     "resume": ("train.total_steps",),
     WHERE: ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment"),
 }
-"""Keys of commands that take some `key=value`, and of `--where`"""
+"""Keys of commands that take a few `key=value` words, and keys of `--where`"""
 
 VALUES: Mapping[str, Sequence[str]] = {
     **dict.fromkeys(("--rank-by", "--metric"), measure_names()),
@@ -77,28 +78,28 @@ VALUES: Mapping[str, Sequence[str]] = {
     "--format": FORMATS,
     "--study": STUDIES,
 }
-"""Values of flags and keys; those of other keys are files in the folder of that name"""
+"""Values of flags and keys; a key that is missing here has the file names of its folder as values"""
 
 
 def main(arguments: Sequence[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help"):
         print(USAGE, end="")
         return 0 if arguments else 2
-    if arguments[0] == "query":  # asked by the scripts: the words of the line, the last being typed
-        with suppress(Exception):  # a line that is typed half may mean nothing
+    if arguments[0] == "query":  # the scripts' call: the words on the command line, the last one unfinished
+        with suppress(Exception):  # a half-typed line may be invalid
             print("\n".join(candidates(arguments[1:]) or _paths(arguments[-1])))
         return 0
     if len(arguments) > 1 or arguments[0] not in SCRIPTS:
-        raise UserError(f"completion {' '.join(arguments)}: no such shell; {closest(arguments[0], SCRIPTS)}")
+        raise UserError(f"completion {' '.join(arguments)}: unknown shell; {closest(arguments[0], SCRIPTS)}")
     print(SCRIPTS[arguments[0]], end="")
     return 0
 
 
 def candidates(words: Sequence[str]) -> list[str]:
-    """Return what the last word may become.
+    """Return the completions of the last word.
 
     Args:
-        words: those typed after `auvbench`; the last is the one being typed, perhaps empty.
+        words: words after `auvbench`; the last one is unfinished and may be empty.
 
     >>> candidates(["evaluate", "outputs", "protocol=th"])
     ['protocol=thesis']
@@ -131,27 +132,27 @@ def _flags(command: str) -> list[str]:
 
 
 def _values(name: str) -> Sequence[str]:
-    """Return the values of a flag or a key."""
+    """Return the valid values of a flag or a key."""
     group = "algo" if name == "--baseline" else name.removeprefix("--")
     return VALUES[name] if name in VALUES else folders.options(group)
 
 
 def _assignments(keys: Sequence[str], word: str) -> list[str]:
-    """Return `key=` while the key is typed, then `key=value`."""
+    """Return `key=` completions while the key is typed, then `key=value` completions."""
     key, separator, value = word.partition("=")
     if not separator:
         return [f"{name}=" for name in keys]
-    return [f"{key}={one}" for one in _listed(_values(key), value)] if key in keys else []
+    return [f"{key}={item}" for item in _listed(_values(key), value)] if key in keys else []
 
 
 def _listed(values: Sequence[str], word: str) -> list[str]:
-    """Return the values for the last place of a comma list."""
+    """Return completions for the last item of a comma-separated list."""
     done, comma, _ = word.rpartition(",")
     return [f"{done}{comma}{value}" for value in values if value not in done.split(",")]
 
 
 def _paths(word: str) -> list[str]:
-    """Return the paths that a word, or the value behind its `=`, begins."""
+    """Return the paths that start with a word, or with the value after its `=`."""
     key, separator, start = word.rpartition("=")
-    found = sorted(glob.glob(f"{glob.escape(start)}*"))
-    return [f"{key}{separator}{path}{'/' if os.path.isdir(path) else ''}" for path in found]
+    matches = sorted(glob.glob(f"{glob.escape(start)}*"))
+    return [f"{key}{separator}{path}{'/' if os.path.isdir(path) else ''}" for path in matches]

@@ -1,4 +1,4 @@
-"""`auvbench evaluate`: applies a test protocol to trained runs."""
+"""`auvbench evaluate`: apply a test protocol to trained runs."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ protocols:
   frequency_sweep   10, 25, 55 Hz
   robustness        currents, faults, delays, noise, other masses
   transfer          the same policy on other vehicles with the same actuators
-  suite             one disturbance at a time, waves too, for every task
+  suite             one disturbance at a time, also waves, for every task
   models            the published models of a BlueROV2, in still water and in 1 m/s of current
-  own               each run in the task, noise and disturbances of its training
+  own               each run with the task, noise and disturbances of its training
   FILE.json         a sealed protocol (docs/sealed.md)
 
 Exit code 0 when every complete run is tested; 1 when a test failed or another process works on a run; 2 when there is
@@ -40,23 +40,24 @@ examples:
 """
 
 KEYS = ("protocol", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
-"""Keys of a test"""
+"""Keys of a test that can be overridden"""
 
 
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench evaluate",
-        description="Applies a test protocol to complete runs: every agent meets the same frozen scenarios, with a deterministic\n"
-        "policy and frozen statistics. What is tested already is skipped, what is not complete is left out and named.",
+        description="Applies a test protocol to complete runs: every agent meets the same scenarios, with "
+        "a deterministic policy\n"
+        "and frozen normalisation statistics. Skips finished tests. Lists incomplete runs and leaves them out.",
         epilog=EPILOG,
         where=True,
         keys=KEYS,
         workers="runs, or episodes of a slow controller,",
     )
     add = parser.add_argument
-    add("words", nargs="*", metavar="PATH", help="runs, folders of runs; protocol=NAME, protocol.KEY=VALUE")
-    add("-c", "--cfg", choices=("job",), help="print the configuration of the test and stop")
-    add("--force", action="store_true", help="test again what is tested already")
+    add("words", nargs="*", metavar="PATH", help="runs or folders of runs; protocol=NAME, protocol.KEY=VALUE")
+    add("-c", "--cfg", choices=("job",), help="print the configuration of the test and exit")
+    add("--force", action="store_true", help="repeat finished tests")
     return parser
 
 
@@ -82,36 +83,36 @@ def main(arguments: Sequence[str]) -> int:
             return 0
         protocol = evaluate_config(composed).protocol
     if not paths:
-        raise UserError("name a run directory or a folder that holds runs, e.g. auvbench evaluate outputs")
+        raise UserError("name a run directory or a folder of runs, e.g. auvbench evaluate outputs")
     return _evaluate_all(run_filter.find(paths, given.where), protocol, given.workers, given.force)
 
 
 def _sealed(overrides: Sequence[str]) -> Path | None:
-    """Return the file of a sealed protocol; None for a protocol by name.
+    """Return the file of a sealed protocol; None for a named protocol.
 
     Raises:
-        UserError: the command changes it.
+        UserError: an override would change the sealed protocol.
     """
     files = [word for word in overrides if word.startswith("protocol=") and word.endswith(".json")]
     if not files:
         return None
     if others := [word for word in overrides if word not in files[:1]]:
-        raise UserError(f"{others[0]}: a sealed protocol is tested as it is; leave {others[0]} out")
+        raise UserError(f"{others[0]}: a sealed protocol cannot be changed; leave {others[0]} out")
     return Path(files[0].removeprefix("protocol="))
 
 
 def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:
-    """Refuse keys of runs among those of the test, and keys of the test among the terms of `--where`."""
+    """Reject keys of runs among the keys of the test, and keys of the test among the terms of `--where`."""
     from auvbench.config.schema import TrainConfig
 
     for word in overrides:
         if re.split(r"[.=]", word)[0] in TrainConfig.__annotations__:
             raise UserError(
-                f"{word}: a key of runs, not of a test; to test only such runs type --where {word}"
+                f"{word}: is a key of runs, not of the test; to test only matching runs type --where {word}"
             )
     for term in terms:
         if term.partition("=")[0] in KEYS:
-            raise UserError(f"--where {term}: says which runs; to set {term} type it before --where")
+            raise UserError(f"--where {term}: selects runs; to set {term} type it before --where")
 
 
 def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, force: bool) -> int:
@@ -147,52 +148,58 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
                     tell.line("\n".join([*again, *_lines(result.run, result.summary)]))
                 if request.signal is not None:
                     break
-        except (Interrupted, Exception):  # a solver may make any error of the interruption, or swallow it
+        except (
+            Interrupted,
+            Exception,
+        ):  # A solver may raise any exception on an interruption, or swallow it.
             if request.signal is None:
                 raise
         if request.signal is not None:
-            done = f"interrupted: {ends['tested'] + ends['there']} of {len(ready)} runs tested and kept; the same command goes on"
+            done = (
+                f"interrupted: {ends['tested'] + ends['there']} of {len(ready)} runs are tested and "
+                "saved; run the same command to continue"
+            )
             raise Interrupted(request.signal, done) from None
-    if there := ends["there"]:
-        what = "run is" if there == 1 else "runs are"
-        print(f"{there} {what} tested already by protocol {protocol.name} (--force tests again)")
+    if done_before := ends["there"]:
+        what = "run is" if done_before == 1 else "runs are"
+        print(f"{done_before} {what} already tested by protocol {protocol.name} (--force tests again)")
     if unfinished:
         print(f"auvbench: {_left_out(unfinished)}", file=sys.stderr)
-    if not ends["tested"] and not there:
+    if not ends["tested"] and not done_before:
         if ends["held"]:
             return 1
-        raise UserError("nothing could be evaluated")
+        raise UserError("no run could be evaluated")
     which = "" if protocol.name == "test" else f" --protocol {protocol.name}"
     print(f"next: auvbench report {as_words([run.path for run in ready], alone=0)}{which}")
     return 1 if ends["failed"] or ends["held"] else 0
 
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunStatus]]:
-    """The runs that can be tested, or whose damage their test will name, and those that are not complete."""
+    """Return the runs to test (damaged ones too: their test names the damage) and the incomplete runs."""
     from auvbench.runs import status
 
     ready, unfinished = [], []
     for run in runs:
         try:
-            found: RunStatus | None = status.of(run)
+            state: RunStatus | None = status.of(run)
         except RunError:
-            found = None
-        if found is None or found.state is status.State.COMPLETE:
+            state = None
+        if state is None or state.state is status.State.COMPLETE:
             ready.append(run)
         else:
-            unfinished.append(found)
+            unfinished.append(state)
     return ready, unfinished
 
 
 def _left_out(unfinished: Sequence[RunStatus]) -> str:
-    """One line: how many are in which state, and the command that finishes them."""
+    """Return one line: the number of incomplete runs by state, and the command that finishes them."""
     from auvbench.runs.directory import as_words
     from auvbench.runs.status import State
 
-    counts = Counter(found.state for found in unfinished)
+    counts = Counter(entry.state for entry in unfinished)
     states = ", ".join(f"{counts[state]} {state}" for state in State if counts[state])
-    text = f"{len(unfinished)} {'run is' if len(unfinished) == 1 else 'runs are'} not complete and left out ({states})"
-    paths = [found.run.path for found in unfinished if found.state is not State.RUNNING]
+    text = f"{len(unfinished)} {'run is' if len(unfinished) == 1 else 'runs are'} incomplete and left out ({states})"
+    paths = [entry.run.path for entry in unfinished if entry.state is not State.RUNNING]
     if not paths:
         return f"{text}: evaluate again later"
     return f"{text}; finish with auvbench resume {as_words(paths)}"

@@ -1,4 +1,4 @@
-"""`auvbench export RUN`: the policy of a trained run as an ONNX file with a card."""
+"""`auvbench export RUN`: write the policy of a trained run as an ONNX file with a card."""
 
 from __future__ import annotations
 
@@ -20,15 +20,18 @@ def parser() -> Parser:
     parser = Parser(
         prog="auvbench export",
         where=True,
-        description="Writes the policies of trained runs as ONNX files, each with a card in JSON that says what goes in and "
-        "out. A file takes raw observations and answers with actions in [-1, 1]; it is compared with the run's own "
-        "actions and refused where they differ by more than 1e-5. `algo=onnx algo.path=FILE` enters it, or any "
-        "other framework's, into a benchmark (docs/policies-as-files.md).",
+        description="Writes the policies of trained runs as ONNX files, each with a JSON card that "
+        "describes its inputs and "
+        "outputs. A file takes raw observations and returns actions in [-1, 1]. The file's actions are "
+        "compared with the run's "
+        "own actions; a difference above 1e-5 is an error. `algo=onnx algo.path=FILE` benchmarks the file, "
+        "or a file of any "
+        "other framework (docs/policies-as-files.md).",
     )
     parser.add_argument(
         "paths", nargs="+", type=Path, metavar="PATH", help="run directories or folders of runs"
     )
-    parser.add_argument("--out", type=Path, help="folder of the files (default: each run's exports/)")
+    parser.add_argument("--out", type=Path, help="folder for the files (default: each run's exports/)")
     return parser
 
 
@@ -63,18 +66,18 @@ def main(arguments: Sequence[str]) -> int:
         )
     if without:
         more = f" and {len(without) - 3} more" if len(without) > 3 else ""
-        print(f"left out, for they have no trained network: {', '.join(without[:3])}{more}")
+        print(f"skipped, no trained network: {', '.join(without[:3])}{more}")
     if done is None:
-        raise RunError(f"none of the {len(runs)} runs was exported")
+        raise RunError(f"none of the {len(runs)} runs could be exported")
     print(f"next: auvbench train algo=onnx algo.path={shlex.quote(str(done.path))}{_as_trained(done.run)}")
     return 1 if failed else 0
 
 
 def require() -> None:
-    """Look for the packages, before torch is imported for seconds.
+    """Check that the packages are installed, before the slow import of torch.
 
     Raises:
-        MissingExtraError: one of them is not installed.
+        MissingExtraError: a package is not installed.
     """
     from importlib.util import find_spec
 
@@ -86,7 +89,7 @@ def require() -> None:
 
 
 def _as_trained(run: RunDirectory) -> str:
-    """Return the overrides with which `auvbench train algo=onnx` observes and acts as the exported run does."""
+    """Return the overrides that give `auvbench train algo=onnx` the observations and actions of the exported run."""
     config = run.check()
     vehicle, frequency = config["vehicle"]["name"], config["step"]["frequency"]
     words = [] if vehicle == "bluerov2" else [f"vehicle={vehicle}"]
@@ -96,7 +99,7 @@ def _as_trained(run: RunDirectory) -> str:
 
 
 def _task(task: Mapping[str, Any]) -> list[str]:
-    """Return `task=NAME` with the same observation; where no file of `conf/task` has it, with the keys that differ."""
+    """Return `task=NAME` if a file of `conf/task` has the same observation; else also the keys that differ."""
     from omegaconf import OmegaConf
 
     from auvbench.config import folders
@@ -111,11 +114,11 @@ def _task(task: Mapping[str, Any]) -> list[str]:
     others = [choice for choice in folders.options("task") if choice != name]
     differing: dict[str, Any] = {}
     for choice in (name, *others):
-        there = OmegaConf.to_container(option("task", choice))
-        assert isinstance(there, dict)
-        if there["name"] != name:
+        defaults = OmegaConf.to_container(option("task", choice))
+        assert isinstance(defaults, dict)
+        if defaults["name"] != name:
             continue
-        has = observed({str(key): value for key, value in there.items()})
+        has = observed({str(key): value for key, value in defaults.items()})
         changed = {key: value for key, value in wanted.items() if has.get(key) != value}
         if not changed:
             return [] if choice == "waypoint" else [f"task={choice}"]

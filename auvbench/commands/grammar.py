@@ -1,6 +1,7 @@
-"""One grammar for all commands: `key=value` is configuration, `--flag` is how something is done or shown.
+"""Parse command lines by one grammar: `key=value` is configuration, `--flag` says how to run or show
+something.
 
-The wrong one gets one line with the right one.
+A mistake is reported in one line with the correct form.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from auvbench.config.suggestions import unknown_flag
 from auvbench.errors import UserError, closest
 
 WHERE = "--where"
-WHERE_HELP = "only runs of these values: --where vehicle=rexrov reward.k=1,40 algo!=random"
+WHERE_HELP = "only runs with these values: --where vehicle=rexrov reward.k=1,40 algo!=random"
 
 
 def number(low: float, high: float) -> Callable[[str], float]:
@@ -38,7 +39,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     """Return the `type` of a flag that takes a whole number from `low` to `high`."""
 
     def read(text: str) -> int:
-        # Python reads no number of 5,000 digits.
+        # Python does not convert a number of 5,000 digits.
         if not text.isdecimal() or len(text) > 100 or not low <= int(text) <= high:
             raise argparse.ArgumentTypeError(f"must be a whole number from {low} to {high}, got {text}")
         return int(text)
@@ -47,10 +48,11 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def read_named_sheets(arguments: Sequence[str]) -> None:
-    """Read the sheets that `vehicle=NAME` or `vehicle=A,B` name: Hydra answers broken YAML without file and line.
+    """Read the sheets that `vehicle=NAME` or `vehicle=A,B` name, since Hydra reports broken YAML without file
+    and line.
 
     Raises:
-        VehicleError: a sheet cannot be read. Unknown names are left to Hydra, which lists all.
+        VehicleError: a sheet cannot be read. Hydra reports unknown names with the list of valid ones.
     """
     from auvbench.vehicles import reader
 
@@ -61,7 +63,7 @@ def read_named_sheets(arguments: Sequence[str]) -> None:
 
 
 def paths_and_overrides(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the words that are paths, and those that are overrides, which have an = and do not exist."""
+    """Return the paths and the overrides: a word with `=` that is not an existing path is an override."""
     paths = [word for word in words if "=" not in word or os.path.exists(word)]
     return paths, [word for word in words if word not in paths]
 
@@ -72,13 +74,13 @@ class _Formatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Report a mistake in one line, with the flag that a `key=value` stands for, and the other way round.
+    """Report a mistake in one line, and suggest the flag for a mistaken `key=value` and vice versa.
 
     Args:
-        where: the parsed options have `where`, the terms after `--where`.
-        workers: the parsed options have `workers`; this is what is done at once.
-        keys: those that the command takes as key=value.
-        options: of `ArgumentParser`.
+        where: add `--where`; the parsed options then have its terms as `where`.
+        workers: add `--workers`; names the jobs of which that many run at once.
+        keys: valid keys of `key=value` words.
+        options: keyword arguments of `ArgumentParser`.
     """
 
     def __init__(
@@ -108,13 +110,16 @@ class Parser(argparse.ArgumentParser):
         raise UserError(f"{self.command}: {message} (auvbench {self.command} --help)")
 
     def read(self, arguments: Sequence[str], overrides: bool = False) -> argparse.Namespace:
-        """Parse a command line; refuse a `key=value` that is no path, with `overrides` only if it is a flag."""
+        """Parse a command line.
+
+        Reject a `key=value` that is not a path; with `overrides`, only if its key is a flag.
+        """
         self._refuse_overrides(arguments, overrides)
         given, rest = self.parse_known_intermixed_args(list(arguments))
         for word in rest:
             if word.startswith("-"):
                 raise UserError(unknown_flag(self.command, word, self.flags(), self._keys, arguments))
-            raise UserError(f"{self.command}: {word}: one word too many")
+            raise UserError(f"{self.command}: {word}: unexpected argument")
         for term in given.where if self._where else ():
             if "=" not in term:
                 raise UserError(f"{WHERE} {term}: must be followed by KEY=VALUE, e.g. {WHERE} reward.k=1,40")
@@ -122,7 +127,9 @@ class Parser(argparse.ArgumentParser):
 
     def _refuse_overrides(self, arguments: Sequence[str], allowed: bool) -> None:
         flags, in_where = self.flags(), False
-        takes_value = {name for one in self._actions if one.nargs != 0 for name in one.option_strings}
+        takes_value = {
+            name for action in self._actions if action.nargs != 0 for name in action.option_strings
+        }
         for before, word in zip(("", *arguments), arguments, strict=False):
             if word.startswith("-"):
                 in_where = word == WHERE
@@ -131,7 +138,7 @@ class Parser(argparse.ArgumentParser):
                 word.startswith("-")
                 or in_where
                 or not separator
-                or not re.fullmatch(r"[\w.@/:+~-]+!?", key)  # 'PPO gamma=0.99' is an agent's label
+                or not re.fullmatch(r"[\w.@/:+~-]+!?", key)  # 'PPO gamma=0.99' is the label of an agent
                 or before in takes_value
                 or os.path.exists(word)
             ):
@@ -143,5 +150,5 @@ class Parser(argparse.ArgumentParser):
             if allowed:
                 continue
             if self._where and re.fullmatch(r"[\w.]+!?", key):
-                raise UserError(f"{word}: to keep only such runs type {WHERE} {word}")
+                raise UserError(f"{word}: is not a path; to select runs type {WHERE} {word}")
             raise UserError(f"{word}: {self.command} takes no key=value; {closest(flag, flags)}")

@@ -1,6 +1,6 @@
-"""`auvbench init NAME`: a project of your own, with a controller, a learner, a vehicle, a task and an experiment.
+"""`auvbench init NAME`: create a project with your own controller, learner, vehicle, task and experiment.
 
-The project is a copy of examples/auvbench-example under another name.
+The project is a renamed copy of examples/auvbench-example.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from auvbench.errors import UserError
 OLD = "auvbench-example"
 SUFFIXES = (".md", ".py", ".toml", ".yaml")
 LEFT_OUT = ("build", "dist", "outputs")
-"""folders that building and running the example leave in a checkout"""
+"""folders that building and running the example create in a checkout"""
 
 
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench init",
-        description="Makes a project with a controller, a learner, a task, a reward, a vehicle and an experiment of your own.",
+        description="Creates a project with your own controller, learner, task, reward, vehicle and experiment.",
     )
     parser.add_argument(
-        "name", metavar="NAME", help="the folder; its last part is the name of the Python package"
+        "name", metavar="NAME", help="folder of the project; its last part is the name of the Python package"
     )
     return parser
 
@@ -42,9 +42,9 @@ def main(arguments: Sequence[str]) -> int:
         )
     module = name.replace("-", "_")
     if keyword.iskeyword(module) or module in sys.stdlib_module_names or util.find_spec(module) is not None:
-        raise UserError(f"init {name}: Python has something named {module} already; choose another name")
+        raise UserError(f"init {name}: Python already has a module {module}; choose another name")
     if target.exists():
-        raise UserError(f"init {target}: exists already; choose another name")
+        raise UserError(f"init {target}: already exists; choose another name")
     from auvbench.runs.atomic_io import storage
 
     with storage(f"cannot write into {target}"):
@@ -52,21 +52,21 @@ def main(arguments: Sequence[str]) -> int:
             file = target / _renamed(str(path), name)
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_text(_renamed(text, name), encoding="utf-8")
-    print(f"wrote {target}: its README.md names the files\nnext:")
+    print(f"wrote {target}: its README.md explains the files\nnext:")
     print(f"  cd {target} && pip install --no-deps -e .")
     print("  auvbench train -m experiment=first")
     return 0
 
 
 def template() -> Traversable:
-    """Return the folder of the example: a part of the wheel, or of the checkout that is installed with `pip -e`."""
+    """Return the folder of the example: in the wheel, or in the checkout of an editable installation."""
     package = resources.files("auvbench")
     built = package / "template"
     return built if built.is_dir() else Path(str(package)).parent / "examples" / OLD
 
 
 def _files(folder: Traversable, path: Path) -> Iterator[tuple[Path, str]]:
-    """Yield the template's text files with their paths."""
+    """Yield the paths and texts of the template's files."""
     for entry in sorted(folder.iterdir(), key=lambda entry: entry.name):
         if entry.is_dir():
             left_out = entry.name.startswith((".", "_")) or entry.name.endswith(".egg-info")

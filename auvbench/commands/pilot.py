@@ -1,6 +1,7 @@
 """`auvbench pilot`: steer a vehicle over ROS 2 or MAVLink by an exported policy or a classical controller.
 
-For a vehicle's own computer: NumPy, ONNX Runtime and rclpy or pymavlink, no compiler, no torch, no Hydra (a test asserts it).
+Runs on a vehicle's own computer: needs NumPy, ONNX Runtime and rclpy or pymavlink, but no compiler, torch or
+Hydra (a test asserts it).
 """
 
 from __future__ import annotations
@@ -33,10 +34,12 @@ CONTROLLERS = ("pid", "smc", "lqr")
 """Controllers that need only NumPy (lqr: SciPy)."""
 
 TASKS = ("waypoint", "station_keeping")
-"""Tasks whose reference is a pose at rest, as `/goal_pose` gives it."""
+"""Tasks whose reference is a pose at rest, the kind that `/goal_pose` gives."""
 
 ANSWER = 1
-"""s of processor time that a policy has for an action, and five times as long by the clock, before the pilot disarms"""
+"""processor time in s for an action of the policy; the pilot disarms after it, or after five times as long by
+the clock
+"""
 
 _EPILOG = """examples:
   auvbench pilot policy.onnx --goal 5 3 -12 --record missions/first
@@ -45,9 +48,9 @@ _EPILOG = """examples:
   ros2 service call /bluerov2/pilot/arm std_srvs/srv/SetBool '{data: true}'
   auvbench pilot policy.onnx --mavlink udp:127.0.0.1:14550 --goal 5 3 -12 --arm
 
-It starts disarmed, and steers to the waypoint on /goal_pose, or holds the station there. It commands zero thrust while the pose is too old, outside
-the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink on Enter, too. If it dies, or is silent
-for 1 s (for --pose-timeout, if that is longer), its supervisor does so. Topics and rules: docs/ros2.md; ArduSub: docs/mavlink.md.
+It starts disarmed, and steers to the waypoint on /goal_pose, or keeps station at it. It commands zero thrust while the pose is too old, outside
+the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink also on Enter. If the pilot dies or sends nothing
+for 1 s (or --pose-timeout, if longer), its supervisor commands zero thrust. Topics and rules: docs/ros2.md; ArduSub: docs/mavlink.md.
 """
 
 
@@ -60,38 +63,44 @@ def parser() -> Parser:
     parser.add_argument(
         "controller", metavar="POLICY.onnx", help=f"an exported policy, or one of {', '.join(CONTROLLERS)}"
     )
-    parser.add_argument("--vehicle", help="its sheet (default: the policy's; else bluerov2)")
-    parser.add_argument("--namespace", help="of the topics (default: the vehicle's name)")
-    parser.add_argument("--task", help=f"{' or '.join(TASKS)} (default: the policy's; else waypoint)")
-    parser.add_argument("--frequency", type=number(0.001, 1000), help="Hz (default: the policy's; else 10)")
+    parser.add_argument("--vehicle", help="vehicle sheet (default: the policy's; else bluerov2)")
+    parser.add_argument("--namespace", help="namespace of the topics (default: the vehicle's name)")
+    parser.add_argument("--task", help=f"task: {' or '.join(TASKS)} (default: the policy's; else waypoint)")
+    parser.add_argument(
+        "--frequency", type=number(0.001, 1000), help="rate of actions in Hz (default: the policy's; else 10)"
+    )
     parser.add_argument(
         "--goal",
         type=number(-1e6, 1e6),
         nargs=3,
         metavar=("X", "Y", "Z"),
-        help="the first waypoint or the station, m, world east north up",
+        help="first waypoint or station in m: x east, y north, z up",
     )
     parser.add_argument(
         "--yaw",
         type=number(-360, 360),
         default=0.0,
-        help="degrees, to hold with --goal on a station (default: 0, east)",
+        help="heading of the station of --goal, degrees (default: 0, east)",
     )
     parser.add_argument(
         "--depth",
-        type=number(-1e4, 1.0),  # a vehicle at the surface may read a height a little above it
+        type=number(-1e4, 1.0),  # The estimated height of a vehicle at the surface may be slightly above 0.
         nargs=2,
         metavar=("LOW", "HIGH"),
         help="lowest and highest z in m (default: the policy's; else -60 -1)",
     )
-    parser.add_argument("--goal-radius", type=number(0.001, 1000), help="m (default: the policy's; else 3)")
+    parser.add_argument(
+        "--goal-radius",
+        type=number(0.001, 1000),
+        help="distance in m at which a waypoint is reached (default: the policy's; else 3)",
+    )
     parser.add_argument(
         "--pose-timeout",
         type=number(0.001, 60),
         default=0.5,
-        help="s: zero thrust while the pose is older (default: 0.5)",
+        help="oldest pose in s that the pilot steers by; zero thrust after it (default: 0.5)",
     )
-    parser.add_argument("--record", type=Path, metavar="DIR", help="keep missions in a new folder")
+    parser.add_argument("--record", type=Path, metavar="DIR", help="record missions in a new folder")
     parser.add_argument(
         "--sim-time",
         action="store_true",
@@ -105,7 +114,7 @@ def parser() -> Parser:
     parser.add_argument(
         "--arm",
         action="store_true",
-        help="with --mavlink: arm at once (default: steer when it is armed elsewhere)",
+        help="with --mavlink: arm at once (default: wait until the vehicle is armed)",
     )
     return parser
 
@@ -121,7 +130,7 @@ def main(arguments: Sequence[str]) -> int:
     if given.goal is not None and not setup.limits.within(given.goal[2]):
         raise UserError(f"--goal: z={given.goal[2]:g} must be within {setup.limits.depths}; see --depth")
     options = {"sim_time": given.sim_time, "say": lambda text: print(f"pilot: {text}", flush=True)}
-    # Until the vehicle is found, Ctrl-C ends the command at once.
+    # Until the vehicle is found, Ctrl-C exits at once.
     pilot, begin, stopped = (_over_ros if given.mavlink is None else _over_mavlink)(given, setup, options)
     with interruption.deferred() as request:
         try:
@@ -139,20 +148,20 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _check(given: argparse.Namespace) -> None:
-    """Refuse combinations that mean nothing."""
+    """Reject combinations of flags that have no meaning."""
     if given.depth is not None and not given.depth[0] < given.depth[1]:
         low, high = given.depth
-        raise UserError(f"--depth {low:g} {high:g}: must be LOW below HIGH (z, up)")
+        raise UserError(f"--depth {low:g} {high:g}: LOW must be below HIGH (z, up)")
     if given.mavlink is None and given.arm:
-        raise UserError("--arm: needs --mavlink; over ROS 2 the service pilot/arm arms")
+        raise UserError("--arm: needs --mavlink; over ROS 2 arm with the service pilot/arm")
     if given.mavlink is not None and given.namespace is not None:
-        raise UserError(f"--namespace {given.namespace}: a namespace of ROS 2, and --mavlink has none")
+        raise UserError(f"--namespace {given.namespace}: is for ROS 2, not for --mavlink; leave it out")
     if given.mavlink is not None and given.goal is None:
         raise UserError("--mavlink: needs --goal X Y Z, the waypoint or station")
 
 
 Opened = tuple["Pilot", Callable[[], object], Callable[[], bool]]
-"""a pilot, what it does first, and what ends it"""
+"""a pilot, its first action, and the function that says when to stop"""
 
 
 def _over_ros(given: argparse.Namespace, setup: Steering, options: dict[str, Any]) -> Opened:
@@ -203,7 +212,7 @@ def _setup(given: argparse.Namespace) -> Steering:
         card = policy.card
         if card is None:
             raise UserError(
-                f"{word}: its card is missing, which says what its numbers mean; auvbench export writes both"
+                f"{word}: its card is missing; put it next to the file, or write both with auvbench export"
             )
         vehicle = sheet.load(given.vehicle or card.vehicle.name)
         if card.actuators != vehicle.actuators:
@@ -214,7 +223,9 @@ def _setup(given: argparse.Namespace) -> Steering:
         task, spec = task_of_policy(word, card, given.task, vehicle)
         frequency = given.frequency or card.frequency_hz
         name = card.name
-        controller: Any = SimpleNamespace(reset=lambda episodes: None, act=policy.act)  # has no state
+        controller: Any = SimpleNamespace(
+            reset=lambda episodes: None, act=policy.act
+        )  # a policy in a file has no state
     else:
         from auvbench.tasks.observation import observation_spec
 
@@ -239,7 +250,8 @@ def _setup(given: argparse.Namespace) -> Steering:
 
 
 def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Task | None = None) -> Any:
-    """Return a classical controller with the gains of its file, for the observations of a task (default: waypoint).
+    """Return a classical controller with the gains of its configuration file, for the observations of a task
+    (default: waypoint).
 
     Raises:
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
@@ -247,7 +259,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
     from auvbench.registry import AGENTS, resolve
 
     if name not in CONTROLLERS:
-        raise ConfigError(f"{name}: not a POLICY.onnx and not a controller; {closest(name, CONTROLLERS)}")
+        raise ConfigError(f"{name}: is neither a POLICY.onnx nor a controller; {closest(name, CONTROLLERS)}")
     spec = AGENTS[name]
     gains = spec.schema(**defaults("algo", name))
     step = SimpleNamespace(frequency=frequency)
@@ -270,7 +282,7 @@ def _about(setup: Steering) -> dict[str, Any]:
 
 
 def task_of(name: str, where: str) -> tasks.Task:
-    """Return a task with the values of its file.
+    """Return a task with the values of its configuration file.
 
     Raises:
         ConfigError: its reference is not a pose at rest.
@@ -280,7 +292,8 @@ def task_of(name: str, where: str) -> tasks.Task:
 
     if name not in TASKS:
         raise ConfigError(
-            f"{where} {short(name, 40)}: a pilot takes its reference from /goal_pose, a pose at rest; {closest(name, TASKS)}"
+            f"{where} {short(name, 40)}: a pilot cannot give its reference; the task must have a pose at "
+            f"rest (/goal_pose); {closest(name, TASKS)}"
         )
     values = defaults("task", name)
     if "preview" in values:
@@ -292,10 +305,10 @@ def task_of(name: str, where: str) -> tasks.Task:
 def task_of_policy(
     word: str, card: Card, asked: str | None, vehicle: VehicleModel
 ) -> tuple[tasks.Task, ObservationSpec]:
-    """Return the task of a policy, as its card says, and what it observes.
+    """Return the task and the observation that the card of a policy declares.
 
     Raises:
-        UserError: a pilot has no reference for its task, or cannot supply what it observes.
+        UserError: a pilot cannot give the reference of the task, or cannot supply an observation.
     """
     from auvbench.pilot.observation import SUPPLIED
     from auvbench.tasks.observation import observation_spec
@@ -303,9 +316,11 @@ def task_of_policy(
     named = card.document["task"]
     trained = str(named.get("name", "waypoint"))
     if asked not in (None, trained):
-        raise UserError(f"--task {asked}: {word} was trained with task={short(trained, 40)}, its card says")
+        raise UserError(
+            f"--task {asked}: the card of {word} says task={short(trained, 40)}; leave --task out"
+        )
     task = task_of(trained, f"{word}: its task is")
-    # "velocity_x" and "velocity_error_x" both begin with "velocity".
+    # "velocity_x" and "velocity_error_x" both begin with "velocity", so blocks are matched as a whole.
     blocks = [
         max((b for b in SUPPLIED if label.startswith(b)), key=len, default="") for label in card.observed
     ]
@@ -318,7 +333,7 @@ def task_of_policy(
         if trained == "waypoint":
             changed["goal_radius"] = float(named["goal_radius_m"])
     except (KeyError, TypeError, ValueError) as error:
-        raise UserError(f"{word}: its card has no valid entry of the task: {short(error)}") from error
+        raise UserError(f"{word}: its card has an invalid task entry: {short(error)}") from error
     observation = list(dict.fromkeys(filter(None, blocks))) or [*SUPPLIED]
     task = replace(task, position_frame=card.task.position_frame, observation=observation, **changed)
     spec = observation_spec(task, vehicle.actuators)
@@ -326,13 +341,13 @@ def task_of_policy(
     if supplied != list(card.observed):
         wrong = next((name for name in card.observed if name not in supplied), card.observed[-1])
         raise UserError(
-            f"{word}: observes {short(wrong, 40)}, which a pilot does not have; it has {', '.join(SUPPLIED)}"
+            f"{word}: observes {short(wrong, 40)}, which a pilot cannot supply; valid: {', '.join(SUPPLIED)}"
         )
     return task, spec
 
 
 def defaults(group: str, name: str) -> dict[str, Any]:
-    """Return the values of a file of the configuration, without Hydra."""
+    """Return the values of a configuration file, read without Hydra."""
     import yaml
 
     text = (resources.files("auvbench.conf") / group / f"{name}.yaml").read_text(encoding="utf-8")
@@ -342,10 +357,10 @@ def defaults(group: str, name: str) -> dict[str, Any]:
 
 
 def enter() -> bool:
-    """Return whether Enter was pressed since the last call; without a terminal in the foreground it never was."""
+    """Return whether Enter was pressed since the last call; always False without a terminal in the foreground."""
     try:
         number = sys.stdin.fileno()
-        # A process in the background that reads from its terminal is halted.
+        # A background process that reads from its terminal is stopped by the system.
         if not os.isatty(number) or os.tcgetpgrp(number) != os.getpgrp():
             return False
         return bool(select.select([number], [], [], 0.0)[0]) and b"\n" in os.read(number, 1024)

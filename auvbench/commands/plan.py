@@ -1,4 +1,4 @@
-"""`auvbench plan`: how many training seeds and test episodes resolve a difference."""
+"""`auvbench plan`: compute how many training seeds and test episodes resolve a difference."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ examples:
   auvbench plan --sd 0.5 --rates 90,95 --agents 12     without any run: 90 against 95 %, seeds differ by 0.5 logits
 """
 TARGETS = (0.8, 0.95)
-"""power"""
+"""planned power"""
 REPLICATIONS = 200
 """simulated experiments for each number of seeds"""
 FAILURES = (0.1, 0.05)
-"""failure rates of trainings that a plan says how to bound"""
+"""failure rates of trainings for which the plan gives the number of seeds"""
 
 _Found = Sequence[tuple[str, "Need"]]
-"""by "", or "cautious" for the largest spread that the data allow"""
+"""numbers of seeds by "", and by "cautious" for the largest spread that the data allow"""
 
 
 def main(argv: Sequence[str]) -> int:
     options = parser().read(argv)
     _check(options)
     basis, agents, episodes, m = _basis(options)
-    found = _needs(options, basis, agents, episodes)
-    print(_text(found, basis, agents, m, options))
+    needs = _needs(options, basis, agents, episodes)
+    print(_text(needs, basis, agents, m, options))
     return 0
 
 
@@ -46,56 +46,68 @@ def parser() -> Parser:
     parser = Parser(
         prog="auvbench plan",
         where=True,
-        description="Says how many training seeds and test episodes resolve a difference of a learner from a controller, or of "
-        "two learners, with 80 and 95 % power, by simulation with the report's own interval.",
+        description="Computes how many training seeds and test episodes resolve a difference between a "
+        "learner and a controller, or between "
+        "two learners, with 80 and 95 % power. It simulates experiments with the interval that the report uses.",
         epilog=EPILOG,
     )
     add = parser.add_argument
-    add("paths", nargs="*", type=Path, metavar="PATH", help="evaluated runs, for how much trainings differ")
+    add(
+        "paths",
+        nargs="*",
+        type=Path,
+        metavar="PATH",
+        help="evaluated runs that show how much trainings differ",
+    )
     add(
         "--resolve",
         type=number(0.001, 1e6),
         metavar="D",
-        help="the difference: points of a rate, else in the measure's unit",
+        help="difference to resolve: points of a rate, else in the measure's unit",
     )
     add(
         "--metric",
         metavar="METRIC",
         default=PRIMARY,
-        help="a measure (default: the one that ranks agents in the task)",
+        help="measure (default: the one that ranks the agents of the task)",
     )
     add(
         "--sd",
         type=number(0, 10),
         metavar="S",
-        help="instead of PATH: standard deviation of the seeds, in logits of the rate",
+        help="instead of PATH: standard deviation between seeds, in logits of the rate",
     )
     add(
         "--rates",
         type=_several(number(0.5, 99.5)),
         metavar="A,B",
-        help="the two rates in percent, instead of --resolve around the median",
+        help="the two rates in percent, instead of --resolve around the median rate",
     )
     add(
         "--against",
         choices=("controller", "learner"),
         help="the baseline (default: a controller, unless PATH has none)",
     )
-    add("--agents", type=whole(2, 1000), metavar="N", help="in the table (default: those of PATH, else 2)")
+    add(
+        "--agents",
+        type=whole(2, 1000),
+        metavar="N",
+        help="agents in the table (default: those of PATH, else 2)",
+    )
     add(
         "--episodes",
         type=_several(whole(2, 1_000_000)),
         metavar="N,...",
-        help="test episodes (default: those of PATH and four times as many)",
+        help="test episodes (default: as in PATH, and four times as many)",
     )
     add(
         "--confidence",
         type=number(0.5, 0.9999),
         metavar="P",
         default=0.95,
-        help="of the table, as of the report",
+        help="confidence of the table (default: as in the report)",
     )
-    add("--protocol", metavar="NAME", default="test", help="the evaluation of PATH that is looked at")
+    add("--protocol", metavar="NAME", default="test", help="protocol of PATH whose rows are used")
     return parser
 
 
@@ -108,23 +120,23 @@ def _check(options: argparse.Namespace) -> None:
     if rates is not None and (len(rates) != 2 or rates[0] == rates[1]):
         raise UserError("--rates takes two different rates in percent, e.g. --rates 90,95")
     if sd is not None and rates is None:
-        raise UserError("--sd needs --rates: the two rates that are to be told apart, e.g. --rates 90,95")
+        raise UserError("--sd needs --rates: the two rates to tell apart, e.g. --rates 90,95")
     if sd is None and not options.paths:
         raise UserError("plan: name evaluated runs, or type --sd 0.5 --rates 90,95 (auvbench plan --help)")
     if sd is not None and options.paths:
-        raise UserError(f"--sd takes the place of the runs; leave out {options.paths[0]}")
+        raise UserError(f"--sd replaces the runs; leave out {options.paths[0]}")
     if (rates is None) == (options.resolve is None):
         raise UserError("plan: give the difference by one of --resolve D (e.g. --resolve 5) and --rates A,B")
 
 
 def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Measure]:
-    """Return what is planned for, the agents of the table, the numbers of episodes, and the measure."""
+    """Return the basis of the plan, the number of agents, the numbers of episodes, and the measure."""
     from auvbench.analysis import planning
     from auvbench.analysis.measures import measure
     from auvbench.config.tasks import primary_of
     from auvbench.statistics import power
 
-    # Two rates are rates of success unless another measure is named.
+    # --rates means the success rate unless another measure is named.
     usual = "success_rate" if options.rates is not None else primary_of("waypoint")
     m = measure(usual if options.metric == PRIMARY else options.metric, "--metric")
     rates = None if options.rates is None else (options.rates[0] / 100, options.rates[1] / 100)
@@ -143,7 +155,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     names = sorted({str(run.config.get("task.name", "waypoint")) for run in runs})
     if len(names) > 1:
         raise UserError(
-            f"plan: the runs are of the tasks {', '.join(names)}; name one: --where task={names[0]}"
+            f"plan: the runs are of several tasks ({', '.join(names)}); name one: --where task={names[0]}"
         )
     if options.metric == PRIMARY and rates is None:
         m = measure(primary_of(names[0]), "--metric")
@@ -160,7 +172,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
 
 
 def _controller(agents: Sequence[Agent], against: str | None) -> bool:
-    """Return whether the baseline is a controller: as typed, else as that of a report of these agents."""
+    """Return whether the baseline is a controller: as typed, else as a report of these agents would choose."""
     import numpy as np
 
     from auvbench.analysis.primary import default_baseline
@@ -174,11 +186,11 @@ def _controller(agents: Sequence[Agent], against: str | None) -> bool:
 
 def _check_rate(m: Measure) -> None:
     if not m.rate:
-        raise UserError(f"--rates are rates: give --resolve D in the unit of {m.name}")
+        raise UserError(f"--rates needs a rate, and {m.name} is not one; use --resolve D in its unit")
 
 
 def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Sequence[int]) -> _Found:
-    """Return the seeds that are needed for each number of episodes, with a spinner on a terminal."""
+    """Return the seeds needed for each number of episodes; show a spinner on a terminal."""
     from rich.console import Console
 
     from auvbench.analysis import planning
@@ -207,7 +219,7 @@ def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Seq
 
 
 def _text(found: _Found, basis: Basis, agents: int, m: Measure, options: argparse.Namespace) -> str:
-    """Return seeds by test episodes and power, and how to read them."""
+    """Return the table of seeds by test episodes and power, with the notes that explain it."""
     from auvbench.analysis.formatting import counted, name, unit
     from auvbench.statistics.intervals import trials_that_bound
     from auvbench.statistics.power import MOST_SEEDS
@@ -255,7 +267,7 @@ def _text(found: _Found, basis: Basis, agents: int, m: Measure, options: argpars
         f"each number of seeds (± 1 seed or a tenth).{corrected}",
         "Fix the number before you look: a look after each of 5 to 20 seeds, up to the first resolved difference, finds more "
         "than 5 % false ones (docs/planning.md).",
-        f"Trainings that fail now and then are not in this model. Seeds without a failure that bound the failure rate with "
+        f"This model has no trainings that fail now and then. Seeds without a failure that bound the failure rate with "
         f"{percent:g} % confidence, {bounds}.",
     ]
     return "\n".join(

@@ -1,4 +1,4 @@
-"""A live bar for a terminal, plain lines for a log."""
+"""Show progress as a live bar on a terminal, or as plain lines in a log."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.progress import Progress
 
-_PLAIN_INTERVAL = 10.0  # s between lines if the output is no terminal
+_PLAIN_INTERVAL = 10.0  # s between lines if the output is not a terminal
 
 
 class Bar:
-    """One bar on a terminal; elsewhere a line about every ten seconds.
+    """Progress bar on a terminal; elsewhere one line about every ten seconds.
 
     Args:
-        total: of what is counted.
-        title: in front of the bar.
-        now: what is done first.
+        total: number of steps to count.
+        title: text in front of the bar.
+        now: first step, as text.
     """
 
     def __init__(self, total: int, title: str = " ", now: str = "") -> None:
@@ -42,7 +42,7 @@ class Bar:
             self._bars.stop()
 
     def move(self, done: int, now: str, line: str = "") -> None:
-        """Show how much is done and what is done now; `line` says both where there is no bar."""
+        """Show how much is done and the present step; without a bar, print `line`."""
         if self._bars is not None:
             self._bars.update(self._task, completed=done, now=now)
         elif line and time.monotonic() - self._last >= _PLAIN_INTERVAL:
@@ -54,7 +54,7 @@ class Bar:
         self.move(at.steps, str(at), f"{at.steps:,} of {at.total_steps:,} steps, {at}")
 
     def note(self, text: str, *, error: bool = True) -> None:
-        """Print a line, above the bar."""
+        """Print a line above the bar."""
         if self._bars is None:
             print(text, file=sys.stderr if error else sys.stdout, flush=True)
         else:
@@ -62,28 +62,28 @@ class Bar:
 
 
 class RunBar(Bar):
-    """Counts runs.
+    """Progress bar that counts runs.
 
     Args:
-        total: runs.
-        title: of the bar.
-        parts: of each run.
+        total: number of runs.
+        title: text in front of the bar.
+        parts: number of parts in each run.
     """
 
     def __init__(self, total: int, title: str, parts: int = 1) -> None:
         super().__init__(total * parts, title)
         self._parts = parts
-        self._runs = self._done = 0  # finished runs, and finished parts of the runs at work
+        self._runs = self._done = 0  # finished runs, and finished parts of the active runs
 
     def line(self, text: str | None, *, error: bool = False) -> None:
-        """Count one finished run, with a line or without one."""
+        """Count one finished run, and print its line if it has one."""
         if text is not None:
             self.note(text, error=error)
         self._runs, self._done = self._runs + 1, 0
         self.move(self._runs * self._parts, "")
 
     def doing(self, run: RunDirectory, what: str, parts: int) -> None:
-        """Show the present run, of which `parts` more are finished."""
+        """Show the active run, in which `parts` more parts are finished."""
         self._done = min(self._done + parts, self._parts)
         now = f"{run.id}: {what}"
         line = f"{now}, {self._done:,} of {self._parts:,} episodes"

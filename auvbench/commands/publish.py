@@ -1,4 +1,4 @@
-"""`auvbench publish`: a study as a folder of Parquet files, table, figures and README."""
+"""`auvbench publish`: write a study as a folder of Parquet files, table, figures and README."""
 
 from __future__ import annotations
 
@@ -21,51 +21,53 @@ if TYPE_CHECKING:
     from auvbench.commands.grammar import Parser
 
 PICTURES = "success_over_grid,success_over_conditions,training_success"
-"""in addition to the main figure, which every README has"""
+"""figures in addition to the main figure, which every README has"""
 NAMED = 3
-"""most runs that are named; the rest is counted"""
+"""largest number of runs to name; further runs are only counted"""
 
 
 def parser() -> Parser:
     parser = report_parser()
     parser.prog = "auvbench publish"
     parser.description = (
-        "Writes what a report reads of runs (configurations, episodes, no checkpoints) as Parquet files into a folder, "
-        "and the report's table, figures and a README whose parts between markers are renewed each time. Name the "
-        "folder itself, too, to keep the runs that it holds. Takes report's flags, too."
+        "Copies the rows of runs (configurations and episodes, no checkpoints) as Parquet files into a folder, "
+        "with the report's table, figures and a README. The parts of the README between markers are "
+        "renewed each time. To keep "
+        "the runs of an existing folder, name the folder itself as well. Accepts the flags of report."
     )
     parser.epilog = "example: auvbench publish outputs/thesis --to results/thesis --study thesis --policies"
     add = parser.add_argument
     add("--to", metavar="DIR", required=True, help="folder of the study: results/thesis")
-    add("--also", metavar="NAME,...", default="", help="further protocols, each with tables of its own")
+    add("--also", metavar="NAME,...", default="", help="further protocols, each with its own tables")
     add(
         "--pictures",
         metavar="NAME,...",
         default=PICTURES,
-        help=f"figures besides the differences from the baseline; '' for none; default {PICTURES}",
+        help=f"figures besides the differences from the baseline; '' for no figures; default {PICTURES}",
     )
     add(
         "--paths",
         dest="trajectories",
         action=argparse.BooleanOptionalAction,
         default=True,
-        help="the paths of the kept test episodes, which the page's 3-D view shows",
+        help="include the trajectories of the recorded test episodes, for the page's 3-D view",
     )
     add(
         "--compact",
         action="store_true",
-        help="a tenth of the size: of a test episode only outcome, steps, primary measure and energy, to three digits; no "
+        help="write a tenth of the size: of each test episode only outcome, steps, primary measure and "
+        "energy, with three digits; no "
         "training episodes",
     )
-    add("--policies", action="store_true", help="each agent's best run as an ONNX file with its card")
+    add("--policies", action="store_true", help="write each agent's best run as an ONNX file with its card")
     return parser
 
 
 def main(argv: Sequence[str]) -> int:
-    """Exit code 1 where something had to be left out: each is named."""
+    """Return 1 if anything had to be left out; a line names each item."""
     for flag in ("--out", "--format"):
         if any(word.partition("=")[0] == flag for word in argv):
-            raise UserError(f"{flag}: publish decides itself; --to DIR is the folder")
+            raise UserError(f"{flag}: is not an option of publish; --to DIR names the folder")
     paths, options, own = read(parser(), argv)
     study = Study(
         folder=Path(own["to"]),
@@ -103,14 +105,14 @@ def _pictures(text: str) -> tuple[str, ...]:
     names = _names(text)
     for name in names:
         if name == MAIN:
-            raise UserError(f"--pictures {name}: every README opens with it; leave it out")
+            raise UserError(f"--pictures {name}: is in every README already; leave it out")
         if name not in further:
-            raise UserError(f"--pictures {name}: no such figure; {closest(name, further)}")
+            raise UserError(f"--pictures {name}: unknown figure; {closest(name, further)}")
     return names
 
 
 def _placeless(word: str) -> str:
-    """A word of the command without the place on this machine that it may name."""
+    """Return a word of the command without paths of this machine."""
     flag, given, value = word.partition("=")
     if flag.startswith("--") and given:
         return f"{flag}={_placeless(value)}"
@@ -121,10 +123,10 @@ def _placeless(word: str) -> str:
 
 
 def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[RunRecord], int]:
-    """Write the runs; return them as found, and the number of things left out, each of which is named.
+    """Write the runs; return them as loaded, and the number of items left out, each named in a line.
 
     Raises:
-        ReportError: No run can be published, or runs lie in the study's folder.
+        ReportError: no run can be published, or the study's folder contains runs.
     """
     from auvbench.analysis.formatting import listed
     from auvbench.analysis.grouping import failed_training
@@ -137,7 +139,7 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     require(runs, problems, options.protocol)
     for run in runs:
         if run.archive is None and folder.resolve() in run.directory.resolve().parents:
-            raise ReportError(f"--to {folder}: {run.directory} lies there; name a folder without runs")
+            raise ReportError(f"--to {folder}: contains the run {run.directory}; name a folder without runs")
     chosen = [run for run in runs if run.evaluations or failed_training(run)]
     ids = {run.id for run in chosen}
     _refuse_loss(folder, ids)
@@ -159,7 +161,7 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
 
 
 def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
-    """Raise ReportError if a study that is there holds runs that would be lost."""
+    """Raise ReportError if the existing study has runs that would be lost."""
     from auvbench.analysis.archive import RUNS, Archive, is_archive
     from auvbench.analysis.evaluations import Damage
     from auvbench.analysis.formatting import counted
@@ -169,9 +171,10 @@ def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
     try:
         lost = [name for name in Archive(folder).ids() if name not in chosen]
     except Damage as damage:
-        raise ReportError(f"{folder}: {damage}; remove {RUNS} to publish anew") from damage
+        raise ReportError(f"{folder}: {damage}; remove {RUNS} to publish again") from damage
     if lost:
         raise ReportError(
-            f"{folder} holds {counted(len(lost), 'run')} that would be lost, first {lost[0]}; name {folder} as well to keep "
+            f"{folder} has {counted(len(lost), 'run')} that would be lost, first {lost[0]}; name {folder} "
+            "as well to keep "
             f"them, publish into another folder, or remove {folder / RUNS}"
         )

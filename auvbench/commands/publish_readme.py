@@ -1,4 +1,6 @@
-"""What `auvbench publish` computes from the copies: tables, figures, policies, and the blocks of the README."""
+"""Write what `auvbench publish` computes from the copied rows: tables, figures, policies, and the blocks of
+the README.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """What was typed, without report's flags."""
+    """Options of publish itself, without report's flags."""
 
     folder: Path
     also: tuple[str, ...]
@@ -29,10 +31,10 @@ class Study:
 
 
 def check(study: Study, options: Options) -> None:
-    """Before anything is written: has the README that is there a place for each block?
+    """Check, before anything is written, that an existing README has a place for each block.
 
     Raises:
-        UserError: it has not.
+        UserError: a block has no place.
     """
     from auvbench.reporting import readme
 
@@ -40,10 +42,10 @@ def check(study: Study, options: Options) -> None:
 
 
 def rehearse(paths: Sequence[Path], study: Study, options: Options) -> None:
-    """Before anything is written: can the runs that were named be reported on as it was asked?
+    """Check, before anything is written, that a report of the runs with these options is possible.
 
     Raises:
-        UserError: they cannot, or an option names what there is not.
+        UserError: it is not possible, or an option has an unknown name.
     """
     from auvbench.commands.report import analysed
 
@@ -69,12 +71,12 @@ def _blocks(study: Study, options: Options) -> list[str]:
 
 
 def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> tuple[int, int]:
-    """Compute the report from the published files, and write it.
+    """Compute the report from the published files and write it.
 
     Args:
-        study: own options of publish.
-        options: of the report.
-        sources: the runs as they were found, by id; they have the weights of policies.
+        study: options of publish.
+        options: options of the report.
+        sources: runs as loaded, by id; they have the weights of the policies.
 
     Returns:
         Number of runs in the report, and number of policies that could not be exported.
@@ -97,7 +99,7 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     runs = [run for report in reports for run in report.runs]
     names = _blocks(study, options)
     policies, missing = _policies(reports, study, sources) if "policies" in names else ("", 0)
-    made = {
+    texts = {
         "table": lambda: "\n\n".join([*scored, _ranked(reports, folder)]),
         "findings": lambda: _findings(reports),
         "figures": lambda: "\n\n".join(_figures(reports[0], study.pictures, folder)) or "No figure.",
@@ -106,11 +108,11 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
         "provenance": lambda: readme.provenance(runs, study.command, history.read(folder)),
     }
     path = folder / "README.md"
-    blocks = {name: made[name]() for name in names}
+    blocks = {name: texts[name]() for name in names}
     text = readme.fill(path, study.folder.resolve().name, blocks)
     files.text(path, text)
     if any(place in text for place in (readme.QUESTION, readme.ANSWER, readme.CAVEATS)):
-        print(f"next: write question, answer and caveats in place of the brackets in {path}")
+        print(f"next: replace the brackets in {path} by question, answer and caveats")
     return len(runs), missing
 
 
@@ -123,18 +125,24 @@ def _tables(protocols: Sequence[tuple[str, Sequence[Report]]], folder: Path) -> 
     reports = protocols[0][1]
     files.text(folder / "table.csv", rows(reports, tables.csv))
     files.if_any(folder / "verdicts.json", files.verdicts(reports))
-    conditions = [(name, rows(found, tables.conditions_csv)) for name, found in protocols]
+    conditions = [
+        (name, rows(protocol_reports, tables.conditions_csv)) for name, protocol_reports in protocols
+    ]
     files.if_any(folder / "conditions.csv", tables.joined("protocol", conditions))
 
 
 def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options, folder: Path) -> list[str]:
-    """Write score.csv of all protocols; return the tables across tasks as Markdown, none where the study has one task."""
+    """Write score.csv of all protocols; return the tables across tasks as Markdown, or none if the study has
+    one task.
+    """
     from auvbench.commands.report_sections import across_tasks
     from auvbench.reporting import tables
     from auvbench.reporting import write as files
 
-    found = [(name, across_tasks(reports, replace(options, protocol=name))) for name, reports in protocols]
-    scores = [(name, score) for name, score in found if score is not None]
+    protocol_scores = [
+        (name, across_tasks(reports, replace(options, protocol=name))) for name, reports in protocols
+    ]
+    scores = [(name, score) for name, score in protocol_scores if score is not None]
     files.if_any(
         folder / "score.csv", tables.joined("protocol", [(n, tables.score_csv(s)) for n, s in scores])
     )
@@ -142,13 +150,13 @@ def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options,
 
 
 def _stored(options: Options) -> Declared:
-    """Return the analysis that a report of the study is to use without flags: the one that makes the shipped tables."""
+    """Return the analysis that reproduces the shipped tables when the study is reported without flags."""
     from auvbench.runs.declared import Declared
 
     usual = defaults()
     declared = options.declared
-    kept = OF_THE_TABLE if declared is not None and declared.names_runs else STORED
-    other = {name: getattr(options, name) for name in kept if getattr(options, name) != getattr(usual, name)}
+    names = OF_THE_TABLE if declared is not None and declared.names_runs else STORED
+    other = {name: getattr(options, name) for name in names if getattr(options, name) != getattr(usual, name)}
     report = {name: list(value) if isinstance(value, tuple) else value for name, value in other.items()}
     if declared is None or not declared.names_runs:
         planned = None if declared is None else declared.seeds
@@ -167,7 +175,7 @@ def _stored(options: Options) -> Declared:
 
 
 def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, RunRecord]) -> tuple[str, int]:
-    """Return the block, and the number of policies that could not be exported."""
+    """Return the README block, and the number of policies that could not be exported."""
     from auvbench.reporting import best_policies
 
     rows = best_policies.renew(
@@ -178,12 +186,12 @@ def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, Run
     )
     without = [row for row in rows if row.problem]
     for row in without:
-        print(f"no policy of {row.agent} ({row.run}): {row.problem}")
+        print(f"cannot export a policy of {row.agent} ({row.run}): {row.problem}")
     return best_policies.markdown(rows), len(without)
 
 
 def _ranked(reports: Sequence[Report], folder: Path) -> str:
-    """Return headline, main figure and main table of each section; the tables of several sections are folded."""
+    """Return headline, main figure and main table of each section; with several sections, the tables are folded."""
     from auvbench.reporting import tables
     from auvbench.reporting.figures import MAIN
     from auvbench.reporting.readme import fold
@@ -197,27 +205,29 @@ def _ranked(reports: Sequence[Report], folder: Path) -> str:
         details = tables.details(report.ranking)
         parts.append(details if len(reports) == 1 else fold(f"Table of {len(report.agents)} agents", details))
         parts += [
-            fold(found.title, tables.pipes(found)) for found in tables.conditions_tables(report.ranking)
+            fold(table.title, tables.pipes(table)) for table in tables.conditions_tables(report.ranking)
         ]
     return "\n\n".join(parts)
 
 
 def _heading(report: Report) -> str:
-    """Of a section, where there are several."""
+    """Return the heading of a section, empty if the study has only one."""
     return f"### {report.section.title[:1].upper()}{report.section.title[1:]}"
 
 
 def _findings(reports: Sequence[Report]) -> str:
-    """Return the findings of each section, the first five at once."""
+    """Return the findings of each section; the first five are visible, the rest folded."""
     from auvbench.reporting.write import findings_in_markdown
 
     headings = [f"{_heading(report)}\n\n" if len(reports) > 1 else "" for report in reports]
-    found = [findings_in_markdown(report.findings) or "None." for report in reports]
-    return "\n\n".join(map(str.__add__, headings, found))
+    texts = [findings_in_markdown(report.findings) or "None." for report in reports]
+    return "\n\n".join(map(str.__add__, headings, texts))
 
 
 def _claims(reports: Sequence[Report]) -> str:
-    """Return the verdicts of a study and its numbers next to ours, of each section that has them."""
+    """Return the study's claims with their verdicts, and its published numbers next to ours, for each section
+    that has them.
+    """
     from auvbench.reporting import tables
     from auvbench.reporting.write import claims_in_markdown
 
@@ -227,11 +237,11 @@ def _claims(reports: Sequence[Report]) -> str:
             parts.append(claims_in_markdown(report.claims))
         if comparison := tables.comparison_table(report.comparison):
             parts.append("\n" + tables.pipes(comparison))
-    return "\n".join(parts) or "Nothing can be said of the study's claims."
+    return "\n".join(parts) or "No claim of the study can be tested."
 
 
 def _figures(report: Report, pictures: Sequence[str], folder: Path, section: str = "") -> list[str]:
-    """Draw pictures of a section into `figures`, or `figures/SECTION`; return them as Markdown."""
+    """Draw figures of a section into `figures`, or `figures/SECTION`; return them as Markdown."""
     from auvbench.reporting.figures import draw
     from auvbench.reporting.tables.text_formats import escape
 
@@ -247,12 +257,12 @@ def _figures(report: Report, pictures: Sequence[str], folder: Path, section: str
 
 
 COLOURS = 128
-"""of a picture; lines and areas need no more"""
+"""colours of a picture; lines and areas need no more"""
 
 
 def _shrink(png: Path) -> None:
-    """Reduce a picture to `COLOURS`, which takes a third of the bytes."""
-    from PIL import Image  # matplotlib's own
+    """Reduce a picture to `COLOURS`, which saves two thirds of the bytes."""
+    from PIL import Image  # a dependency of Matplotlib
 
     from auvbench.runs.atomic_io import write_atomic
 

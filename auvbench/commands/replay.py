@@ -1,4 +1,4 @@
-"""`auvbench replay RUN...`: run one episode of a test again, and show it as text, figure and film."""
+"""`auvbench replay RUN...`: repeat one test episode, and show it as text, figure and film."""
 
 from __future__ import annotations
 
@@ -16,27 +16,30 @@ if TYPE_CHECKING:
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench replay",
-        description="Run one episode of a test again, with the same result, and show it.",
+        description="Repeats one test episode with the same result and shows it.",
     )
     parser.add_argument(
         "runs",
         nargs="+",
         type=Path,
         metavar="RUN",
-        help="a run directory, or a folder of `auvbench pilot --record`; several runs are shown in one scene",
+        help="run directory, or a folder of `auvbench pilot --record`; several runs are drawn in one scene",
     )
     parser.add_argument(
-        "--episode", type=whole(0, 10**9), default=0, help="episode of the protocol (default: 0)"
+        "--episode",
+        type=whole(0, 10**9),
+        default=0,
+        help="number of the episode in the protocol (default: 0)",
     )
-    parser.add_argument("--protocol", default="test", help="protocol (default: test)")
-    parser.add_argument("--condition", help="condition (default: the protocol's first)")
-    parser.add_argument("--out", type=Path, help="folder of the figure (default: the run's replays/)")
+    parser.add_argument("--protocol", default="test", help="name of the protocol (default: test)")
+    parser.add_argument("--condition", help="test condition (default: the protocol's first)")
+    parser.add_argument("--out", type=Path, help="folder for the figure (default: the run's replays/)")
     parser.add_argument(
         "--video",
         type=Path,
         nargs="?",
         const=Path(),
-        help="a moving picture as well: FILE.gif (default: next to the figure)",
+        help="write a film as well: FILE.gif (default: next to the figure)",
     )
     return parser
 
@@ -46,7 +49,7 @@ def main(arguments: Sequence[str]) -> int:
     if options.video not in (None, Path()):
         from auvbench.reporting import replay_pictures
 
-        replay_pictures.check(options.video)  # before anything is computed
+        replay_pictures.check(options.video)  # fails before anything is computed
     from auvbench.evaluation.replay import is_mission, read_mission, replay
 
     first = options.runs[0]
@@ -62,24 +65,24 @@ def main(arguments: Sequence[str]) -> int:
 
     runs = []
     for path in options.runs:
-        found = find_runs([path])
-        if len(found) != 1:
-            raise RunError(f"{path}: holds {len(found)} runs; name one of them, e.g. {found[0].path}")
-        runs += found
+        candidates = find_runs([path])
+        if len(candidates) != 1:
+            raise RunError(f"{path}: has {len(candidates)} runs; name one of them, e.g. {candidates[0].path}")
+        runs += candidates
     try:
         protocol = evaluate_config(compose("evaluate", [f"protocol={options.protocol}"])).protocol
     except ConfigError as error:
-        _, _, wrong = str(error).partition(": ")  # after the key that was not typed
+        _, _, wrong = str(error).partition(": ")  # drops the key, which the user did not type
         raise UserError(f"--protocol {options.protocol}: {wrong}") from error
     condition = options.condition or protocol.conditions[0].name
     episodes = [replay(run, protocol, condition, options.episode) for run in runs]
     folder = options.out or runs[0].path / "replays"
-    # The name may hold dots: current=0.5.
+    # A condition's name may contain dots: current=0.5.
     return _show(episodes, folder / f"{protocol.name}-{condition}-{options.episode}", options.video)
 
 
 def _show(episodes: Sequence[Replay], stem: Path, video: Path | None) -> int:
-    """Print the episodes, draw `stem`.png and .svg, and make a film if `video` is given."""
+    """Print the episodes, draw `stem`.png and .svg, and write a film if `video` is given."""
     from auvbench.reporting import replay_pictures
     from auvbench.runs.atomic_io import storage
 

@@ -1,4 +1,4 @@
-"""`auvbench report`: ranks runs and writes tables, figures and a page."""
+"""`auvbench report`: rank runs and write tables, figures and a page."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Return 0 when there is a report, which names the runs that it leaves out."""
+    """Return 0 if there is a report; runs that it leaves out are named."""
     paths, options, _ = read(parser(), argv)
-    # A report keeps nearly all of the millions of objects that it makes: to search them for cycles takes a sixth of its time.
+    # A report keeps nearly all of its millions of objects: the search for cycles would take a sixth of its time.
     gc.disable()
     try:
         _report(paths, options, shlex.join(["auvbench", "report", *argv]))
@@ -42,13 +42,14 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     runs = [run for report in reports for run in report.runs]
     experiment = os.path.commonpath([run.directory.absolute().parent for run in runs])
     out = options.out or Path(experiment, "report")
-    if options.out is None:  # a folder that was typed may be a link; one that exists may be foreign
+    # A folder that the user typed may be a link; an existing default folder may belong to another program.
+    if options.out is None:
         path_safety.check_output(out)
     path_safety.check_output(out / "figures")
     if len(reports) == 1:
         with storage(f"cannot write the report into {out}"):
             report, written = write(reports[0], options, command, out)
-            for name in ("score.tex", "score.csv"):  # of an earlier report of several tasks
+            for name in ("score.tex", "score.csv"):  # files of an earlier report with several tasks
                 (out / name).unlink(missing_ok=True)
         sections.show(report, options)
     else:
@@ -69,12 +70,12 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
 
 
 def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
-    """What can be said of the runs under some paths, section by section.
+    """Return the report of each section of the runs under some paths.
 
-    Why a section cannot be reported stands with the first that can.
+    If a section cannot be reported, the first report lists the reason.
 
     Raises:
-        UserError: an option names what there is not, or nothing can be reported.
+        UserError: an option has an unknown name, or no section can be reported.
     """
     from auvbench.analysis.conditions import default
     from auvbench.analysis.grouping import sections, split_problems
@@ -85,7 +86,7 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     from auvbench.analysis.records import Problem
 
     if options.rank_by != PRIMARY:
-        to_rank_by(options.rank_by)  # a wrong name is said before anything is read
+        to_rank_by(options.rank_by)  # report a wrong name before anything is read
     for task, measure in options.primary.items():
         to_rank_by(measure, f"report: primary.{task}")
     check_columns(options.columns)
@@ -96,7 +97,8 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     measures = dict.fromkeys(_measure(part, options) for part in parts)
     if options.margin is not None and len(measures) > 1:
         raise ReportError(
-            f"--margin {options.margin:g}: the tasks are ranked by {', '.join(measures)}, of different units; leave it "
+            f"--margin {options.margin:g}: the tasks are ranked by {', '.join(measures)}, which have "
+            "different units; leave --margin "
             "out (null in a declared analysis), or name one task: --where task=NAME"
         )
     condition = options.condition or default(runs, options.protocol)
@@ -113,7 +115,8 @@ def analysed(paths: Sequence[Path], options: Options) -> list[Report]:
     if options.baseline is not None and all(report.without_baseline for report in reports):
         labels = sorted({agent.label for report in reports for agent in report.agents})
         raise ReportError(
-            f"--baseline {options.baseline!r} is in none of the {len(reports)} sections; {closest(options.baseline, labels)}"
+            f"--baseline {options.baseline!r}: no such agent in any of the {len(reports)} sections; "
+            f"{closest(options.baseline, labels)}"
         )
     named = [Problem(title, "missing", str(error)) for title, error in refused]
     first = reports[0].ranking
@@ -142,7 +145,7 @@ def _declaration(
     options: Options,
     rows: Mapping[str, frozenset[str]] | None,
 ) -> str:
-    """Return the sentence on the declared analysis."""
+    """Return the sentence on the declared analysis of a section."""
     from auvbench.analysis.conditions import default
     from auvbench.analysis.declaration import Analysed, Plan, sentence, undeclared
 
@@ -172,7 +175,7 @@ def _analyse(
     rows: Mapping[str, frozenset[str]] | None,
     several: bool,
 ) -> Report:
-    """What can be said of the runs of one section; of `several`, one may be without the baseline."""
+    """Return the report of one section; with `several` sections, one may lack the baseline."""
     from auvbench.analysis.conditions import sealed_note
     from auvbench.analysis.effort import with_effort
     from auvbench.analysis.findings import find
@@ -187,7 +190,7 @@ def _analyse(
     grouped = [one_run_of_a_controller(agent) for agent in grouped]
     rank_by = _measure(part, options)
     baseline = options.baseline
-    # One of several sections may lack the baseline, and a part of the runs that of the declared analysis.
+    # With several sections, one may lack the baseline; a subset of the runs may lack the declared baseline.
     declared = options.declared is not None and baseline == options.declared.baseline
     if baseline is not None and (several or declared):
         try:
@@ -210,14 +213,14 @@ def _analyse(
     ranking = with_columns(ranking, grouped, options.columns)
     ranking = with_effort(ranking, grouped, options.trials)
     by_label = {agent.label: agent for agent in grouped}
-    ordered = [by_label[row.label] for row in ranking.rows]  # so that the best get the most distinct colours
+    ordered = [by_label[row.label] for row in ranking.rows]  # The best agents get the most distinct colours.
     claims, numbers = _study(part.runs, ordered, options)
     missing = options.baseline is not None and baseline is None and not declared
     return Report(part, ordered, ranking, find(ranking, ordered), claims, numbers, missing)
 
 
 def _measure(part: Section, options: Options) -> str:
-    """Return the measure that ranks agents of the section: by default that of its task."""
+    """Return the measure that ranks the agents of the section: the option, or the task's primary measure."""
     from auvbench.config.tasks import primary_of
 
     if options.rank_by != PRIMARY:
@@ -240,14 +243,14 @@ def _study(
 def write(
     report: Report, options: Options, command: str, out: Path, several: bool = False
 ) -> tuple[Report, list[Path]]:
-    """Writes the formats asked for; returns the report, with what drawing found damaged, and the files.
+    """Write the requested formats; return the report, with damage found while drawing, and the files.
 
     Args:
-        report: of one section.
-        options: what is written.
-        command: the command line, for the page.
-        out: the folder.
-        several: whether the report has several sections.
+        report: report of one section.
+        options: name the formats to write.
+        command: command line, for the page.
+        out: folder of the report.
+        several: whether there are further sections.
     """
     from auvbench.reporting import tables
     from auvbench.reporting import write as files

@@ -1,4 +1,4 @@
-"""The options of `auvbench report`: conf/report.yaml, the declared analysis, the command line."""
+"""Read the options of `auvbench report` from conf/report.yaml, the declared analysis and the command line."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORMATS, STUDIES = get_args(Format), get_args(Study)
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """The keys of conf/report.yaml, which explains them."""
+    """Options of a report: the keys of conf/report.yaml, which explains them."""
 
     rank_by: Name
     primary: dict[Name, Name]
@@ -47,26 +47,26 @@ class Options:
     margin: Annotated[float, Range(analyses.SMALLEST)] | None
     where: tuple[str, ...]
     out: Any = None
-    """folder, a Path; None is that of the experiment"""
+    """Path of the folder; None: the experiment's folder"""
     declared: Declared | None = None
-    """Analysis that was declared for the runs"""
+    """Analysis declared for the runs"""
     declared_in: Path | None = None
     """Folder of the declared analysis"""
     usual: Options | None = None
-    """Options without those of the command line: of the declared analysis"""
+    """Options without the command line's: those of the declared analysis"""
     undecided: str = ""
-    """Why none of several declared analyses is used"""
+    """Reason why none of several declared analyses is used"""
 
 
 OF_THE_DECLARATION = ("declared", "declared_in", "usual", "undecided")
 KEYS = tuple(field.name for field in fields(Options) if field.name not in OF_THE_DECLARATION)
 LISTS = ("columns", "format")
-"""options that may be typed with commas"""
+"""options that may be typed as comma-separated lists"""
 
 STORED = ("primary", "names", "trials", "columns", "protocol", "condition", "study", "confidence")
-"""Options that a published study stores where they differ from conf/report.yaml"""
+"""Options that a published study stores if they differ from conf/report.yaml"""
 OF_THE_TABLE = tuple(name for name in STORED if name not in ("protocol", "condition"))
-"""The same for a study whose declaration names protocol and conditions"""
+"""The same for a study whose declaration names the protocol and the conditions"""
 
 
 def defaults() -> Options:
@@ -75,7 +75,9 @@ def defaults() -> Options:
 
 
 def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict[str, Any]]:
-    """Return paths, options (conf/report.yaml, the declared analysis, the command line) and the values of all flags."""
+    """Return the paths, the options (conf/report.yaml, the declared analysis, the command line) and the
+    values of all flags.
+    """
     given = vars(parser.read(argv))
     settings = _usual()
     declared, folder, undecided = _declared(given["paths"])
@@ -97,10 +99,10 @@ def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict
 
 def _set_by(declared: Declared) -> dict[str, Any]:
     """Return the options that a declared analysis sets."""
-    found = {"rank_by": declared.measure, "baseline": declared.baseline, "margin": declared.margin}
+    options = {"rank_by": declared.measure, "baseline": declared.baseline, "margin": declared.margin}
     if declared.names_runs:
-        found |= {"protocol": declared.protocol, "condition": declared.conditions[0]}
-    return found
+        options |= {"protocol": declared.protocol, "condition": declared.conditions[0]}
+    return options
 
 
 def _usual() -> dict[str, Any]:
@@ -109,18 +111,19 @@ def _usual() -> dict[str, Any]:
 
 
 def _declared(paths: Sequence[Path]) -> tuple[Declared | None, Path | None, str]:
-    """Return the analysis declared for the runs with its folder, or why several leave none.
+    """Return the analysis declared for the runs and its folder, or the reason why several declarations leave
+    none.
 
-    Of declarations that extend each other, as a published study and its experiment have them, the longest counts.
+    A published study and its experiment may have declarations that extend each other: the longest counts.
     """
-    found = analyses.find(paths)
-    if not found:
+    declarations = analyses.find(paths)
+    if not declarations:
         return None, None, ""
-    file, longest = max(found, key=lambda one: len(one[1].rows))
-    if all(longest.extends(analysis) for _, analysis in found):
+    file, longest = max(declarations, key=lambda one: len(one[1].rows))
+    if all(longest.extends(analysis) for _, analysis in declarations):
         return longest, file.parent, ""
-    files = ", ".join(os.path.relpath(file) for file, _ in found[:3])
-    return None, None, f"several analyses are declared ({files}): name one's folder, or its options"
+    files = ", ".join(os.path.relpath(file) for file, _ in declarations[:3])
+    return None, None, f"several analyses are declared ({files}): name the folder of one, or type its options"
 
 
 def _flag(key: str) -> str:
@@ -128,7 +131,7 @@ def _flag(key: str) -> str:
 
 
 def measures() -> str:
-    """Return every measure of `--rank-by` with its unit and meaning, a paragraph each."""
+    """Return a text with every measure of `--rank-by`, its unit and its meaning, one paragraph each."""
     lines = ["measures:"]
     for metric in METRICS:
         if metric.measure not in measure_names():
@@ -144,7 +147,7 @@ def measures() -> str:
 
 
 def parser() -> Parser:
-    """The flags, each a key of conf/report.yaml."""
+    """Return the parser; each flag is a key of conf/report.yaml."""
     parser = Parser(
         prog="auvbench report",
         where=True,
@@ -153,26 +156,26 @@ def parser() -> Parser:
         epilog=f"example:\n  auvbench report outputs/quickstart --baseline pid --format terminal,tex --out paper/\n\n{measures()}",
     )
     add = parser.add_argument
-    add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders above them")
-    add("--rank-by", metavar="METRIC", help="primary measure, one of those below")
+    add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders that contain them")
+    add("--rank-by", metavar="METRIC", help="primary measure, one of those listed below")
     add(
         "--columns",
         metavar="NAME,...",
-        help="further columns: time_over_best_known, training_cpu_s, or any measure",
+        help="more columns: time_over_best_known, training_cpu_s, or any measure",
     )
     add(
         "--baseline",
         metavar="AGENT",
-        help="compare all with this agent: pid, or a label like 'SAC K=1 10 Hz'",
+        help="baseline, which all agents are compared with: pid, or a label such as 'SAC K=1 10 Hz'",
     )
-    add("--protocol", metavar="NAME", help="the evaluation that is reported: test, thesis, robustness")
-    add("--condition", metavar="NAME", help="the test condition within the protocol: nominal, current=0.5")
+    add("--protocol", metavar="NAME", help="protocol whose rows are reported: test, thesis, robustness")
+    add("--condition", metavar="NAME", help="test condition within the protocol, e.g. nominal, current=0.5")
     add("--format", metavar="NAME,...", help=",".join(FORMATS))
     add(
         "--figures",
         action=argparse.BooleanOptionalAction,
         default=None,
-        help="draw the figures; formats md and html show them",
+        help="draw the figures; the formats md and html include them",
     )
     add(
         "--log",
@@ -180,8 +183,13 @@ def parser() -> Parser:
         help=f"log the ranked table and the files there too: {', '.join(TRACKERS.names())}",
     )
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
-    add("--study", metavar="NAME", help=f"answer the claims of a study: {', '.join(STUDIES)}")
-    add("--confidence", type=number(0.5, 0.999), metavar="P", help="of every interval, between 0.5 and 0.999")
+    add("--study", metavar="NAME", help=f"test the claims of a study: {', '.join(STUDIES)}")
+    add(
+        "--confidence",
+        type=number(0.5, 0.999),
+        metavar="P",
+        help="confidence of every interval, between 0.5 and 0.999",
+    )
     add(
         "--margin",
         type=number(analyses.SMALLEST, 1e12),
@@ -192,7 +200,7 @@ def parser() -> Parser:
 
 
 def _known(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options by their names, all of which a report has."""
+    """Return options by name; raise an error for an unknown name."""
     named = {str(key).replace("-", "_"): value for key, value in settings.items()}
     for key in named:
         if key not in KEYS:
@@ -201,7 +209,7 @@ def _known(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _options(settings: Mapping[str, Any], typed: Collection[str] = ()) -> Options:
-    """Return options of the declared types and ranges; an error names those that were `typed` as flags."""
+    """Return options with the declared types and ranges; an error message names an option of `typed` as a flag."""
     values = {key: settings[key] for key in KEYS}
     for key in LISTS:
         if isinstance(values[key], str):
@@ -210,9 +218,9 @@ def _options(settings: Mapping[str, Any], typed: Collection[str] = ()) -> Option
     for key in ("primary", "names", "trials"):
         values[key] = values[key] or {}
     try:
-        found = typed_json.convert(values, Options)
+        options = typed_json.convert(values, Options)
     except ValueError as error:
         entry, _, rest = str(error).partition(" ")
-        key = entry.partition("[")[0]  # of a list: format[0]
+        key = entry.partition("[")[0]  # an item of a list: format[0]
         raise UserError(f"{_flag(key)} {rest}" if key in typed else f"report: {error}") from error
-    return replace(found, out=None if found.out is None else Path(str(found.out)))
+    return replace(options, out=None if options.out is None else Path(str(options.out)))

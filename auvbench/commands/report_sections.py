@@ -1,4 +1,4 @@
-"""A report on a terminal, and of several sections: a folder for each, and above them what shows all at once."""
+"""Show a report on a terminal; write several sections into a folder each, with an overview above them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 
 
 def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
-    """Return the score across tasks; None where the sections have one task. Of sections of one task the largest counts."""
+    """Return the score across tasks; None for one task.
+
+    Of several sections with the same task, the largest counts.
+    """
     from auvbench.analysis import score
     from auvbench.analysis.measures import to_rank_by
     from auvbench.registry import TASKS
@@ -48,18 +51,18 @@ def _task(report: Report) -> str:
 
 
 def _by_condition(report: Report, options: Options) -> dict[str, Sequence[Agent]]:
-    """Return the agents of a section under each condition of the protocol."""
+    """Return the agents of a section by condition of the protocol."""
     from auvbench.analysis.load import agents
     from auvbench.analysis.ranking import one_run_of_a_controller
 
     names = [condition.name for condition in report.ranking.conditions]
     if not names:
         return {report.ranking.condition: report.agents}
-    found: dict[str, Sequence[Agent]] = {}
+    by_name: dict[str, Sequence[Agent]] = {}
     for name in names:
         met, _ = agents(report.runs, options.protocol, name)
-        found[name] = [one_run_of_a_controller(agent) for agent in met]
-    return found
+        by_name[name] = [one_run_of_a_controller(agent) for agent in met]
+    return by_name
 
 
 def _adding(report: Report, algorithm: str, protocol: str) -> str:
@@ -79,10 +82,12 @@ def _adding(report: Report, algorithm: str, protocol: str) -> str:
 def write_sections(
     reports: Sequence[Report], options: Options, command: str, out: Path, score: Scores | None
 ) -> tuple[list[Report], list[Path]]:
-    """Writes each section into a folder of its own below `out`, and `index.html`, `report.md` and `table.csv` of all.
+    """Write each section into its own folder below `out`, and an overview: `index.html`, `report.md` and
+    `table.csv`.
 
     Returns:
-        the reports, with what drawing found damaged, and the files of the overview or, where the formats have
+        Reports, with damage found while drawing, and the files of the overview. If the formats have no
+            overview: the files of the sections.
         none, of the sections.
     """
     from auvbench.reporting import tables
@@ -93,8 +98,8 @@ def write_sections(
     for report in reports:
         folder = out / report.section.folder
         path_safety.check_output(folder, ("figures",))
-        found, written = write(report, options, command, folder, several=True)
-        whole.append(found)
+        section, written = write(report, options, command, folder, several=True)
+        whole.append(section)
         below += written
     above = []
     if "html" in options.format:
@@ -114,7 +119,7 @@ def write_sections(
 
 
 def rows(reports: Sequence[Report], draw: Callable[[Ranking], str]) -> str:
-    """Return a CSV table of all sections; several have a column for it."""
+    """Return a CSV table of all sections; with several sections, one column names the section."""
     from auvbench.reporting import tables
 
     if len(reports) == 1:
@@ -123,7 +128,7 @@ def rows(reports: Sequence[Report], draw: Callable[[Ranking], str]) -> str:
 
 
 def show(report: Report, options: Options) -> None:
-    """The tables of one section, its findings and claims."""
+    """Print the tables, findings and claims of one section."""
     from rich.console import Console
     from rich.markdown import Markdown
     from rich.text import Text
@@ -150,7 +155,7 @@ def show(report: Report, options: Options) -> None:
 
 
 def show_score(score: Scores | None, options: Options) -> None:
-    """The table across tasks, where there are several."""
+    """Print the table across tasks, if there are several tasks."""
     from rich.console import Console
 
     from auvbench.reporting import tables
@@ -161,7 +166,7 @@ def show_score(score: Scores | None, options: Options) -> None:
 
 
 def heading(title: str) -> None:
-    """Parts the sections of a report on a terminal."""
+    """Print a heading between the sections of a report on a terminal."""
     from rich.console import Console
     from rich.rule import Rule
     from rich.text import Text
@@ -172,7 +177,7 @@ def heading(title: str) -> None:
 
 
 def say_written(written: Sequence[Path]) -> None:
-    """The files, a line each."""
+    """Print the files, one per line."""
     from rich.console import Console
     from rich.text import Text
 

@@ -1,4 +1,4 @@
-"""`auvbench resume`: finish what is unfinished, or extend what is complete to a larger budget."""
+"""`auvbench resume`: finish interrupted runs, or extend complete runs to a larger budget."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _EPILOG = """examples:
   auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e train.total_steps=2000000
                                                            go on to a larger budget, in a run of its own
 
-A resumed run ends with the same bits as one that was never interrupted; docs/resume.md says what that means.
+A resumed run ends with the same bits as one that was never interrupted (docs/resume.md).
 """
 
 
@@ -37,7 +37,7 @@ def main(arguments: Sequence[str]) -> int:
     runs = run_filter.find(paths, given.where)
     for override in overrides:
         runs = _extended(runs, _budget(override), shlex.join(["auvbench", "resume", *arguments]))
-    if len(runs) > 1:  # side by side, each in a process of its own
+    if len(runs) > 1:  # in parallel, each in its own process
         from auvbench.scheduling.grid import sweep
         from auvbench.scheduling.local import LocalBackend
 
@@ -69,7 +69,9 @@ def _budget(override: str) -> int:
 
     key, _, value = override.partition("=")
     if key != BUDGET:
-        raise ConfigError(f"{override}: resume takes {BUDGET}=N alone; type auvbench train for another run")
+        raise ConfigError(
+            f"{override}: resume accepts only {BUDGET}=N; use auvbench train for a different run"
+        )
     if (total := whole(value)) is None:
         raise ConfigError(f"{override}: {value!r} is not a whole number")
     return total
@@ -79,7 +81,7 @@ def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[Ru
     from auvbench.training.checkpoint.extending import prepare
 
     extensions, problems = [], []
-    for run in runs:  # all of them before the first is written
+    for run in runs:  # All targets are checked before the first is written.
         try:
             extensions.append(prepare(run, total))
         except AuvbenchError as error:

@@ -1,4 +1,4 @@
-"""`auvbench runs`: lists runs with state, progress and success."""
+"""`auvbench runs`: list runs with their state, progress and success."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 STYLES = {"running": "cyan", "interrupted": "yellow", "failed": "red", "complete": "green", "pending": "dim"}
 IN_THE_ID = ("algo.name", "reward.k", "step.frequency", "seed")
-"""what a run's id says already"""
+"""keys whose values a run's id contains"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class Row:
     """One run; times in seconds, rates in [0, 1]."""
 
     id: str
-    name: str  # of the experiment: the folder
+    name: str  # name of the experiment: its folder
     path: str
     state: State
     algo: str
@@ -44,13 +44,13 @@ class Row:
     success_rate: float | None  # over the last 100 training episodes
     wall_time_s: float
     created: str | None
-    holder: str | None  # who works on it
+    holder: str | None  # process that works on the run
     error: str | None
-    config: dict[str, Any] = field(default_factory=dict)  # by dotted key, of the vehicle its name alone
+    config: dict[str, Any] = field(default_factory=dict)  # values by dotted key; of the vehicle only the name
 
     @property
     def progress(self) -> float:
-        """Return the share of the budget that is done."""
+        """Return the finished share of the budget."""
         if self.state is State.COMPLETE:
             return 1.0
         return min(1.0, self.steps / self.total_steps) if self.total_steps > 0 else 0.0
@@ -61,9 +61,9 @@ def parser() -> Parser:
         prog="auvbench runs",
         where=True,
         description="Lists runs: state, progress, success over the last 100 training episodes (from 30 episodes on), "
-        "wall time, and in which values of their configuration they differ beyond what their ids say.",
+        "wall time, and the configuration values in which they differ, besides those in their ids.",
         epilog="States: pending, running, interrupted (also: killed while running), failed, complete; "
-        "--where state=failed,pending keeps some. --where also takes id and experiment.",
+        "--where state=failed,pending selects some. --where also accepts id and experiment.",
     )
     add = parser.add_argument
     add("paths", nargs="*", default=["outputs"], metavar="PATH", help="runs or folders of runs")
@@ -71,24 +71,24 @@ def parser() -> Parser:
     add(
         "--history",
         action="store_true",
-        help="print each training and test of the experiments, those of deleted runs too, as JSON lines",
+        help="print each training and test of the experiments, also those of deleted runs, as JSON lines",
     )
     return parser
 
 
 def main(argv: Sequence[str]) -> int:
-    """Exit code 1 when a run could not be read: the others are listed, and it is named."""
+    """Return 1 if a run could not be read; it is named, and the others are listed."""
     given = parser().read(argv)
     if given.history:
         return _print_history(given.paths, given.where or given.json)
-    found, problems = rows(find_runs(given.paths))
-    chosen = run_filter.select(found, run_filter.parse(given.where), _facts)
+    listed, problems = rows(find_runs(given.paths))
+    chosen = run_filter.select(listed, run_filter.parse(given.where), _facts)
     chosen = sorted(chosen, key=lambda row: (row.name, row.id))
     if given.json:
         print(json.dumps([{**asdict(row), "progress": row.progress} for row in chosen], indent=1))
     else:
-        _show(chosen, of=len(found))
-        _tell_deleted(given.paths, [row.id for row in found])
+        _show(chosen, of=len(listed))
+        _tell_deleted(given.paths, [row.id for row in listed])
     for problem in problems:
         print(f"auvbench: {problem}", file=sys.stderr)
     return 1 if problems else 0
@@ -97,10 +97,10 @@ def main(argv: Sequence[str]) -> int:
 def _print_history(paths: Sequence[str], narrowed: bool) -> int:
     """Print the lines of the histories under some paths."""
     if narrowed:
-        raise UserError("--history: prints all lines as JSON; leave --where and --json out")
+        raise UserError("--history: prints all lines as JSON; leave out --where and --json")
     folders = [path for given in paths for path in _experiments(Path(given))]
     if not folders:
-        raise UserError(f"{' '.join(paths)}: no {history.FILE} here; auvbench train and evaluate write it")
+        raise UserError(f"{' '.join(paths)}: no {history.FILE} found; auvbench train and evaluate write it")
     try:
         lines = history.merged(history.read(folder) for folder in folders)
     except (OSError, ValueError) as error:
@@ -111,7 +111,7 @@ def _print_history(paths: Sequence[str], narrowed: bool) -> int:
 
 
 def _tell_deleted(paths: Sequence[str], ids: Sequence[str]) -> None:
-    """Print how many trainings and tests of the histories are of runs that are deleted."""
+    """Print how many trainings and tests in the histories belong to deleted runs."""
     folders = {
         folder for given in paths for folder in _experiments(Path(given)) if folder != Path(given).parent
     }
@@ -122,7 +122,7 @@ def _tell_deleted(paths: Sequence[str], ids: Sequence[str]) -> None:
 
 
 def _experiments(path: Path) -> list[Path]:
-    """Return the folders with a history: the path, the folder of a run, or folders in it."""
+    """Return the folders that have a history: the path itself, the folder of a run, or subfolders."""
     candidates = [path, *([path.parent] if (path / "manifest.json").is_file() else [])]
     if path.is_dir():
         candidates += sorted(child for child in path.iterdir() if child.is_dir())
@@ -131,14 +131,14 @@ def _experiments(path: Path) -> list[Path]:
 
 def rows(runs: Iterable[RunDirectory]) -> tuple[list[Row], list[str]]:
     """Return a row per run, and a line per run that cannot be read."""
-    found: list[Row] = []
+    table_rows: list[Row] = []
     problems: list[str] = []
     for run in runs:
         try:
-            found.append(_row(run))
+            table_rows.append(_row(run))
         except RunError as error:
             problems.append(plain(error))
-    return found, problems
+    return table_rows, problems
 
 
 def _row(run: RunDirectory) -> Row:
@@ -149,7 +149,8 @@ def _row(run: RunDirectory) -> Row:
     steps, episodes, success = manifest["steps"], manifest.get("episodes", 0), manifest.get("success_rate")
     wall = float(manifest["wall_time_s"])
     if at.state in (State.RUNNING, State.INTERRUPTED):
-        # The manifest is written at the start and at the end; in between, and after a kill, this knows more.
+        # The manifest is written at the start and at the end; between the two, and after a kill, the progress file is
+        # newer.
         last = progress.read(run.path)
         if last is not None and last.steps >= steps:
             steps, episodes, success = last.steps, last.episodes, last.success_rate
@@ -179,7 +180,7 @@ def _config(run: RunDirectory) -> dict[str, Any]:
     try:
         known = run_filter.flat(run.config())
     except (RunError, RecursionError):
-        return {}  # the command that works on the run gives the error
+        return {}  # The command that works on the run reports the error.
     return {
         short(key): _shown(value)
         for key, value in known.items()
@@ -188,7 +189,7 @@ def _config(run: RunDirectory) -> dict[str, Any]:
 
 
 def _shown(value: Any) -> Any:
-    """A value that a line and JSON can hold, of any YAML type."""
+    """Return a value of any YAML type in a form that fits a line and JSON."""
     if isinstance(value, list):
         return [_shown(item) for item in value[:LONGEST]]
     if value is None or isinstance(value, bool | int) or (isinstance(value, float) and math.isfinite(value)):
@@ -197,30 +198,31 @@ def _shown(value: Any) -> Any:
 
 
 def _facts(row: Row) -> dict[str, Any]:
-    """What `--where` can ask of a row."""
+    """Return the facts of a row that `--where` can select by."""
     known = {"algo.name": row.algo, "seed": row.seed, **row.config}
     return known | {"state": str(row.state), "id": row.id, "experiment": row.name}
 
 
 def varying(rows: Sequence[Row]) -> list[str]:
-    """Return the keys in which the runs differ, beyond what their ids say and what follows from it.
+    """Return the keys in which the runs differ, without those in their ids and those that follow from other
+    keys.
 
-    `disturbance.name` stands for all that a disturbance sets, as it does when it is typed.
+    `disturbance.name` represents all values of a disturbance.
     """
     configs = [row.config for row in rows if row.config]
-    found = []
+    keys = []
     for key in dict.fromkeys(key for config in configs for key in config):
         if key in IN_THE_ID or key.startswith(identity.NEUTRAL):
             continue
-        # By the name of its group: one value for each name follows from the name.
+        # A key whose values are determined by its group's name is left out.
         name = f"{key.split('.')[0]}.name"
         by_name: dict[str, set[str]] = {}
         for config in configs:
             group = "" if name == key else run_filter.text(config.get(name))
             by_name.setdefault(group, set()).add(run_filter.text(config.get(key)))
         if any(len(values) > 1 for values in by_name.values()):
-            found.append(key)
-    return found
+            keys.append(key)
+    return keys
 
 
 def _show(rows: Sequence[Row], *, of: int) -> None:
@@ -229,7 +231,7 @@ def _show(rows: Sequence[Row], *, of: int) -> None:
 
     console = Console(highlight=False)
     if not console.is_terminal:
-        console.width = 1000  # a file or a pipe has no width: nothing is to be cut there
+        console.width = 1000  # A file or a pipe has no width: nothing may be cut.
     if rows:
         console.print(table(rows, console))
     for row in rows:
@@ -244,16 +246,18 @@ def _show(rows: Sequence[Row], *, of: int) -> None:
 
 
 def table(rows: Sequence[Row], console: Console) -> Table:
-    """Return the table: states, steps, success and times are whole at any width, other columns where there is room."""
+    """Return the table: states, steps, success and times are never cut; other columns are, where the terminal
+    is narrow.
+    """
     from rich.measure import Measurement
 
     several = len({row.name for row in rows}) > 1
     others = [*(["experiment"] if several else []), "progress", *varying(rows)]
     while True:
-        made = _table(rows, others)
-        width = Measurement.get(console, console.options.update(max_width=10_000), made).maximum
+        full = _table(rows, others)
+        width = Measurement.get(console, console.options.update(max_width=10_000), full).maximum
         if not others or width <= console.width:
-            return made
+            return full
         others.pop()
 
 
@@ -263,13 +267,13 @@ def _table(rows: Sequence[Row], more: Sequence[str]) -> Table:
 
     from auvbench.runs.progress import duration, telling
 
-    made = Table(box=None, pad_edge=False)
-    made.add_column("run", overflow="fold")
-    made.add_column("state", no_wrap=True)
+    grid = Table(box=None, pad_edge=False)
+    grid.add_column("run", overflow="fold")
+    grid.add_column("state", no_wrap=True)
     for name in ("steps", "success", "wall time"):
-        made.add_column(name, justify="right", no_wrap=True)
+        grid.add_column(name, justify="right", no_wrap=True)
     for key in more:
-        made.add_column(key.removesuffix(".name"), overflow="fold")
+        grid.add_column(key.removesuffix(".name"), overflow="fold")
     for row in rows:
         rate = telling(row.success_rate, row.episodes)
         facts = {**row.config, "experiment": row.name, "progress": f"{row.progress:.0%}"}
@@ -279,5 +283,5 @@ def _table(rows: Sequence[Row], more: Sequence[str]) -> Table:
             duration(row.wall_time_s) if row.wall_time_s else "",
             *(run_filter.text(facts[key]) if key in facts else "" for key in more),
         ]
-        made.add_row(Text(row.id), Text(row.state, STYLES[row.state]), *map(Text, words))
-    return made
+        grid.add_row(Text(row.id), Text(row.state, STYLES[row.state]), *map(Text, words))
+    return grid

@@ -1,4 +1,6 @@
-"""`auvbench serve`: a simulator behind ROS 2 topics and services, or the physics of an unmodified ArduSub."""
+"""`auvbench serve`: connect a simulator to ROS 2 topics and services, or act as the physics of an unmodified
+ArduSub.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ ARDUSUB_FLAGS = ("port", "address", "battery", "thrust", "motors", "give_up")
 FACES = ("ros2", "ardusub")
 
 ARDUSUB_START = ("task.depth_low=-10000", "task.depth_high=0", "task.start=[0,0,0]")
-"""ArduSub takes the depth at which it starts for the surface"""
+"""ArduSub takes its starting depth as the surface"""
 
 _EPILOG = """examples:
   auvbench serve                                            the BlueROV2 on the embedded simulator, in real time
@@ -41,12 +43,17 @@ def parser() -> Parser:
         epilog=_EPILOG,
     )
     parser.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help=f"configuration: {', '.join(KEYS)}")
-    parser.add_argument("--face", default=FACES[0], help=f"{' or '.join(FACES)} (default: {FACES[0]})")
     parser.add_argument(
-        "--vehicles", type=whole(1, 1000), default=1, help="in one world: NAME_1, NAME_2, ... (default: 1)"
+        "--face", default=FACES[0], help=f"interface: {' or '.join(FACES)} (default: {FACES[0]})"
+    )
+    parser.add_argument(
+        "--vehicles",
+        type=whole(1, 1000),
+        default=1,
+        help="number of vehicles in one world: NAME_1, NAME_2, ... (default: 1)",
     )
     ros2 = parser.add_argument_group("--face ros2")
-    ros2.add_argument("--namespace", help="of the topics (default: the vehicle's name)")
+    ros2.add_argument("--namespace", help="namespace of the topics (default: the vehicle's name)")
     ros2.add_argument(
         "--pace", type=_pace, default=1.0, help="simulated seconds per second, or max (default: 1)"
     )
@@ -70,7 +77,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.ros2 import middleware
     from auvbench.runs import interruption
 
-    middleware.load()  # before anything is compiled
+    middleware.load()  # fails before anything is compiled
     server = _server(given)
     try:
         with interruption.deferred() as request:
@@ -84,7 +91,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _given(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options, checked as far as both faces have them in common."""
+    """Return the options, checked for what both interfaces have in common."""
     reader = parser()
     given = reader.read(arguments, overrides=True)
     if given.face not in FACES:
@@ -93,7 +100,9 @@ def _given(arguments: Sequence[str]) -> argparse.Namespace:
     for word in given.overrides:
         key = word.partition("=")[0]
         if "=" not in word:
-            raise ConfigError(f"serve: {word}: serve takes KEY=VALUE and flags (auvbench serve --help)")
+            raise ConfigError(
+                f"serve: {word}: unexpected argument; serve takes KEY=VALUE and flags (auvbench serve --help)"
+            )
         if not any(key == known or key.startswith(f"{known}.") for known in keys):
             raise ConfigError(f"{word}: serve has no such key; {closest(key, keys)}")
     for name, face in {
@@ -101,7 +110,7 @@ def _given(arguments: Sequence[str]) -> argparse.Namespace:
         **dict.fromkeys(ARDUSUB_FLAGS, "ardusub"),
     }.items():
         if face != given.face and getattr(given, name) != reader.get_default(name):
-            raise UserError(f"--{name.replace('_', '-')}: belongs to --face {face}")
+            raise UserError(f"--{name.replace('_', '-')}: needs --face {face}")
     return given
 
 
@@ -118,12 +127,10 @@ def _server(given: argparse.Namespace) -> Server:
 
     config = train_config(compose("train", given.overrides))
     if isinstance(config.simulator, simulators.Ros2):
-        raise ConfigError(
-            "simulator=ros2: serve needs a simulator of its own: simulator=fossen or simulator=gazebo"
-        )
+        raise ConfigError("simulator=ros2: cannot be served; use simulator=fossen or simulator=gazebo")
     if sea := config.disturbance.sea:
         raise ConfigError(
-            f"disturbance.waves.height={sea.height:g}: serve has no waves; use simulator=fossen without ROS 2"
+            f"disturbance.waves.height={sea.height:g}: serve cannot simulate waves; use simulator=fossen without ROS 2"
         )
     vehicle = sheet.load(config.vehicle)
     physical = PhysicalCommands(vehicle)
@@ -177,28 +184,28 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--address",
         default="127.0.0.1",
-        help="to listen at (default: 127.0.0.1; 0.0.0.0: all of this machine)",
+        help="address to listen at (default: 127.0.0.1; 0.0.0.0: all of this machine)",
     )
     group.add_argument(
         "--battery",
         type=number(6.0, 24.0),
         default=16.0,
         metavar="V",
-        help="voltage; thrust is in proportion (default: 16)",
+        help="supply voltage; thrust is proportional to it (default: 16)",
     )
     group.add_argument(
-        "--thrust", default="t200", help="force by PWM: t200, its measured curve, or sheet (default: t200)"
+        "--thrust", default="t200", help="force by PWM: t200 (its measured curve) or sheet (default: t200)"
     )
     group.add_argument(
         "--motors",
         metavar="NAME,-NAME,...",
-        help="thrusters in the order of ArduSub's motors, - reversed (default: by where they push)",
+        help="thrusters in the order of ArduSub's motors, - for a reversed one (default: matched by direction of thrust)",
     )
     group.add_argument(
         "--give-up",
         type=number(0.001, 1e9),
         metavar="S",
-        help="end after so many seconds without ArduSub (default: wait)",
+        help="exit after this many seconds without ArduSub (default: wait forever)",
     )
 
 
@@ -206,7 +213,7 @@ def _serve_ardusub(given: argparse.Namespace) -> int:
     """Serve an ArduSub until Ctrl-C.
 
     Raises:
-        UserError: a flag's value is out of range, or what `Server` raises.
+        UserError: the value of a flag is out of range, or `Server` rejects it.
     """
     last = 65535 - 10 * (given.vehicles - 1)
     if given.port > last:
@@ -246,7 +253,7 @@ def _vehicles(given: argparse.Namespace) -> list[Physics]:
 
 
 def _print_address(given: argparse.Namespace, physics: Physics) -> None:
-    """Print what is served, and how ArduSub finds it."""
+    """Print what is served, and the address for ArduSub."""
     from auvbench.ardusub.server import started
 
     motors, name = physics.motors, physics.vehicle.name

@@ -1,4 +1,4 @@
-"""`auvbench simulate`: one vehicle, open loop, to a CSV file or a plot."""
+"""`auvbench simulate`: simulate one vehicle open loop, and write a CSV file or a plot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def simulate(config: DictConfig) -> None:
-    """Run what `config` says, write its files and say where they are."""
+    """Simulate as `config` says, write the files and print their paths."""
     import numpy as np
 
     from auvbench.config.simulation import simulation_config
@@ -40,13 +40,15 @@ def simulate(config: DictConfig) -> None:
         raise ConfigError(f"plot={settings.plot}: must end with one of {', '.join(PICTURES)}")
     for key, file in (("output", settings.output), ("plot", settings.plot)):
         if file is not None:
-            check_writable(Path(file), f"{key}={file}")  # before anything is computed
+            check_writable(Path(file), f"{key}={file}")  # fails before anything is computed
     vehicle = sheet.load(settings.vehicle)
     given = settings.input
     command = _command(vehicle, given.command)
     if settings.thrusters == "off":
         if given.command is not None and np.any(command):
-            raise ConfigError("input.command: thrusters=off leaves none to command; give one of the two")
+            raise ConfigError(
+                "input.command: thrusters=off leaves no thruster to command; give one of the two"
+            )
         vehicle, command = openloop.without_actuators(vehicle), np.zeros(0)
     trajectory = openloop.integrate(
         vehicle,
@@ -71,7 +73,7 @@ def simulate(config: DictConfig) -> None:
 
 
 def _command(vehicle: VehicleModel, given: Any) -> Any:
-    """Commands (n_u,) from a list, from a mapping of actuators' names, or zeros.
+    """Return commands (n_u,) from a list or a mapping of actuator names; zeros if nothing is given.
 
     Raises:
         ConfigError: a wrong number of commands, an unknown actuator, or a command outside [-1, 1].

@@ -1,4 +1,4 @@
-"""`auvbench submit`: check an entry of your own and write it as one archive."""
+"""`auvbench submit`: check your own entry and write it as one archive."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ if TYPE_CHECKING:
 
 NOTHING = "none"
 WORDS = {"true velocities": "velocities"}
-"""Words of `--knows` for what a report calls otherwise"""
+"""Words of `--knows`, by the name that a report uses"""
 
 
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench submit",
         where=True,
-        description="Checks the runs of one agent, all its training seeds, or an ONNX file with its card, and writes them as one\n"
-        "archive: configuration, model, test rows, and what you declare here. docs/submitting.md explains the rules.",
+        description="Checks the runs of one agent (all its training seeds), or an ONNX file with its card, "
+        "and writes one archive:\n"
+        "configuration, model, test rows, and your declarations. docs/submitting.md explains the rules.",
         epilog="examples:\n"
         '  auvbench submit outputs/mine --name "My agent" --who "Jane Doe" --knows velocities --trials 20\n'
         "  auvbench submit policies/mine.onnx --name Mine --who 'Jane Doe' --knows none --trials 0 --out mine.zip",
@@ -37,7 +38,7 @@ def parser() -> Parser:
     add = parser.add_argument
     add("path", type=Path, metavar="PATH", help="folder of the agent's runs, or an ONNX file with its card")
     add("--name", required=True, help="name of the agent in tables, at most 60 characters")
-    add("--who", required=True, help="your name, as it is to be cited")
+    add("--who", required=True, help="your name, as others should cite it")
     add(
         "--knows",
         required=True,
@@ -50,16 +51,16 @@ def parser() -> Parser:
         required=True,
         type=whole(0, 10**9),
         metavar="N",
-        help="settings that were tried before these; 0: none",
+        help="number of settings tried before these; 0: none",
     )
     add(
         "--tuned-on",
         default="",
         metavar="TEXT",
-        help="what the trials were tested on: validation scenarios, scenarios of seed 7",
+        help="what the trials were tested on, e.g. validation scenarios, scenarios of seed 7",
     )
-    add("--protocol", default="test", metavar="NAME", help="test whose rows are entered; default test")
-    add("--out", type=Path, metavar="FILE", help="the archive; default NAME.zip")
+    add("--protocol", default="test", metavar="NAME", help="test protocol of the rows; default test")
+    add("--out", type=Path, metavar="FILE", help="file name of the archive; default NAME.zip")
     return parser
 
 
@@ -86,7 +87,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def slug(name: str) -> str:
-    """Return a name as that of a file.
+    """Return a name in a form that suits a file name.
 
     >>> slug("My agent (v2)")
     'my-agent-v2'
@@ -158,10 +159,10 @@ def _entered(path: Path, protocol: Protocol, output: Path) -> Path:
 
 
 def _runs(path: Path, where: Sequence[str], protocol: Protocol, knows: Sequence[str]) -> list[RunRecord]:
-    """Return the runs of one agent, all tested by today's scenarios.
+    """Return the runs of one agent, all tested on the current scenarios.
 
     Raises:
-        ReportError: they cannot be an entry.
+        ReportError: the runs cannot be an entry.
     """
     from auvbench.analysis.conditions import default
     from auvbench.analysis.effort import knowledge
@@ -175,16 +176,18 @@ def _runs(path: Path, where: Sequence[str], protocol: Protocol, knows: Sequence[
     require(runs, problems, protocol.name)
     for problem in problems:
         if problem.kind != "failed":
-            raise ReportError(f"{problem.where}: {problem.message}; every training of the agent is entered")
+            raise ReportError(
+                f"{problem.where}: {problem.message}; an entry must contain every training of the agent"
+            )
     parts = sections(runs, protocol.name)
     if len(parts) > 1:
         raise ReportError(
             f"{path}: has {len(parts)} tasks or vehicles; enter one: --where task=NAME vehicle=NAME"
         )
-    found, _ = agents(parts[0].runs, protocol.name, default(runs, protocol.name))
-    if len(found) != 1:
-        labels = ", ".join(agent.label for agent in found[:3])
-        raise ReportError(f"{path}: has {len(found)} agents ({labels}); enter one: --where algo=NAME")
+    agents_found, _ = agents(parts[0].runs, protocol.name, default(runs, protocol.name))
+    if len(agents_found) != 1:
+        labels = ", ".join(agent.label for agent in agents_found[:3])
+        raise ReportError(f"{path}: has {len(agents_found)} agents ({labels}); enter one: --where algo=NAME")
     for run in runs:
         if not failed_training(run):
             refuse_stale(RunDirectory(run.directory), protocol)

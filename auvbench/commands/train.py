@@ -1,4 +1,4 @@
-"""`auvbench train`: one run, or a grid of runs with -m."""
+"""`auvbench train`: train one run, or a grid of runs with -m."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def main(arguments: Sequence[str]) -> int:
     result = run(
         "train",
         arguments,
-        # What runs elsewhere runs as a grid does, be it a grid of one.
+        # A run that is carried out elsewhere counts as a grid of one.
         job=lambda config: (
             _one(config, command) if config.launcher.name == "local" else _grid([config], command)
         ),
@@ -47,11 +47,11 @@ def _one(config: DictConfig, command: str) -> int:
 
 
 def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
-    """Carry out one run in this process; return the exit code.
+    """Train one run in this process and return the exit code.
 
     Args:
-        run: a frozen directory.
-        shown: with a live bar; None: as its configuration says.
+        run: run directory with a frozen configuration.
+        shown: whether to show a live bar; None: as its configuration says.
     """
     from auvbench.runs import status
 
@@ -61,7 +61,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
             f"{run.path}: complete already, nothing to do (auvbench resume RUN train.total_steps=N extends it)"
         )
         return 0
-    # Imported here: a complete run needs none of it.
+    # Imported late: a complete run does not need it.
     from auvbench.commands.progress import Bar
     from auvbench.config.algorithms import learns
     from auvbench.runs.plan import load_config

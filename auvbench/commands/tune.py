@@ -1,4 +1,4 @@
-"""`auvbench tune`: searches for settings of an algorithm on validation scenarios."""
+"""`auvbench tune`: search for settings of an algorithm on validation scenarios."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> No
 
 
 def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str, str]]:
-    """The command line for Hydra, the ranges that were typed and the values that were, by key.
+    """Return the command line for Hydra, the typed ranges, and the typed values, both by key.
 
-    A range of a key such as algo.tau is a dimension of the study; one of a whole question, algo=ppo,sac, makes
-    several studies and is left to -m.
+    A range of a key such as algo.tau is a dimension of the study. A list that asks several questions, such as
+    algo=ppo,sac, makes several studies and is left to -m.
     """
     words: list[str] = []
     ranges: dict[str, str] = {}
@@ -61,7 +61,7 @@ def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str
             words.append(word)
         elif _is_range(match[1], match[2]):
             if match[1] in ranges:
-                raise ConfigError(f"{word}: {match[1]} has a range already: {match[1]}={ranges[match[1]]}")
+                raise ConfigError(f"{word}: {match[1]} already has a range: {match[1]}={ranges[match[1]]}")
             place = place if ranges else len(words)
             ranges[match[1]] = match[2]
         else:
@@ -71,7 +71,7 @@ def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str
     if ranges:
         from auvbench.config.overrides import quote
 
-        # Shown by --cfg job; Hydra itself would take a range for a grid.
+        # Shown by --cfg job; Hydra itself would read a range as a grid.
         quoted = ",".join(f"{key}:{quote(text)}" for key, text in ranges.items())
         words.insert(place, f"++tune.space={{{quoted}}}")
     return words, ranges, fixed
@@ -90,7 +90,7 @@ def _is_range(key: str, text: str) -> bool:
             from auvbench.tuning.space import FORMS
 
             raise ConfigError(f"{key}={text}: {' '.join(str(error).split())}; write {FORMS}") from error
-        return False  # composing it later gives the error
+        return False  # The error is reported when the configuration is composed later.
 
 
 def _studies(
@@ -99,21 +99,21 @@ def _studies(
     fixed: Mapping[str, str],
     arguments: Sequence[str],
 ) -> int:
-    """One study after the other; all of them are checked before the first begins."""
+    """Run one study after another; all of them are checked before the first begins."""
     command = shlex.join(["auvbench", "tune", *arguments])
-    found = [plan_of(config, ranges, fixed, command) for config in configs]
-    for plan, _ in found:
+    plans = [plan_of(config, ranges, fixed, command) for config in configs]
+    for plan, _ in plans:
         _refuse_ignored(plan, arguments)
-    names = [study.path for _, study in found]
+    names = [study.path for _, study in plans]
     for path in names:
         if names.count(path) > 1:
             raise ConfigError(
-                f"{path}: two of these studies would have this name; name=NAME, alone, tells studies apart"
+                f"{path}: two of these studies would have this name; set name=NAME for one at a time"
             )
     code = 0
-    for number, ((plan, study), config) in enumerate(zip(found, configs, strict=True), 1):
-        if len(found) > 1:
-            print(f"study {number} of {len(found)}: {plan.name}", flush=True)
+    for number, ((plan, study), config) in enumerate(zip(plans, configs, strict=True), 1):
+        if len(plans) > 1:
+            print(f"study {number} of {len(plans)}: {plan.name}", flush=True)
         code = _study(plan, study, config)
         if code > 128:
             break
@@ -123,10 +123,11 @@ def _studies(
 def plan_of(
     config: DictConfig, ranges: Mapping[str, str], fixed: Mapping[str, str], command: str = ""
 ) -> tuple[Plan, StudyFolder]:
-    """What a study is, checked; writes nothing.
+    """Return the plan and folder of a study, checked; write nothing.
 
     Raises:
-        ConfigError, VehicleError, ReportError: a value is wrong, or the space is empty or contradicts itself.
+        ConfigError, VehicleError, ReportError: a value is wrong, or the search space is empty or
+            contradictory.
     """
     from omegaconf import OmegaConf
 
@@ -147,7 +148,7 @@ def plan_of(
         tune.objective = primary_of(config.task.name)
     search.objective(tune.objective, tune.then)
     base = tuning.without_search(config)
-    # Where runs lie, who carries them out and how long they train is the study's affair.
+    # The study decides where its runs are, how they are scheduled and how long they train.
     name, output, seed = str(base.pop("name")), str(base.pop("output")), int(base.pop("seed"))
     base["launcher"] = OmegaConf.to_container(option("launcher", "local"))
     base["train"]["total_steps"] = tune.rungs[-1]
@@ -169,7 +170,7 @@ def plan_of(
 
 
 def _refuse_ignored(plan: Plan, arguments: Sequence[str]) -> None:
-    """Raise ConfigError where a protocol's own values replace typed ones, and no training uses the typed ones."""
+    """Raise ConfigError if a protocol's own values replace the typed ones, and no training uses the typed ones."""
     from omegaconf import OmegaConf
 
     from auvbench.config.compose import typed
@@ -187,27 +188,27 @@ def _refuse_ignored(plan: Plan, arguments: Sequence[str]) -> None:
         for group, word in words.items():
             if getattr(condition.config, group) != getattr(own, group):
                 raise ConfigError(
-                    f"{word}: has no effect, since protocol={plan.protocol.name} tests with another {group}; "
-                    "leave out the protocol, or type the value in protocol.overrides"
+                    f"{word}: has no effect, because protocol={plan.protocol.name} sets its own {group}; "
+                    "leave it out, or set the value in protocol.overrides"
                 )
 
 
 def _study(plan: Plan, study: StudyFolder, config: DictConfig) -> int:
-    """Searches, trains the best with fresh seeds, writes the report and the preset."""
+    """Search, train the best settings with fresh seeds, and write the report and the preset."""
     from auvbench.tuning.folder import refuse_change
 
-    there = study.read() if study.plan_path.exists() else None
-    if there is not None:
-        refuse_change(study, there, plan)
+    existing = study.read() if study.plan_path.exists() else None
+    if existing is not None:
+        refuse_change(study, existing, plan)
     elif study.journal.exists():
         raise RunError(
-            f"{study.path}: has a journal and no study.json; restore it, or name=NAME for another study"
+            f"{study.path}: has a journal but no study.json; restore study.json, or choose another name=NAME"
         )
     with study.hold():
         study.write(plan)
         result = _search(plan, study, config)
         if result.signal is not None:
-            print(f"{study.path}: interrupted; the same command goes on", flush=True)
+            print(f"{study.path}: interrupted; run the same command to continue", flush=True)
             return result.exit_code
         return _conclude(plan, study)
 
@@ -225,39 +226,39 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
     from auvbench.tuning.search import objective as objective_of
 
     whole = {**plan.base, "name": plan.name, "output": str(study.path), "seed": plan.seed}
-    found = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(whole)))
+    search = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(whole)))
     objective = objective_of(plan.tune.objective, plan.tune.then)
-    shown = StudyView(found, objective, Console())
+    shown = StudyView(search, objective, Console())
     rungs = " / ".join(f"{budget:,}" for budget in plan.budgets)
-    trials, keys = counted(found.limit, "trial"), counted(len(plan.dimensions), "key")
+    trials, keys = counted(search.limit, "trial"), counted(len(plan.dimensions), "key")
     what = f"{trials} of {plan.base['algo']['name']} begun, {keys}, {rungs} steps"
-    print(f"{study.path}: {len(found.trials)} of {what}", flush=True)
-    made = backend(config.launcher, target=runs.TARGET, learning=plan.learns)
-    result = Controller(study, found, made, shown).carry_out()
+    print(f"{study.path}: {len(search.trials)} of {what}", flush=True)
+    launcher = backend(config.launcher, target=runs.TARGET, learning=plan.learns)
+    result = Controller(study, search, launcher, shown).carry_out()
     if result.signal is not None and (best := shown.best()):
         print(best)
     return result
 
 
 def _conclude(plan: Plan, study: StudyFolder) -> int:
-    """Write the preset and the report, and print what was found; return 1 where no settings or no gain are known.
+    """Write the preset and the report, and print the result; return 1 if no settings or no gain were found.
 
-    A failed trial is a result.
+    A failed trial counts as a result.
     """
     from auvbench.reporting import tuning
     from auvbench.tuning import outcome
 
-    found = outcome.read(study)
-    best = found.best
+    result = outcome.read(study)
+    best = result.best
     if best is None:
         print(f"{study.path}: every trial failed, so there are no best settings")
     else:
-        outcome.write(found, best, tuning.evidence(found))
-    trials = tuning.report(found)
-    for sentence in tuning.summary(found):
+        outcome.write(result, best, tuning.evidence(result))
+    trials = tuning.report(result)
+    for sentence in tuning.summary(result):
         print(sentence)
     if best is not None:
         name = outcome.name_of(plan)
         print(f"{study.best}: cp it to conf/algo/{name}.yaml, then algo={name}")
     print(f"{trials}", flush=True)
-    return int(best is None or bool(found.broken))
+    return int(best is None or bool(result.broken))

@@ -1,4 +1,4 @@
-"""One vehicle on the terminal: everything that its sheet says and implies."""
+"""Print everything that a vehicle's sheet says and implies on the terminal."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from auvbench.vehicles.warnings import warnings
 FloatArray = NDArray[np.float64]
 
 YAW = 5
-"""index of the axis"""
+"""index of the yaw axis"""
 
 
 def open_console() -> Console:
-    """The terminal, or a wide page where the output is a file or a pipe."""
+    """Return a console for the terminal, or a wide one for a file or a pipe."""
     console = Console(highlight=False)
     if not console.is_terminal:
-        console.width = 140  # neither has a width; tables must not be folded at 80 characters
+        console.width = 140  # A file or a pipe has no width: tables must not be folded at 80 characters.
     return console
 
 
@@ -69,7 +69,8 @@ def show(vehicle: VehicleModel, quantities: Sequence[Quantity] = ()) -> None:
 
 
 def push(vehicle: VehicleModel, index: int) -> str:
-    """Return where a thruster pushes the vehicle under a positive command, and what one newton does to it.
+    """Return the direction in which a thruster pushes the vehicle under a positive command, and the wrench of
+    one newton.
 
     E.g. "thruster1 pushes ahead, to port: surge +0.707, sway +0.707, yaw +0.167 (turns to port)".
     """
@@ -86,7 +87,7 @@ def push(vehicle: VehicleModel, index: int) -> str:
 
 
 def _text(text: str) -> str:
-    """A sheet's text as it stands there: no markup, and nothing that a terminal would obey."""
+    """Return a sheet's text unchanged but escaped: without markup or control characters."""
     return escape(plain(text))
 
 
@@ -217,13 +218,13 @@ def _motion(console: Console, vehicle: VehicleModel) -> None:
 
 
 def _directions(rows: list[inspect.Reach], axis: int) -> list[inspect.Reach]:
-    """The rows of an axis, one where both directions are the same."""
+    """Return the rows of an axis; one row if both directions are the same."""
     own = [row for row in rows if row.axis == axis]
     return own[:1] if len(own) == 2 and abs(own[0].force - own[1].force) < 1e-3 * own[0].force else own
 
 
 def _notes(vehicle: VehicleModel, rows: list[inspect.Reach]) -> list[str]:
-    """What the table of terminal speeds has no column for."""
+    """Return notes on what the table of terminal speeds does not show."""
     notes = [
         f"{inspect.AXES[row.axis]}: {row.bollard_force:.4g} N and {row.bollard_speed:.3f} m/s {row.direction} where the"
         " moments are left unbalanced"

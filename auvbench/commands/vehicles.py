@@ -1,4 +1,4 @@
-"""`auvbench vehicles`: the sheets there are, or what one sheet's numbers imply."""
+"""`auvbench vehicles`: list the vehicle sheets, or show what one sheet's numbers imply."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def parser() -> Parser:
         "vehicle", nargs="?", help="name of a sheet, or the path of a .yaml file; without it, a list"
     )
     alone = parser.add_mutually_exclusive_group()
-    alone.add_argument("--sheet", action="store_true", help="print the sheet itself, to start your own from")
+    alone.add_argument("--sheet", action="store_true", help="print the sheet, as a start for your own")
     alone.add_argument(
         "--sdf",
         metavar="DIR",
@@ -30,7 +30,10 @@ def parser() -> Parser:
     parser.add_argument(
         "--hydrodynamics",
         choices=("corrected", "published"),
-        help="with --sdf: corrected (the default) gives added mass to DART, published to the Hydrodynamics plugin",
+        help=(
+            "with --sdf: corrected (the default) leaves added mass to DART, published leaves it to the "
+            "Hydrodynamics plugin"
+        ),
     )
     parser.add_argument(
         "--step", type=number(1e-6, 1.0), help="with --sdf: physics step of the world in s, 0.001 by default"
@@ -66,7 +69,7 @@ def _print_sheet(name: str) -> None:
     from auvbench.vehicles import sheet
     from auvbench.vehicles.reader import sheets
 
-    sheet.load(name)  # an unknown name and a wrong sheet get their message
+    sheet.load(name)  # An unknown name or a wrong sheet gets its error message here.
     path = Path(name)
     file = path if path.suffix in (".yaml", ".yml") else sheets()[name]
     print(file.read_text(encoding="utf-8"), end="")
@@ -84,7 +87,7 @@ def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None
     for path in paths:
         print(path)
     world = next(path for path in paths if path.name.endswith(".world.sdf"))
-    print(f"gz sim -r -s {world} runs it without a window; docs/gazebo.md says more.")
+    print(f"gz sim -r -s {world} runs it without a window (docs/gazebo.md).")
 
 
 def _list() -> None:
@@ -101,7 +104,7 @@ def _list() -> None:
     for name in sheet_names():
         try:
             vehicle = sheet.load(name)
-        except VehicleError as error:  # one broken sheet does not hide the others
+        except VehicleError as error:  # One broken sheet must not hide the others.
             cells = ("", "", f"broken: {error}")
         else:
             cells = (str(len(vehicle.actuators)), f"{vehicle.mass:.2f}", vehicle.title)

@@ -21,8 +21,9 @@ BEGIN, END = "<!-- begin: entries -->", "<!-- end: entries -->"
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench verify",
-        description="Unpacks an entry, tests its models again on the same scenarios, and compares the rows: the same bits on the\n"
-        "same processor, the same verdict against PID on another one. Trainings are not repeated.",
+        description="Unpacks an entry, tests its models again on the same scenarios, and compares the "
+        "rows: they must have the same\n"
+        "bits on the same processor, and the same verdict against PID on a different one. Trainings are not repeated.",
         epilog="Exit code 0 when the entry is verified, 1 when its rows differ.\n\n"
         "examples:\n  auvbench verify my-agent.zip\n  auvbench verify my-agent.zip --to results/entries",
         workers="runs, or episodes of a slow controller,",
@@ -35,13 +36,13 @@ def parser() -> Parser:
         "--to",
         type=Path,
         metavar="DIR",
-        help="keep the entry and the result in a folder of entries: results/entries",
+        help="store the entry and the result in a folder of entries: results/entries",
     )
     return parser
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Exit code 1 where the rows differ."""
+    """Return 1 if the rows differ."""
     given = parser().read(arguments)
     if given.to is not None and given.to.exists() and not given.to.is_dir():
         raise UserError(f"--to {given.to}: is a file; name a folder")
@@ -77,7 +78,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _keep(entry: Entry, verified: Verified, folder: Path, entries: Path, name: str) -> None:
-    """Copy an unpacked entry into a folder of entries, with the result, and renew the folder's table."""
+    """Copy an unpacked entry and its result into a folder of entries, and update the folder's table."""
     from auvbench.reporting.entries import overview, write_verified
     from auvbench.runs.atomic_io import storage, write_atomic
     from auvbench.untrusted import path_safety
@@ -95,16 +96,16 @@ def _keep(entry: Entry, verified: Verified, folder: Path, entries: Path, name: s
         before, begin, rest = text.partition(BEGIN)
         _, end, after = rest.partition(END)
         if not begin or not end:
-            raise UserError(f"{readme}: put the lines {BEGIN} and {END} where the table belongs")
+            raise UserError(f"{readme}: add the lines {BEGIN} and {END} where the table belongs")
         write_atomic(readme, f"{before}{BEGIN}\n{overview(entries)}{END}{after}".encode())
     print(f"  kept in {os.path.relpath(target)}")
 
 
 def _refuse_other(target: Path, entry: Entry) -> None:
-    """Raise UserError where a folder holds the entry of another person, or no entry."""
+    """Raise UserError if a folder contains another person's entry, or something that is not an entry."""
     from auvbench.reporting.entries import FILE, read
     from auvbench.untrusted import reading
 
     data = reading.content(target / FILE) if (target / FILE).is_file() else b""
     if not data or read(data, target).who != entry.who:
-        raise UserError(f"{target}: exists already and is not an entry of {entry.who}; rename the entry")
+        raise UserError(f"{target}: already exists and is not an entry of {entry.who}; rename the entry")

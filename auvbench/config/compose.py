@@ -1,8 +1,9 @@
 """Compose configurations with Hydra.
 
-`compose` is for commands and tests; `run` is a command line (`--cfg`, `--help`, `-m`, completion) around a function. Both
-search `./conf` of the working directory first, so a user's own vehicle or preset needs no change to the package.
-Hydra composes and completes; it starts no job, calls no plug-in and sets up no logging.
+`compose` is for commands and tests. `run` wraps a command line (`--cfg`, `--help`, `-m`, completion) around a
+function. Both search `./conf` of the working directory first, so a user's own vehicle or preset needs no
+change to the package. Hydra composes and completes; it starts no job, calls no plug-in and sets up no
+logging.
 """
 
 from __future__ import annotations
@@ -49,9 +50,9 @@ T = TypeVar("T")
 
 CONFIG_MODULE = "auvbench.conf"
 EVERY_KEY = "all"
-"""word after `--help` that has every key shown, not the common ones alone"""
+"""word after `--help` that shows every key, not only the common ones"""
 WORKING_DIRECTORY = Path("conf")
-"""of the folder in which the program runs"""
+"""folder of the user's own configuration, in the working directory"""
 
 _LOCK = threading.RLock()
 
@@ -80,26 +81,27 @@ def _register_schemas(store: ConfigStore) -> None:
         ("reward", _schemas(REWARDS)),
     ):
         kinds |= {f"{group}_{name}_schema": kind for name, kind in known.items()}
-    # At the top level: the folders algo, launcher and simulator then list their answers alone.
+    # At the top level: the folders algo, launcher and simulator then list only their own options.
     store.repo |= {f"{name}.yaml": _node(f"{name}.yaml", kind) for name, kind in kinds.items()}
 
 
 @cache
 def _node(name: str, kind: type) -> ConfigNode:
-    """Building a node is slow, and Hydra copies it before use."""
+    """Return the node of a schema; cached, since building one is slow and Hydra copies it before use."""
     return ConfigNode(name=name, node=OmegaConf.structured(kind), group=None, package=None, provider=None)
 
 
 class _Repository(ConfigRepository):
     def __deepcopy__(self, memo: dict[int, Any]) -> _Repository:
-        return copy.copy(self)  # Hydra exchanges the list of sources in a copy; a deep one has all schemas
+        # Hydra replaces the list of sources in a copy; a deep copy would copy all schemas.
+        return copy.copy(self)
 
 
 @contextmanager
 def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
-    """Lend a loader that searches a folder, then the package; Hydra's global state is restored.
+    """Yield a loader that searches a folder, then the package; restore Hydra's global state on exit.
 
-    The caller's program may use Hydra itself: its version base and its schemas stay as they were.
+    A caller that uses Hydra itself keeps its version base and its schemas.
     """
     path = ConfigSearchPathImpl()
     if folder is not None and folder.is_dir():
@@ -111,7 +113,7 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
     path.append("main", f"{restricted_yaml.PACKAGE}://{CONFIG_MODULE}")
     path.append("schema", "structured://")
     with _LOCK:
-        Plugins.instance()  # stores schemas of its own, once; they are to stay
+        Plugins.instance()  # Creating the plug-ins stores their schemas, once; these schemas must stay.
         store, base = ConfigStore.instance(), version.VersionBase.instance()
         theirs, repository = base.version_base, store.repo
         store.repo = _copied(repository)
@@ -146,9 +148,9 @@ def _compose(entry: str, overrides: Sequence[str], folder: Path | None = WORKING
 
 @lru_cache(maxsize=64)
 def _of_files(entry: str, files: tuple[str, ...], packages: tuple[tuple[str, Path], ...]) -> DictConfig:
-    """Return the configuration of a choice of files; `packages` are those that were searched.
+    """Return the configuration of a choice of files; `packages` lists the package folders that were searched.
 
-    Choosing files takes a tenth of a second, setting values in a copy a tenth of that.
+    Cached: choosing files takes a tenth of a second, setting values in a copy a tenth of that time.
     """
     with _loader(None) as loader:
         return grids.single(loader, entry, files)
@@ -161,8 +163,8 @@ def compose(
 
     Args:
         entry: train, evaluate, tune or simulate.
-        overrides: in Hydra's grammar, e.g. `["vehicle=rexrov", "reward.k=40"]`.
-        folder: searched before the package's own files if it exists; None searches the package alone.
+        overrides: overrides in Hydra's grammar, e.g. `["vehicle=rexrov", "reward.k=40"]`.
+        folder: folder to search before the package's own files, if it exists; None: search only the package.
 
     Raises:
         ConfigError: an unknown key, group or option, a value of the wrong type, or a grammar error.
@@ -174,7 +176,7 @@ def compose(
 
 
 def typed(config: DictConfig) -> schema.TrainConfig:
-    """Return the typed, checked configuration of a plain one, e.g. of a run's `config.yaml`.
+    """Convert a plain configuration, e.g. a run's `config.yaml`, to a typed one and check it.
 
     Raises:
         ConfigError: a key is unknown or missing, a type or a value is wrong.
@@ -196,7 +198,7 @@ def typed(config: DictConfig) -> schema.TrainConfig:
 
 
 OWN = ("seed", "name", "output")
-"""keys in which the runs of a grid differ, and on which no other value depends"""
+"""keys in which the runs of a grid differ and that no other value depends on"""
 
 _shared: dict[tuple[str, str], Any] = {}
 
@@ -204,15 +206,15 @@ _shared: dict[tuple[str, str], Any] = {}
 def once_for_all_seeds(
     what: str, values: Mapping[str, Any], make: Callable[[], T], put: Callable[[T, dict[str, Any]], T]
 ) -> T:
-    """Return what `make` makes of a run's plain configuration, made once for all runs that differ in `OWN` alone.
+    """Return `make` of a run's plain configuration, computed once for all runs that differ only in `OWN`.
 
-    Typing a configuration takes a tenth of a second, and a study has hundreds of runs.
+    Converting a configuration to typed values takes a tenth of a second, and a study has hundreds of runs.
 
     Args:
-        what: is made, as a text: a key of the cache.
-        values: all of the run.
-        make: without side effects.
-        put: returns a copy of what was made, with these values of `OWN`.
+        what: name of the result, part of the cache key.
+        values: all values of the run.
+        make: function without side effects.
+        put: function that returns a copy of the result with these values of `OWN`.
     """
     own = {name: values.get(name) for name in OWN}
     # Another version of a package may be installed by the next call.
@@ -227,7 +229,7 @@ def once_for_all_seeds(
 
 
 def _is_valid(own: Mapping[str, Any]) -> bool:
-    """Whether values of `OWN` can stand in a typed configuration as they are."""
+    """Return whether values of `OWN` are valid in a typed configuration without conversion."""
     from auvbench.config.validate import check_value
 
     fields = {field.name: field for field in dataclasses.fields(schema.TrainConfig)}
@@ -242,7 +244,7 @@ def _is_valid(own: Mapping[str, Any]) -> bool:
 
 
 def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
-    """Return the typed, still empty `algo`, `simulator`, `task` or `reward` of a configuration."""
+    """Return the typed but empty `algo`, `simulator`, `task` or `reward` of a configuration."""
     known = OmegaConf.get_type(config, key.partition(".")[0])
     if isinstance(known, type) and issubclass(known, complete.CONFIGS):
         return OmegaConf.structured(known)
@@ -253,33 +255,33 @@ def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
 
 
 def with_groups(config: schema.TrainConfig, groups: Mapping[str, Mapping[str, Any]]) -> schema.TrainConfig:
-    """Return a checked configuration with other values of some groups, in a fraction of the time of `typed`.
+    """Return a checked configuration with new values of some groups, much faster than `typed`.
 
     Args:
-        config: as `typed` returns it; what is not replaced is shared.
-        groups: by name, such as `algo`, all plain values of a group of the same kind.
+        config: result of `typed`; unchanged groups are shared.
+        groups: plain values by group, such as `algo`; each must contain all values of the same kind of group.
 
     Raises:
-        ConfigError: a key is unknown, a type or a value is wrong, or it contradicts another.
+        ConfigError: a key is unknown, a type or value is wrong, or a value contradicts another.
     """
     from auvbench.config.validate import check_across, validate_fields
 
-    found = {}
+    replaced = {}
     for name, values in groups.items():
         try:
             empty = {name: OmegaConf.structured(type(getattr(config, name)))}
             merged = OmegaConf.select(OmegaConf.merge(empty, {name: dict(values)}), name)
         except OmegaConfBaseException as error:
             raise translate(error) from error
-        found[name] = OmegaConf.to_object(merged)
-        validate_fields(found[name], f"{name}.")
-    changed = dataclasses.replace(config, **found)  # type: ignore[arg-type]
+        replaced[name] = OmegaConf.to_object(merged)
+        validate_fields(replaced[name], f"{name}.")
+    changed = dataclasses.replace(config, **replaced)  # type: ignore[arg-type]
     check_across(changed)
     return changed
 
 
 def option(group: str, choice: str) -> DictConfig:
-    """Return the configuration that `group=choice` stands for, e.g. `vehicle=rexrov`.
+    """Return the configuration that `group=choice` selects, e.g. `vehicle=rexrov`.
 
     Raises:
         ConfigError: an unknown group or option.
@@ -289,7 +291,9 @@ def option(group: str, choice: str) -> DictConfig:
 
 @lru_cache(maxsize=256)
 def _option(group: str, choice: str) -> DictConfig:
-    """Composing takes a tenth of a second, and a protocol asks for the same few options for every run."""
+    """Return the configuration of an option; cached, since composing takes a tenth of a second and a protocol
+    asks for the same few options for every run.
+    """
     node = compose("train", [f"{group}={choice}"])[group]
     assert isinstance(node, DictConfig)
     return node
@@ -303,8 +307,8 @@ def run(
 ) -> Any:
     """Read the command line of `conf/<entry>.yaml`: flags, `-m` and overrides.
 
-    Calls `job` with the configuration, or `grid` with those of all jobs: with `-m`, or for an experiment that sets
-    `hydra.mode: MULTIRUN`.
+    Call `job` with the configuration, or `grid` with the configurations of all jobs: with `-m`, or for an
+    experiment that sets `hydra.mode: MULTIRUN`.
 
     Raises:
         ConfigError: as `compose`.
@@ -328,14 +332,14 @@ def run(
     if parsed.help or parsed.cfg:
         return print(
             plain_lines(shown), end=""
-        )  # outside: a closed pipe is not an error of the configuration
+        )  # called outside the `try`: a closed pipe is not an error of the configuration
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
     return job(composed[0])
 
 
 def complete_override(entry: str, line: str) -> list[str]:
-    """Return what the last word of a line of overrides may become."""
+    """Return the completions of the last word of a line of overrides."""
     with _loader(WORKING_DIRECTORY) as loader:
         return list(BashCompletion(loader)._query(config_name=entry, line=line))
 
@@ -363,7 +367,7 @@ def _parser(entry: str) -> argparse.ArgumentParser:
 
 
 def _parse(entry: str, arguments: Sequence[str]) -> argparse.Namespace:
-    """Raise ConfigError for an unknown flag, with the override or the flag that was probably meant."""
+    """Parse the flags; raise ConfigError for an unknown flag, with the override or flag that was probably meant."""
     parser = _parser(entry)
     parsed, rest = parser.parse_known_args(list(arguments))
     for word in rest:
@@ -378,5 +382,5 @@ def _parse(entry: str, arguments: Sequence[str]) -> argparse.Namespace:
 
 
 def translate(error: BaseException, entry: str = "train", overrides: Sequence[str] = ()) -> ConfigError:
-    """Return an error of Hydra or OmegaConf in one line, with the value and the closest valid name."""
+    """Return a one-line error for an error of Hydra or OmegaConf, with the value and the closest valid name."""
     return typing.translate(error, lambda given: _compose(entry, given), entry, overrides)

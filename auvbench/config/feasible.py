@@ -1,4 +1,6 @@
-"""Refuse tasks in which no episode can succeed, or none is measured: starts out of bounds, goals out of the water, too little time."""
+"""Reject tasks in which no episode can succeed or be measured: start out of bounds, goal outside the depth
+limits, too little time.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +12,15 @@ from auvbench.config.schema import step_limit
 from auvbench.errors import ConfigError
 
 SHALLOWEST = 1.0
-"""m that a path keeps from the depth limits"""
+"""distance in m between a path and the depth limits"""
 RANDOM_HEIGHT = 0.3
-"""share of a random curve's size by which it rises and falls"""
+"""height of a random curve as a share of its size"""
 HELIX_CLIMB = 0.2 / math.hypot(1.0, 0.2)
-"""share of a helix's speed with which it rises"""
+"""vertical speed of a helix as a share of its speed"""
 
 
 def check_starts(task: tasks.Task) -> None:
-    """Refuse a task without a start, or without a goal, from which an episode can succeed.
+    """Raise ConfigError if no episode of a task could have a valid start or a reachable goal.
 
     Raises:
         ConfigError: names the key, the value and the valid range.
@@ -33,7 +35,13 @@ def check_starts(task: tasks.Task) -> None:
     elif isinstance(task, tasks.Docking):
         _at_most("start_high", task, "bounds")
         what = f"be at least task.clearance={task.clearance:g}"
-        _refuse(task.start_low < task.clearance, "start_low", task, what, "nearer to the dock is a collision")
+        _refuse(
+            task.start_low < task.clearance,
+            "start_low",
+            task,
+            what,
+            "a smaller distance from the dock is a collision",
+        )
     elif isinstance(task, tasks.StationKeeping | tasks.TrajectoryTracking | tasks.PathFollowing):
         _at_most("start_radius", task, "bounds")
     if isinstance(task, tasks.PathFollowing):
@@ -41,7 +49,8 @@ def check_starts(task: tasks.Task) -> None:
 
 
 def check_length(task: tasks.Task, frequency: float) -> None:
-    """Refuse a task whose episodes are too short for its measure, or so long that its reference leaves the water.
+    """Raise ConfigError if episodes are too short to be measured, or so long that the reference leaves the
+    depth limits.
 
     Raises:
         ConfigError: names the key, the value and the valid range.
@@ -50,11 +59,11 @@ def check_length(task: tasks.Task, frequency: float) -> None:
     source = f"task.max_steps={task.max_steps}" if task.time_limit is None else "task.time_limit"
     length = f"the {steps / frequency:g} s of an episode ({source} at {frequency:g} Hz)"
     if isinstance(task, tasks.StationKeeping):
-        what = "the RMS errors leave that time out, and need a step"
+        what = "the RMS errors exclude that time and need at least one step"
         _refuse(round(task.settling * frequency) >= steps, "settling", task, f"be less than {length}", what)
-        held = round(task.hold_time * frequency)
-        _refuse(held > steps, "hold_time", task, f"be at most {length}")
-        _refuse(held < 1, "hold_time", task, f"be at least a step, {1 / frequency:g} s")
+        hold_steps = round(task.hold_time * frequency)
+        _refuse(hold_steps > steps, "hold_time", task, f"be at most {length}")
+        _refuse(hold_steps < 1, "hold_time", task, f"be at least a step, {1 / frequency:g} s")
     elif isinstance(task, tasks.TrajectoryTracking):
         _check_curve(task, steps / frequency, length)
 
@@ -89,7 +98,11 @@ def _check_curve(task: tasks.TrajectoryTracking, seconds: float, length: str) ->
 def _at_most(key: str, task: Any, limit: str) -> None:
     most = getattr(task, limit)
     _refuse(
-        getattr(task, key) > most, key, task, f"be at most task.{limit}={most:g}", "farther is out of bounds"
+        getattr(task, key) > most,
+        key,
+        task,
+        f"be at most task.{limit}={most:g}",
+        "a larger distance is out of bounds",
     )
 
 

@@ -1,12 +1,13 @@
-"""Grids: the union of products that an experiment asks for, narrowed by the command line.
+"""Compute the jobs of a grid: the union of an experiment's products, narrowed by the command line.
 
 A grid maps keys to axes, for example `{algo: "sac,ppo", reward.k: "1,40,100"}`: 2 x 3 jobs. An experiment may
-hold several, `{algo: pid}` as well for example. For each key that is typed on the command line:
+have several grids, for example `{algo: pid}` as well. Rules for each key that is typed on the command line:
 
-* if no grid varies it, it applies to all jobs, itself an axis if it has several values;
-* else a typed value that is in some grid's axis selects that value there, and a grid whose axis has none of the typed
-  values is dropped. A value that is in no axis replaces each axis of the key. Grids that do not vary the key stay as
-  they are: `reward.k=40` takes the column K = 40 of the grid above and keeps PID, which has no K, as the baseline.
+* If no grid varies the key, it applies to all jobs; several values make it an axis.
+* Otherwise, a typed value that is in the axis of some grid selects that value there, and a grid whose axis
+  has none of the typed values is dropped. A value that is in no axis replaces every axis of the key. Grids
+  that do not vary the key stay unchanged: `reward.k=40` selects the column K = 40 of the grid above and keeps
+  PID, which has no K, as the baseline.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from auvbench.config.overrides import whole_numbers
 from auvbench.errors import ConfigError
 
 MOST_JOBS = 10_000
-"""of a grid: each has a folder, and is composed before the first starts"""
+"""jobs of a grid: each has a folder, and is composed before the first starts"""
 
 Axis = list[str]
 Grid = dict[str, Axis]
@@ -36,17 +37,18 @@ Grid = dict[str, Axis]
 def compose(
     loader: ConfigLoaderImpl, entry: str, overrides: Sequence[str], multirun: bool
 ) -> list[DictConfig]:
-    """Return the configurations of all jobs: of one without `multirun` and without `hydra.mode: MULTIRUN`.
+    """Return the configurations of all jobs; one configuration without `multirun` and without `hydra.mode:
+    MULTIRUN`.
 
     Raises:
-        ConfigError, HydraException, OmegaConfBaseException: a mistake in any of the jobs.
+        ConfigError, HydraException, OmegaConfBaseException: any job has a mistake.
     """
     parser = OverridesParser.create(config_loader=loader)
     parsed = parser.parse_overrides(list(overrides))
-    own = [line for line, one in zip(overrides, parsed, strict=True) if one.is_hydra_override()]
-    choices = [line for line, one in zip(overrides, parsed, strict=True) if not _sets_a_value(loader, one)]
+    own = [line for line, item in zip(overrides, parsed, strict=True) if item.is_hydra_override()]
+    choices = [line for line, item in zip(overrides, parsed, strict=True) if not _sets_a_value(loader, item)]
     _refuse_several_grids(loader, entry, parsed)
-    # Values may belong to a swept file, so they are set per job: `algo=sac,td3 algo.learning_starts=300`.
+    # A value may belong to a swept file, so values are set per job: `algo=sac,td3 algo.learning_starts=300`.
     chosen = loader.load_configuration(entry, choices, RunMode.MULTIRUN).hydra
     if not multirun and chosen.mode != RunMode.MULTIRUN:
         return [single(loader, entry, overrides)]
@@ -57,7 +59,7 @@ def compose(
     lines = jobs(narrow(product or [common], typed))
     if not lines:
         raise ConfigError(f"{' '.join(overrides)}: leaves no job of the experiment's grids")
-    # Jobs that differ in values alone, for example seeds, share the choice of files, which takes a tenth of a second.
+    # Choosing files takes a tenth of a second, so jobs that differ only in values, e.g. seeds, share the choice.
     bases: dict[tuple[str, ...], DictConfig] = {}
 
     def base(files: tuple[str, ...]) -> DictConfig:
@@ -65,7 +67,7 @@ def compose(
             found = loader.load_configuration(entry, [*own, *files], RunMode.RUN, from_shell=False)
             if found.hydra.sweeper.get("grids") != union:
                 raise ConfigError(
-                    f"{' '.join(files)}: an experiment with grids is swept alone, one at a time"
+                    f"{' '.join(files)}: an experiment with grids must be the only one; give one experiment"
                 )
             bases[files] = _without_hydra(found)
         return bases[files]
@@ -74,16 +76,18 @@ def compose(
 
 
 def _refuse_several_grids(loader: ConfigLoaderImpl, entry: str, parsed: Sequence[Override]) -> None:
-    """Raise ConfigError for experiment=[A,B] of two experiments with grids: the second would replace the first's."""
+    """Raise ConfigError for experiment=[A,B] if both experiments have grids: the second would replace the first's."""
     for override in parsed:
         names = override.value() if override.key_or_group == "experiment" else None
         if not isinstance(names, list) or len(names) < 2:
             continue
         words = [f"experiment={name}" for name in names]
-        found = [loader.load_configuration(entry, [word], RunMode.MULTIRUN).hydra.sweeper for word in words]
-        if sum(bool(sweeper.get("grids")) for sweeper in found) > 1:
+        sweepers = [
+            loader.load_configuration(entry, [word], RunMode.MULTIRUN).hydra.sweeper for word in words
+        ]
+        if sum(bool(sweeper.get("grids")) for sweeper in sweepers) > 1:
             raise ConfigError(
-                f"{override.input_line}: an experiment with grids is swept alone, one at a time"
+                f"{override.input_line}: an experiment with grids must be the only one; give one experiment"
             )
 
 
@@ -95,11 +99,11 @@ def single(loader: ConfigLoaderImpl, entry: str, overrides: Sequence[str]) -> Di
 def with_values(
     loader: ConfigLoaderImpl, overrides: Sequence[str], base: Callable[[tuple[str, ...]], DictConfig]
 ) -> DictConfig:
-    """Return the configuration of one job: values set in a copy of what `base` returns for the choices of files."""
+    """Return the configuration of one job: set its values in a copy of what `base` returns for its files."""
     parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
-    # A list of values is Hydra's to refuse.
-    values = [one for one in parsed if _sets_a_value(loader, one) and not one.is_sweep_override()]
-    files = tuple(line for line, one in zip(overrides, parsed, strict=True) if one not in values)
+    # Hydra rejects a list of values.
+    values = [item for item in parsed if _sets_a_value(loader, item) and not item.is_sweep_override()]
+    files = tuple(line for line, item in zip(overrides, parsed, strict=True) if item not in values)
     config = copy.deepcopy(base(files))
     loader._apply_overrides_to_config(values, config)
     return config
@@ -112,7 +116,7 @@ def _without_hydra(config: DictConfig) -> DictConfig:
 
 
 def _sets_a_value(loader: ConfigLoaderImpl, override: Override) -> bool:
-    """Whether Hydra applies an override after it has composed the files."""
+    """Return whether Hydra applies an override after composing the files."""
     if override.is_hydra_override() or override.package is not None:
         return False
     if not override.is_sweep_override() and isinstance(override.value(), dict):
@@ -121,7 +125,7 @@ def _sets_a_value(loader: ConfigLoaderImpl, override: Override) -> bool:
 
 
 def axes(parser: OverridesParser, lines: Iterable[str]) -> Grid:
-    """Overrides by key, each with its values as written; the last of a key counts.
+    """Return the overrides by key, each with its values as written; the last override of a key counts.
 
     Raises:
         ConfigError: a sweep that is not a list of values.
@@ -129,14 +133,14 @@ def axes(parser: OverridesParser, lines: Iterable[str]) -> Grid:
     result: Grid = {}
     for override in parser.parse_overrides(list(lines)):
         key = override.get_key_element()
-        result.pop(key, None)  # the last one also decides the order
+        result.pop(key, None)  # The last override also decides the order.
         result[key] = _values(override)
     return result
 
 
 def _values(override: Override) -> Axis:
     if override.is_delete() and override.value() is None:
-        return [""]  # ~key, which is not ~key=null
+        return [""]  # ~key, which differs from ~key=null
     if not override.is_sweep_override():
         return [override.get_value_element_as_str()]
     if not override.is_discrete_sweep():
@@ -148,10 +152,10 @@ def _values(override: Override) -> Axis:
 
 
 def from_config(parser: OverridesParser, node: Any) -> list[Grid]:
-    """The grids of `hydra.sweeper.grids`.
+    """Return the grids of `hydra.sweeper.grids`.
 
     Raises:
-        ConfigError: it is not a list of mappings from keys to values.
+        ConfigError: the entry is not a list of mappings from keys to values.
     """
     grids = []
     for entry in node or ():
@@ -168,7 +172,7 @@ def from_config(parser: OverridesParser, node: Any) -> list[Grid]:
 
 
 def _written(value: Any) -> str:
-    """A YAML value in the grammar of overrides: a list is an axis."""
+    """Return a YAML value in the grammar of overrides; a list becomes an axis."""
     if isinstance(value, Sequence | ListConfig) and not isinstance(value, str):
         return ",".join(map(_written, value))
     if value is None:
@@ -177,11 +181,11 @@ def _written(value: Any) -> str:
 
 
 def _override(key: str, value: str) -> str:
-    return key if key.startswith("~") and not value else f"{key}={value}"  # ~key deletes it
+    return key if key.startswith("~") and not value else f"{key}={value}"  # ~key deletes the key
 
 
 def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
-    """Applies what is typed to each grid; see the module's rules."""
+    """Apply the typed values to each grid by the module's rules."""
     varied = {key for grid in grids for key in grid}
     narrowed = []
     for grid in grids or [{}]:
@@ -197,7 +201,9 @@ def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
 
 
 def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
-    """The typed values that a grid's axis takes: those it has, as it writes them, and those that no grid has."""
+    """Return the typed values for a grid's axis: those in the axis, as the axis writes them, and those that
+    no grid has.
+    """
     own = {_plain(value): value for value in axis}
     known = {_plain(value) for other in every for value in other}
     return [
@@ -208,7 +214,7 @@ def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
 
 
 def _plain(value: str) -> object:
-    """Compares 1 and 1.0, 'ppo' and ppo."""
+    """Return a value for comparison: 1 equals 1.0, 'ppo' equals ppo."""
     text = value.strip()
     if len(text) >= 2 and text[0] == text[-1] and text[0] in "'\"":
         return text[1:-1]
@@ -219,19 +225,19 @@ def _plain(value: str) -> object:
 
 
 def jobs(grids: Iterable[Grid]) -> list[list[str]]:
-    """The overrides of each job, grid after grid, each once; the last axis varies fastest.
+    """Return the overrides of each job, grid by grid, without duplicates; the last axis varies fastest.
 
     Raises:
-        ConfigError: there are more than `MOST_JOBS`.
+        ConfigError: the grid has more than `MOST_JOBS` jobs.
     """
     grids = list(grids)
     if (count := sum(math.prod(map(len, grid.values())) for grid in grids)) > MOST_JOBS:
         raise ConfigError(
             f"the grid has {count:,} runs, must be at most {MOST_JOBS:,}; sweep fewer values at once"
         )
-    found = dict.fromkeys(
+    lines = dict.fromkeys(
         tuple(_override(key, value) for key, value in zip(grid, values, strict=True))
         for grid in grids
         for values in itertools.product(*grid.values())
     )
-    return list(map(list, found))
+    return list(map(list, lines))

@@ -1,8 +1,8 @@
-"""Overrides that do not fit the configuration, each in one line with what to type instead.
+"""Explain overrides that do not fit the configuration, in one line with what to type instead.
 
-Hydra and OmegaConf report them in the terms of their own classes ("float is not a subclass of Current"). So once an
-override was refused, each is compared with the configuration: a group takes a name, a block of values takes none of its own,
-a list takes a list, and a single value one value.
+Hydra and OmegaConf report such overrides in terms of their own classes ("float is not a subclass of
+Current"). After an override was rejected, each override is compared with the configuration: a group needs a
+name, a block of values needs a key below it, a list needs a list, and a single value needs one value.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from auvbench.errors import closest
 from auvbench.untrusted.text import short
 
 SHOWN = 8
-"""keys of a block that a message lists"""
+"""largest number of keys of a block that a message lists"""
 
 ANALYSIS = "an analysis is declared in the file of an experiment, in ./conf/experiment, before its runs; experiment=NAME takes one"
 
@@ -30,7 +30,7 @@ _ABSENT = object()
 
 
 def explain(overrides: Iterable[str], config: Mapping[str, Any]) -> str:
-    """Return what is wrong with the first override that does not fit; '' where all do.
+    """Return what is wrong with the first override that does not fit; '' if all fit.
 
     Args:
         overrides: in Hydra's grammar.
@@ -39,7 +39,7 @@ def explain(overrides: Iterable[str], config: Mapping[str, Any]) -> str:
     >>> explain(["seed=3", "seed=[1,2]"], {"seed": 42})
     'seed=[1,2]: takes one value, not a list, for example seed=42'
     >>> explain(["+seed=7"], {"seed": 42})
-    '+seed=7: seed has a value already; type seed=7'
+    '+seed=7: seed already has a value; type seed=7'
     """
     parser = OverridesParser.create()
     for text in overrides:
@@ -47,19 +47,19 @@ def explain(overrides: Iterable[str], config: Mapping[str, Any]) -> str:
             override = parser.parse_override(text)
         except (HydraException, RecursionError):
             continue
-        if override.package is None and (found := _misfit(text, override, config)):
-            return found
+        if override.package is None and (problem := _misfit(text, override, config)):
+            return problem
     return ""
 
 
 def chosen(overrides: Iterable[str]) -> list[str]:
     """Return the overrides that choose an existing file of a group."""
-    found = []
+    files = []
     for override in overrides:
         match = re.fullmatch(r"(\w+)=([\w.-]+)", override)
         if match and match[2] in folders.options(match[1]):
-            found.append(override)
-    return found
+            files.append(override)
+    return files
 
 
 def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
@@ -74,7 +74,7 @@ def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
             "there is no such key" if node is _ABSENT else f"a key cannot be removed; {_settable(key, node)}"
         )
     if text.startswith("+") and (options or node is not _ABSENT):
-        return f"{shown}: {key} has a value already; type {text.lstrip('+')}"
+        return f"{shown}: {key} already has a value; type {text.lstrip('+')}"
     if key.partition(".")[0] == "analysis" and config.get("analysis", _ABSENT) is None:
         return f"{shown}: {ANALYSIS}" if override.value() is not None else ""
     if options:
@@ -88,7 +88,7 @@ def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
 
 
 def _choice(shown: str, key: str, value: Any, options: Sequence[str], node: Any) -> str:
-    """Return what is wrong with the option of a group: it must be a name."""
+    """Return what is wrong with the option of a group, which must be a name."""
     if isinstance(value, str | QuotedString):
         name = value.text if isinstance(value, QuotedString) else value
         path = PurePath(name)
@@ -96,9 +96,12 @@ def _choice(shown: str, key: str, value: Any, options: Sequence[str], node: Any)
             return f"{shown}: takes a name, not a path; put the file into conf/{key}/{path.stem}.yaml, then {key}={path.stem}"
         return ""
     if isinstance(value, list):
-        missing = [str(one) for one in value if str(one) not in options]
+        missing = [str(item) for item in value if str(item) not in options]
         if not missing:
-            return f"{shown}: takes one name; several make a grid, auvbench train -m {key}={','.join(map(str, value))}"
+            return (
+                f"{shown}: takes one name; for several (a grid) type auvbench train -m "
+                f"{key}={','.join(map(str, value))}"
+            )
         return f"{key}={short(missing[0], 60)}: no such option; {closest(missing[0], options)}"
     if isinstance(value, dict) or (value is None and key in ("experiment", "search")):
         return ""
@@ -109,17 +112,19 @@ def _choice(shown: str, key: str, value: Any, options: Sequence[str], node: Any)
 
 
 def _value(shown: str, key: str, value: Any, node: Any) -> str:
-    """Return what is wrong with the kind of a value: a block, a list or a single value."""
+    """Return what is wrong with the kind of a value (block, list or single value)."""
     if isinstance(node, dict):
         return (
-            "" if isinstance(value, dict) else f"{shown}: {key} has keys of its own; {_settable(key, node)}"
+            ""
+            if isinstance(value, dict)
+            else f"{shown}: {key} is a group of keys, not a value; {_settable(key, node)}"
         )
     if isinstance(node, list):
         if isinstance(value, list) or value is None:
             return ""
         point = len(node) == 3 and all(isinstance(x, int | float) for x in node)
-        one = _written(node) if point or value == "" or isinstance(value, dict) else f"[{value}]"
-        return f"{shown}: takes a list, for example {key}={one}"
+        example = _written(node) if point or value == "" or isinstance(value, dict) else f"[{value}]"
+        return f"{shown}: takes a list, for example {key}={example}"
     if isinstance(value, list | dict) and node is not None:
         kind = "a list" if isinstance(value, list) else "keys"
         return f"{shown}: takes one value, not {kind}, for example {key}={_written(node)}"
@@ -136,7 +141,7 @@ def _settable(key: str, node: Any) -> str:
 
 
 def _written(node: Any) -> str:
-    """Return a plain value as it is typed."""
+    """Return a plain value in the form that a user types."""
     if isinstance(node, list):
         return f"[{','.join(map(_written, node))}]"
     if node is None or isinstance(node, bool):
@@ -154,7 +159,7 @@ def _at(config: Mapping[str, Any], key: str) -> Any:
 
 
 def plain(config: DictConfig) -> dict[str, Any]:
-    """Return the plain values of a composed configuration, interpolations as text."""
+    """Return the plain values of a composed configuration; interpolations stay text."""
     values = OmegaConf.to_container(config)
     assert isinstance(values, dict)
     return {str(key): value for key, value in values.items()}

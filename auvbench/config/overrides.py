@@ -1,6 +1,7 @@
-"""Overrides as they are typed, before Hydra reads them, and an error of Hydra or OmegaConf in one line.
+"""Read overrides before Hydra does, and translate errors of Hydra or OmegaConf into one line.
 
-Hydra's grammar does not take some whole numbers and texts. The line names the key, the value and the closest valid name.
+Hydra's grammar does not accept some whole numbers and texts. The line names the key, the value and the
+closest valid name.
 """
 
 from __future__ import annotations
@@ -28,17 +29,17 @@ PATHS = ("output", "plot")
 """Keys that hold a path."""
 
 CHOICES = {"algo.base": "algo/base@algo"}
-"""Keys whose values are names of files, as Hydra calls them."""
+"""Keys whose values are names of files, with Hydra's name of the key."""
 
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d[\d_]*(?:\.\d*)?(?:[eE][+-]?\d+)?(?![\w.])")
 
 Compose = Callable[[Sequence[str]], DictConfig]
 
 INNER = (AssertionError, AttributeError, IndexError, KeyError, TypeError)
-"""Hydra's own for an override that leads through a value, for example `hydra.sweeper.params.seed=1`"""
+"""Exceptions inside Hydra for an override that leads through a value, for example `hydra.sweeper.params.seed=1`"""
 
 FAULTS = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError, RecursionError, *INNER)
-"""Errors of Hydra for a mistake in an override or in a file of `./conf`"""
+"""Exceptions that Hydra raises for a mistake in an override or in a file of `./conf`"""
 
 _KINDS = {"Integer": "a whole number", "Float": "a number", "Boolean": "true or false"}
 
@@ -47,7 +48,8 @@ def read(overrides: Sequence[str]) -> list[str]:
     """Return the overrides in Hydra's grammar.
 
     Raises:
-        ConfigError: one sets a key of Hydra's own that has no effect, or has an invisible character or too many digits.
+        ConfigError: an override sets a key of Hydra that has no effect, or has an invisible character or too
+            many digits.
 
     >>> read(["train.total_steps=1e6", "output=Größe", "algo.gamma=0.9"])
     ['train.total_steps=1000000', "output='Größe'", 'algo.gamma=0.9']
@@ -55,19 +57,20 @@ def read(overrides: Sequence[str]) -> list[str]:
     for override in overrides:
         key = override.partition("=")[0].lstrip("+~")
         if not key:
-            raise ConfigError(f"{override!r}: an override is written key=value")
+            raise ConfigError(f"{override!r}: an override must be key=value")
         if re.match(r"~\w+(=|$)", override) and key not in ("experiment", "search"):
             raise ConfigError(f"{override}: a key cannot be removed; type {key}=VALUE")
         if re.match("hydra[./]", key) and not key.startswith(ALLOWED):
             raise ConfigError(
-                f"{override}: has no effect here; output=FOLDER and name=NAME choose where runs lie, launcher=NAME where "
-                "they are carried out"
+                f"{override}: has no effect; use output=FOLDER and name=NAME to choose the folder of the "
+                "runs, launcher=NAME "
+                "to choose where they are trained"
             )
         if (digits := max(map(len, re.findall(r"\d+", override)), default=0)) > DIGITS:
             raise ConfigError(f"{key}: a number has {digits:,} digits; at most {DIGITS} are read")
         hidden = next((character for character in override if unicodedata.category(character) == "Cf"), None)
         if hidden is not None:
-            raise ConfigError(f"{override}: contains U+{ord(hidden):04X}, a character that is not shown")
+            raise ConfigError(f"{override}: contains U+{ord(hidden):04X}, an invisible character; remove it")
     return [_read(override) for override in overrides]
 
 
@@ -76,7 +79,7 @@ def _read(override: str) -> str:
     key = CHOICES.get(key, key)
     value = whole_numbers(key.lstrip("+"), value)
     if key in PATHS:
-        value = os.path.expanduser(value)  # leaves an unknown user as it is, where pathlib raises
+        value = os.path.expanduser(value)  # leaves an unknown user unchanged, where pathlib raises
     written = f"{key}{separator}{value}"
     is_text = key in PATHS or not re.match(r"""\w*[(\[{'"]""", value)
     if value and is_text:
@@ -88,14 +91,14 @@ def _read(override: str) -> str:
 
 
 def whole_numbers(key: str, text: str) -> str:
-    """Return the text of a value, with 1e6 as 1000000 where the key holds whole numbers."""
+    """Return the text of a value, with 1e6 as 1000000 if the key needs whole numbers."""
     return _NUMBER.sub(_whole, text) if key in whole_keys() else text
 
 
 def quote(text: str) -> str:
-    """Return a text in quotes, as Hydra's grammar takes it."""
+    """Return a text in quotes of Hydra's grammar."""
     escaped = re.sub(r"(\\*)'", r"\1\1\\'", text)
-    trailing = len(escaped) - len(escaped.rstrip("\\"))  # would escape the closing quote
+    trailing = len(escaped) - len(escaped.rstrip("\\"))  # a trailing backslash would escape the closing quote
     return f"'{escaped}{escaped[len(escaped) - trailing :]}'"
 
 
@@ -106,7 +109,7 @@ def _whole(match: re.Match[str]) -> str:
 
 @cache
 def whole_keys() -> frozenset[str]:
-    """Return the dotted keys of all configurations that hold a whole number."""
+    """Return the dotted keys of all configurations that have a whole number."""
     kinds: list[tuple[type, str]] = [
         (root, "") for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation)
     ]
@@ -122,13 +125,13 @@ def whole_keys() -> frozenset[str]:
 
 
 def translate(error: BaseException, compose: Compose, entry: str, overrides: Sequence[str]) -> ConfigError:
-    """Return the error in one line.
+    """Return a one-line error.
 
     Args:
-        error: one of `FAULTS`, or anything else.
-        compose: makes the command's configuration from some overrides; its keys are suggested.
-        entry: the command: train, evaluate, tune.
-        overrides: as typed.
+        error: one of `FAULTS`, or any other exception.
+        compose: function that composes the command's configuration from overrides; its keys are suggested.
+        entry: name of the command: train, evaluate, tune.
+        overrides: overrides as typed.
     """
     chain: list[BaseException] = []
     cause: BaseException | None = error
@@ -138,15 +141,15 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     for link in chain:
         if isinstance(link, ConfigError):
             return link
-        if isinstance(link, KeyboardInterrupt):  # OmegaConf wraps a Ctrl-C in an error of its own
+        if isinstance(link, KeyboardInterrupt):  # OmegaConf wraps a Ctrl-C in its own exception.
             raise link
     text = " ".join(str(error).split("\nSee ")[0].split())
     if isinstance(error, OverrideParseException):
         if "=" not in error.override:
-            return ConfigError(f"{error.override!r}: an override is written key=value")
+            return ConfigError(f"{error.override!r}: an override must be key=value")
         key = error.override.partition("=")[0]
         return ConfigError(
-            f"{error.override}: the value cannot be read; put the whole in single quotes and each text with special "
+            f"{error.override}: the value cannot be read; put the override in single quotes and each text with special "
             f"characters in double quotes: '{key}=\"TEXT\"'"
         )
     if reason := _misfit(compose, overrides):
@@ -156,7 +159,7 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
         if misnamed := folders.misnamed(group, wanted):
             return ConfigError(f"{misnamed}: is not read; rename it to {misnamed.with_suffix('.yaml').name}")
         options = [name for name in error.options if not name.endswith("_schema")]
-        path = f"; a file of your own goes to ./conf/{group}" if wanted.endswith(".yaml") else ""
+        path = f"; put your own file into ./conf/{group}" if wanted.endswith(".yaml") else ""
         return ConfigError(
             f"{group.replace('/', '.')}={wanted}: no such option; {closest(wanted, options)}{path}"
         )
@@ -181,7 +184,7 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     if several := re.search(r"Ambiguous value for argument '([^']*)'", text):
         key, _, values = several[1].partition("=")
         if entry not in ("train", "tune"):
-            return ConfigError(f"{key}={values}: give one value; grids are for auvbench train -m")
+            return ConfigError(f"{key}={values}: takes one value; grids are for auvbench train -m")
         if reason := _first_wrong(key, values, compose, overrides):
             return ConfigError(reason)
         as_list = "" if folders.options(key) else f"; a list is written [{values}]"
@@ -192,27 +195,27 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
         return ConfigError(
             f"{several[1]}: several values make a grid: auvbench {entry} -m '{several[1]}'"
             if entry in ("train", "tune")
-            else f"{several[1]}: give one value; grids are for auvbench train -m"
+            else f"{several[1]}: takes one value; grids are for auvbench train -m"
         )
     return ConfigError(_unread(error, overrides) or text)
 
 
 def _misfit(compose: Compose, overrides: Sequence[str]) -> str:
-    """Return what is wrong with an override that does not fit the configuration; '' where all do."""
+    """Return what is wrong with an override that does not fit the configuration; '' if all fit."""
     if not overrides:
         return ""
     try:
         given = [_read(override) for override in overrides]
         return misfits.explain(given, misfits.plain(compose(misfits.chosen(given))))
-    except (*FAULTS, ConfigError):  # a file is wrong, and no override
+    except (*FAULTS, ConfigError):  # A file is wrong, not an override.
         return ""
 
 
 def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[str]) -> str:
-    """Return what is wrong with one of several values, which no grid would mend; '' where each is valid."""
+    """Return what is wrong with one of several values, which a grid would not accept either; '' if each is valid."""
     from auvbench.config.validate import train_config
 
-    # Without other sweeps, whose products would take long.
+    # Other sweeps are left out, since their products would take long.
     others = [override for override in overrides if not _is_sweep(override)]
     for value in values.split(",")[:8]:
         given = [*others, f"{key}={value}"]
@@ -237,9 +240,9 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         return f"{error.problem_mark.name} {no_yaml(error)}"
     if isinstance(error, RecursionError):
-        return "the defaults lists of the files in conf/ name each other in a circle"
+        return "the defaults lists of the files in conf/ form a circle"
     if isinstance(error, UnicodeDecodeError):
-        return f"a file in conf/ is no text in UTF-8: {error.reason} at byte {error.start}"
+        return f"a file in conf/ is not UTF-8 text: {error.reason} at byte {error.start}"
     group = next(
         (o for o in overrides if re.fullmatch(r"(\w+|algo\.base)=(null|true|false|[\d.]+)", o)), None
     )
@@ -253,7 +256,7 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
 
 
 def _near_key(key: str, compose: Compose, entry: str, overrides: Sequence[str]) -> str:
-    # The chosen groups decide which keys exist: algo=sac has others than algo=ppo.
+    # The chosen groups decide which keys exist: algo=sac and algo=ppo have different keys.
     groups = [override.split(",")[0] for override in overrides if re.match(r"\w+=", override)]
     known: list[str] = []
     for chosen in (groups, []):

@@ -1,8 +1,8 @@
-"""Hydra's source for the files of `./conf`, restricted to values: a configuration names no code.
+"""Restrict Hydra's files of `./conf` to values: a configuration cannot name code.
 
-Hydra instantiates what `_target_` names, configures logging by the classes that a file names, sets environment
-variables and imports packages to search them. A downloaded folder with a `conf/` would run its author's code for the
-user who types `auvbench train` there. So a file may set none of this.
+Hydra instantiates what `_target_` names, configures logging by the classes that a file names, sets
+environment variables, and imports packages to search them. A downloaded folder with a `conf/` would thus run
+its author's code when the user types `auvbench train` in it. So a file may set none of these.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ ALLOWED = ("hydra.mode", "hydra.sweeper.grids", "hydra.sweeper.params", "hydra.h
 """Hydra's own keys that a file or an override may set"""
 
 ENTRIES = ("train.yaml", "evaluate.yaml", "tune.yaml", "simulate.yaml")
-"""files of the commands; many programs that use Hydra have a conf/train.yaml of their own"""
+"""files of the commands; many other programs that use Hydra also have a conf/train.yaml"""
 
 
 class OwnFiles(FileConfigSource):
-    """Hydra's source of files for `./conf`: bounded, without code, and nothing from outside of the folder."""
+    """Hydra's file source for `./conf`: limited in size, without code, and without files from outside the folder."""
 
     closed = True
-    """whether ".." and links out of the folder are refused"""
+    """whether ".." and links out of the folder are rejected"""
 
     def __init__(self, provider: str, path: str) -> None:
         ConfigSource.__init__(self, provider=provider, path=path)
@@ -63,20 +63,20 @@ class OwnFiles(FileConfigSource):
         path = os.path.realpath(os.path.join(self.path, name))
         shown = os.path.join(os.path.basename(self.path), name)
         if not os.path.exists(path):
-            return super().load_config(config_path)  # raises
+            return super().load_config(config_path)  # raises the error
         if self.closed and not Path(path).is_relative_to(os.path.realpath(self.path)):
-            raise ConfigError(f"{plain(shown)}: lies outside of conf/; copy the file into conf/")
+            raise ConfigError(f"{plain(shown)}: is outside conf/; copy the file into conf/")
         try:
             data = reading.content(path)
             reading.check_yaml(data)
-            text = data.decode("utf-8-sig")  # editors of Windows begin a file with a byte order mark
+            text = data.decode("utf-8-sig")  # Windows editors may begin a file with a byte order mark.
             header = self._get_header_dict(text[:512])
         except UnicodeDecodeError as error:
-            raise ConfigError(f"{shown}: is no text in UTF-8: {error.reason} at byte {error.start}") from None
+            raise ConfigError(f"{shown}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
         except ValueError as error:
             raise ConfigError(f"{shown}: {error}") from None
         stream = io.StringIO(text)
-        stream.name = path  # for the place of an error
+        stream.name = path  # for the position in an error message
         content = yaml.load(stream, Loader=get_yaml_loader())
         if not isinstance(content, dict | None):
             raise ConfigError(f"{shown}: must map keys to values, e.g. seed: 1")
@@ -92,9 +92,9 @@ class OwnFiles(FileConfigSource):
 
 
 class InstalledFiles(OwnFiles):
-    """Hydra's source of files for the folder of an installed package; no two packages may have the same file."""
+    """Hydra's file source for the folder of an installed package; no two packages may have the same file."""
 
-    closed = False  # package managers link files
+    closed = False  # package managers install files as links
 
     @staticmethod
     def scheme() -> str:
@@ -108,14 +108,14 @@ class InstalledFiles(OwnFiles):
         if len(holders) > 1:
             option = "=".join(name.removesuffix(".yaml").replace(os.sep, "/").rsplit("/", 1))
             raise ConfigError(
-                f"{option}: {' and '.join(holders)} each have a file of that name; uninstall one of them: "
+                f"{option}: {' and '.join(holders)} have the same file; uninstall one of them: "
                 f"pip uninstall {holders[0].partition('==')[0]}"
             )
         return super().load_config(config_path)
 
 
 class PackageFiles(ImportlibResourcesConfigSource):
-    """Hydra's source of files for a package that does not change while the program runs: each is parsed once."""
+    """Hydra's file source for a package that does not change while the program runs: each file is parsed once."""
 
     @staticmethod
     def scheme() -> str:
@@ -131,11 +131,13 @@ def _parsed(provider: str, package: str, config_path: str) -> ConfigResult:
 
 
 def _is_ours(path: str, name: str) -> bool:
-    """Return whether a file in place of one of `ENTRIES` starts from its schema; another program's is passed over."""
+    """Return whether a file named like one of `ENTRIES` starts from auvbench's schema; files of other
+    programs are ignored.
+    """
     try:
         ours = f"{name.removesuffix('.yaml')}_schema".encode() in reading.content(path)
     except (OSError, ValueError):
-        ours = True  # reading it says what is wrong
+        ours = True  # Reading the file reports what is wrong.
     if not ours:
         _pass_over(path)
     return ours
@@ -145,7 +147,7 @@ def _is_ours(path: str, name: str) -> bool:
 def _pass_over(path: str) -> None:
     shown = os.path.join(os.path.basename(os.path.dirname(path)), os.path.basename(path))
     warnings.warn(
-        f"{shown} is not read: it is no configuration of auvbench, since its defaults do not name "
+        f"{shown} is ignored: it is not a configuration of auvbench, because its defaults do not name "
         f"{os.path.basename(path).removesuffix('.yaml')}_schema",
         AuvbenchWarning,
         stacklevel=2,
@@ -153,8 +155,8 @@ def _pass_over(path: str) -> None:
 
 
 def _with_whole_numbers(node: Any, prefix: str) -> Any:
-    """Return a file's values with 1e6, which YAML takes for a float, as a whole number where the key needs one."""
-    from auvbench.config.overrides import whole_keys  # which imports this module
+    """Return a file's values; 1e6, a float in YAML, becomes a whole number if the key needs one."""
+    from auvbench.config.overrides import whole_keys  # imported late: it imports this module
 
     if isinstance(node, dict):
         above = f"{prefix}." if prefix else ""
@@ -174,33 +176,41 @@ def register() -> None:
 
 
 def check_file(shown: str, name: str, content: Any, package: str | None) -> None:
-    """Refuse a file that names code, or sets a key of Hydra's own.
+    """Raise ConfigError for a file that names code or sets a key of Hydra.
 
     Args:
-        shown: the file, for messages.
-        name: its path below the folder, e.g. `experiment/mine.yaml`.
-        content: what it holds, interpolations as text.
-        package: of its header `# @package ...`, if it has one.
+        shown: name of the file in messages.
+        name: path of the file below the folder, e.g. `experiment/mine.yaml`.
+        content: content of the file; interpolations are text.
+        package: package in the file's header `# @package ...`, if it has one.
 
     Raises:
         ConfigError: names the key.
     """
     for key in _keys(content, ""):
         if key.rpartition(".")[2] == "_target_":
-            raise ConfigError(f"{shown}: {short(key)}: a configuration names no code; remove the key")
+            raise ConfigError(f"{shown}: {short(key)}: a configuration cannot name code; remove the key")
     group = os.path.dirname(name).replace(os.sep, ".")
     for where in (group, package or ""):
         if _is_hydra(where) and not where.startswith("hydra.help"):
-            raise ConfigError(f"{shown}: files for {short(where)} are not read from a folder of one's own")
+            raise ConfigError(
+                f"{shown}: files for {short(where)} are not allowed in your own conf/; remove the file"
+            )
     if not isinstance(content, dict):
         return
     for entry in content.get("defaults") or ():
         for text in [entry] if isinstance(entry, str) else list(entry) if isinstance(entry, dict) else []:
             if "@" in str(text) and _is_hydra(str(text).partition("@")[2]):
-                raise ConfigError(f"{shown}: defaults: {short(text)}: nothing is put into Hydra's own keys")
+                raise ConfigError(
+                    f"{shown}: defaults: {short(text)}: must not set Hydra's own keys; remove it"
+                )
     for key in _keys({"hydra": content.get("hydra")}, ""):
-        if not any(f"{key}.".startswith(f"{one}.") or one.startswith(f"{key}.") for one in ALLOWED):
-            raise ConfigError(f"{shown}: {short(key)}: a file may not set it; valid: {', '.join(ALLOWED)}")
+        if not any(
+            f"{key}.".startswith(f"{allowed}.") or allowed.startswith(f"{key}.") for allowed in ALLOWED
+        ):
+            raise ConfigError(
+                f"{shown}: {short(key)}: a file cannot set this key; valid: {', '.join(ALLOWED)}"
+            )
 
 
 def _is_hydra(package: str) -> bool:

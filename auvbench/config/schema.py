@@ -1,7 +1,7 @@
-"""The schema of the configuration: types and admissible ranges, no defaults.
+"""Define the schema of the configuration: types and valid ranges, no defaults.
 
-The YAML files in `conf/` hold the only defaults and the comments that explain them. A field's range is checked
-by `validate.validate_fields`, its type by OmegaConf while Hydra composes.
+Defaults, and the comments that explain them, are only in the YAML files in `conf/`.
+`validate.validate_fields` checks a field's range; OmegaConf checks its type while Hydra composes.
 """
 
 from __future__ import annotations
@@ -18,51 +18,53 @@ INF = math.inf
 
 
 def number(low: float = -INF, high: float = INF, *, open_low: bool = False) -> Any:
-    """A field with a range [low, high], or (low, high] with `open_low`; infinities and NaN are never valid."""
+    """Return a field with the range [low, high], or (low, high] with `open_low`; infinities and NaN are never
+    valid.
+    """
     return field(metadata={"low": low, "high": high, "open_low": open_low})
 
 
 def choice(*names: str) -> Any:
-    """A field that takes one of a few names."""
+    """Return a field that takes one of a few names."""
     return choice_of(lambda: names)
 
 
 def choice_of(names: Callable[[], Collection[str]]) -> Any:
-    """A field that takes one of the names of a registry, which is complete when a value is checked."""
+    """Return a field that takes a name of a registry; the registry is read when a value is checked."""
     return field(metadata={"choices": names})
 
 
 def later(declared: Any, default: Any = None) -> Any:
-    """A field that runs of earlier versions do not have: they load with the value under which it changes nothing."""
+    """Return a field that is missing in runs of earlier versions; they load with `default`, which changes nothing."""
     return field(default=default, metadata=declared.metadata)
 
 
 def name() -> Any:
-    """A field that becomes part of a path: letters, digits, dots, dashes and underscores."""
+    """Return a field for a part of a path: letters, digits, dots, dashes and underscores."""
     return field(metadata={"name": True})
 
 
 def keys(kind: type, prefix: str = "") -> dict[str, Any]:
-    """Return the dotted keys of a schema, those of nested schemas too, with their types."""
-    found = {}
+    """Return the dotted keys of a schema and of its nested schemas, with their types."""
+    types = {}
     for key, hint in get_type_hints(kind).items():
-        found[f"{prefix}{key}"] = hint
-        for kind in (hint, *get_args(hint)):  # a part may be null
+        types[f"{prefix}{key}"] = hint
+        for kind in (hint, *get_args(hint)):  # A nested schema may be null.
             if isinstance(kind, type) and is_dataclass(kind):
-                found |= keys(kind, f"{prefix}{key}.")
-    return found
+                types |= keys(kind, f"{prefix}{key}.")
+    return types
 
 
 @dataclass(kw_only=True)
 class Step:
-    """The agent's clock."""
+    """Rate of the agent's steps."""
 
     frequency: float = number(0.0, 1000.0, open_low=True)  # Hz
 
 
 @dataclass(kw_only=True)
 class Range:
-    """Magnitude of uniform noise."""
+    """Amplitude of uniform noise."""
 
     low: float = number(0.0, 1e6)
     high: float = number(0.0, 1e6)
@@ -70,7 +72,7 @@ class Range:
 
 @dataclass(kw_only=True)
 class Noise:
-    """Uniform noise on the readings and on the commands."""
+    """Uniform noise on sensor readings and commands."""
 
     name: str = name()
     position: Range
@@ -85,10 +87,8 @@ class Noise:
 class GaussMarkov:
     """First-order Gauss-Markov fluctuation of the current about its mean."""
 
-    sigma: float = number(
-        0.0, 10.0
-    )  # m/s, stationary standard deviation of the east and of the north component
-    sigma_vertical: float = number(0.0, 10.0)  # m/s, of the vertical component
+    sigma: float = number(0.0, 10.0)  # m/s, stationary standard deviation of the east and the north component
+    sigma_vertical: float = number(0.0, 10.0)  # m/s, stationary standard deviation of the vertical component
     mu: float = number(0.0, 1e3, open_low=True)  # 1/s, inverse of the correlation time
 
 
@@ -104,7 +104,7 @@ class CurrentProfile:
 
 @dataclass(kw_only=True)
 class Current:
-    """The water's motion."""
+    """Motion of the water."""
 
     speed: float = number(0.0, 10.0)  # m/s
     speed_high: float | None = number(0.0, 10.0)  # m/s
@@ -118,28 +118,28 @@ class Current:
 class Waves:
     """Waves on deep water."""
 
-    height: float = number(0.0, 30.0)  # m, significant
-    period: float = number(0.5, 30.0)  # s, of the spectrum's peak
+    height: float = number(0.0, 30.0)  # m, significant wave height
+    period: float = number(0.5, 30.0)  # s, peak period of the spectrum
     spectrum: str = choice("jonswap", "pierson_moskowitz")
     direction: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
-    spreading: float | None = number(1.0, 1000.0)  # exponent of cos^n
+    spreading: float | None = number(1.0, 1000.0)  # exponent n of cos^n
 
 
 def _still() -> Waves:
-    """Return no waves: those of runs of earlier versions."""
+    """Return no waves, as in runs of earlier versions."""
     return Waves(height=0.0, period=7.5, spectrum="jonswap", direction=None, spreading=2.0)
 
 
 @dataclass(kw_only=True)
 class Fault:
-    """One actuator of the vehicle fails in an episode."""
+    """Failure of one actuator in an episode."""
 
     mode: str = choice("none", "dead", "weak", "stuck", "any")
-    probability: float = number(0.0, 1.0)  # per episode
+    probability: float = number(0.0, 1.0)  # probability per episode
     actuator: str | None
     time: float = number(0.0, 1e9)  # s
     time_high: float | None = number(0.0, 1e9)  # s
-    factor: float = number(0.0, 1.0)  # of the force of a weak thruster
+    factor: float = number(0.0, 1.0)  # share of its force that a weak thruster keeps
 
 
 @dataclass(kw_only=True)
@@ -152,7 +152,7 @@ class Delay:
 
 @dataclass(kw_only=True)
 class Channels:
-    """A number per reading."""
+    """One number per sensor reading."""
 
     x: float = number(0.0, 1e3)
     y: float = number(0.0, 1e3)
@@ -162,7 +162,7 @@ class Channels:
 
 @dataclass(kw_only=True)
 class Sensor:
-    """Errors of the position and yaw readings, on top of `noise`."""
+    """Errors of the position and yaw readings, in addition to `noise`."""
 
     gaussian: Channels  # m and rad, standard deviation
     bias: Channels  # m and rad, standard deviation over episodes
@@ -183,7 +183,7 @@ SCALES = ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust")
 
 @dataclass(kw_only=True)
 class Randomisation:
-    """Another vehicle in each episode: factors on the numbers of its sheet."""
+    """Randomised vehicle in each episode: factors on the numbers of its sheet."""
 
     distribution: str = choice("uniform", "log_uniform")
     keep_trim: bool
@@ -197,7 +197,7 @@ class Randomisation:
 
 @dataclass(kw_only=True)
 class Disturbance:
-    """What the water, the actuators, the sensors and the sheet's uncertainty do to an episode."""
+    """Disturbances of an episode: water, actuators, sensors, and the uncertainty of the sheet."""
 
     name: str = name()
     current: Current
@@ -209,13 +209,13 @@ class Disturbance:
 
     @property
     def sea(self) -> Waves | None:
-        """The waves; None in still water."""
+        """Return the waves; None for still water."""
         return self.waves if self.waves.height > 0.0 else None
 
 
 @dataclass(kw_only=True)
 class Checkpoint:
-    """How often a run is saved; never changes its result."""
+    """How often a run is saved; has no effect on its result."""
 
     steps: int = number(0, 1 << 62)
     seconds: float = number(0.0, 1e9)
@@ -224,7 +224,7 @@ class Checkpoint:
 
 @dataclass(kw_only=True)
 class Train:
-    """The budget of training and how it is watched."""
+    """Training budget and validation during training."""
 
     total_steps: int = number(1, 1 << 62)
     evaluate_every: int = later(number(0, 1 << 62), 0)
@@ -239,9 +239,9 @@ class Train:
 
 @dataclass(kw_only=True)
 class Condition:
-    """A condition of a test: the scenarios under changed configuration values."""
+    """One test condition: changed configuration values for the scenarios of the protocol."""
 
-    # The one place where a default is in code: an entry of a list has no file of its own to hold it.
+    # The only default in code: an entry of a list has no YAML file of its own.
     name: str = ""
     frequency: float | None = later(number(0.0, 1000.0, open_low=True))
     overrides: list[str] = field(default_factory=list)
@@ -249,7 +249,7 @@ class Condition:
 
 @dataclass(kw_only=True)
 class Protocol:
-    """A test: which scenarios, at which frequency, under which conditions."""
+    """Test protocol: its scenarios, frequency and conditions."""
 
     name: str = name()
     scenarios: str = later(choice("test", "validation"), "test")
@@ -264,27 +264,28 @@ class Protocol:
 
 @dataclass(kw_only=True)
 class EvaluateConfig:
-    """Everything that `auvbench evaluate` composes."""
+    """Configuration of `auvbench evaluate`."""
 
     protocol: Protocol
 
 
 @dataclass(kw_only=True)
 class Analysis:
-    """The primary analysis that an experiment declares before its runs; never changes a result."""
+    """Primary analysis that an experiment declares before its runs; has no effect on a result."""
 
     measure: str = choice_of(lambda: (PRIMARY, *measure_names()))
     baseline: str | None
     margin: float | None = number(0.0, open_low=True)  # unit of the measure, percentage points for a rate
     seeds: int | None = number(1, 1_000_000)
     protocol: str = later(name(), "test")
-    conditions: list[str] | None = None  # the verdicts are about the first; null: all of the protocol
-    episodes: int | None = later(number(1, 1_000_000))  # of a condition; null: as the protocol says
+    # conditions of the protocol, the verdicts are about the first; null: all of the protocol
+    conditions: list[str] | None = None
+    episodes: int | None = later(number(1, 1_000_000))  # episodes of a condition; null: as the protocol says
 
 
 @dataclass(kw_only=True)
 class TrainConfig:
-    """Everything that `auvbench train` composes."""
+    """Configuration of `auvbench train`."""
 
     seed: int = number(0, (1 << 32) - 1)
     name: str = name()
@@ -303,7 +304,7 @@ class TrainConfig:
 
 
 def whole(text: str) -> int | None:
-    """Return the whole number that a text stands for: 1e6 is one, 1.5 is not.
+    """Return the whole number that a text stands for, e.g. 1e6; None for 1.5.
 
     >>> whole("1e6"), whole("2_000"), whole("1.5"), whole("many")
     (1000000, 2000, None, None)
@@ -316,7 +317,7 @@ def whole(text: str) -> int | None:
         number = float(text)
     except ValueError:
         return None
-    # Beyond 2^53 a float does not say which whole number is meant.
+    # Beyond 2^53 a float does not identify one whole number.
     return int(number) if number.is_integer() and abs(number) <= 2**53 else None
 
 
@@ -324,7 +325,7 @@ def step_limit(task: Any, frequency: float) -> int:
     """Return the agent steps after which an episode times out: `task.time_limit` in steps, else `task.max_steps`.
 
     Args:
-        task: the task's configuration.
+        task: configuration of the task.
         frequency: agent steps per second, Hz.
     """
     return int(task.max_steps if task.time_limit is None else round(task.time_limit * frequency))
@@ -333,8 +334,8 @@ def step_limit(task: Any, frequency: float) -> int:
 def discount(algo: Any, frequency: float) -> float:
     """Return the discount per agent step: exp(-1/(frequency horizon)) if `algo.horizon_s` is set, else `algo.gamma`.
 
-    A reward `horizon_s` seconds ahead then weighs 1/e at every frequency. The original study's 0.99 per step is a
-    horizon of -1/(f ln 0.99): 9.95 s at 10 Hz, 1.81 s at 55 Hz.
+    A reward `horizon_s` seconds ahead then has the weight 1/e at every frequency. The original study's
+    discount of 0.99 per step is a horizon of -1/(f ln 0.99): 9.95 s at 10 Hz, 1.81 s at 55 Hz.
 
     >>> from types import SimpleNamespace
     >>> round(discount(SimpleNamespace(gamma=0.5, horizon_s=9.95), 10.0), 5)

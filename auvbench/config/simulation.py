@@ -1,4 +1,4 @@
-"""The schema of `auvbench simulate`: what goes into an open-loop run, and which values are admissible."""
+"""Define the schema of `auvbench simulate`: the inputs of an open-loop run and their valid values."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from auvbench.config.schema import choice, number
 from auvbench.config.validate import require, structured
 
 UNIT_TOLERANCE = 1e-3
-"""How far from 1 the length of a quaternion may be: enough for four typed digits; it is then brought to 1."""
+"""Largest deviation of a quaternion's length from 1; enough for four typed digits. The quaternion is then
+normalised.
+"""
 
 
 @dataclass(kw_only=True)
 class Input:
-    """What acts on the vehicle, and where it starts. Constant over the run."""
+    """Inputs of the vehicle, constant over the run, and its initial state."""
 
     frame: str = choice("enu", "ned")
     wrench: list[float]  # (6,) N, N m
@@ -29,7 +31,7 @@ class Input:
 
 @dataclass(kw_only=True)
 class Simulation:
-    """Everything that `auvbench simulate` composes."""
+    """Configuration of `auvbench simulate`."""
 
     vehicle: Any
     input: Input
@@ -43,11 +45,13 @@ class Simulation:
 
 MAX_ROWS = 10_000_000
 MAX_STEPS = 1_000_000_000
-"""Steps of the integrator: some ten minutes of computing, and the longest duration at the default max_step."""
+"""Largest number of integrator steps: about ten minutes of computing, and the longest duration at the default
+max_step.
+"""
 
 
 def simulation_config(config: DictConfig) -> Simulation:
-    """The typed configuration of an open-loop run, its values checked.
+    """Return the typed configuration of an open-loop run, its values checked.
 
     Raises:
         ConfigError: a value is missing, out of range, or of the wrong length.
@@ -70,7 +74,7 @@ def simulation_config(config: DictConfig) -> Simulation:
     )
     for key, most, otherwise in (
         ("sample", MAX_ROWS, f"more than {MAX_ROWS} rows"),
-        ("max_step", MAX_STEPS, "simulate less long"),
+        ("max_step", MAX_STEPS, "use a shorter duration"),
     ):
         value, least = getattr(typed, key), typed.duration / most
         require(value >= least, key, value, f"be at least {least:.3g}, or {otherwise}")

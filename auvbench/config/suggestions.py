@@ -1,4 +1,7 @@
-"""The closest valid key or flag, for error messages. Imports nothing heavy: a mistake in a flag is answered at once."""
+"""Suggest the closest valid key or flag in error messages.
+
+Imports nothing heavy, so that a wrong flag is reported at once.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +14,8 @@ from auvbench.registry import AGENTS
 
 
 def nearest(key: str, known: Collection[str]) -> str | None:
-    """Return the key that was probably meant: one with this last part, else one that is spelt alike.
+    """Return the key that was probably meant: a key with the same last part, else the key with the most
+    similar spelling.
 
     >>> nearest("learning_rate", ["algo.learning_rate", "seed"])
     'algo.learning_rate'
@@ -26,7 +30,7 @@ def nearest(key: str, known: Collection[str]) -> str | None:
 
 
 def owners(key: str) -> list[str]:
-    """Return the agents that have a key `algo.<name>`.
+    """Return the agents that have the key `algo.<name>`.
 
     >>> owners("algo.residual.share"), owners("algo.base")
     (['ppo_residual', 'sac_residual'], ['ppo_residual', 'sac_residual'])
@@ -54,7 +58,7 @@ MEANT = {
     "episodes": "protocol.episodes",
     "trials": "tune.trials",
 }
-"""Keys by the names that other programs have for them."""
+"""Keys by the names that other programs use for them."""
 
 
 OF_COMMANDS = {
@@ -64,19 +68,19 @@ OF_COMMANDS = {
     "input": "simulate",
     "duration": "simulate",
 }
-"""Keys, or the first parts of some, by the command that has them."""
+"""Keys, or first parts of keys, by the command that has them."""
 
 
 def unknown_key(key: str, known: Collection[str], program: str) -> str:
     """Return the hint for a key that a configuration does not have.
 
     Args:
-        key: as typed.
-        known: the keys of the configuration.
-        program: the command whose `--cfg job` shows all keys, `auvbench train`.
+        key: key as typed.
+        known: keys of the configuration.
+        program: command whose `--cfg job` shows all keys, e.g. `auvbench train`.
     """
     if key == "algo.base" and "algo.residual" in known:
-        return "algo.base=NAME chooses the controller, whose values are keys of algo.residual"
+        return "algo.base=NAME chooses the controller; its values are keys of algo.residual"
     if (meant := MEANT.get(key)) in known:
         return f"did you mean {meant}? ({program} --cfg job shows all keys)"
     if command := OF_COMMANDS.get(key.partition(".")[0]):
@@ -100,10 +104,10 @@ def unknown_flag(
     """Return the hint for a flag that a command does not have.
 
     Args:
-        command: its name.
-        word: the flag as typed, with `=VALUE` perhaps.
-        flags: the valid flags.
-        keys: of its configuration, which are typed key=value.
+        command: name of the command.
+        word: flag as typed, possibly with `=VALUE`.
+        flags: valid flags.
+        keys: keys of the command's configuration, typed as key=value.
         typed: all words of the command line.
     """
     flag, separator, own = word.partition("=")

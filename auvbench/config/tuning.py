@@ -1,4 +1,4 @@
-"""The schema of `auvbench tune`: everything that a run has, and how settings are searched for it."""
+"""Define the schema of `auvbench tune`: everything of a run's configuration, and the settings of the search."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from auvbench.config.validate import evaluate_protocol, require, resolved, struc
 from auvbench.errors import ConfigError
 
 STREAM = "validation"
-"""The only stream of scenarios that settings are chosen on."""
+"""The only stream of scenarios that may be used to choose settings."""
 
 
 @dataclass(kw_only=True)
 class Tune:
-    """A search."""
+    """Settings of a search."""
 
     trials: int = number(1, 100_000)
     sampler: str = choice("tpe", "random")
@@ -36,36 +36,36 @@ class Tune:
 
 @dataclass(kw_only=True)
 class TuneConfig(schema.TrainConfig):
-    """Everything that `auvbench tune` composes."""
+    """Configuration of `auvbench tune`."""
 
     protocol: schema.Protocol
-    search: Any = None  # there is no file for every algorithm
+    search: Any = None  # not every algorithm has such a file
     tune: Tune
 
 
 def read(config: DictConfig) -> tuple[Tune, schema.Protocol]:
-    """The search and the test that decides it, their values checked.
+    """Return the settings of the search and the protocol that scores its trials, their values checked.
 
     Raises:
-        ConfigError: a value is out of range, or the test is not one of validation scenarios.
+        ConfigError: a value is out of range, or the protocol does not use validation scenarios.
     """
     tune, protocol = structured(config, Tune, "tune"), structured(config, schema.Protocol, "protocol")
     evaluate_protocol(protocol)
     refuse_test(protocol)
     if len(protocol.conditions) > 1:
         raise ConfigError(
-            f"protocol={protocol.name}: has {len(protocol.conditions)} conditions; settings are chosen under one"
+            f"protocol={protocol.name}: has {len(protocol.conditions)} conditions; a search needs a protocol with one"
         )
     _check_budget(tune, config)
     return tune, protocol
 
 
 def refuse_test(protocol: schema.Protocol) -> None:
-    """Raises ConfigError unless the protocol's scenarios come from the stream that no test shares."""
+    """Raise ConfigError unless the protocol's scenarios come from the stream that no test uses."""
     if protocol.scenarios != STREAM:
         raise ConfigError(
-            f"protocol={protocol.name}: its scenarios are those of a test (protocol.scenarios={protocol.scenarios}); "
-            f"settings are chosen on protocol=tuning, which no test shares"
+            f"protocol={protocol.name}: uses the scenarios of a test (protocol.scenarios={protocol.scenarios}); "
+            f"choose settings on other scenarios: protocol=tuning"
         )
 
 
@@ -77,18 +77,21 @@ def _check_budget(tune: Tune, config: DictConfig) -> None:
         seeds = getattr(tune, key)
         fits = len(set(seeds)) == len(seeds) and all(0 <= seed < 1 << 32 for seed in seeds)
         require(fits, f"tune.{key}", seeds, f"be different whole numbers from 0 to {(1 << 32) - 1}")
-    require(bool(tune.seeds), "tune.seeds", tune.seeds, "hold at least one training seed")
+    require(bool(tune.seeds), "tune.seeds", tune.seeds, "have at least one training seed")
     fresh = not set(tune.seeds) & set(tune.fresh_seeds)
-    require(fresh, "tune.fresh_seeds", tune.fresh_seeds, f"be fresh, none of tune.seeds={tune.seeds}")
+    require(
+        fresh, "tune.fresh_seeds", tune.fresh_seeds, f"have seeds that are not in tune.seeds={tune.seeds}"
+    )
     schedule = OmegaConf.select(config, "algo.learning_rate_schedule", default="constant")
     if len(tune.rungs) > 1 and tune.pruner != "none" and schedule != "constant":
         raise ConfigError(
-            f"algo.learning_rate_schedule={schedule}: depends on the budget, so a run cannot go on to a larger one; "
-            "tune.pruner=none trains every trial for the last of tune.rungs at once"
+            f"algo.learning_rate_schedule={schedule}: depends on the budget, so a run cannot be extended to "
+            "a larger one; "
+            "with tune.pruner=none every trial trains for the last of tune.rungs at once"
         )
 
 
 def without_search(config: DictConfig) -> dict[str, Any]:
-    """The resolved configuration of a run, without what belongs to the search."""
+    """Return the resolved configuration of a run, without the keys of the search."""
     values = resolved(config)
     return {field.name: values[field.name] for field in dataclasses.fields(schema.TrainConfig)}

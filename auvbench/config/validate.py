@@ -1,4 +1,4 @@
-"""Values: each field against the range that the schema states with its type, then what spans several fields."""
+"""Check values: each field against the range in its schema, then rules that span several fields."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from auvbench.untrusted.text import short
 T = TypeVar("T")
 
 MOST_STEPS = 10_000_000
-"""of an episode"""
+"""agent steps of an episode"""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
 
 def validate_fields(config: Any, prefix: str = "") -> None:
-    """Checks a schema dataclass and everything below it.
+    """Check a schema dataclass and all nested schemas.
 
     Raises:
         ConfigError: names the key, the value and the valid range or the closest name.
     """
     names = [field.name for field in dataclasses.fields(config)]
-    for extra in vars(config).keys() - set(names):  # `+key=value` gets past Hydra's struct flag
+    for extra in vars(config).keys() - set(names):  # `+key=value` bypasses Hydra's struct flag
         raise ConfigError(f"{prefix}{extra}: unknown key; {closest(extra, names)}")
     for field in dataclasses.fields(config):
         key = f"{prefix}{field.name}"
@@ -78,7 +78,7 @@ def _range(low: float, high: float, open_low: bool) -> str:
 
 
 def limit(value: float, *, least: bool, digits: int = 12) -> str:
-    """Return the end of a range as text that is itself in the range: rounded into it, whole numbers in full.
+    """Return the limit of a range as text, rounded so that it is inside the range; whole numbers in full.
 
     >>> limit(2 * math.pi, least=False, digits=6), limit(2**32 - 1, least=False, digits=6), limit(0.5, least=True)
     ('6.28318', '4294967295', '0.5')
@@ -110,7 +110,7 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
         hint = "; algo=ppo chooses an algorithm" if missing.startswith("algo.") else ""
         raise ConfigError(f"{missing}: a value is missing{hint}") from error
     if not isinstance(typed, kind):
-        raise ConfigError(f"{key or 'this'}: is no {kind.__name__}; start from the file in conf/")
+        raise ConfigError(f"{key or 'this'}: is not a {kind.__name__}; start from the file in conf/")
     for group, wanted in (
         ("algo", object),
         ("simulator", simulators.Simulator),
@@ -165,7 +165,8 @@ def evaluate_protocol(protocol: schema.Protocol) -> None:
     """Checks a protocol and its conditions.
 
     Raises:
-        ConfigError: a value is out of range, or there is no condition, or two have one name.
+        ConfigError: a value is out of range, the protocol has no condition, or two conditions have the same
+            name.
     """
     validate_fields(protocol, "protocol.")
     names = [condition.name for condition in protocol.conditions]
@@ -180,7 +181,7 @@ def evaluate_protocol(protocol: schema.Protocol) -> None:
 
 
 def require(holds: bool, key: str, value: Any, what: str) -> None:
-    """Raise ConfigError, `key=value: must ...`, unless a rule holds."""
+    """Raise ConfigError, `key=value: must ...`, unless `holds` is true."""
     if not holds:
         raise ConfigError(f"{key}={_show(value)}: must {what}")
 
@@ -209,7 +210,7 @@ def check_across(config: schema.TrainConfig) -> None:
     current, fault = config.disturbance.current, config.disturbance.fault
     _below("disturbance.current.speed", current.speed, "disturbance.current.speed_high", current.speed_high)
     if sea := config.disturbance.sea:
-        # The shortest period of DNV-RP-C205, section 3.5.5: steeper waves break.
+        # Shortest period by DNV-RP-C205, section 3.5.5: steeper waves break.
         least, height = 3.6 * math.sqrt(sea.height), f"disturbance.waves.height={sea.height:g}"
         what = f"be at least {least:.3g} s for {height}: steeper waves break"
         require(sea.period >= least, "disturbance.waves.period", sea.period, what)
@@ -271,7 +272,7 @@ def _algorithm(algo: algorithms.Algorithm) -> None:
     for key in ("net_arch", "critic_net_arch"):
         widths = getattr(algo, key, ())
         fits = not isinstance(algo, algorithms.Network) or all(width > 0 for width in widths)
-        require(fits, f"algo.{key}", widths, "hold widths of at least 1")
+        require(fits, f"algo.{key}", widths, "have widths of at least 1")
     if isinstance(algo, algorithms.OffPolicy):
         steps, size, n = algo.gradient_steps, algo.buffer_size, algo.n_envs
         every = "be at least 1, or -1 for as many as environment steps"
@@ -295,7 +296,7 @@ def _algorithm(algo: algorithms.Algorithm) -> None:
     residual = getattr(algo, "residual", None)
     if isinstance(residual, algorithms.Residual):
         names = list(residual.bases)
-        require(len(names) == 1, "algo.residual", " and ".join(names) or "{}", "hold one controller")
+        require(len(names) == 1, "algo.residual", " and ".join(names) or "{}", "have exactly one controller")
         agent, name = residual.base.agent, names[0]
         require(agent == name, f"algo.residual.{name}.agent", agent, f"be {name}")
 

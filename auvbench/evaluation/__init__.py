@@ -1,1 +1,1 @@
-"""Tests: a fixed protocol, the same scenarios for every agent, a row per episode."""
+"""Tests: a fixed protocol, the same scenarios for every agent, one row per episode."""

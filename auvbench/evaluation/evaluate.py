@@ -1,4 +1,4 @@
-"""Test a run by a protocol: `evaluations/<protocol>/{episodes.csv, summary.json, trajectories.npz}`."""
+"""Test a run by a protocol; write `evaluations/<protocol>/{episodes.csv, summary.json, trajectories.npz}`."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from auvbench.vehicles import sheet
 
 
 def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
-    """Return summary.json of an evaluation; None where it is missing or damaged."""
+    """Return summary.json of an evaluation; None if it is missing or damaged."""
     try:
         return integrity.read(run.evaluation(protocol) / "summary.json", integrity.Summary)
     except (OSError, ValueError):
@@ -50,15 +50,15 @@ def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
 
 
 def is_done(run: RunDirectory, protocol: schema.Protocol) -> bool:
-    """Return whether the run has undamaged rows of this protocol and its scenarios."""
+    """Return whether the run has undamaged rows for this protocol and its scenarios."""
     return stale(run, protocol) == ""
 
 
 def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
-    """Return why an evaluation must be repeated; empty where it is done, None where it is missing.
+    """Return why an evaluation must be repeated; '' if it is valid, None if it is missing.
 
     Raises:
-        RunError, ConfigError: as `evaluate`.
+        RunError, ConfigError: see `evaluate`.
     """
     folder = run.evaluation(protocol.name)
     if not (folder / "summary.json").exists():
@@ -80,27 +80,28 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
     played = as_played(resolve_conditions(protocol, run.check()), summary.get("clocks") or {})
     with _named_packages(run):
         here = fingerprint_parts(protocol, played)
-    there = summary["fingerprint_parts"]
-    if there["scenarios"] != here["scenarios"]:
-        return "its scenarios differ: the protocol, the vehicle or their draw has changed since"
-    if there["outcomes"] != here["outcomes"]:
-        return "the same commands have other outcomes now: the simulator or the task has changed since"
+    recorded = summary["fingerprint_parts"]
+    if recorded["scenarios"] != here["scenarios"]:
+        return "its scenarios differ: the protocol, the vehicle or the code that draws scenarios has changed since"
+    if recorded["outcomes"] != here["outcomes"]:
+        return "the same commands now have other outcomes: the simulator or the task has changed since"
     return ""
 
 
 def refuse_incomplete(run: RunDirectory) -> None:
-    """Raise RunError if a run is not complete."""
+    """Raise RunError if a run is incomplete."""
     if (state := run.manifest()["state"]) != "complete":
-        raise RunError(f"{run.path}: {state}, not complete; auvbench train finishes it")
+        raise RunError(f"{run.path}: {state}, not complete; finish it with auvbench train")
 
 
 def make_agent(run: RunDirectory, frequency: float, trained: schema.TrainConfig | None = None) -> Agent:
-    """Return a fresh agent of a run for a test. It knows the vehicle of its run, also when it is tested on another.
+    """Return a fresh agent of a run for a test. The agent knows the vehicle of its run, even if it is tested
+    on a different one.
 
     Args:
-        run: complete.
-        frequency: Hz, of the test.
-        trained: the run's configuration, where it has been read.
+        run: complete run.
+        frequency: step frequency of the test, Hz.
+        trained: the run's configuration, if it is already loaded.
     """
     config = at_frequency(trained or load_config(run), frequency)
     vehicle = sheet.load(config.vehicle)
@@ -116,25 +117,27 @@ def _check_model(run: RunDirectory, again: str) -> None:
     """Compare the files of a run's model with their digests before they are loaded.
 
     Args:
-        again: what `auvbench resume` does for lost files; empty where it cannot help.
+        again: effect of `auvbench resume` on lost files; '' if it cannot help.
 
     Raises:
         RunError: a file is missing or damaged.
     """
     if lost := integrity.lacking(run.path, run.manifest(), "model/"):
-        hint = f"auvbench resume {run.path} {again}" if again else "its command, typed again, puts it back"
+        hint = f"auvbench resume {run.path} {again}" if again else "run its command again to restore it"
         raise RunError(f"{run.path}: {lost}; {hint}")
 
 
 Report = Callable[[str, int], None]
-"""called with a condition and the number of its episodes that have just ended (0 where it begins)"""
+"""function called with a condition and the number of its episodes that have just ended (0 at its start)"""
 
 Roll = Callable[[RunDirectory, schema.Protocol, ResolvedCondition, Report], Rollout]
-"""rolls out one condition of a test"""
+"""function that rolls out one condition of a test"""
 
 
 def in_process(trained: schema.TrainConfig) -> Roll:
-    """Return what rolls out all episodes of a condition in this process, for a run of this configuration."""
+    """Return a function that rolls out all episodes of a condition in this process, for a run of this
+    configuration.
+    """
 
     def roll(
         run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, report: Report
@@ -161,15 +164,16 @@ def evaluate(
     unless_done: bool = False,
     roll: Roll | None = None,
 ) -> dict[str, Any] | None:
-    """Test a complete run and write its results; return the summary. One process at a time tests a run by a protocol.
+    """Test a complete run, write its results and return the summary. Only one process at a time tests a run
+    by a protocol.
 
     Args:
-        report: called when a condition begins or episodes end.
-        unless_done: return None where another process has done it in the meantime.
-        roll: rolls out each condition, with the rows of `in_process`, which does it otherwise.
+        report: function called when a condition starts or episodes end.
+        unless_done: return None if another process has finished the same test.
+        roll: function that rolls out each condition; must give the same rows as `in_process`, the default.
 
     Raises:
-        RunError: the run is not complete, its files are damaged, or another process is testing it.
+        RunError: the run is incomplete, its files are damaged, or another process is testing it.
         TrainingError: the disk is full, read-only or failing.
     """
     refuse_incomplete(run)
@@ -182,7 +186,7 @@ def evaluate(
 
 
 def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
-    """Lock one evaluation in `evaluations/.<protocol>`: `evaluations/<protocol>` itself is replaced as a whole."""
+    """Lock one evaluation in `evaluations/.<protocol>`, since `evaluations/<protocol>` is replaced as a whole."""
     place = run.evaluation(protocol).with_name(f".{protocol}")
     try:
         make_folder(place)
@@ -191,7 +195,7 @@ def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
         raise lock.RunHeldError(
             place,
             error.holder,
-            f"{run.id}: {error.holder} is testing it by {protocol} at present; left alone",
+            f"{run.id}: {error.holder} is testing it by {protocol}; skipped",
         ) from error
     except OSError as error:
         raise RunError(f"{place} cannot be written: {error.strerror or error}") from error
@@ -216,11 +220,11 @@ def _evaluate(
         "fingerprint": fingerprint(protocol, conditions),
         "fingerprint_parts": fingerprint_parts(protocol, conditions),
         "run": run.id,
-        # The digests of the model's files tie a test to the weights that were tested.
+        # The digests of the model's files link a test to the weights that were tested.
         "model": integrity.digests(run.manifest(), "model/"),
         "seed": protocol.seed,
         "scenarios": protocol.scenarios,
-        # Rows depend on the clock that counts steps over ROS 2.
+        # Rows of a ROS 2 simulation depend on the clock that counts its steps.
         **({"clocks": clocks} if clocks else {}),
         **({"sealed": _seal(run, protocol, conditions)} if isinstance(protocol, sealed.Protocol) else {}),
         "conditions": [_condition_summary(c, r) for c, r in rollouts],
@@ -231,7 +235,7 @@ def _evaluate(
     folder = run.evaluation(protocol.name)
     summary[integrity.FILES] = _write(folder, summary, rollouts)
     history.append(run.path.absolute().parent, _tested(run, summary))
-    # The rows, which may have taken hours, are on disk before actions are timed.
+    # The rows may have taken hours, so they are written before actions are timed.
     summary["inference"] = _time(run, conditions[0].config)
     with storage(f"cannot write {folder}"):
         write_atomic(folder / "summary.json", as_json(integrity.sealed(summary)))
@@ -241,13 +245,13 @@ def _evaluate(
 def _seal(
     run: RunDirectory, protocol: sealed.Protocol, conditions: list[ResolvedCondition]
 ) -> dict[str, Any]:
-    """Return the digests of a sealed protocol's files, and what was not tested."""
+    """Return the digests of a sealed protocol's files, and the conditions that were not tested."""
     others = left_out(protocol, conditions, run.config())
     return {"sha256": protocol.sha256, "not_tested": [*protocol.not_tested, *others]}
 
 
 def _tested(run: RunDirectory, summary: dict[str, Any]) -> history.Line:
-    """Return the line of a test for the history of the experiment."""
+    """Return the history line of a test."""
     manifest = run.manifest()
     return history.Line(
         summary["created"],
@@ -263,10 +267,10 @@ def _tested(run: RunDirectory, summary: dict[str, Any]) -> history.Line:
 
 
 def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | None:
-    """Time the actions of the run's agent; None, with a warning, where it fails."""
+    """Time the actions of the run's agent; on failure, warn and return None."""
     try:
         agent = make_agent(run, config.step.frequency)
-        # An agent that moves the vehicle itself computes outside of its actions.
+        # An agent with its own simulator computes outside its actions, so they are not timed.
         return None if hasattr(agent, "simulator") else time_actions(agent, config)
     except Exception as error:  # an installed agent may raise any of them
         reason = f"{run.id}: the time of an action is missing: {registry.describe_error(error)}"
@@ -276,7 +280,7 @@ def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | Non
 
 @contextmanager
 def _named_packages(run: RunDirectory) -> Iterator[None]:
-    """Name the packages behind a run where their code fails.
+    """Add the names of the installed packages to an error in their code.
 
     Raises:
         AgentError: code of an installed package fails.

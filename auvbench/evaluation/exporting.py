@@ -1,6 +1,6 @@
-"""`auvbench export`: the policy of a trained run as an ONNX file, compared with the run's own actions, and its card.
+"""Export the policy of a trained run as an ONNX file with a card, compared with the run's own actions.
 
-docs/policies-as-files.md defines both files.
+docs/policies-as-files.md defines the two files.
 """
 
 from __future__ import annotations
@@ -36,16 +36,17 @@ from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 LIMIT = 1e-5
-"""largest accepted difference of actions, unless the last bits of an observation change the run's own by more: large
-weights magnify rounding"""
+"""largest accepted difference between actions, unless rounding an observation changes the run's own action by
+more: large weights magnify rounding errors
+"""
 ROUNDINGS = 4.0
-"""times that change: an observation is rounded once, and its image in each layer again"""
+"""factor on that change: an observation is rounded once, and its image again in each layer"""
 EPISODES = 64
 CORNERS = 256
 STEPS = 100
-"""of each test episode whose observations are compared"""
+"""steps of each test episode whose observations are compared"""
 CHECK_STEPS = 32
-"""of each episode, for a policy from a file"""
+"""steps of each episode, for checking a policy from a file"""
 TESTED = (
     "name",
     "frequency_hz",
@@ -56,34 +57,35 @@ TESTED = (
     "mean_steps",
     "mean_return",
 )
-"""of a test's conditions, in a card"""
+"""values of a test's conditions that a card contains"""
 
 
 class NoNetworkError(RunError):
-    """The run's actions do not come from a trained network, or the network is a file already."""
+    """The run's actions do not come from a trained network, or the policy is a file already."""
 
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """A written policy."""
+    """An exported policy."""
 
     run: RunDirectory
     path: Path
     card_path: Path
     observations: int
     difference: float
-    """largest, of an action from the run's own"""
+    """largest difference between an action of the file and of the run"""
 
 
 def export(run: RunDirectory, folder: Path | None = None) -> Export:
-    """Write `<run id>.onnx` and `<run id>.json`, replacing files of these names.
+    """Write `<run id>.onnx` and `<run id>.json`, replacing existing files.
 
     Args:
         run: a complete run of an agent that learns.
-        folder: where to; None for the run's own `exports/`.
+        folder: folder for the files; None: the run's own `exports/`.
 
     Raises:
-        RunError: the run is not complete, has no network, its files are damaged, or the file's actions differ.
+        RunError: the run is incomplete or has no network, its files are damaged, or the file's actions
+            differ.
         MissingExtraError: onnx or onnxruntime is not installed.
         TrainingError: the disk is full, read-only or failing.
     """
@@ -93,15 +95,15 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
     path_safety.refuse_links(run.path)
     config = load_config(run)
     if config.algo.agent == "onnx":
-        raise NoNetworkError(f"{run.path}: its policy is an ONNX file already: {run.model / NETWORK}")
+        raise NoNetworkError(f"{run.path}: its policy is already an ONNX file: {run.model / NETWORK}")
     if why := why_no_network(config.algo.name, config.algo.agent, learns(config.algo)):
         raise NoNetworkError(f"{run.path}: {why}")
     agent = make_agent(run, config.step.frequency)
     network = getattr(agent, "network", None)
-    found = None if network is None else network()
-    if found is None:
+    network_and_scaling = None if network is None else network()
+    if network_and_scaling is None:
         raise NoNetworkError(f"{run.path}: {NO_NETWORK.format(name=config.algo.name)}")
-    policy, scaling = found
+    policy, scaling = network_and_scaling
     vehicle = sheet.load(config.vehicle)
     n_u = len(vehicle.actuators)
     spec = observation_spec(config.task, vehicle.actuators)
@@ -119,19 +121,19 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
     card_path = exported.card_path(target)
     path_safety.check_output(target.parent, (target.name, card_path.name))
     with storage(f"cannot write into {target.parent}"):
-        # The card first: it holds the file's digest, so that an old file next to it is noticed.
+        # The card is written first: it has the file's digest, which detects an old file next to it.
         write_atomic(card_path, as_lines(card))
         write_atomic(target, data)
     return Export(run, target, card_path, count, difference)
 
 
-NO_NETWORK = "the actions of {name} are not those of a network that answers each observation by itself; it is not exported"
+NO_NETWORK = "{name} cannot be exported: its actions are not those of a network that answers each observation by itself"
 
 
 def why_no_network(name: str, agent: str, learner: bool) -> str:
-    """Return why an agent (`algo.name`, `algo.agent`) cannot be exported; empty where it can.
+    """Return why an agent (`algo.name`, `algo.agent`) cannot be exported; '' if it can.
 
-    A plug-in's learner decides when it is exported.
+    A plug-in's learner is checked when it is exported.
     """
     if not learner:
         return f"{name} is a controller that auvbench computes, not a trained network; there is nothing to export"
@@ -141,21 +143,21 @@ def why_no_network(name: str, agent: str, learner: bool) -> str:
 def compare(
     config: schema.TrainConfig, agent: Agent, data: bytes, n_u: int, where: str
 ) -> tuple[int, float, float]:
-    """Compare an ONNX file with its agent in test episodes and on the edges of the observation space.
+    """Compare an ONNX file with its agent, in test episodes and at the edges of the observation space.
 
     Returns:
-        the number of observations, the largest difference of an action, and its limit.
+        Number of observations, the largest difference between actions, and its limit.
 
     Raises:
-        RunError: the difference exceeds the limit, or an answer is no action.
+        RunError: the difference exceeds the limit, or an output is not a valid action.
     """
     seen = np.concatenate([observe_episodes(config, agent, STEPS), observe_edges(config)])
     own = np.asarray(agent.act(seen), dtype=np.float64)
     sizes = {"observations": seen.shape[1], "actions": n_u}
-    many, one = (exported.Policy(data, f"{where} (exported)", rows=n, **sizes) for n in (exported.ROWS, 1))
+    many, single = (exported.Policy(data, f"{where} (exported)", rows=n, **sizes) for n in (exported.ROWS, 1))
     few = slice(None, None, max(1, len(seen) // 500))
     difference = max(
-        float(np.abs(many.act(seen) - own).max()), float(np.abs(one.act(seen[few]) - own[few]).max())
+        float(np.abs(many.act(seen) - own).max()), float(np.abs(single.act(seen[few]) - own[few]).max())
     )
     limit = LIMIT
     if not difference <= limit:
@@ -233,7 +235,7 @@ def make_card(
 
 
 def _action(unit: Actuator) -> dict[str, Any]:
-    """Return what -1, 0 and +1 stand for; the vehicle's sheet has the curve between them."""
+    """Return the forces or angles for the commands -1, 0 and +1; the vehicle's sheet has the curve between them."""
     low, high = unit.curve.limits
     return {
         "name": unit.name,
@@ -249,26 +251,27 @@ def _action(unit: Actuator) -> dict[str, Any]:
 
 
 def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the undamaged tests of this model, by name."""
+    """Return the undamaged tests of this model, sorted by name."""
     model = integrity.digests(manifest, "model/")
-    found = []
+    tests = []
     for path in sorted(run.path.glob("evaluations/*/summary.json")):
         summary = read_summary(run, path.parent.name)
         if summary is None or summary["run"] != run.id or summary["model"] != model:
             continue
         conditions = [{key: c[key] for key in TESTED if key in c} for c in summary["conditions"]]
         test = {key: summary[key] for key in ("protocol", "fingerprint")}
-        found.append({**test, "conditions": conditions})
-    return found
+        tests.append({**test, "conditions": conditions})
+    return tests
 
 
 def observe_episodes(
     config: schema.TrainConfig, agent: Agent, steps: int, scenarios: str = "test"
 ) -> Observations:
-    """Return what an agent observes in the first steps of `EPISODES` episodes on the embedded simulator.
+    """Return the observations of an agent in the first steps of `EPISODES` episodes on the embedded
+    simulator.
 
     Raises:
-        ActionError: the agent's actions are not valid.
+        ActionError: an action of the agent is not valid.
     """
     batch = batch_of(scenarios, embedded(config), np.arange(EPISODES), 0)
     observation = batch.reset()
@@ -281,7 +284,9 @@ def observe_episodes(
 
 
 def observe_edges(config: schema.TrainConfig) -> Observations:
-    """Return the middle of the observation space, its bounds one by one and all at once, and random points (m, size)."""
+    """Return observations (m, size): the middle of the space, its bounds one by one and all together, and
+    random points.
+    """
     high = bounded_spec(config, sheet.load(config.vehicle)).bounds.astype(np.float64)
     n = len(high)
     rng = np.random.default_rng(0)
@@ -292,10 +297,11 @@ def observe_edges(config: schema.TrainConfig) -> Observations:
 
 
 def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
-    """Try the policy of a run on observations of episodes and on the edges of the observation space.
+    """Check the policy of a run on observations from episodes and at the edges of the observation space.
 
     Raises:
-        PolicyError: an answer is no action, differs the second time, or depends on the other observations of the batch.
+        PolicyError: an output is not a valid action, changes when repeated, or depends on other observations
+            of the batch.
     """
     policy = agent.policy
     assert policy is not None
@@ -307,12 +313,12 @@ def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
 
 
 def _check_rows(policy: Policy, rows: Observations) -> None:
-    """Compare the answers to observations in another order, and to each alone."""
+    """Compare the outputs with those for the observations in another order, and one at a time."""
     together, turned = policy.act(rows), policy.act(rows[::-1])[::-1]
     alone = np.concatenate([policy.act(row[None]) for row in rows[:8]])
     differs = max(float(np.abs(together - turned).max()), float(np.abs(together[:8] - alone).max()))
     if differs > SLACK:
         raise PolicyError(
             f"{policy.where}: its action for one observation depends on the others in the batch (it differs by "
-            f"{differs:.2g}); each row of the input must be answered by itself"
+            f"{differs:.2g}); each row of the input must be computed independently"
         )

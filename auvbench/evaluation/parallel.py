@@ -1,4 +1,4 @@
-"""Test many runs at once, or a slow one on all cores; a row does not depend on what is computed at the same time."""
+"""Test many runs in parallel, or a slow run on all cores; no row depends on what is computed at the same time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from auvbench.runs.lock import RunHeldError
 from auvbench.runs.pool import Pool, WorkerDiedError
 
 PRELOAD = ("auvbench.evaluation.parallel", "auvbench.agents.learned.sb3")
-"""Modules that the workers of the pool need."""
+"""Modules that the pool's workers import at the start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,12 +31,12 @@ class Result:
 
     run: RunDirectory
     summary: dict[str, Any] | None = None
-    """None: the test was done before, or failed"""
+    """summary of the test; None: the test was done before, or failed"""
     error: str = ""
     held: bool = False
-    """whether the error is that another process is testing it"""
+    """whether the error is that another process is testing the run"""
     why: str = ""
-    """why the run was tested again"""
+    """reason why the run was tested again"""
 
 
 def evaluate_all(
@@ -47,16 +47,17 @@ def evaluate_all(
     force: bool = False,
     report: Callable[[RunDirectory, str, int], None] = lambda *_: None,
 ) -> Iterator[Result]:
-    """Test runs and yield each result as it comes; runs that are tested already are skipped.
+    """Test runs and yield each result when it is ready; skip runs that are already tested.
 
-    A worker tests a whole run, since its episodes are computed together. An agent whose actions take as long together
-    as alone (`row_by_row` of its class) is tested by all workers, episode by episode; the rows are the same to the bit.
+    A worker tests a whole run, since its episodes are computed as one batch. If a batch does not speed up an
+    agent (`row_by_row` of its class), all workers test the run, episode by episode; the rows have the same
+    bits.
 
     Args:
-        pool: the workers; where one worker is enough, this process does the work.
-        force: test again what is tested already.
-        report: called with a run, the condition under way and how many of its episodes have just ended (0 where it
-            begins); not for a run that a worker tests.
+        pool: worker processes; if one worker is enough, this process does the work.
+        force: repeat finished tests.
+        report: function called with a run, the active condition and the number of its episodes that have just
+            ended (0 at its start); not called for a run that a worker tests.
     """
     waiting: dict[Path, RunDirectory] = {}
     why: dict[Path, str] = {}
@@ -70,17 +71,17 @@ def evaluate_all(
             yield Result(run)
         else:
             waiting[run.path], why[run.path] = run, reason or ""
-    # One test at a time moves the vehicles of a ROS 2 server.
+    # Only one test at a time can use the vehicles of a ROS 2 server.
     alone = pool.workers == 1 or any(_on_a_server(run, protocol) for run in waiting.values())
     shared = [
         path for path, run in waiting.items() if not alone and protocol.episodes > 1 and _row_by_row(run)
     ]
     whole = {path: (run, protocol, not force) for path, run in waiting.items() if path not in shared}
     if not alone and len(whole) > 1:
-        for path, found in pool.results(_test, whole, "test"):
-            if isinstance(found, WorkerDiedError):
-                found = Result(waiting[path], error=str(found))
-            yield replace(found, why=why[path])
+        for path, outcome in pool.results(_test, whole, "test"):
+            if isinstance(outcome, WorkerDiedError):
+                outcome = Result(waiting[path], error=str(outcome))
+            yield replace(outcome, why=why[path])
         whole = {}
     for path in [*whole, *shared]:
         run = waiting[path]
@@ -125,7 +126,7 @@ def _test(
 
 
 def _on_all(pool: Pool) -> Roll:
-    """Return a function that rolls out a condition on all workers: an episode is a job."""
+    """Return a function that rolls out a condition on all workers, with one job per episode."""
 
     def roll(
         run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, report: Report
@@ -143,13 +144,13 @@ def _on_all(pool: Pool) -> Roll:
 
 
 _made: tuple[tuple[Path, float], Agent] | None = None
-"""Agent of the last episode in this process; building one may take as long as half an episode."""
+"""Agent of the last episode in this process; building an agent may take half as long as an episode."""
 
 
 def _episode(
     run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, episode: int
 ) -> Rollout:
-    """Roll out one episode of a condition; the agent is reset before it."""
+    """Reset the agent and roll out one episode of a condition."""
     global _made
     key = run.path, condition.config.step.frequency
     if _made is None or _made[0] != key:

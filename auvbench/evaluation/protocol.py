@@ -25,9 +25,9 @@ from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 OBSERVED = ("position_frame", "observation", "history", "preview")
-"""keys of a task that belong to the agent"""
+"""task keys that belong to the agent, not to the scenario"""
 WITHIN = {"noise", "disturbance"}
-"""groups in which most conditions differ from the protocol: all else is then resolved once"""
+"""groups that most conditions change; all other groups are then resolved only once"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,16 +36,19 @@ class ResolvedCondition:
 
     name: str
     config: schema.TrainConfig
-    """of the environments: the run's, with the test's frequency and the overrides of protocol and condition"""
+    """configuration of the environments: the run's, with the test's frequency and the overrides of protocol
+    and condition
+    """
     fixed_frequency: bool
-    """whether the protocol fixes the frequency, or the run's own is used"""
+    """whether the protocol fixes the step frequency; otherwise the run's own is used"""
 
 
 def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> list[ResolvedCondition]:
     """Return the conditions of a protocol for a run's resolved configuration.
 
-    Task, noise and disturbance are the protocol's, not those of the run's training. A condition on a vehicle with other
-    actuators than the run's, or with thrusters numbered otherwise, is left out: the policy cannot act there.
+    Task, noise and disturbance come from the protocol, not from the run's training. A condition is left out
+    if its vehicle has other actuators than the run's, or thrusters numbered differently: the policy cannot
+    act on that vehicle.
 
     Raises:
         ConfigError: an override names an unknown key or a wrong value.
@@ -65,14 +68,14 @@ def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[Resolve
     if isinstance(protocol, sealed.Protocol):
         protocol.refuse_task(str(config["task"]["name"]))
     base = _resolve(protocol, (), config, f"protocol {protocol.name}")
-    found = []
+    configs = []
     for condition in protocol.conditions:
         where = f"protocol {protocol.name}, condition {condition.name}"
         if isinstance(condition, sealed.Condition):
             try:
                 resolved = _changed(protocol, condition, config, where)
             except (ConfigError, VehicleError):
-                continue  # `left_out` says why
+                continue  # `left_out` gives the reason
         elif _groups(condition) <= WITHIN:
             resolved = _with_disturbance(base, condition, where)
         else:
@@ -82,8 +85,8 @@ def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[Resolve
             resolved = at_frequency(resolved, frequency)
             _check_length(resolved, where)
         if resolved.vehicle == config["vehicle"] or _wired_alike(trained, sheet.load(resolved.vehicle)):
-            found.append(ResolvedCondition(condition.name, resolved, frequency is not None))
-    return found
+            configs.append(ResolvedCondition(condition.name, resolved, frequency is not None))
+    return configs
 
 
 def _changed(
@@ -99,7 +102,7 @@ def left_out(
 ) -> list[str]:
     """Return the conditions of a sealed protocol that a run cannot meet, each with the reason."""
     met = {condition.name for condition in conditions}
-    found = []
+    lines = []
     for condition in protocol.conditions:
         if condition.name in met or not isinstance(condition, sealed.Condition):
             continue
@@ -108,8 +111,8 @@ def left_out(
             _changed(protocol, condition, config, condition.name)
         except (ConfigError, VehicleError) as error:
             reason = str(error)
-        found.append(f"condition {condition.name}: {reason}")
-    return found
+        lines.append(f"condition {condition.name}: {reason}")
+    return lines
 
 
 def _check_length(config: schema.TrainConfig, where: str) -> None:
@@ -121,7 +124,7 @@ def _check_length(config: schema.TrainConfig, where: str) -> None:
 
 
 def _wired_alike(one: VehicleModel, other: VehicleModel) -> bool:
-    """Whether actuators of one name do the same: none pushes, or turns, the two vehicles opposite ways."""
+    """Return whether actuators of the same name push and turn the two vehicles in the same direction."""
     if one.actuators != other.actuators:
         return False
     forces, moments = (one.allocation * other.allocation).reshape(2, 3, -1).sum(axis=1)
@@ -135,7 +138,7 @@ def _groups(condition: schema.Condition) -> set[str]:
 def _with_disturbance(
     base: schema.TrainConfig, condition: schema.Condition, where: str
 ) -> schema.TrainConfig:
-    """Return the protocol's configuration with noise and disturbances of a condition."""
+    """Return the protocol's configuration with a condition's noise and disturbances."""
     node = OmegaConf.create({group: asdict(getattr(base, group)) for group in _groups(condition)})
     for override in condition.overrides:
         _set(node, override, where)
@@ -146,11 +149,11 @@ def _with_disturbance(
 def _resolve(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
 ) -> schema.TrainConfig:
-    """Return a run's configuration with the overrides of a protocol, and these."""
+    """Return a run's configuration with the overrides of a protocol, then `overrides`."""
     node = OmegaConf.create(config)
     for override in [*protocol.overrides, *overrides]:
         _set(node, override, where)
-    # What it observes belongs to the agent, not to the scenario.
+    # The observation belongs to the agent, not to the scenario.
     for key in OBSERVED:
         if key in config["task"] and key in node.task:
             OmegaConf.update(node, f"task.{key}", config["task"][key])
@@ -160,7 +163,7 @@ def _resolve(
         if node.task.name == config["task"]["name"]:
             raise
         raise ConfigError(
-            f"{where}: tests task={node.task.name}, and the run is of task={config['task']['name']}: {error}"
+            f"{where}: tests task={node.task.name}, but the run has task={config['task']['name']}: {error}"
         ) from error
 
 
@@ -168,7 +171,7 @@ def _set(node: DictConfig, override: str, where: str) -> None:
     key, separator, value = override.partition("=")
     if not separator:
         raise ConfigError(f"{where}: {override!r} is not key=value")
-    # The run's task with the values of its file, not those of its training.
+    # The run's task with the values of its file, not the values of its training.
     value = str(node.task.name) if (key, value) == ("task", "same") else value
     if not _of_other_tasks(node, key):
         _apply(node, key, value, where)
@@ -192,7 +195,7 @@ def _schema(task: str) -> type:
 
 
 def _of_other_tasks(node: DictConfig, key: str) -> bool:
-    """Whether a key is one of other tasks alone: `task.station` in a condition moves stations, and no dock."""
+    """Return whether only other tasks have a key: `task.station` in a condition moves stations, but not docks."""
     group, _, name = key.partition(".")
     return (
         group == "task"
@@ -208,17 +211,18 @@ def _has(node: DictConfig, key: str) -> bool:
 
 
 def fingerprint(protocol: schema.Protocol, conditions: list[ResolvedCondition]) -> str:
-    """Return 16 hexadecimal digits: equal if and only if two agents met the same scenarios, played by the same physics.
+    """Return 16 hexadecimal digits: equal if and only if two agents met the same scenarios with the same
+    physics.
 
-    They cover what is drawn (starts, waypoints), from what (task, noise, disturbances, vehicle, simulator, a fixed
-    frequency), and what the code makes of it (`reference`). Rewards and names do not enter. The first 200 episodes of
-    `test` are the 200 of `thesis`, but 500 and 200 episodes are different tests.
+    They cover what is drawn (starts, waypoints), its sources (task, noise, disturbances, vehicle, simulator,
+    a fixed frequency), and the outcomes by the present code (`reference`). Rewards and names do not enter.
+    The first 200 episodes of `test` are the 200 of `thesis`, but tests of 500 and of 200 episodes differ.
     """
     return digest_of(fingerprint_parts(protocol, conditions), 16)
 
 
 def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondition]) -> dict[str, str]:
-    """Return the parts of a fingerprint, 16 digits each: the scenarios, and their outcomes by today's code."""
+    """Return the parts of a fingerprint, 16 digits each: the scenarios, and their outcomes by the present code."""
     return {
         "scenarios": digest_of([_drawn(protocol, c) for c in conditions], 16),
         "outcomes": digest_of([_played(c) for c in conditions], 16),
@@ -226,7 +230,9 @@ def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondit
 
 
 def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) -> list[ResolvedCondition]:
-    """Return the conditions with the clock that each was played by, where the configuration left it to the server."""
+    """Return the conditions with the clock that each was run by, if the configuration left the choice to the
+    server.
+    """
     return [
         replace(c, config=replace(c.config, simulator=replace(c.config.simulator, clock=clocks[c.name])))
         if c.name in clocks and is_served(c.config.simulator)
@@ -236,19 +242,19 @@ def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) ->
 
 
 _NO_ROWS = ("threads", "namespace", "timeout")
-"""keys of a simulator that change no row: where and how it runs"""
+"""keys of a simulator that say where and how it runs, and change no row"""
 
-# The runs of a grid meet the same scenarios: each is drawn and played once.
+# The runs of a grid meet the same scenarios, so each is drawn and played once.
 _draws: dict[str, str] = {}
 _plays: dict[str, str] = {}
 
 
 def _physics(condition: ResolvedCondition) -> dict[str, Any]:
-    """Return what a scenario is drawn from and played by."""
+    """Return all values that a scenario is drawn from and simulated with."""
     config = condition.config
-    # A limit in seconds enters only where it is set: fingerprints are older than it.
+    # A time limit in seconds enters only if it is set, since older fingerprints lack it.
     limit = "time_limit" if config.task.time_limit is None else "max_steps"
-    # So do waves and a largest tilt: fingerprints are older than they are.
+    # Likewise for waves and a largest tilt.
     calm = () if config.disturbance.sea else ("waves",)
     level = ("tilt",) if getattr(config.task, "tilt", None) is None else ()
     task = {key: value for key, value in asdict(config.task).items() if key not in (*OBSERVED, limit, *level)}
@@ -287,7 +293,7 @@ def _drawn(protocol: schema.Protocol, condition: ResolvedCondition) -> str:
         drawn, episodes = embedded(condition.config), np.arange(protocol.episodes)
         batch = batch_of(protocol.scenarios, drawn, episodes, protocol.seed)
         batch.reset()
-        # Rounded to a nanometre: another machine may have another last bit.
+        # Rounded to a nanometre: the last bit may differ between machines.
         scenarios = np.round(batch.task.F, 9) + 0.0
         _draws[key] = hashlib.sha256(key.encode() + scenarios.tobytes()).hexdigest()
     return _draws[key]

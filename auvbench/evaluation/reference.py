@@ -1,12 +1,12 @@
-"""Digests of reference plays: they notice that physics, task or disturbances have changed.
+"""Compute digests of reference plays, which reveal changes of physics, task or disturbances.
 
-Each condition is played briefly: eight vehicles, a fixed sequence of commands. Observations, rewards, states and the record
-columns that the task declares enter the digest. Refactored code gives the same digest; doubled drag, another sign in the
-reward or another precedence of outcomes does not.
+Each condition is played briefly: eight vehicles, a fixed sequence of commands. Observations, rewards, states
+and the task's record columns enter the digest. Refactored code keeps the digest; doubled drag, a changed sign
+in the reward or a changed precedence of outcomes changes it.
 
-Two machines may differ in the last bits of a sine. Numbers are therefore rounded to `DIGITS` digits of the largest of
-their kind, and the play is too short for such differences to grow. Smaller changes, and later ones than `STEPS` steps, go
-unnoticed.
+Machines may differ in the last bits of a sine. Numbers are therefore rounded to `DIGITS` digits of the
+largest number of the same kind, and the play is too short for such differences to grow. Smaller changes, and
+changes after more than `STEPS` steps, go unnoticed.
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ Floats = NDArray[np.float64]
 DIGITS = 6
 STEPS = 24
 LOOKS = (0, 7, STEPS - 1)
-"""steps after which states are compared; few, because any number may lie where two machines round differently"""
+"""steps after which states are compared; few, because any number may be at a rounding boundary"""
 
 FREQUENCY = 10.0
-"""Hz, where the protocol leaves the frequency to each agent"""
+"""step frequency in Hz, if the protocol leaves it to each agent"""
 
 PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
-"""share of the way to the waypoint at which each vehicle starts: the last but one arrives"""
+"""share of the way to the waypoint at which each vehicle starts; the last but one reaches it"""
 
 VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
-"""m/s and rad/s: damping and Coriolis forces act from the first step on"""
+"""initial velocity in m/s and rad/s, so that damping and Coriolis forces act from the first step"""
 
 _REWARD = rewards.Thesis(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
-"""fixed: rewards belong to the agent, but their code computes a column of every row"""
+"""fixed reward: rewards belong to the agent, but their code computes a column of every row"""
 
 
 def digest(config: schema.TrainConfig, frequency: float | None) -> str:
     """Return 16 hexadecimal digits of the reference play of a condition.
 
     Args:
-        config: of the condition. The embedded simulator plays also where the condition has another one.
-        frequency: Hz that the protocol fixes; None where each agent has its own.
+        config: configuration of the condition; the reference play always uses the embedded simulator.
+        frequency: step frequency of the protocol, Hz; None if each agent has its own.
 
     Raises:
-        TrainingError: the simulation leaves the finite numbers.
+        TrainingError: the simulation produced numbers that are not finite.
     """
     sha = hashlib.sha256()
     for name, values in _played(config, frequency):
@@ -89,7 +89,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
     }
     records: dict[int, dict[str, Any]] = {}
     for step in range(STEPS):
-        # Eighths: the same bits on every machine.
+        # Multiples of 1/8 have the same bits on every machine.
         turn = 7 * step + 5 * np.arange(n)[:, None] + 3 * np.arange(n_u)
         result = batch.step((turn % 17 - 8) / 8.0)
         if step in LOOKS:
@@ -97,7 +97,8 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
             look = (result.observation, result.reward, simulator.pose, simulator.velocity, simulator.power)
             for name, value in zip(seen, look, strict=True):
                 seen[name].append(np.array(value, dtype=np.float64))
-        # What was measured: fingerprints are older than the rule that a failed episode counts as its bounds.
+        # The measured values, because fingerprints are older than the rule that a failed episode counts as its
+        # limits.
         for index in result.ended.tolist():
             records.setdefault(index, batch.task.measured(index))
     for name, looks in seen.items():
@@ -118,7 +119,7 @@ def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.Tra
 
 
 def _observed(task: tasks.Task) -> dict[str, Any]:
-    """Return what the reference play observes: the same for every agent."""
+    """Return the observation of the reference play, the same for every agent."""
     declared = factory(task.name).reference_blocks
     known = [*declared] or [name for name in TASKS[task.name].blocks if name != "preview"]
     frame = {} if isinstance(task, tasks.Tracked) else {"position_frame": "world"}
@@ -126,7 +127,7 @@ def _observed(task: tasks.Task) -> dict[str, Any]:
 
 
 def _set_out(batch: Batch) -> None:
-    """Put the vehicles on their way: one is about to arrive, one to leave the water."""
+    """Place the vehicles: one is about to reach the goal, one to leave the bounds."""
     pose, velocity = batch.simulator.pose, batch.simulator.velocity
     waypoint = batch.task.reference
     pose[:, :3] += PLACES[:, None] * (waypoint - pose[:, :3])

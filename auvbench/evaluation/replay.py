@@ -1,4 +1,4 @@
-"""Replay an episode of a test with its whole path, or read a mission that a pilot recorded."""
+"""Replay an episode of a test with its trajectory, or read a mission that a pilot recorded."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ ARRAYS = ("time", "position", "yaw", "command", "waypoint")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """An episode with its path; T steps."""
+    """Episode of T steps with its trajectory."""
 
     run: str
     protocol: str
@@ -40,22 +40,22 @@ class Replay:
     position: Floats  # (T + 1, 3) m
     yaw: Floats  # (T + 1,) rad
     command: Floats  # (T, n_u) N
-    waypoint: Floats  # (3,) m, the goal of a task with another
-    reference: Floats | None = None  # (T + 1, 3) m, where it moves
-    dock_yaw: Floats | None = None  # (1,) rad, in which a dock is entered
+    waypoint: Floats  # (3,) m, goal; (see `reference` for tasks that move it)
+    reference: Floats | None = None  # (T + 1, 3) m, if the reference moves
+    dock_yaw: Floats | None = None  # (1,) rad, heading in which a dock is entered
 
     @property
     def distance(self) -> Floats:
-        """Return the distance (T + 1,) m to the waypoint, the goal or a reference that moves."""
+        """Return the distance (T + 1,) in m to the waypoint, the goal or the moving reference."""
         to = self.waypoint if self.reference is None else self.reference
         return np.asarray(np.linalg.norm(self.position - to, axis=1), dtype=np.float32)
 
 
 def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode: int) -> Replay:
-    """Run one episode of a protocol with a fresh agent; its record is that of the test.
+    """Run one episode of a protocol with a fresh agent; its record equals the record of the test.
 
     Raises:
-        RunError: the run is not complete.
+        RunError: the run is incomplete.
         UserError: the protocol has no such condition or episode.
     """
     refuse_incomplete(run)
@@ -63,12 +63,12 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
         raise UserError(
             f"--episode {episode}: protocol {protocol.name} has episodes 0 to {protocol.episodes - 1}"
         )
-    found = {c.name: c.config for c in resolve_conditions(protocol, run.check())}
-    if condition not in found:
+    configs = {c.name: c.config for c in resolve_conditions(protocol, run.check())}
+    if condition not in configs:
         raise UserError(
-            f"--condition {condition}: not in protocol {protocol.name}; {closest(condition, found)}"
+            f"--condition {condition}: not in protocol {protocol.name}; {closest(condition, configs)}"
         )
-    config = found[condition]
+    config = configs[condition]
     result = one_episode(config, make_agent(run, config.step.frequency), protocol, episode)
     return Replay(
         run=run.id,
@@ -82,7 +82,7 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
 
 
 def is_mission(folder: Path) -> bool:
-    """Return whether a folder holds missions."""
+    """Return whether a folder contains missions."""
     return (folder / "mission.json").is_file()
 
 
@@ -90,7 +90,7 @@ def read_mission(folder: Path, number: int) -> Replay:
     """Return mission `number` of a folder.
 
     Raises:
-        RunError: its files are damaged, or of another version.
+        RunError: its files are damaged, or have a different version.
         UserError: the folder has no such mission.
     """
     try:
@@ -105,7 +105,7 @@ def read_mission(folder: Path, number: int) -> Replay:
         )
         table = columns.checked(table, schema)
         if not 0 <= number < len(table):
-            raise UserError(f"--episode {number}: {folder} holds missions 0 to {len(table) - 1}")
+            raise UserError(f"--episode {number}: {folder} has missions 0 to {len(table) - 1}")
         data = reading.content(folder / "trajectories.npz", reading.DATA)
         stored = archives.paths(data, CONDITION, [number])
         arrays = {
@@ -135,7 +135,7 @@ def read_mission(folder: Path, number: int) -> Replay:
 
 
 def _check_shapes(arrays: dict[str, Floats], n_u: int) -> None:
-    """Raise ValueError unless all arrays of an episode are of one length, and finite."""
+    """Raise ValueError unless all arrays of an episode have the right length and are finite."""
     n = len(arrays["time"])
     shapes = {"time": (n,), "position": (n, 3), "yaw": (n,), "command": (n - 1, n_u), "waypoint": (3,)}
     for name, array in arrays.items():

@@ -1,4 +1,4 @@
-"""Roll out one agent on all episodes of a condition, as one batch; time its actions."""
+"""Roll out an agent on all episodes of a condition as one batch, and time its actions."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ Integers = NDArray[np.int64]
 
 ACTIONS = 200
 WARM_UP = 3
-"""actions that are not counted: the first calls compile and build"""
+"""number of first actions that are not counted, since they compile and build"""
 SECONDS = 3.0
-"""of wall time after which no further action is timed; the first one always is"""
+"""wall time in s after which no further action is timed; the first action always is"""
 
 
 @dataclass(slots=True)
 class Trajectory:
-    """The path of one episode."""
+    """Trajectory of one episode."""
 
     position: list[Floats] = field(default_factory=list)  # (3,) m each
     yaw: list[float] = field(default_factory=list)  # rad
     command: list[Floats] = field(default_factory=list)  # (n_u,) N each
-    waypoint: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m, the goal of a task with another
+    waypoint: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m, goal
     reference: list[Floats] = field(default_factory=list)  # (3,) m each
-    dock_yaw: float | None = None  # rad, in which a dock is entered
+    dock_yaw: float | None = None  # rad, heading in which a dock is entered
 
     def arrays(self, duration: float) -> dict[str, NDArray[np.float32]]:
         """Return float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,).
 
-        With a dock also dock_yaw (1,); otherwise, where the reference moves, reference (T + 1, 3). On the way to a dock
-        the reference is an aid of the task's: what is asked for is the dock.
+        For a dock the arrays also have dock_yaw (1,); otherwise, if the reference moves, reference (T + 1,
+        3). A docking task's moving reference is only an aid of the task: its goal is the dock.
         """
         reference = np.asarray(self.reference, dtype=np.float32)
         moves = self.dock_yaw is None and bool((reference != reference[:1]).any())
@@ -65,17 +65,17 @@ class Trajectory:
 
 @dataclass(slots=True)
 class Rollout:
-    """The result of one condition of a test."""
+    """Result of one condition of a test."""
 
-    records: list[Record]  # in the order of the episodes
+    records: list[Record]  # one per episode, in order
     trajectories: dict[int, Trajectory]  # by episode
-    duration: float  # s of an agent step
+    duration: float  # duration of an agent step, s
     actuators: tuple[str, ...]  # names of the columns of a trajectory's command
     notes: dict[str, int] = field(default_factory=dict)  # see `counted`
 
     @classmethod
     def joined(cls, parts: Sequence[Rollout]) -> Rollout:
-        """Return the rollout of all episodes from parts, in their order."""
+        """Join the rollouts of parts of the episodes, in order."""
         notes: Counter[str] = Counter()
         for part in parts:
             notes.update(part.notes)
@@ -89,7 +89,9 @@ class Rollout:
 
 
 def counted(agent: Agent) -> dict[str, int]:
-    """Return the counters of an agent, from its method `notes()` if it has one: solves, failed and late ones."""
+    """Return the counters of an agent from its method `notes()`, if it has one: numbers of solves, failed and
+    late solves.
+    """
     notes: Callable[[], Mapping[str, int]] | None = getattr(agent, "notes", None)
     return {} if notes is None else {str(name): int(number) for name, number in notes().items()}
 
@@ -107,21 +109,21 @@ def roll_out(
 ) -> Rollout:
     """Run an agent through episodes (n,) of a seed, each to its end.
 
-    Episode e is a function of (seed, e): its row does not depend on `batch` or the other episodes.
+    Episode e is a function of (seed, e): its row depends neither on `batch` nor on other episodes.
 
     Args:
-        episodes: (n,) numbers.
-        batch: episodes at a time.
-        trajectories: paths to keep, of the first episodes.
-        scenarios: test or validation.
-        told: called with the number of episodes that have just ended.
+        episodes: (n,) numbers of the episodes.
+        batch: number of episodes to simulate at a time.
+        trajectories: number of first episodes whose trajectories are recorded.
+        scenarios: stream of scenarios, test or validation.
+        told: function called with the number of episodes that have just ended.
     """
     records: list[Record] = []
     paths: dict[int, Trajectory] = {}
     duration = 1.0 / config.step.frequency
     actuators: tuple[str, ...] = ()
     before = counted(agent)
-    # An agent with a loop of its own, faster than the agent step, moves the vehicle itself.
+    # An agent with its own loop, faster than the agent step, has its own simulator.
     own = getattr(agent, "simulator", None)
     batch = at_once(config, batch) if own is None else 1
     for start in range(0, len(episodes), batch):
@@ -140,7 +142,7 @@ def roll_out(
 def one_episode(
     config: schema.TrainConfig, agent: Agent, protocol: schema.Protocol, episode: int, *, path: bool = True
 ) -> Rollout:
-    """Run an agent through one episode of a protocol; the path is kept where it is wanted."""
+    """Run an agent through one episode of a protocol; record the trajectory if `path` is set."""
     return roll_out(
         config,
         agent,
@@ -153,7 +155,7 @@ def one_episode(
 
 
 def batch_of(scenarios: str, config: schema.TrainConfig, episodes: Integers, seed: int) -> Batch:
-    """Return an environment per episode (n,), drawn from the streams of test or validation; it ends for good."""
+    """Return one environment per episode (n,), from the stream of test or validation scenarios, without restarts."""
     validation = scenarios == "validation"
     batch = Batch(
         config, len(episodes), seed=seed, test=not validation, validation=validation, autoreset=False
@@ -163,7 +165,7 @@ def batch_of(scenarios: str, config: schema.TrainConfig, episodes: Integers, see
 
 
 def embedded(config: schema.TrainConfig) -> schema.TrainConfig:
-    """Return the configuration on the embedded simulator, which starts at once."""
+    """Return the configuration with the embedded simulator, which starts at once."""
     return replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
 
 
@@ -191,7 +193,7 @@ def _one_batch(
             paths[followed[i]].command.append(simulator.command_force[i].copy())
         before = len(rows)
         for i, record in zip(result.ended.tolist(), result.records, strict=True):
-            # An ended episode goes on until the last one ends: only its first end counts.
+            # An ended episode continues until the last one ends: only its first end counts.
             rows.setdefault(i, record)
         if len(rows) > before:
             told(len(rows) - before)
@@ -207,14 +209,15 @@ def _follow(path: Trajectory, pose: Floats, reference: Floats) -> None:
 
 
 def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
-    """Return median and 95th percentile of the ms of processor time per action on one core, and the machine.
+    """Return the median and 95th percentile of the processor time per action in ms, on one core, and the
+    machine.
 
-    The result is noise, and part of no row and no digest. One episode at a time, as on a vehicle. The processor time of the
-    whole process counts, not wall time, so that other work on the machine does not. The embedded simulator makes the
-    observations, whichever simulator the test uses.
+    Times are noisy, and are not part of a row or digest. One episode runs at a time, as on a vehicle.
+    Processor time of the whole process counts instead of wall time, so that other work on the machine has no
+    effect. The embedded simulator provides the observations, even if the test uses another simulator.
 
     Raises:
-        ActionError, RunError: the agent's actions are not valid.
+        ActionError, RunError: an action of the agent is not valid.
     """
     config = embedded(config)
     actions = _times(agent, config)
@@ -241,7 +244,7 @@ def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
 
 def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:
     """Yield the processor time of each action in s, episode after episode."""
-    # An agent may compute in a process of its own.
+    # An agent may compute in its own process.
     clock: Callable[[], float] = getattr(agent, "processor_time", time.process_time)
     for episode in count():
         numbers = np.array([episode])

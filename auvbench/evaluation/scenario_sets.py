@@ -1,7 +1,8 @@
 """Names and versions of the scenarios of the protocol `test`, with their fingerprints.
 
-A set is one task's scenarios: `waypoint-2026a`. Whoever changes what is drawn, or how it is played, adds a version here and
-says why; a test compares the newest version of each set with the code. Earlier versions stay: results name them.
+A set contains one task's scenarios, e.g. `waypoint-2026a`. A change of the scenarios or the physics needs a
+new version here, with the reason; a test compares the newest version of each set with the code. Earlier
+versions stay, because results name them.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ class ScenarioSet:
     version: str
     """Year and a letter"""
     fingerprints: tuple[str, ...]
-    """One for each of `VEHICLES`"""
+    """One fingerprint for each of `VEHICLES`"""
     change: str
-    """What is new in this version"""
+    """What changed in this version"""
 
     @property
     def name(self) -> str:
-        """Return the name for citations: waypoint-2026a."""
+        """Return the name for citations, e.g. waypoint-2026a."""
         return f"{self.task}-{self.version}"
 
 
@@ -50,24 +51,24 @@ SETS: tuple[ScenarioSet, ...] = (
     ),
     ScenarioSet("docking", "2026a", ("372a8e4102eeb023", "68ac90e484f69317", "e6b823ffe4dcd4b8"), FIRST),
 )
-"""All versions, those of a task from the oldest to the newest"""
+"""All versions; of each task from the oldest to the newest"""
 
 
 def newest() -> dict[str, ScenarioSet]:
     """Return the newest version of each task's set."""
-    return {one.task: one for one in SETS}
+    return {entry.task: entry for entry in SETS}
 
 
 def name_of(fingerprint: str) -> str:
-    """Return the name of the set with a fingerprint; empty where it is none of them.
+    """Return the name of the set with a fingerprint; '' if no set has it.
 
     >>> name_of("0123456789abcdef")
     ''
     """
-    return next((one.name for one in SETS if fingerprint in one.fingerprints), "")
+    return next((entry.name for entry in SETS if fingerprint in entry.fingerprints), "")
 
 
 def cited(fingerprint: str) -> str:
-    """Return a fingerprint as a report prints it: after the name of its set, where it has one."""
+    """Return a fingerprint as reports print it, after the name of its set if it has one."""
     name = name_of(fingerprint)
     return f"{name} ({fingerprint})" if name else fingerprint

@@ -1,7 +1,7 @@
-"""Read a sealed protocol: a JSON file of conditions that the agents of a study were not chosen on.
+"""Read a sealed protocol: a JSON file of conditions that were unknown when the agents of a study were chosen.
 
-Its conditions change the vehicle and the water of each run's test. What cannot be simulated yet is named, never skipped in
-silence. docs/sealed.md describes the keys.
+Its conditions change the vehicle and the water of each run's test. Conditions that cannot be simulated yet
+are named, never silently skipped. docs/sealed.md describes the keys.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from auvbench.vehicles.changes import SCALES, Changes, changed
 SUFFIX = ".json"
 FREQUENCY, BATCH = 10.0, 500
 OVERRIDES = ("task=same", "noise=thesis", "disturbance=none")
-"""Of a study's default test; conditions add to them"""
+"""Overrides of a study's default test; conditions add to them"""
 NOT_YET = {
     "heading_bias_deg": "a heading bias whose sign is drawn",
     "depth_offset_m": "a depth offset whose sign is drawn",
     "dvl_lost_share": "a DVL that loses the bottom",
     "dvl_burst_s": "a DVL that loses the bottom",
 }
-"""Keys of conditions that this version cannot simulate"""
+"""Keys of conditions that this version cannot simulate, with their descriptions"""
 DEPTHS = ("task.station", "task.dock", "task.start", "task.centre")
 Factor = Annotated[float, Range(0.01, 100.0)]
 Point = tuple[float, ...]
@@ -42,7 +42,7 @@ Point = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A condition in the file."""
+    """One condition of the file."""
 
     name: Name
     vehicle: Name | None = None
@@ -66,7 +66,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """The file."""
+    """Content of the file."""
 
     name: Name
     scenario_seed: Annotated[int, Range(0, (1 << 32) - 1)]
@@ -78,36 +78,36 @@ class Content:
 
 @dataclass(kw_only=True)
 class Condition(schema.Condition):
-    """A condition that may change the vehicle."""
+    """Condition that may change the vehicle."""
 
     sheet: dict[str, Any] | None = None
-    """Content of another vehicle sheet in place of the run's"""
+    """Content of a vehicle sheet that replaces the run's"""
     changes: Changes = field(default_factory=Changes)
 
     def vehicle(self, own: Mapping[str, Any]) -> dict[str, Any]:
         """Return the sheet of the test for a run's own sheet.
 
         Raises:
-            VehicleError: the vehicle cannot be changed so.
+            VehicleError: the change does not fit the vehicle.
         """
         return changed(own if self.sheet is None else self.sheet, self.changes)
 
 
 @dataclass(kw_only=True)
 class Protocol(schema.Protocol):
-    """A sealed protocol."""
+    """Sealed protocol."""
 
     tasks: list[str]
     sha256: dict[str, str]
-    """Digests of the file and of the sheets that it names, by name"""
+    """Digests of the file and of its sheets, by file name"""
     not_tested: list[str]
-    """What this version cannot simulate"""
+    """Conditions and tasks that this version cannot simulate"""
 
     def refuse_task(self, task: str) -> None:
-        """Raise ConfigError unless the protocol tests a task."""
+        """Raise ConfigError unless the protocol tests the task."""
         if task not in self.tasks:
             raise ConfigError(
-                f"protocol {self.name}: tests {', '.join(self.tasks)}; the run is of task {task}"
+                f"protocol {self.name}: tests {', '.join(self.tasks)}, but the run has task {task}"
             )
 
 
@@ -115,7 +115,7 @@ def read(path: Path) -> Protocol:
     """Return the protocol in a JSON file.
 
     Raises:
-        ConfigError: the file cannot be read, or an entry is unknown or wrong; names the entry.
+        ConfigError: the file cannot be read, or an entry is unknown or wrong; the message names the entry.
         VehicleError: a sheet is wrong.
     """
     try:
@@ -133,7 +133,7 @@ def read(path: Path) -> Protocol:
         )
     if content.name in folders.options("protocol"):
         raise ConfigError(
-            f"protocol={path}: name {content.name} is the name of another protocol; choose another"
+            f"protocol={path}: name {content.name} belongs to another protocol; choose another name"
         )
     digests = {path.name: hashlib.sha256(data).hexdigest()}
     missing = [f"task {name}: this version does not have it" for name in content.tasks if name not in TASKS]
@@ -168,11 +168,11 @@ def read(path: Path) -> Protocol:
 
 
 def _known(document: Any) -> None:
-    """Raise ValueError for a key that the file must not have."""
+    """Raise ValueError for an unknown key of the file."""
     if not isinstance(document, dict):
         raise ValueError("it is not a JSON object")
     _refuse(document, Content, "")
-    for at, entry in enumerate(found if isinstance(found := document.get("conditions"), list) else []):
+    for at, entry in enumerate(entries if isinstance(entries := document.get("conditions"), list) else []):
         if isinstance(entry, dict):
             _refuse(entry, Entry, f"conditions[{at}].")
             scale = entry.get("scale")
@@ -191,10 +191,10 @@ def _refuse(entries: Mapping[str, Any], kind: type, where: str) -> None:
 
 
 def _condition(entry: Entry, path: Path, digests: dict[str, str]) -> Condition:
-    """Return a condition; add the digest of its sheet.
+    """Return a condition, and add the digest of its sheet to `digests`.
 
     Raises:
-        ValueError: values contradict each other, or the sheet's name is not that of a file next to the protocol.
+        ValueError: values contradict each other, or the sheet is not a file next to the protocol.
     """
     if len(entry.weak_thrusters) != len(entry.weak_share) or len(set(entry.weak_thrusters)) < len(
         entry.weak_thrusters
@@ -224,7 +224,7 @@ def _condition(entry: Entry, path: Path, digests: dict[str, str]) -> Condition:
 
 
 def _sheet(file: Path, digests: dict[str, str]) -> dict[str, Any]:
-    """Return the content of a sheet with its parents; add its digest."""
+    """Return the content of a sheet with its parents, and add its digest to `digests`."""
     if file.suffix not in (".yaml", ".yml"):
         raise ValueError(f"vehicle must be a YAML file next to the protocol, got {short(file.name, 60)}")
     try:
@@ -240,13 +240,13 @@ def _sheet(file: Path, digests: dict[str, str]) -> dict[str, Any]:
 
 def _overrides(entry: Entry) -> list[str]:
     """Return the changes of water, depth and readings as overrides of a configuration."""
-    found = []
+    overrides = []
     if entry.sea_state is not None:
-        found.append(f"disturbance=sea_state_{entry.sea_state}")
+        overrides.append(f"disturbance=sea_state_{entry.sea_state}")
     if entry.current_m_per_s is not None:
-        found.append(f"disturbance.current.speed={entry.current_m_per_s!r}")
+        overrides.append(f"disturbance.current.speed={entry.current_m_per_s!r}")
     if entry.delay_s is not None:
-        found.append(f"disturbance.delay.observation={entry.delay_s!r}")
+        overrides.append(f"disturbance.delay.observation={entry.delay_s!r}")
     if entry.depth_m is not None:
-        found += [f"{key}=[0,0,{-entry.depth_m!r}]" for key in DEPTHS]
-    return found
+        overrides += [f"{key}=[0,0,{-entry.depth_m!r}]" for key in DEPTHS]
+    return overrides

@@ -1,4 +1,4 @@
-"""ArduSub at the other end of a link: what it tells, and the commands that it takes.
+"""Talk to ArduSub over a link: its telemetry, and commands to it.
 
 Sources: ArduSub/GCS_MAVLink_Sub.cpp, ArduSub/mode.h, ArduSub/failsafe.cpp, libraries/GCS_MAVLink/GCS_Common.cpp.
 """
@@ -20,41 +20,41 @@ from auvbench.mavlink.telemetry import FIELDS, Telemetry
 from auvbench.untrusted.text import short
 
 FOUND = 10.0
-"""s in which a vehicle that runs is heard, and answers"""
+"""time in s in which a running vehicle is heard, and answers"""
 AGAIN = 0.5
-"""s until a request without an answer is sent again"""
+"""time in s after which an unanswered request is repeated"""
 TOLD = 2.0
-"""s in which it tells parameters that an older ArduSub does not have"""
+"""time in s to wait for parameters that an older ArduSub lacks"""
 SILENT = 5.0
-"""s after which a second vehicle is forgotten"""
+"""time in s after which a silent second vehicle is forgotten"""
 BEAT = 0.1
-"""s between its heartbeats, as is asked for: they tell the mode"""
+"""requested interval of heartbeats in s; a heartbeat has the mode"""
 WARNING = 4
-"""MAV_SEVERITY; what is worse has a lower number"""
+"""MAV_SEVERITY of a warning; more severe messages have lower numbers"""
 ROUNDS = 6
-"""of neutral sticks and the order to disarm, in a will: some may be lost"""
+"""repetitions of neutral sticks and the order to disarm in a will, since some may be lost"""
 PARAMETERS = {"FRAME_CONFIG": (0.0, 100.0), "JS_THR_GAIN": (0.1, 10.0), "MOT_FV_CPLNG_K": (0.0, 10.0)}
-"""what the mixer depends on, and the values that it may have"""
+"""parameters that the mixer needs, with their possible ranges"""
 
 
 class Autopilot:
-    """The one vehicle on a link.
+    """The vehicle on a link.
 
     Args:
-        link: open.
-        rate: Hz of the telemetry that is asked for.
-        say: called with its warnings.
+        link: open link.
+        rate: requested rate of telemetry, Hz.
+        say: function called with the vehicle's warnings.
 
     Attributes:
-        armed: as its last heartbeat said.
-        mode: likewise.
-        gain: of the joystick, as it tells.
-        parameters: by the names of `PARAMETERS`, and of `FAILSAFES` where it has them.
-        telemetry: its attitude, position and heartbeats.
-        warning: its last one.
+        armed: whether the last heartbeat said armed.
+        mode: mode in the last heartbeat.
+        gain: joystick gain that the vehicle reports.
+        parameters: values by the names in `PARAMETERS`, and in `FAILSAFES` if the vehicle has them.
+        telemetry: attitude, position and heartbeats.
+        warning: last warning.
 
     Raises:
-        UserError: no vehicle is heard, it is no submarine of ArduPilot, or it does not answer.
+        UserError: no vehicle is heard, it is not an ArduPilot submarine, or it does not answer.
     """
 
     def __init__(self, link: Link, rate: float, say: Callable[[str], None] = lambda text: None) -> None:
@@ -66,7 +66,7 @@ class Autopilot:
         self.parameters: dict[str, float] = {}
         self.warning = ""
         self._who: tuple[Peer, int] | None = None
-        self._others: dict[tuple[Peer, int], float] = {}  # when each was heard
+        self._others: dict[tuple[Peer, int], float] = {}  # time of the last message of each vehicle
         self._answers: dict[int, int] = {}  # results by command
         self.telemetry = Telemetry()
         self._beat = self._asked = -math.inf
@@ -89,7 +89,10 @@ class Autopilot:
     def until(
         self, condition: Callable[[], bool], seconds: float, ask: Callable[[], None] = lambda: None
     ) -> bool:
-        """Handle messages until `condition()`, at most `seconds`; return whether it holds. `ask` is repeated."""
+        """Handle messages until `condition()`, at most `seconds`; return whether it is true.
+
+        Call `ask` repeatedly.
+        """
         end, again = time.monotonic() + seconds, -math.inf
         while not condition():
             now = time.monotonic()
@@ -111,11 +114,11 @@ class Autopilot:
     # Incoming messages.
 
     def receive(self, seconds: float) -> None:
-        """Handle what has come, else wait for a message at most `seconds`.
+        """Handle the messages that have arrived, or wait at most `seconds` for one.
 
         Raises:
             RunError: the link was closed.
-            UserError: the first vehicle that is heard is no submarine of ArduPilot.
+            UserError: the first vehicle that is heard is not an ArduPilot submarine.
         """
         if time.monotonic() - self._beat >= 1.0:
             self._beat = time.monotonic()
@@ -124,10 +127,10 @@ class Autopilot:
             # 1 is the autopilot; cameras and companion computers of the same vehicle have other numbers.
             if message.get_srcComponent() != 1:
                 continue
-            who = (peer, message.get_srcSystem())
+            sender = (peer, message.get_srcSystem())
             if message.get_type() == "HEARTBEAT":
-                self._heartbeat(who, message)
-            elif who == self._who:
+                self._heartbeat(sender, message)
+            elif sender == self._who:
                 self._handle(message)
 
     def _heartbeat(self, who: tuple[Peer, int], message: Any) -> None:
@@ -137,7 +140,7 @@ class Autopilot:
         if self._who is None:
             if message.type != d.MAV_TYPE_SUBMARINE or message.autopilot != d.MAV_AUTOPILOT_ARDUPILOTMEGA:
                 raise UserError(
-                    f"--mavlink {self.link.address}: system {who[1]} at {_written(who[0])} is no submarine of ArduPilot"
+                    f"--mavlink {self.link.address}: system {who[1]} at {_written(who[0])} is not an ArduPilot submarine"
                     f" (MAV_TYPE {message.type}, must be {d.MAV_TYPE_SUBMARINE}; MAV_AUTOPILOT {message.autopilot}, must be"
                     f" {d.MAV_AUTOPILOT_ARDUPILOTMEGA})"
                 )
@@ -168,7 +171,7 @@ class Autopilot:
 
     @property
     def company(self) -> str:
-        """A second vehicle on the link, as text; empty if there is none."""
+        """Return a second vehicle on the link as text; '' if there is none."""
         for (peer, system), when in self._others.items():
             if time.monotonic() - when < SILENT:
                 return f"system {system} at {_written(peer)}"
@@ -176,38 +179,38 @@ class Autopilot:
 
     @property
     def peer(self) -> Peer:
-        """Its address."""
+        """Return the vehicle's address."""
         assert self._who is not None
         return self._who[0]
 
     @property
     def who(self) -> str:
-        """The vehicle, as text."""
+        """Return the vehicle as text."""
         assert self._who is not None
         return f"system {self._who[1]} at {_written(self._who[0])}"
 
     # Outgoing messages.
 
     def ask_telemetry(self) -> None:
-        """Ask for attitude, position, frequent heartbeats and the joystick's gain."""
+        """Request attitude, position, frequent heartbeats and the joystick's gain."""
         d = self._dialect
         for message in (d.MAVLINK_MSG_ID_ATTITUDE, d.MAVLINK_MSG_ID_LOCAL_POSITION_NED):
             self._command(d.MAV_CMD_SET_MESSAGE_INTERVAL, message, self._interval)
         self._command(d.MAV_CMD_SET_MESSAGE_INTERVAL, d.MAVLINK_MSG_ID_HEARTBEAT, 1e6 * BEAT)
-        # ArduSub sends its named values with this stream alone.
+        # ArduSub sends its named values only with this stream.
         self._send("request_data_stream", d.MAV_DATA_STREAM_EXTENDED_STATUS, 2, 1, component=True)
 
     def manual_control(self, sticks: Sticks) -> None:
-        """Set the sticks."""
+        """Send the positions of the sticks."""
         self.link.send(self._manual_control(sticks), self.peer)
 
     def _manual_control(self, sticks: Sticks) -> Any:
-        extensions = 3  # s and t are in the message
+        extensions = 3  # bits for the fields s and t
         fields = (sticks.x, sticks.y, sticks.z, sticks.r, 0, 0, extensions, sticks.s, sticks.t)
         return self._message("manual_control", *fields)
 
     def take_over(self) -> str:
-        """Switch to MANUAL and arm; return why the vehicle does not, or an empty text."""
+        """Switch to MANUAL and arm; return why the vehicle does not, or ''."""
         d = self._dialect
         self._answers.clear()
         self.warning = ""
@@ -222,7 +225,7 @@ class Autopilot:
             return self.armed or self._answers.get(arm, d.MAV_RESULT_ACCEPTED) != d.MAV_RESULT_ACCEPTED
 
         if not self.until(answered, 5.0, lambda: self._command(arm, 1)) or not self.armed:
-            self._command(arm, 0)  # an order to arm that is late must not leave it armed
+            self._command(arm, 0)  # a late order to arm must not leave the vehicle armed
             return self._refused("arming")
         return ""
 
@@ -230,7 +233,7 @@ class Autopilot:
         return f"ArduSub refuses {what}" + (f": {self.warning}" if self.warning else "")
 
     def disarm(self, seconds: float) -> bool:
-        """Ask it to disarm until it says that it has, at most `seconds`; return whether it has."""
+        """Request disarming until the vehicle confirms it, at most `seconds`; return whether it has."""
         d = self._dialect
         arm = d.MAV_CMD_COMPONENT_ARM_DISARM
         self._answers.pop(arm, None)
@@ -241,7 +244,7 @@ class Autopilot:
         )
 
     def will(self) -> list[bytes]:
-        """Return the packets that bring it to rest, whatever the pilot did before."""
+        """Return the packets that bring the vehicle to rest from any state."""
         disarm = (self._dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, *[0.0] * 7)
         messages = [self._manual_control(NEUTRAL), self._message("command_long", *disarm, component=True)]
         return [self.link.pack(message) for _ in range(ROUNDS) for message in messages]
@@ -262,7 +265,7 @@ class Autopilot:
         self.link.send(self._message(name, *fields, component=component), self.peer)
 
     def _message(self, name: str, *fields: Any, component: bool = False) -> Any:
-        """Return a message to the vehicle; its first fields are system and, if it has one, component."""
+        """Return a message to the vehicle; its first fields are system and, if the message has one, component."""
         assert self._who is not None
         target = (self._who[1], 1) if component else (self._who[1],)
         return getattr(self._dialect, f"MAVLink_{name}_message")(*target, *fields)

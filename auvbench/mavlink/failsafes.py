@@ -1,4 +1,5 @@
-"""ArduSub's own failsafes, which catch what no program of the pilot can: a lost network, a computer without power.
+"""Check ArduSub's own failsafes, which handle failures that the pilot cannot: a lost network, a computer
+without power.
 
 Sources: ArduSub/Parameters.cpp, ArduSub/failsafe.cpp.
 """
@@ -13,29 +14,27 @@ FAILSAFES = {
     "FS_PILOT_TIMEOUT": (0.0, 1e6),
     "FS_GCS_TIMEOUT": (0.0, 1e6),
 }
-"""parameters, and the values that they may have; an older ArduSub lacks the last one"""
+"""parameters with their possible ranges; an older ArduSub lacks the last one"""
 ACTS = 2.0
-"""the first value of the first two parameters with which ArduSub acts: 0 is off, 1 warns, 2 disarms"""
+"""smallest value of the first two parameters at which ArduSub acts: 0 is off, 1 warns, 2 disarms"""
 SLOW = 10.0
-"""s, a long time under thrust"""
+"""time in s that is long under thrust"""
 
 
 def weak(parameters: Mapping[str, float]) -> str:
-    """Return a warning about failsafes that are off, slow or unknown; an empty text if they are in order."""
-    found = []
+    """Return a warning about failsafes that are off, slow or unknown; '' if they are in order."""
+    problems = []
     for name in ("FS_PILOT_INPUT", "FS_GCS_ENABLE"):
         value = parameters.get(name)
         if value is None:
-            found.append(f"{name} is unknown")
+            problems.append(f"{name} is unknown")
         elif value < ACTS:
-            found.append(
+            problems.append(
                 f"{name} is {value:g} ({'only warns' if value == 1.0 else 'off'}), should be {ACTS:g} (disarm)"
             )
     for name in ("FS_PILOT_TIMEOUT", "FS_GCS_TIMEOUT"):
         if (value := parameters.get(name, 0.0)) > SLOW:
-            found.append(f"{name} is {value:g} s, should be at most {SLOW:g} s")
-    if not found:
+            problems.append(f"{name} is {value:g} s, should be at most {SLOW:g} s")
+    if not problems:
         return ""
-    return (
-        f"warning: a lost network may leave the vehicle under thrust: ArduSub's parameter {'; '.join(found)}"
-    )
+    return f"warning: a lost network may leave the vehicle under thrust: ArduSub's parameter {'; '.join(problems)}"

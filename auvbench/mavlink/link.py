@@ -1,4 +1,4 @@
-"""Messages over UDP or TCP. Bytes that are no message are dropped."""
+"""Send and receive messages over UDP or TCP. Bytes outside messages are dropped."""
 
 from __future__ import annotations
 
@@ -17,20 +17,22 @@ Peer = tuple[str, int]
 """address and port"""
 
 SYSTEM = 255
-"""our system id: ArduSub takes commands from the one in its parameter MAV_GCS_SYSID (older: SYSID_MYGCS) alone"""
+"""system id of the pilot; ArduSub accepts commands only from the id in its parameter MAV_GCS_SYSID (older:
+SYSID_MYGCS)
+"""
 COMPONENT = 190
-"""MAV_COMP_ID_MISSIONPLANNER, of a ground station"""
+"""MAV_COMP_ID_MISSIONPLANNER, the component id of a ground station"""
 LONGEST = 4096
-"""bytes that are read at once; what is longer is no datagram of messages"""
+"""largest number of bytes to read at once; a longer datagram does not contain messages"""
 TURN = 0.05
-"""s after which the caller goes on, so that a flood does not hold it"""
+"""time in s after which `receive` returns, so that a flood of messages does not block the caller"""
 
 
 class Link:
     """An open port or connection.
 
     Args:
-        address: `udp:HOST:PORT` listens there, as a ground station does; `tcp:HOST:PORT` connects.
+        address: `udp:HOST:PORT` listens, as a ground station does; `tcp:HOST:PORT` connects.
 
     Raises:
         UserError: the address has another form, or cannot be opened.
@@ -54,11 +56,12 @@ class Link:
             raise UserError(f"--mavlink {address}: {what}: {error.strerror or error}") from error
         self._server = peer
         self.guard: Guard | None = None
-        # A send to a full buffer must not hold the loop.
+        # Sending to a full buffer must not block the loop.
         self._socket.settimeout(0.5)
 
     def receive(self, seconds: float) -> Iterator[tuple[Peer, Any]]:
-        """Yield messages and their senders: those that are here, else the first that comes within `seconds`.
+        """Yield messages and their senders: all that have arrived, else the first that comes within
+        `seconds`.
 
         Raises:
             RunError: the other end closed the connection, or the supervisor has ended.
@@ -72,20 +75,21 @@ class Link:
             seconds = 0.0
             try:
                 data, peer = self._socket.recvfrom(LONGEST)
-            except OSError:  # of UDP: what was sent before found no listener
+            except OSError:  # a UDP error: an earlier message found no listener
                 if self._stream is not None:
                     raise self._lost() from None
                 continue
             if self._stream is not None and not data:
                 raise self._lost()
-            # A datagram holds whole messages, so that one sender's garbage cannot swallow another's message.
+            # A datagram has only whole messages, so that one sender's garbage cannot swallow another's message.
             parser = self._stream or self._parser()
             for message in parser.parse_buffer(data) or ():
                 if not message.get_type().startswith(("BAD_DATA", "UNKNOWN")):
                     yield peer or self._server, message
 
     def send(self, message: Any, peer: Peer) -> None:
-        """Send a message, by the supervisor if there is one; what the network does not take is lost, as on the way.
+        """Send a message, through the supervisor if there is one; a message that the network does not accept
+        is lost.
 
         Raises:
             Unsupervised: the supervisor has ended.
@@ -100,16 +104,16 @@ class Link:
                 self._socket.sendall(data)
 
     def pack(self, message: Any) -> bytes:
-        """Return the bytes of our next message."""
+        """Return the bytes of the pilot's next message."""
         data = bytes(message.pack(self._out))
         self._out.seq = (self._out.seq + 1) % 256
         return data
 
     def supervise(self, peer: Peer, patience: float) -> Guard:
-        """Start the supervisor, which sends from now on; s of `patience` as `Guard`.
+        """Start the supervisor, which sends from now on; see `Guard` for `patience`.
 
         Raises:
-            RunError: it does not start.
+            RunError: the supervisor does not start.
         """
         number = self._socket.fileno()
         words = ("mavlink", str(number), peer[0], str(peer[1]))

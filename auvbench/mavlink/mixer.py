@@ -1,8 +1,10 @@
-"""ArduSub's mixer in the mode MANUAL, and its inverse: from thrusters' forces to the axes of MANUAL_CONTROL.
+"""Model ArduSub's mixer in the mode MANUAL, and invert it: from thruster forces to the axes of
+MANUAL_CONTROL.
 
-Sources: the mixing is that of output_armed_stabilizing_vectored and ..._vectored_6dof in libraries/AP_Motors/AP_Motors6DOF.cpp,
-the sticks are those of transform_manual_control_to_rc_override in ArduSub/joystick.cpp and ModeManual::run in
-ArduSub/mode_manual.cpp. The mixer's output is linear in PWM, which a T200 turns into a force by its curve.
+Sources: the mixing is in output_armed_stabilizing_vectored and ..._vectored_6dof in
+libraries/AP_Motors/AP_Motors6DOF.cpp; the sticks are in transform_manual_control_to_rc_override in
+ArduSub/joystick.cpp and in ModeManual::run in ArduSub/mode_manual.cpp. The mixer's output is linear in PWM,
+which a T200 converts to a force by its curve.
 """
 
 from __future__ import annotations
@@ -19,16 +21,16 @@ from auvbench.vehicles.curves import t200_curve
 Floats = NDArray[np.float64]
 
 ROLL, PITCH, YAW, THROTTLE, FORWARD, LATERAL = range(6)
-"""axes of the mixer, forward, starboard, down; throttle is up"""
+"""axes of the mixer (forward, starboard, down); throttle is up"""
 FULL = 1000
-"""of a stick"""
+"""full deflection of a stick"""
 RAW = 400
-"""of s and t: they are microseconds of PWM, which the gain does not scale"""
+"""full deflection of s and t, in microseconds of PWM that the gain does not scale"""
 _ITERATIONS = 6
 _DAMPING = 1e-3
 _STEP = 0.01
 _SPREAD = 0.1
-"""m: a moment counts as a force at this lever"""
+"""lever in m by which a moment is weighted as a force"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,9 +52,10 @@ class Mixer:
     """The mixer of one vehicle.
 
     Args:
-        motors: the vehicle's thrusters, found in one of ArduSub's frames.
+        motors: thrusters of the vehicle, matched to one of ArduSub's frames.
         throttle_gain: ArduSub's parameter JS_THR_GAIN.
-        coupling: ArduSub's parameter MOT_FV_CPLNG_K, by which the frame vectored limits the rear thrusters while it dives or rises.
+        coupling: ArduSub's parameter MOT_FV_CPLNG_K, by which the frame vectored limits the rear thrusters
+            during vertical motion.
     """
 
     def __init__(self, motors: Motors, *, throttle_gain: float = 1.0, coupling: float = 1.0) -> None:
@@ -70,7 +73,7 @@ class Mixer:
         """Return the motors' outputs (..., motors) in [-1, 1] at axes (..., 6) in [-1, 1]."""
         factors = self._factors.T
         if self.frame.name == "vectored_6dof":
-            # Each group is scaled down where one of its motors would saturate.
+            # Each group is scaled down if one of its motors would saturate.
             groups = ([ROLL, PITCH, THROTTLE], [YAW, FORWARD, LATERAL])
             parts = [axes[..., group] @ factors[group] for group in groups]
             return np.asarray(
@@ -78,23 +81,25 @@ class Mixer:
             )
         forward = axes[..., FORWARD, None]
         room = np.maximum(1.0 - self.coupling * np.abs(axes[..., THROTTLE, None]), 0.0)
-        # Those motors are limited that push the way the vehicle goes, and stand behind.
+        # The mixer limits the rear motors that push in the direction of motion.
         limited = factors[FORWARD] * forward > 0.0
         ahead = np.where(limited, np.clip(forward, -room, room), forward)
         others = [ROLL, PITCH, YAW, THROTTLE, LATERAL]
         return np.asarray(np.clip(axes[..., others] @ factors[others] + factors[FORWARD] * ahead, -1.0, 1.0))
 
     def wrench(self, axes: Floats) -> Floats:
-        """Return the steady wrench (..., 6) in N and N m, body FLU, of axes (..., 6)."""
+        """Return the steady wrench (..., 6) in N and N m, body FLU, at axes (..., 6)."""
         pulses = CENTRE + (HIGH - CENTRE) * self.levels(axes)
         return np.asarray(self.motors.forces(pulses) @ self._B.T)
 
     def limits(self, gain: float) -> Floats:
-        """Return the largest magnitude (6,) of each axis at a joystick gain; it does not limit roll and pitch."""
+        """Return the largest magnitude (6,) of each axis at a joystick gain, which does not limit roll and pitch."""
         return np.minimum([1.0, 1.0, gain, gain * self.throttle_gain, gain, gain], 1.0)
 
     def reach(self, gain: float) -> Floats:
-        """Return the largest force or moment (6,) along each axis of the body over what the vehicle's thrusters give together."""
+        """Return the largest force or moment (6,) along each axis, as a share of what the vehicle's thrusters
+        can give together.
+        """
         axes = np.diag(self.limits(gain))[[FORWARD, LATERAL, THROTTLE, ROLL, PITCH, YAW]]
         both = [np.abs(np.diagonal(self.wrench(sign * axes))) for sign in (1.0, -1.0)]
         vehicle = self.motors.vehicle
@@ -102,10 +107,11 @@ class Mixer:
         return np.asarray(np.minimum(np.minimum(*both) / most, 1.0))
 
     def axes(self, force: Floats, limits: Floats) -> Floats:
-        """Return the axes (6,) within `limits` (6,) whose wrench is closest to that of thrusters' forces (n_u,) in N.
+        """Return the axes (6,) within `limits` (6,) whose wrench is closest to the wrench of thruster forces
+        (n_u,) in N.
 
-        The mixer knows no forces that cancel each other, so the search (Levenberg and Marquardt's) starts from the least forces
-        of the same wrench.
+        The mixer cannot produce forces that cancel each other, so the search (Levenberg and Marquardt's)
+        starts from the smallest forces with the same wrench.
         """
         wanted = self._weight * (self._B @ force)
         used, signs = self._used, np.array(self.motors.signs)

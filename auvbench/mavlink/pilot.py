@@ -1,4 +1,4 @@
-"""A pilot whose vehicle is ArduSub: thrusters' forces go to its mixer by MANUAL_CONTROL."""
+"""Pilot a vehicle that runs ArduSub: thruster forces go to its mixer as MANUAL_CONTROL."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from auvbench.vehicles.inspect import AXES
 Floats = NDArray[np.float64]
 
 TELEMETRY = 90.0
-"""s in which attitude and position come: in SITL the estimator has a position some 50 s after the start"""
+"""time in s to wait for attitude and position; in SITL the estimator has a position about 50 s after the start"""
 SLOWEST = 1.0
-"""Hz, of sticks"""
+"""lowest rate of sticks, Hz"""
 FASTEST = 200.0
-"""Hz, of telemetry"""
+"""highest rate of telemetry, Hz"""
 
 
 class Pilot(loop.Pilot):
-    """A pilot as a ground station.
+    """Pilot that acts as a ground station.
 
     Args:
-        address: of the link.
-        steering: as `loop.Pilot`; its vehicle's thrusters are those of ArduSub's frame.
-        options: likewise; `sim_time` steps by the vehicle's time since boot.
+        address: address of the link.
+        steering: see `loop.Pilot`; its vehicle must have the thrusters of ArduSub's frame.
+        options: see `loop.Pilot`; `sim_time` steps by the vehicle's time since boot.
 
     Raises:
-        UserError: no vehicle, another one, or no telemetry; the message says what to check.
+        UserError: there is no vehicle, a wrong one, or no telemetry; the message says what to check.
     """
 
     source = "telemetry"
@@ -53,7 +53,7 @@ class Pilot(loop.Pilot):
         motors = motors_of(steering.vehicle)
         self.link = Link(address)
         try:
-            # Several messages a step, so that a step's pose is young.
+            # Several messages per step, so that the pose of a step is recent.
             self.vehicle = Autopilot(self.link, min(4.0 * frequency, FASTEST), self._say)
             self._check_frame(motors)
             self.guard = self.link.supervise(self.vehicle.peer, self.limits.patience)
@@ -88,7 +88,7 @@ class Pilot(loop.Pilot):
             )
 
     def about(self) -> str:
-        """Return what the mixer can reproduce, as one line."""
+        """Return which part of the vehicle's forces the mixer can produce, as one line."""
         gain = self.vehicle.gain
         reach = dict(zip(AXES, self.mixer.reach(gain), strict=True))
         parts = ", ".join(f"{part:.0%} of {axis}" for axis, part in reach.items() if part > 0.005)
@@ -112,7 +112,7 @@ class Pilot(loop.Pilot):
             self._armed_elsewhere()
         self._was_armed = vehicle.armed
         now = time.monotonic()
-        if self.age > 1.0 and now - self._asked > 1.0:  # it may have restarted
+        if self.age > 1.0 and now - self._asked > 1.0:  # the vehicle may have restarted
             self._asked = now
             vehicle.ask_telemetry()
 
@@ -145,7 +145,7 @@ class Pilot(loop.Pilot):
             self._report(warning)
         try:
             why = self.vehicle.take_over()
-        except BaseException:  # such as a second Ctrl-C
+        except BaseException:  # e.g. a second Ctrl-C
             self.vehicle.disarm(0.5)
             raise
         self._take_telemetry()
@@ -153,7 +153,7 @@ class Pilot(loop.Pilot):
 
     def _rest(self) -> bool:
         super()._rest()
-        # In another mode a person or a failsafe has the vehicle.
+        # In another mode a person or a failsafe controls the vehicle.
         if self.vehicle.mode != MANUAL or self.vehicle.disarm(1.5):
             return True
         self._report("ArduSub has not said that it is disarmed")

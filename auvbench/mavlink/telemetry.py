@@ -1,4 +1,4 @@
-"""What ArduSub tells of its motion, by its own clock."""
+"""Read ArduSub's telemetry of its motion, by its own clock."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ FIELDS = {
     "ATTITUDE": ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed"),
     "LOCAL_POSITION_NED": ("x", "y", "z", "vx", "vy", "vz"),
 }
-"""messages of telemetry, and their numbers"""
+"""messages of telemetry, with their fields"""
 BACK = 500
-"""ms by which a clock that has not been set back may be overtaken"""
+"""time in ms by which a message may be overtaken without a restart of the clock"""
 BEAT = 1000
-"""ms, the longest regular interval between heartbeats"""
+"""longest regular interval between heartbeats, ms"""
 TURNED = 7.0
-"""rad, beyond every angle of an attitude"""
+"""an angle in rad larger than any angle of an attitude"""
 
 
 class Telemetry:
-    """The last messages of telemetry, and when the heartbeats came between them."""
+    """Last messages of telemetry, and the times of heartbeats between them."""
 
     def __init__(self) -> None:
         self.told: dict[str, tuple[int, Floats]] = {}
         """time in ms since boot and numbers of each message"""
         self._beaten: tuple[int, int] | None = (
-            None  # time of the last heartbeat in ms, and ms since the one before
+            None  # time of the last heartbeat, and time since the previous one, ms
         )
 
     def take(self, message: Any) -> None:
-        """Take one of `FIELDS`, unless it is old or no measurement."""
+        """Process one of `FIELDS`, unless it is old or not a measurement."""
         kind, stamp = message.get_type(), message.time_boot_ms
         numbers = [getattr(message, name) for name in FIELDS[kind]]
         last = self.told.get(kind, (-1, None))[0]
@@ -45,14 +45,14 @@ class Telemetry:
         if kind == "ATTITUDE" and max(map(abs, numbers[:3])) > TURNED:
             return
         if stamp < last - BACK:
-            self.told.clear()  # it restarted: the rest is of another time
+            self.told.clear()  # a restart: the other messages are from before it
             self._beaten = None
         elif stamp <= last:
             return
         self.told[kind] = (stamp, np.array(numbers, dtype=np.float64))
 
     def beat(self) -> None:
-        """Note a heartbeat."""
+        """Record a heartbeat."""
         if self.told:
             now = self._time
             self._beaten = (now, min(now - self._beaten[0], BEAT) if self._beaten else BEAT)
@@ -63,7 +63,9 @@ class Telemetry:
 
     @property
     def overdue(self) -> float:
-        """Seconds by which the next heartbeat is late while other telemetry goes on: a change of mode is not seen."""
+        """Return by how many seconds the next heartbeat is late while other telemetry continues, so that a
+        change of mode would be missed.
+        """
         if self._beaten is None:
             return 0.0
         last, interval = self._beaten
@@ -71,20 +73,21 @@ class Telemetry:
 
     @property
     def state(self) -> tuple[int, Floats, Floats] | None:
-        """Time in ns, pose (7,) in ENU and velocity (6,) in body axes FLU; None until both messages have come.
+        """Return time in ns, pose (7,) in ENU and velocity (6,) in body axes FLU; None until both messages
+        have come.
 
-        The time is that of the older message.
+        The time is the time of the older message.
         """
         if len(self.told) < 2:
             return None
         (turned, attitude), (placed, position) = self.told["ATTITUDE"], self.told["LOCAL_POSITION_NED"]
         turn = frames.quaternion(attitude[:3])
         straight = frames.rotation(turn).T @ position[3:]
-        # Both conversions are their own inverses.
+        # Each of the two conversions is its own inverse.
         pose = np.array([*frames.ned(position[:3].tolist()), *frames.ned_attitude(turn.tolist())])
         return min(turned, placed) * 1_000_000, pose, frames.flip([*straight, *attitude[3:]])
 
     @property
     def missing(self) -> str:
-        """The message that has not come, for messages."""
+        """Return the name of the missing message, for error messages."""
         return next((kind for kind in FIELDS if kind not in self.told), "")

@@ -1,4 +1,4 @@
-"""A controller on a vehicle: what it observes, its loop with all stops, and the record of its missions. No network.
+"""Steer a vehicle with a controller: observations, the loop with all its stops, and the record of missions.
 
-`auvbench.ros2` and `auvbench.mavlink` are the networks.
+This package has no network code; `auvbench.ros2` and `auvbench.mavlink` have.
 """

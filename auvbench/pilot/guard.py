@@ -1,4 +1,4 @@
-"""The pilot's end of its supervisor (`auvbench.pilot.supervisor`)."""
+"""Start a pilot's supervisor and talk to it (`auvbench.pilot.supervisor`)."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from auvbench.pilot import supervisor
 from auvbench.pilot.supervisor import FIRED, FORWARD, MESSAGE, READY, SENT, WILL
 
 STARTS = 30.0
-"""s in which a supervisor starts on a busy machine"""
+"""time in s for the start of a supervisor on a busy machine"""
 BUFFER = 16_384
-"""bytes on the way to the supervisor: about twelve messages, so that a supervisor that hangs is noticed"""
+"""bytes buffered for the supervisor: about twelve messages, so that a hanging supervisor is noticed"""
 
 
 class Unsupervised(RunError):
-    """The supervisor is gone, and the pilot must end.
+    """The supervisor has ended, and the pilot must end too.
 
     Attributes:
-        fired: the supervisor has brought the vehicle to rest, and the pilot must not command any more.
+        fired: whether the supervisor has brought the vehicle to rest, so that the pilot must send no further
+            command.
     """
 
     def __init__(self, text: str, *, fired: bool) -> None:
@@ -37,12 +38,13 @@ class Guard:
     """A running supervisor.
 
     Args:
-        words: what it sends with: `mavlink NUMBER HOST PORT` or `ros DEPTH NODE TOPIC ...`.
-        patience: s without a message of the pilot after which it brings the vehicle to rest.
-        descriptors: open files that it inherits.
+        words: network of the supervisor: `mavlink NUMBER HOST PORT` or `ros DEPTH NODE TOPIC ...`.
+        patience: time in s without a message from the pilot after which the supervisor brings the vehicle to
+            rest.
+        descriptors: open files that the supervisor inherits.
 
     Raises:
-        RunError: it cannot be started.
+        RunError: the supervisor cannot be started.
     """
 
     def __init__(self, *words: str, patience: float, descriptors: Sequence[int] = ()) -> None:
@@ -51,7 +53,7 @@ class Guard:
         self._holds = self._ready = False
         self._handed = -math.inf
         self._socket, theirs = socket.socketpair()
-        # A supervisor of MAVLink needs no package; one of ROS 2 finds rclpy where the pilot does.
+        # A MAVLink supervisor needs no package; a ROS 2 supervisor finds rclpy on the pilot's path.
         flags = ["-I", "-S"] if words[0] == "mavlink" else ["-P"]
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
@@ -70,15 +72,15 @@ class Guard:
             theirs.close()
 
     def leave_will(self, contents: Sequence[bytes]) -> None:
-        """Set the messages that bring the vehicle to rest, in place of those before."""
+        """Set the messages that bring the vehicle to rest; they replace earlier ones."""
         for content in (b"", *contents):
             self._hand(WILL, content)
 
     def wait_until_ready(self, seconds: float = STARTS) -> bool:
-        """Wait until the supervisor can send, at most `seconds`; return whether it can.
+        """Wait at most `seconds` until the supervisor can send; return whether it can.
 
         Raises:
-            Unsupervised: it has ended.
+            Unsupervised: the supervisor has ended.
         """
         self._hand(FORWARD, b"")
         if not self._ready and select.select([self._socket], [], [], seconds)[0]:
@@ -88,13 +90,13 @@ class Guard:
         return self._ready
 
     def _heard(self) -> bytes:
-        """Return the supervisor's next byte; none if it has ended or has not sent one."""
+        """Return the supervisor's next byte; empty if it has ended or has not sent one."""
         with contextlib.suppress(OSError):
             return self._socket.recv(1)
         return b""
 
     def hold(self) -> None:
-        """From now on the will is sent if the pilot falls silent.
+        """Arm the supervisor: from now on it sends the will if the pilot falls silent.
 
         Raises:
             Unsupervised: the supervisor has ended.
@@ -103,7 +105,7 @@ class Guard:
         self._hand(FORWARD, b"")
 
     def release(self) -> None:
-        """The vehicle is at rest: the pilot may be silent, and end."""
+        """Disarm the supervisor: the vehicle is at rest, and the pilot may fall silent or end."""
         self._holds = False
         if self.lost is None:
             self._hand(FORWARD, b"")
@@ -118,7 +120,7 @@ class Guard:
             self._hand(FORWARD, b"")
 
     def forward(self, content: bytes) -> bool:
-        """Let the supervisor send; return False if it is gone and the caller must send.
+        """Send through the supervisor; return False if it is gone and the caller must send.
 
         Raises:
             Unsupervised: the supervisor has ended; raised once.
@@ -140,11 +142,11 @@ class Guard:
             raise self._fail() from None
 
     def _fail(self) -> Unsupervised:
-        """Note that the supervisor is gone, and whether it brought the vehicle to rest."""
+        """Record that the supervisor is gone, and whether it brought the vehicle to rest."""
         self._socket.settimeout(0.0)
         fired = FIRED in (self._heard(), self._heard())
         if not fired:
-            self._process.kill()  # where it hangs
+            self._process.kill()  # in case it hangs
         code = self._process.wait(2 * supervisor.LONGEST)
         if fired and code == SENT:
             text = f"the pilot was silent for more than {self.patience:g} s, and its supervisor brought the vehicle to rest"
@@ -154,7 +156,7 @@ class Guard:
         return self.lost
 
     def close(self) -> None:
-        """Let the supervisor end, and wait for it; it sends the will unless it was released."""
+        """Let the supervisor end, and wait for it; it sends the will unless `release` was called."""
         self._socket.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(2 * supervisor.LONGEST)

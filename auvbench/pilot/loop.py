@@ -1,10 +1,11 @@
-"""The loop of a pilot: it steers a vehicle by a controller, and commands zero thrust in doubt.
+"""Run the loop of a pilot: it steers a vehicle with a controller, and commands zero thrust in doubt.
 
-It starts disarmed, and commands nothing while disarmed. Armed, it steers only with a young pose within the depth
-limits, a waypoint and a finite action; otherwise it commands zero thrust. Zero thrust is also its last command.
+It starts disarmed, and commands nothing while disarmed. Armed, it steers only with a recent pose within the
+depth limits, a waypoint and a finite action; otherwise it commands zero thrust. Its last command is also zero
+thrust.
 
-Every ending has the same order: zero thrust, disarmed, then what may fail (the logbook, a closed standard output). Where the
-pilot cannot keep it, because it was killed or hangs, its supervisor does (`auvbench.pilot.guard`).
+Every ending has the same order: zero thrust, disarmed, then everything that may fail (the logbook, a closed
+standard output). If the pilot was killed or hangs, its supervisor does this instead (`auvbench.pilot.guard`).
 """
 
 from __future__ import annotations
@@ -27,24 +28,25 @@ from auvbench.vehicles.physical import PhysicalCommands
 Floats = NDArray[np.float64]
 
 RESTS = 3
-"""zero commands at the end: one may be lost"""
+"""number of zero commands at the end, since one may be lost"""
 TURN = 0.02
-"""s, the longest single wait, and so the delay with which an old pose is noticed"""
+"""longest single wait in s, and so the delay with which an old pose is noticed"""
 
 
 class Pilot(ABC):
-    """One vehicle under one controller. A subclass is the network to the vehicle.
+    """One vehicle under one controller. A subclass implements the network to the vehicle.
 
     Args:
-        steering: the controller, with its limits.
-        sim_time: step by the vehicle's clock in place of this machine's; ages of poses are by this machine's clock.
-        say: called with each change of state.
+        steering: controller with its limits.
+        sim_time: whether to step by the vehicle's clock instead of this machine's; ages of poses always use
+            this machine's clock.
+        say: function called with each change of state.
     """
 
     source: str
-    """what the pose comes from, for messages"""
+    """source of the pose, for messages"""
     guard: Guard
-    """its supervisor"""
+    """supervisor of the pilot"""
 
     def __init__(
         self, steering: Steering, *, sim_time: bool = False, say: Callable[[str], None] = lambda text: None
@@ -58,9 +60,9 @@ class Pilot(ABC):
         self.velocity: Floats = np.zeros(6)
         self._received = (
             self._ticked
-        ) = -math.inf  # when the pose and the vehicle's time came, by this machine
+        ) = -math.inf  # arrival of the pose and of the vehicle's time, by this machine's clock
         self._stamp = -1
-        self._now = -1.0  # of the vehicle's clock
+        self._now = -1.0  # s, by the vehicle's clock
         self._sim_time = sim_time
         self._slow = 0
         self._due = 0.0
@@ -79,11 +81,11 @@ class Pilot(ABC):
 
     @abstractmethod
     def _take_over(self) -> str:
-        """Make the vehicle take commands; return why it does not, or an empty text."""
+        """Make the vehicle accept commands; return why it does not, or ''."""
 
     @abstractmethod
     def _leave(self, was_armed: bool) -> None:
-        """Wait until the last command has arrived, at most a moment, and leave the network."""
+        """Wait briefly until the last command has arrived, and leave the network."""
 
     def _rest(self) -> bool:
         """Command zero thrust several times; return whether the vehicle is known to be at rest."""
@@ -96,25 +98,25 @@ class Pilot(ABC):
             if self._rest() or not self._closed:
                 self.guard.release()
         except Unsupervised as error:
-            self._unsaid = self._unsaid or error  # it ends the pilot
+            self._unsaid = self._unsaid or error  # the error ends the pilot
             self._rest()
 
     def _report(self, text: str) -> None:
         self._say(text)
 
     def _say(self, text: str) -> None:
-        """Tell a state; an error, such as that of a closed standard output, waits for `_settle`."""
+        """Report a state; an error, such as a closed standard output, waits for `_settle`."""
         try:
             self._speak(text)
         except Exception as error:
             self._unsaid = self._unsaid or error
 
     def _settle(self) -> None:
-        """Do what may fail, and take long: the vehicle rests meanwhile.
+        """Do everything that may fail or take long, while the vehicle is at rest.
 
         Raises:
             RunError: the logbook cannot be written.
-            Exception: that of `say`.
+            Exception: an exception of `say`.
         """
         if self.steering.ended:
             if self.armed:
@@ -127,17 +129,17 @@ class Pilot(ABC):
     # Incoming messages.
 
     def _take_pose(self, stamp: int, pose: Floats, velocity: Floats) -> None:
-        """Take a pose (7,) with its velocity (6,) in body axes, and its time in ns by the vehicle's clock."""
+        """Process a pose (7,) with its velocity (6,) in body axes, and its time in ns by the vehicle's clock."""
         if not is_possible(pose, velocity):
             return
         behind = (self._stamp - stamp) / 1e9  # s
         if behind > self.limits.pose_timeout:
             self._clock_went_back()
         elif behind >= 0.0 and stamp:
-            return  # repeated or overtaken: the pose gets no younger
+            return  # a repeated or overtaken message does not make the pose more recent
         else:
             age = time.monotonic() - self._received
-            # A pose that is lost says nothing about the next one.
+            # After a lost pose, a jump says nothing about the next one.
             if age <= self.limits.lost_after and is_jump(self.pose, pose, max(age, -behind)):
                 return
         self._stamp = stamp
@@ -145,7 +147,7 @@ class Pilot(ABC):
         self._received = time.monotonic()
 
     def _take_time(self, now: float) -> None:
-        """Take the time in s of the vehicle's clock."""
+        """Process the time in s of the vehicle's clock."""
         if now < self._now - self.limits.pose_timeout:
             self._clock_went_back()
         if now != self._now:
@@ -153,11 +155,11 @@ class Pilot(ABC):
         self._now = now
 
     def _clock_went_back(self) -> None:
-        """Disarm: a clock that goes back is that of a restarted vehicle, which may be elsewhere."""
+        """Disarm: the clock of a restarted vehicle goes back, and that vehicle may be elsewhere."""
         self.disarm("the clock went back (was the vehicle restarted?)")
 
     def steer_to(self, waypoint: Sequence[float], yaw: float = 0.0) -> bool:
-        """Take a waypoint (3,) in m, and the yaw in rad of a station; return False if it is not allowed."""
+        """Set a waypoint (3,) in m, and the yaw in rad of a station; return False if it is not allowed."""
         limits = self.limits
         if not np.all(np.isfinite(waypoint)):
             self._report("waypoint ignored: not finite")
@@ -170,7 +172,7 @@ class Pilot(ABC):
         return True
 
     def arm(self) -> str:
-        """Let the controller steer; return why it may not, or an empty text.
+        """Allow the controller to steer; return why it may not, or ''.
 
         Raises:
             Unsupervised: the supervisor has ended.
@@ -209,7 +211,7 @@ class Pilot(ABC):
         self._settle()
 
     def _ages(self) -> dict[str, float]:
-        """Return the age in s of each thing that the pilot must hear of all the time, by its name."""
+        """Return the age in s of each kind of message that the pilot needs continuously, by its name."""
         now = time.monotonic()
         clock = {"the vehicle's clock": now - self._ticked} if self._sim_time else {}
         return {self.source: now - self._received, **clock}
@@ -219,7 +221,7 @@ class Pilot(ABC):
 
     @property
     def age(self) -> float:
-        """Seconds since the pose came, or what else must come."""
+        """Return the seconds since the last pose, or since another necessary message."""
         return self._oldest()[1]
 
     def _set_state(self, state: str) -> None:
@@ -233,7 +235,7 @@ class Pilot(ABC):
         """Make one step of the controller if it may steer.
 
         Raises:
-            RunError: the controller failed or gave an invalid action; the pilot is then disarmed.
+            RunError: the controller failed or returned an invalid action; the pilot is then disarmed.
         """
         if not self.may_steer():
             return
@@ -286,14 +288,14 @@ class Pilot(ABC):
         self._set_state(f"steering to ({waypoint[0]:.1f}, {waypoint[1]:.1f}, {waypoint[2]:.1f})")
 
     def _failed(self, error: Exception) -> AuvbenchError:
-        """Disarm, and return the error with which the command ends."""
+        """Disarm, and return the error that ends the command."""
         reason = " ".join(str(error).split()) or type(error).__name__
-        with contextlib.suppress(Exception):  # the logbook's error, say: the first one is told
+        with contextlib.suppress(Exception):  # e.g. an error of the logbook; the first error is reported
             self.disarm(f"the controller failed: {reason}")
         return error if isinstance(error, AuvbenchError) else RunError(f"the controller failed: {reason}")
 
     def run(self, go_on: Callable[[], bool]) -> None:
-        """Serve and steer while `go_on()`; the end is always zero thrust.
+        """Serve and steer while `go_on()`; always end with zero thrust.
 
         Raises:
             AuvbenchError: the controller failed, or the logbook cannot be written.
@@ -305,11 +307,11 @@ class Pilot(ABC):
             self.close("the pilot was ended")
 
     def spin_once(self) -> None:
-        """Serve for a moment, check the pose, and steer when a step is due.
+        """Serve for a moment, check the pose, and steer if a step is due.
 
         Raises:
-            AuvbenchError: as `run`.
-            Exception: that of `say`.
+            AuvbenchError: see `run`.
+            Exception: an exception of `say`.
         """
         self._spin_once()
         self._settle()
@@ -318,13 +320,13 @@ class Pilot(ABC):
         period = self.period
         now = self._now if self._sim_time else time.monotonic()
         if self._sim_time and now < self._due - 2 * period:
-            self._due = now  # the clock of a restarted vehicle
+            self._due = now  # clock of a restarted vehicle
         if now >= self._due:
-            self._receive(0.0)  # steps that take longer than their period must not keep the poses out
+            self._receive(0.0)  # steps that take longer than their period must not block the poses
             self.step()
             self._due = self._due + period if now - self._due < period else now + period
             return
-        # How long a step of simulated time lasts here is unknown.
+        # The duration of a step of simulated time on this machine's clock is unknown.
         self._receive(TURN if self._sim_time else min(self._due - now, TURN))
         self.may_steer()
 

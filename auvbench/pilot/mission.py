@@ -1,7 +1,7 @@
-"""The record of a mission: an episode's row and a trajectory, without compiled code.
+"""Record a mission as an episode's row and a trajectory, without compiled code.
 
-The sums are those of `auvbench/tasks/kernels.py` (definitions: docs/protocol.md); a test compares the two. A mission has
-no reward: its `return` is NaN.
+The sums are the same as in `auvbench/tasks/kernels.py` (definitions: docs/protocol.md); a test compares them.
+A mission has no reward, so its `return` is NaN.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ CONDITION = "mission"
 
 
 class Mission:
-    """One way to a waypoint.
+    """Motion towards one waypoint.
 
     Args:
-        pose: (7,) where it begins.
-        waypoint: (3,) m.
-        depth: lowest and highest z in m.
-        goal_radius: m.
-        max_steps: of the agent.
-        frequency: Hz of the agent.
+        pose: (7,) pose at the start.
+        waypoint: (3,) waypoint, m.
+        depth: lowest and highest z, m.
+        goal_radius: distance at which the waypoint is reached, m.
+        max_steps: largest number of agent steps.
+        frequency: rate of the agent, Hz.
     """
 
     def __init__(
@@ -64,17 +64,17 @@ class Mission:
 
     @property
     def steps(self) -> int:
-        """Number of steps."""
+        """Return the number of steps."""
         return len(self.forces)
 
     def advance(self, pose: Floats, action: Floats, force: Floats, power: float) -> str:
-        """Add one step; return the outcome if that ended the mission, else an empty text.
+        """Add one step; return the outcome if the step ended the mission, else ''.
 
         Args:
-            pose: (7,) after the step.
-            action: (n_u,) in [-1, 1].
-            force: (n_u,) N of the thrusters.
-            power: W.
+            pose: (7,) pose after the step.
+            action: (n_u,) action in [-1, 1].
+            force: (n_u,) forces of the thrusters, N.
+            power: electrical power, W.
         """
         self.positions.append(pose[:3].copy())
         self.yaws.append(yaw_of(pose))
@@ -90,7 +90,7 @@ class Mission:
         return self.outcome
 
     def record(self, number: int) -> Record:
-        """Return the row of an episode, columns as in a test of the waypoint task."""
+        """Return the row of an episode, with the columns of a waypoint test."""
         x, y, z = self.waypoint.tolist()
         positions = np.array(self.positions)
         line, away = self.waypoint - positions[0], positions[1:] - positions[0]
@@ -125,7 +125,7 @@ class Mission:
         )
 
     def trajectory(self) -> dict[str, NDArray[np.float32]]:
-        """Return a test's arrays: position (T + 1, 3), yaw, command (T, n_u), waypoint (3,), time."""
+        """Return the arrays of a test: position (T + 1, 3), yaw, command (T, n_u), waypoint (3,), time."""
         return {
             "position": np.asarray(self.positions, dtype=np.float32),
             "yaw": np.asarray(self.yaws, dtype=np.float32),
@@ -144,11 +144,11 @@ class Logbook:
     """Missions in a folder: mission.json, episodes.csv, trajectories.npz, all complete after each mission.
 
     Args:
-        folder: is created if it does not exist; must not hold a logbook.
+        folder: folder, created if it does not exist; must not contain a logbook.
         about: controller and vehicle, for mission.json.
 
     Raises:
-        RunError: the folder holds a logbook, or cannot be written.
+        RunError: the folder contains a logbook, or cannot be written.
     """
 
     def __init__(self, folder: Path, about: Mapping[str, Any]) -> None:
@@ -158,11 +158,11 @@ class Logbook:
         self._reasons: list[str] = []
         self._arrays: dict[str, NDArray[np.float32]] = {}
         if (folder / "mission.json").exists():
-            raise RunError(f"--record {folder}: holds missions already; name another folder")
+            raise RunError(f"--record {folder}: already has missions; name another folder")
         self._write()
 
     def add(self, mission: Mission, reason: str) -> None:
-        """Write a mission that has ended for `reason`."""
+        """Write a mission that ended for `reason`."""
         number = len(self._rows)
         self._rows.append(mission.record(number))
         self._reasons.append(reason)

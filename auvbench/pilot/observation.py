@@ -1,6 +1,6 @@
-"""The observation on the way to a waypoint or on a station, without noise, in plain Python.
+"""Compute the observation on the way to a waypoint or at a station, without noise, in plain Python.
 
-The arithmetic is that of `auvbench/tasks/kernels.py`, which is compiled; a test compares the two.
+The arithmetic is the same as in `auvbench/tasks/kernels.py`, which is compiled; a test compares the two.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SUPPLIED = (
     "depth_margin",
     "previous_action",
 )
-"""The blocks that odometry and a goal at rest can supply."""
+"""Observation blocks that odometry and a goal at rest can supply."""
 
 
 def observe(
@@ -40,13 +40,13 @@ def observe(
     """Return the observation (n_obs,).
 
     Args:
-        spec: of the observation; its blocks are among `SUPPLIED`.
+        spec: observation; its blocks must be in `SUPPLIED`.
         pose: (7,) x, y, z in m, unit quaternion (w, x, y, z).
         velocity: (6,) m/s and rad/s, body axes.
-        waypoint: (3,) m, world axes; a station alike.
-        previous: (n_u,) action in [-1, 1]; zeros at the start.
-        yaw: rad, of a station; None to a waypoint, whose yaw is its bearing.
-        depth: lowest and highest z in m.
+        waypoint: (3,) waypoint or station in m, world axes.
+        previous: (n_u,) previous action in [-1, 1]; zeros at the start.
+        yaw: yaw of a station, rad; None for a waypoint, whose yaw is its bearing.
+        depth: lowest and highest z, m.
     """
     x, y, z, w, qx, qy, qz = pose.tolist()
     to_x, to_y, to_z = waypoint.tolist()

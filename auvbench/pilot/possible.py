@@ -1,4 +1,4 @@
-"""Poses and velocities that a vehicle can have: other numbers come from a sensor or an estimator that has failed."""
+"""Check poses and velocities: numbers that no vehicle can have come from a failed sensor or estimator."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 FASTEST = 50.0
-"""m/s, and rad/s"""
+"""largest speed, m/s and rad/s"""
 FARTHEST = 1e6
-"""m from the origin"""
+"""largest distance from the origin, m"""
 
 
 def is_possible(pose: Floats, velocity: Floats) -> bool:
@@ -26,7 +26,7 @@ def is_possible(pose: Floats, velocity: Floats) -> bool:
 
 
 def is_jump(before: Floats, after: Floats, seconds: float) -> bool:
-    """Return whether no vehicle comes from one pose (7,) to the other in `seconds`."""
+    """Return whether no vehicle can move from one pose (7,) to another in `seconds`."""
     return math.dist(before[:3], after[:3]) > FASTEST * seconds
 
 

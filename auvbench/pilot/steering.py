@@ -1,4 +1,4 @@
-"""From a state to an action: one controller on its way to one waypoint, or on a station, without a network."""
+"""Compute actions from states: one controller on its way to one waypoint, or at a station, without a network."""
 
 from __future__ import annotations
 
@@ -30,18 +30,19 @@ class Controller(Protocol):
 class Limits:
     """Limits of a pilot."""
 
-    depth_low: float  # m, z
-    depth_high: float  # m, z
-    goal_radius: float  # m
-    max_steps: int  # of the controller, per waypoint
-    pose_timeout: float = 0.5  # s: zero thrust while the pose is older
-    lost_after: float = 5.0  # s: disarmed when it stays older
-    patience: float = 1.0  # s: a pilot that is silent for longer is dead, and its supervisor disarms
-    holds: bool = False  # a station: no arrival ends it, and each `max_steps` are a mission of the logbook
+    depth_low: float  # m, lowest z
+    depth_high: float  # m, highest z
+    goal_radius: float  # m, distance at which a waypoint is reached
+    max_steps: int  # agent steps per waypoint
+    pose_timeout: float = 0.5  # s, largest age of a pose; zero thrust after it
+    lost_after: float = 5.0  # s, age of a pose at which the pilot disarms
+    patience: float = 1.0  # s, longest silence of a pilot; its supervisor disarms after it
+    # whether to keep station: no arrival ends it, and every `max_steps` steps are a mission of the logbook
+    holds: bool = False
 
     @property
     def depths(self) -> str:
-        """The allowed heights, as text."""
+        """Return the allowed heights as text."""
         return f"{self.depth_low:g} .. {self.depth_high:g} m"
 
     def within(self, z: float) -> bool:
@@ -51,34 +52,34 @@ class Limits:
 
 @dataclass(slots=True, eq=False)
 class Steering:
-    """A controller, its waypoint, and the mission that is recorded."""
+    """Controller, its waypoint, and the recorded mission."""
 
     controller: Controller
     vehicle: VehicleModel
-    """the model, whose action the controller gives"""
+    """vehicle that the controller's action is for"""
     frequency: float
-    """Hz of the controller"""
+    """rate of the controller, Hz"""
     spec: ObservationSpec
-    """of its observation"""
+    """observation of the controller"""
     limits: Limits
     name: str = ""
-    """of the controller"""
+    """name of the controller"""
     logbook: Logbook | None = None
     waypoint: Floats | None = None
-    """(3,) m; a station alike"""
+    """(3,) waypoint or station, m"""
     yaw: float = 0.0
-    """rad, to hold on a station"""
+    """yaw to keep at a station, rad"""
     mission: Mission | None = field(default=None, init=False)
-    """the present one; it begins with the first action towards a waypoint"""
+    """present mission; begins with the first action towards a waypoint"""
     action_time: float = field(default=0.0, init=False)
-    """s that the controller needed for its last action"""
+    """computing time of the controller's last action, s"""
     ended: list[tuple[Mission, str]] = field(default_factory=list, init=False)
-    """missions that `write` has not written, and why they ended"""
+    """missions that `write` has not written yet, with the reason of their end"""
     _action: Floats | None = field(default=None, init=False)
-    """under way since the last step"""
+    """action since the last step"""
 
     def advance(self, pose: Floats) -> str:
-        """Note the step that ended at `pose` (7,); return the mission's outcome if that ended it."""
+        """Record the step that ended at `pose` (7,); return the mission's outcome if the step ended it."""
         if self.mission is None or self._action is None:
             return ""
         action = self._action
@@ -95,12 +96,12 @@ class Steering:
         self._action = None
 
     def act(self, pose: Floats, velocity: Floats) -> Floats:
-        """Return the action (n_u,) in [-1, 1] of the step that begins at `pose` (7,) with `velocity` (6,), body axes.
+        """Return the action (n_u,) in [-1, 1] for the step from `pose` (7,) with `velocity` (6,), body axes.
 
-        A waypoint is required.
+        A waypoint must be set.
 
         Raises:
-            RunError: the controller's answer is not an action. Errors of the controller pass through.
+            RunError: the controller's answer is not an action. Exceptions of the controller are not caught.
         """
         waypoint = self.waypoint
         assert waypoint is not None
@@ -144,7 +145,7 @@ class Steering:
             self.ended.append((mission, reason))
 
     def write(self) -> None:
-        """Write the missions that have ended. A disk may be slow, or full: the vehicle must be at rest.
+        """Write the missions that have ended. A disk may be slow or full, so the vehicle must be at rest.
 
         Raises:
             RunError: the logbook cannot be written.

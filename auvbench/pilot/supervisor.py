@@ -1,9 +1,10 @@
-"""The supervisor of a pilot: a process of its own, which sends what the pilot commands while the pilot is alive.
+"""Supervise a pilot from a separate process, which sends the pilot's commands while the pilot is alive.
 
-The pilot hands it messages, each with the time until which the next one must come. When none comes in time, whatever the
-reason (the pilot was killed, halted, or hangs), or when the pilot is gone, the supervisor sends the will that the pilot
-left with it: commands that bring the vehicle to rest. Then it says so, and ends. It writes no file, and imports the
-standard library, and for ROS 2 rclpy and std_msgs. Nothing of auvbench is imported here: the file is a program.
+The pilot hands over messages, each with the time by which the next one must come. If none comes in time (the
+pilot was killed, stopped, or hangs), or if the pilot is gone, the supervisor sends the will that the pilot
+left: commands that bring the vehicle to rest. Then it prints a line and ends. It writes no file. It imports
+only the standard library and, for ROS 2, rclpy and std_msgs; it must not import auvbench, since this file is
+a program of its own.
 """
 
 import contextlib
@@ -18,31 +19,33 @@ import time
 from typing import Any
 
 LARGEST = 501
-"""bytes of a content"""
+"""largest content in bytes"""
 MESSAGE = struct.Struct(f"=dBH{LARGEST}s")
-"""when the next message is due (s of the monotonic clock; infinity: the vehicle is at rest), kind, length, content"""
+"""time when the next message is due (s of the monotonic clock; infinity: the vehicle is at rest), kind,
+length, content
+"""
 FORWARD, WILL = 0, 1
-"""kinds: content that is sent at once (none: a sign of life), and content that is sent at last (none: forget the will)"""
+"""kinds of content: sent at once (empty: a sign of life), and sent at the end (empty: forget the will)"""
 READY = b"r"
-"""what the supervisor answers when it can send"""
+"""answer of the supervisor when it can send"""
 FIRED = b"f"
-"""what it tells before it sends the will"""
+"""answer of the supervisor before it sends the will"""
 SENT = 3
-"""exit code after the will"""
+"""exit code after the will was sent"""
 PAUSE = 0.04
 """s between two messages of the will"""
 LONGEST = 5.0
-"""s for the end: after it SIGALRM ends what hangs"""
+"""time in s for the end; after it, SIGALRM kills a supervisor that hangs"""
 
 
 class Datagrams:
-    """An open socket: packets to one vehicle, packed by the pilot."""
+    """Sender over an open socket: packets to one vehicle, packed by the pilot."""
 
     done = "neutral sticks and the order to disarm were sent"
 
     def __init__(self, number: str, host: str, port: str) -> None:
         self.socket = socket.socket(fileno=int(number))
-        self.socket.settimeout(0.1)  # a full buffer must not hold the deadline
+        self.socket.settimeout(0.1)  # a full buffer must not delay the deadline
         self.peer = (host, int(port))
 
     def ready(self) -> bool:
@@ -56,7 +59,7 @@ class Datagrams:
                 self.socket.sendall(data)
 
     def close(self) -> None:
-        # A connection that is closed with unread bytes is reset, and the last messages may be lost.
+        # Closing a connection with unread bytes resets it, and the last messages may be lost.
         with contextlib.suppress(OSError):
             if self.socket.type == socket.SOCK_STREAM:
                 self.socket.shutdown(socket.SHUT_WR)
@@ -66,7 +69,7 @@ class Datagrams:
 
 
 class Topics:
-    """Topics of ROS 2: a std_msgs/Float64 for each thruster."""
+    """Sender over ROS 2 topics: a std_msgs/Float64 for each thruster."""
 
     done = "zero thrust was sent"
 
@@ -101,7 +104,7 @@ class Topics:
 
 
 def watch(control: socket.socket, sender: Datagrams | Topics, will: list[bytes]) -> str:
-    """Send what the pilot hands over; return why that ended, or an empty text if the vehicle is at rest."""
+    """Send the pilot's messages; return why that ended, or '' if the vehicle is at rest."""
     due, received, ready = math.inf, b"", False
     heard = time.monotonic()
     while True:
@@ -124,14 +127,14 @@ def watch(control: socket.socket, sender: Datagrams | Topics, will: list[bytes])
             received = received[MESSAGE.size :]
             if kind == WILL:
                 will[:] = [*will, content[:length]] if length else []
-            elif time.monotonic() < due:  # else it is too old to be sent
+            elif time.monotonic() < due:  # otherwise the message is too old to send
                 heard = time.monotonic()
                 if length:
                     sender.send(content[:length])
 
 
 def main(control: str, kind: str, *arguments: str) -> int:
-    # Ctrl-C and a closing terminal end the pilot, whose end the supervisor has to see.
+    # Ctrl-C and a closing terminal end the pilot; the supervisor must survive to see that.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     will: list[bytes] = []
@@ -161,7 +164,7 @@ def main(control: str, kind: str, *arguments: str) -> int:
 
 
 def say(text: str) -> None:
-    """Write a line to standard error, unless that is closed or full."""
+    """Write a line to standard error, unless it is closed or full."""
     with contextlib.suppress(OSError, ValueError):
         if select.select([], [2], [], 0.0)[1]:
             os.write(2, f"pilot: {text}\n".encode())

@@ -1,1 +1,1 @@
-"""Policies as files: reading an ONNX network and its card with NumPy and ONNX Runtime alone."""
+"""Policies as files: read an ONNX network and its card with only NumPy and ONNX Runtime."""

@@ -1,13 +1,13 @@
-"""A policy as a file: an ONNX network and, next to it, a card in JSON that says what its numbers mean.
+"""Read a policy from a file: an ONNX network and, next to it, a card in JSON that describes its numbers.
 
-Reading one needs NumPy and ONNX Runtime alone: no torch, no Stable-Baselines3, nothing that is compiled. The network
-takes raw observations (n, n_obs) in the units of the environment and returns actions (n, n_u) in [-1, 1]; scaling and
-clipping are in the file.
+Reading needs only NumPy and ONNX Runtime: no torch, no Stable-Baselines3, no compiled code. The network takes
+raw observations (n, n_obs) in the units of the environment and returns actions (n, n_u) in [-1, 1]; scaling
+and clipping are in the file.
 
-ONNX Runtime reads the file, and answers, in a process of its own that may open no file, and has limits of memory and time
-(`auvbench/untrusted/sandbox.py`). Which operators the file has does not matter then: a file that crashes, never ends or
-takes all memory is one line. What a policy must be is asked of its answers: of one shape, the same for the same
-observation, and actions.
+ONNX Runtime reads and runs the file in a separate process, which cannot open files and has limits of memory
+and time (`auvbench/untrusted/sandbox.py`). So the operators in the file do not matter: a file that crashes,
+never ends or takes all memory gives a one-line error. The answers are checked: they must have the right
+shape, be the same for the same observation, and be valid actions.
 """
 
 from __future__ import annotations
@@ -28,39 +28,40 @@ from auvbench.untrusted.text import plain, short
 
 FORMAT = "auvbench-policy"
 SCHEMA_VERSION = 1
-"""of the card"""
+"""schema version of the card"""
 
 LARGEST, LARGEST_CARD = 16 << 20, 1 << 20
-"""bytes of a network and of a card"""
+"""largest network and largest card in bytes"""
 
 MOST = 1000
-"""observations or actions"""
+"""largest number of observations or actions"""
 
 Floats = NDArray[np.float32]
 
 NETWORK, CARD = "policy.onnx", "policy.json"
-"""The files of a run of `algo=onnx`, in its `model/`."""
+"""Files of a run of `algo=onnx`, in its `model/`."""
 
 SLACK = 1e-6
-"""by which an action may leave [-1, 1], for rounding; it is clipped then"""
+"""tolerance by which a rounded action may exceed [-1, 1]; the action is then clipped"""
 
 ROWS = 64
-"""of each forward pass: matrix products of another shape may round differently, and an answer must not depend on how
-many are asked for together"""
+"""rows of each forward pass, since matrix products of another shape may round differently, and an answer must
+not depend on the size of the batch
+"""
 
 
 DIFFERENT = "answers the same observations differently the second time"
 
 Lengths = tuple[int | None, ...]
-"""of an array; None for an open one"""
+"""lengths of an array's axes; None for an open one"""
 
 
 @dataclass(frozen=True, slots=True)
 class Port:
-    """An input or output of a network."""
+    """Input or output of a network."""
 
     name: str
-    type: str  # float32, float64, or as ONNX Runtime names it
+    type: str  # float32, float64, or another name from ONNX Runtime
     shape: Lengths
 
     def __str__(self) -> str:
@@ -69,7 +70,7 @@ class Port:
 
 
 class PolicyError(RunError):
-    """A policy's file or card cannot be used, or the policy answers what is no action."""
+    """A policy's file or card cannot be used, or the policy returned an invalid action."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +88,12 @@ class _File:
 @dataclass(frozen=True, slots=True)
 class _Task:
     position_frame: Literal["world", "body"]
-    """of the position error that the policy observes"""
+    """frame of the position error that the policy observes"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Card:
-    """The entries of a card that are read."""
+    """Entries of a card that auvbench reads."""
 
     name: str
     vehicle: Named
@@ -106,17 +107,17 @@ class Card:
 
     @property
     def observed(self) -> tuple[str, ...]:
-        """Names of the observed numbers, in their order."""
+        """Return the names of the observed numbers, in order."""
         return tuple(item.name for item in self.observation)
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Names of the actuators, in their order."""
+        """Return the names of the actuators, in order."""
         return tuple(item.name for item in self.action)
 
 
 def card_path(path: Path | str) -> Path:
-    """Return where the card of an ONNX file lies: under the same stem.
+    """Return the path of an ONNX file's card, which has the same stem.
 
     >>> card_path("policies/ppo.onnx").name
     'ppo.json'
@@ -125,27 +126,27 @@ def card_path(path: Path | str) -> Path:
 
 
 def read_card(path: Path | str) -> Card:
-    """Read a card by itself.
+    """Read a card without its network.
 
     Raises:
-        PolicyError: it is missing, or no card.
+        PolicyError: the file is missing, or not a card.
     """
     card = parse_card(content(Path(path), LARGEST_CARD), str(path))
     if card is None:
-        raise PolicyError(f'{path}: is no card of a policy ("format" is not "{FORMAT}")')
+        raise PolicyError(f'{path}: is not the card of a policy ("format" is not "{FORMAT}")')
     return card
 
 
 def parse_card(data: bytes, where: str) -> Card | None:
-    """Return the card in some bytes; None if the JSON is of something else.
+    """Return the card in some bytes; None if the JSON describes something else.
 
     Raises:
-        PolicyError: it is no JSON, of another schema version, or an entry is missing or impossible.
+        PolicyError: the data are not JSON, have another schema version, or an entry is missing or impossible.
     """
     try:
         document = reading.json_value(data)
     except ValueError as error:
-        raise PolicyError(f"{where}: is no JSON: {short(error)}") from error
+        raise PolicyError(f"{where}: is not JSON: {short(error)}") from error
     if not isinstance(document, dict) or document.get("format") != FORMAT:
         return None
     version = document.get("schema_version")
@@ -154,20 +155,20 @@ def parse_card(data: bytes, where: str) -> Card | None:
             f"{where}: schema_version {short(version, 40)}, but this auvbench reads {SCHEMA_VERSION}"
         )
     try:
-        found = replace(typed_json.convert(document, Card), document=document)
+        card = replace(typed_json.convert(document, Card), document=document)
     except ValueError as error:
         raise PolicyError(f"{where}: {error}") from error
-    for key, items in (("observation", found.observation), ("action", found.action)):
+    for key, items in (("observation", card.observation), ("action", card.action)):
         if not 0 < len(items) <= MOST:
             raise PolicyError(f"{where}: {key} has {len(items)} entries, must have 1 to {MOST}")
-    return found
+    return card
 
 
 def content(path: Path, limit: int) -> bytes:
     """Return a file's bytes, at most `limit` of them.
 
     Raises:
-        PolicyError: it cannot be read.
+        PolicyError: the file cannot be read.
     """
     try:
         return reading.content(path, limit)
@@ -178,19 +179,21 @@ def content(path: Path, limit: int) -> bytes:
 
 
 class Policy:
-    """A network that is ready to act.
+    """A loaded network that can act.
 
     Args:
-        data: the ONNX file.
-        where: its name, for messages.
-        observations: length of an observation; None for any.
-        actions: number of actuators; None for any.
-        card: of the file; its names must be as many as inputs and outputs.
-        rows: of each forward pass (see `ROWS`), unless the file fixes them; 1 acts fastest on one observation.
-        seconds: of the processor for each answer, after which the policy is given up.
+        data: content of the ONNX file.
+        where: name of the file, for messages.
+        observations: length of an observation; None: any.
+        actions: number of actuators; None: any.
+        card: card of the file; must have as many names as the network has inputs and outputs.
+        rows: rows of each forward pass (see `ROWS`), unless the file fixes them; 1 is fastest for one
+            observation.
+        seconds: largest processor time for each answer.
 
     Raises:
-        PolicyError: the file is damaged, foreign, of another shape, or its answers depend on more than the observation.
+        PolicyError: the file is damaged, has the wrong shape, or its answers depend on more than the
+            observation.
         MissingExtraError: ONNX Runtime is not installed.
     """
 
@@ -211,7 +214,7 @@ class Policy:
         self.card = card
         self.sha256 = hashlib.sha256(data).hexdigest()
         self.seconds = 0.0
-        """of the processor that its answers took, in its own process"""
+        """processor time of the answers in their process, s"""
         self.input, self.output = self._opened(data, seconds)
         try:
             _fits("input", self.input, observations, card.observed if card else None)
@@ -238,7 +241,7 @@ class Policy:
             ports, _ = self._child.answer()
         except ValueError as error:
             raise PolicyError(
-                f"{self.where}: is no ONNX file that ONNX Runtime can load: {_reason(error)}"
+                f"{self.where}: is not an ONNX file that ONNX Runtime can load: {_reason(error)}"
             ) from error
         try:
             return (
@@ -252,8 +255,8 @@ class Policy:
         """Return actions (n, n_u) in [-1, 1] for raw observations (n, n_obs) in their units.
 
         Raises:
-            PolicyError: it answers with a NaN, an infinity, an action out of range, or one of another shape, or its process
-                has ended.
+            PolicyError: the answer has a NaN, an infinity, an action out of range, or the wrong shape, or the
+                process has ended.
         """
         given = np.ascontiguousarray(observation, dtype=self.input.type)
         if given.ndim != 2:
@@ -275,7 +278,7 @@ class Policy:
         """Return the unchecked answer (n, ...) to observations (n, n_obs).
 
         Raises:
-            ValueError: there is none.
+            ValueError: there is no answer.
         """
         try:
             note, arrays = self._child.ask({"rows": self._rows}, {"data": given})
@@ -300,7 +303,8 @@ class Policy:
         row, column = (int(i) for i in np.argwhere(~fine)[0])
         seen = ", ".join(f"{value:.4g}" for value in observation[row])
         raise PolicyError(
-            f"{self.where}: answers {action[row, column]:g} (action {column}) to the observation ({seen}): an action is a "
+            f"{self.where}: answers {action[row, column]:g} (action {column}) to the observation ({seen}): "
+            "an action must be a "
             "finite number in [-1, 1]; scale or clip inside the file"
         )
 
@@ -313,17 +317,17 @@ def load(
     rows: int = ROWS,
     seconds: int = sandbox.SECONDS,
 ) -> Policy:
-    """Read an ONNX file and the card next to it, if there is one; arguments and errors are those of `Policy`."""
+    """Read an ONNX file and the card next to it, if there is one; see `Policy` for arguments and errors."""
     data, card, _ = read(path)
     sizes = {"observations": observations, "actions": actions}
     return Policy(data, str(path), card=card, rows=rows, seconds=seconds, **sizes)
 
 
 def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
-    """Return an ONNX file's bytes, its card, and the card's bytes; None where no card lies next to it.
+    """Return an ONNX file's bytes, its card, and the card's bytes; None without a card.
 
     Raises:
-        PolicyError: one of them cannot be read, or the card is of another file.
+        PolicyError: a file cannot be read, or the card belongs to another file.
     """
     path = Path(path)
     if path.suffix == ".json" or path.is_dir():
@@ -339,7 +343,7 @@ def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
         return data, None, None
     if card.file.sha256 != hashlib.sha256(data).hexdigest():
         raise PolicyError(
-            f"{card_file}: is the card of another file than {path.name} (its sha256 differs); "
+            f"{card_file}: belongs to another file than {path.name} (its sha256 differs); "
             "export again, or remove the card"
         )
     return data, card, text
@@ -351,10 +355,10 @@ def installed(package: str) -> bool:
 
 
 def _ports(found: object) -> tuple[Port, ...]:
-    """Return inputs or outputs as the policy's process names them.
+    """Return the inputs or outputs that the policy's process reports.
 
     Raises:
-        ValueError: what it sent is not such a list.
+        ValueError: the answer is not such a list.
     """
     ports = []
     for name, kind, shape in typed_json.convert(found, list[list[Any]]):
@@ -376,19 +380,19 @@ def _only(ports: tuple[Port, ...], kind: str, what: str) -> Port:
 def _fits(kind: str, port: Port, wanted: int | None, named: tuple[str, ...] | None) -> None:
     """
     Raises:
-        ValueError: the port is not one of float numbers of shape (n, wanted).
+        Raise ValueError unless the port has float numbers of shape (n, wanted).
     """
-    told, shape = f"its {kind} {port}", port.shape
+    label, shape = f"its {kind} {port}", port.shape
     if port.type not in ("float32", "float64"):
-        raise ValueError(f"{told} must be float32 or float64")
+        raise ValueError(f"{label} must be float32 or float64")
     if len(shape) != 2:
-        raise ValueError(f"{told} must have two dimensions, (n, {wanted or 'length'})")
+        raise ValueError(f"{label} must have two dimensions, (n, {wanted or 'length'})")
     if (shape[0] or 0) > MOST:
-        raise ValueError(f"{told} must take any number of observations at once, or at most {MOST}")
+        raise ValueError(f"{label} must take any number of observations at once, or at most {MOST}")
     if wanted is not None and shape[1] not in (None, wanted):
-        raise ValueError(f"{told} must be (n, {wanted}) for this vehicle and task")
+        raise ValueError(f"{label} must be (n, {wanted}) for this vehicle and task")
     if named is not None and shape[1] not in (None, len(named)):
-        raise ValueError(f"{told} has not the {len(named)} entries that its card names")
+        raise ValueError(f"{label} must have the {len(named)} entries that its card names")
 
 
 def _described(answer: NDArray[Any] | None) -> str:
@@ -398,7 +402,7 @@ def _described(answer: NDArray[Any] | None) -> str:
 def _reason(error: BaseException) -> str:
     text = plain(" ".join(str(error).split())) or type(error).__name__
     hint = (
-        " (its weights lie in another file, which is not read: export one file)"
+        " (its weights are in another file, which is not read: export one file)"
         if "External data" in text
         else ""
     )

@@ -1,1 +1,1 @@
-"""What a person reads: tables, figures, the page, replays. It draws what `analysis` hands it."""
+"""Show results to people: tables, figures, the page, replays. It draws what `analysis` computes."""

@@ -1,4 +1,4 @@
-"""Write runs as a published study: Parquet files that hold what a report reads."""
+"""Write runs as a published study: Parquet files with everything that a report reads."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from auvbench.untrusted import tables
 from auvbench.untrusted.text import short
 
 OUTPUT = "outputs"
-"""value of `output` in a published configuration: the folder is not part of a run's identity"""
+"""value of `output` in a published configuration; the folder is not part of a run's identity"""
 EPISODES_KEPT = 100
-"""most trajectories of a condition"""
+"""largest number of trajectories of a condition"""
 COMPACT = (
     "condition",
     "frequency_hz",
@@ -37,9 +37,9 @@ COMPACT = (
     "final_position_error_m",
     "energy_J",
 )
-"""columns of a compact table: what ranks agents of any task, and their energy"""
+"""columns of a compact table: the ranking measure of each task, and the energy"""
 DIGITS = 3
-"""significant digits of the measures of a compact table: their means keep more"""
+"""significant digits of the measures in a compact table; their means are more exact"""
 
 
 def write(
@@ -53,18 +53,18 @@ def write(
     """Write runs.parquet, episodes.parquet and, if wanted, trajectories.parquet into a folder.
 
     Args:
-        runs: from `load`, complete or failed.
-        folder: of the study.
-        protocols: the first one with all columns in full precision, the further ones compact.
-        trajectories: whether the stored trajectories of the first protocol are written.
-        compact: whether the first protocol is compact, too, and training episodes are left out.
+        runs: loaded runs, complete or failed.
+        folder: folder of the study.
+        protocols: protocols to write; the first with all columns in full precision, the others compact.
+        trajectories: whether to write the stored trajectories of the first protocol.
+        compact: whether to write the first protocol compactly as well, and leave out training episodes.
 
     Returns:
-        What was left out, one text per item.
+        Items that were left out, one text each.
 
     Raises:
-        OSError: A file cannot be read or written.
-        ReportError: A run was changed after it was loaded.
+        OSError: a file cannot be read or written.
+        ReportError: a run was changed after it was loaded.
     """
     problems: list[str] = []
     rows, episodes, tracks = [], [], []
@@ -98,17 +98,17 @@ def write(
         write_atomic(folder / name, data)
     if not tracks:
         (folder / archive.TRAJECTORIES).unlink(missing_ok=True)
-    # Last, because it vouches for the others.
+    # Written last, because it has the digests of the other files.
     table = pd.DataFrame(rows)
     write_atomic(folder / archive.RUNS, tables.parquet(table, archive.note(table, files)))
     return problems
 
 
 def write_history(runs: Sequence[RunRecord], folder: Path) -> list[str]:
-    """Write the histories of the runs' experiments as one file, where there is one; return what was left out.
+    """Write the histories of the runs' experiments as one file, if there is one; return what was left out.
 
     Raises:
-        OSError: The file cannot be written.
+        OSError: the file cannot be written.
     """
     problems: list[str] = []
     histories = []
@@ -147,50 +147,52 @@ def _json(value: Any) -> str:
 
 
 def _config(run: RunRecord) -> dict[str, Any]:
-    """Return the nested configuration without folders of this machine; neither is part of a run's identity."""
+    """Return the nested configuration without folders of this machine, which are not part of a run's identity."""
     if run.archive is not None:
-        found: dict[str, Any] = run.archive.document(run.id, "config")
-        return found
+        config_read: dict[str, Any] = run.archive.document(run.id, "config")
+        return config_read
     config = RunDirectory(run.directory).config()
-    kept = {**config, "output": OUTPUT}
+    published = {**config, "output": OUTPUT}
     algo = config.get("algo")
     if isinstance(algo, Mapping) and algo.get("path"):
-        kept["algo"] = {**algo, "path": Path(str(algo["path"])).name}
-    return kept
+        published["algo"] = {**algo, "path": Path(str(algo["path"])).name}
+    return published
 
 
 def _manifest(run: RunRecord) -> dict[str, Any]:
-    """Return the manifest without the machine's name and without folders."""
-    kept = dict(run.manifest)
+    """Return the manifest without the machine's name and folders."""
+    published = dict(run.manifest)
     if run.archive is not None:
-        return kept
-    if host := kept.get("host"):
-        kept["host"] = {key: value for key, value in host.items() if key != "name"}
+        return published
+    if host := published.get("host"):
+        published["host"] = {key: value for key, value in host.items() if key != "name"}
     try:
-        words = shlex.split(kept.get("command") or "")
+        words = shlex.split(published.get("command") or "")
     except ValueError:
         words = []
-    kept["command"] = shlex.join(word for word in words if not word.startswith("output="))
-    if error := kept["error"]:  # a traceback names folders, and a message may name the run's
+    published["command"] = shlex.join(word for word in words if not word.startswith("output="))
+    if error := published[
+        "error"
+    ]:  # A traceback contains folders, and a message may contain the run's folder.
         message = str(error.get("message", "no message"))
         for place in (run.directory.absolute().parent, run.directory.parent):
             message = message.replace(f"{place}/", "")
-        kept["error"] = {"message": message, "step": error.get("step")}
-    return integrity.sealed(kept)
+        published["error"] = {"message": message, "step": error.get("step")}
+    return integrity.sealed(published)
 
 
 def _labelled(frame: pd.DataFrame, run: str, protocol: str) -> pd.DataFrame:
-    kept = frame.drop(columns=list(archive.FOLLOWING), errors="ignore")
-    kept.insert(0, "run", run)
-    kept.insert(1, "protocol", protocol)
-    return kept
+    table = frame.drop(columns=list(archive.FOLLOWING), errors="ignore")
+    table.insert(0, "run", run)
+    table.insert(1, "protocol", protocol)
+    return table
 
 
 def _compacted(frame: pd.DataFrame) -> pd.DataFrame:
-    kept = frame.filter(items=COMPACT).copy()
-    for name in kept.select_dtypes("float").columns.drop("frequency_hz", errors="ignore"):
-        kept[name] = [float(f"{value:.{DIGITS}g}") for value in kept[name]]
-    return kept
+    table = frame.filter(items=COMPACT).copy()
+    for name in table.select_dtypes("float").columns.drop("frequency_hz", errors="ignore"):
+        table[name] = [float(f"{value:.{DIGITS}g}") for value in table[name]]
+    return table
 
 
 def _joined(frames: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -205,16 +207,16 @@ def _tracks(run: RunRecord, evaluation: Evaluation) -> list[pd.DataFrame]:
     """Return the stored trajectories of an evaluation in whole milliseconds and millimetres.
 
     Raises:
-        ReportError: They are damaged.
+        ReportError: the trajectories are damaged.
     """
     if not has_paths(evaluation):
         return []
-    found = []
+    tracks = []
     for condition in dict.fromkeys(evaluation.episodes["condition"]):
         try:
             for path in paths(run.id, evaluation, condition, EPISODES_KEPT):
                 x, y, z = np.rint(1e3 * path.position).astype(np.int32).T
-                found.append(
+                tracks.append(
                     pd.DataFrame(
                         {
                             "run": run.id,
@@ -230,4 +232,4 @@ def _tracks(run: RunRecord, evaluation: Evaluation) -> list[pd.DataFrame]:
                 )
         except Damage as damage:
             raise ReportError(f"{run.directory}: {short(damage)}") from damage
-    return found
+    return tracks

@@ -1,4 +1,4 @@
-"""The best policy of each learning algorithm of a study as a file in `<folder>/policies/`, and their table."""
+"""Export the best policy of each learning algorithm of a study to `<folder>/policies/`, and list them in a table."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ CHOSEN = "This test chose each policy, so its success is likely to be lower on o
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """The best run of an algorithm, and why its policy has no file."""
+    """The best run of an algorithm, and the reason if its policy has no file."""
 
     agent: str
     run: str
     success: float
-    """share of the test's episodes"""
+    """success rate in the test"""
     problem: str = ""
-    """empty where there is a file"""
+    """reason why there is no file; '' if there is one"""
 
 
 def best(agents: Sequence[Agent], rank_by: str) -> list[tuple[Agent, int]]:
-    """Return each agent, in the order given, with the row of its best run; of equals the first by id."""
+    """Return each agent with the index of its best run, in the given order; of equal runs, the first by id."""
     measure = to_rank_by(rank_by)
-    found = []
+    chosen = []
     for agent in agents:
         values = measure.values(agent)
         means = {
@@ -44,8 +44,8 @@ def best(agents: Sequence[Agent], rank_by: str) -> list[tuple[Agent, int]]:
             if (agent.outcome[i] != NO_POLICY).any() and not np.isnan(values[i]).all()
         }
         if means:
-            found.append((agent, min(means, key=lambda i: (-means[i], agent.runs[i].id))))
-    return found
+            chosen.append((agent, min(means, key=lambda i: (-means[i], agent.runs[i].id))))
+    return chosen
 
 
 def renew(
@@ -55,22 +55,22 @@ def renew(
     *,
     export: bool,
 ) -> list[Best]:
-    """Export the best policy of each learning algorithm, and remove those of the study's other runs.
+    """Export the best policy of each learning algorithm, and remove policies of the study's other runs.
 
     Args:
-        sections: agents as `best` returns them, best first.
-        sources: the runs with their weights, by id.
-        folder: of the study.
-        export: False only lists the files that exist.
+        sections: result of `best` for each section, best agents first.
+        sources: runs with their weights, by id.
+        folder: folder of the study.
+        export: if False, only list the existing files.
 
     Raises:
         RunError: a link is in the way.
         MissingExtraError: onnx or onnxruntime is not installed.
         TrainingError: the disk is full, read-only or failing.
     """
-    there = folder / FOLDER
-    path_safety.check_output(there)
-    found = []
+    policies = folder / FOLDER
+    path_safety.check_output(policies)
+    rows = []
     for chosen in sections:
         done: set[str] = set()
         for agent, i in chosen:
@@ -78,15 +78,15 @@ def renew(
             algorithm = str(run.config.get("algo.agent"))
             if algorithm in done or not _is_network(run):
                 continue
-            problem = _file(there, run, sources.get(run.id), export)
+            problem = _file(policies, run, sources.get(run.id), export)
             if not problem:
                 done.add(algorithm)
             if export or not problem:
-                found.append(Best(agent.label, run.id, float(agent.success[i].mean()), problem))
+                rows.append(Best(agent.label, run.id, float(agent.success[i].mean()), problem))
     if export:
         ids = {run.id for chosen in sections for agent, _ in chosen for run in agent.runs}
-        _remove(there, ids - {row.run for row in found})
-    return found
+        _remove(policies, ids - {row.run for row in rows})
+    return rows
 
 
 def _is_network(run: RunRecord) -> bool:
@@ -97,7 +97,7 @@ def _is_network(run: RunRecord) -> bool:
 
 
 def _file(there: Path, run: RunRecord, source: RunRecord | None, export: bool) -> str:
-    """Return why a run has no file; empty where it has one."""
+    """Return why a run has no file; '' if it has one."""
     from auvbench.evaluation import exporting
 
     if (there / f"{run.id}.onnx").exists():
@@ -107,7 +107,7 @@ def _file(there: Path, run: RunRecord, source: RunRecord | None, export: bool) -
     try:
         exporting.export(RunDirectory(source.directory), there)
     except AuvbenchError as error:
-        if error.exit_code == 1:  # the disk's
+        if error.exit_code == 1:  # an error of the disk
             raise
         return str(error).removeprefix(f"{source.directory}: ")
     return ""
@@ -128,7 +128,7 @@ def any_there(folder: Path) -> bool:
 
 
 def markdown(found: Sequence[Best]) -> str:
-    """Return the block of the README: the policies with their cards, and what could not be exported."""
+    """Return the README block: the policies with their cards, and those that could not be exported."""
     files = [
         (
             escape(row.agent),

@@ -1,8 +1,8 @@
-"""Entries of other people: an agent with its rows, weights and what it knew, in one archive.
+"""Read and write entries of other people: an agent with its rows, weights and knowledge, in one archive.
 
-An entry is a published study with two additions: `entry.json` says who entered what and what the agent knew, and
-`models/<run>/` has the files of each run's model. So `auvbench report` reads an entry as any study, and `auvbench verify`
-tests it again from the archive alone.
+An entry is a published study with two additions. `entry.json` says who entered what and what the agent knew;
+`models/<run>/` has the files of each run's model. So `auvbench report` reads an entry like any study, and
+`auvbench verify` can test it again from the archive alone.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from auvbench.untrusted.typed_json import Count, Name, Prose, Range
 FILE, MODELS, VERIFIED = "entry.json", "models", "verified.json"
 Knowledge = Literal["sheet", "model", "preview", "velocities"]
 LARGEST = 512 * 1024**2
-"""Bytes of an archive, packed and unpacked"""
+"""Largest size of an archive in bytes, packed and unpacked"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +48,13 @@ class Entry:
     knows: tuple[Knowledge, ...]
     """Knowledge beyond noisy positions and yaw"""
     trials: Count
-    """Trials that chose the settings"""
+    """Number of trials that chose the settings"""
     tuned_on: Prose
     """What the trials were tested on"""
     cpu: Name
-    """Processor of the test"""
+    """Processor of the machine that ran the test"""
     auvbench: Name
-    """Version"""
+    """Version of auvbench"""
     files: dict[str, integrity.FileEntry]
     schema_version: Annotated[int, Range(1, 1)] = 1
 
@@ -67,22 +67,22 @@ class Verified:
     auvbench: Name
     cpu: Name
     same_bits: bool
-    """Whether all rows are equal"""
+    """Whether all rows have the same bits"""
     verdict: Name
     """Verdict of the submitted rows against PID"""
     again: Name
-    """Verdict of the rows of the new test"""
+    """Verdict of the rows of the repeated test against PID"""
     ok: bool
 
 
 def pack(entry: Entry, runs: Sequence[RunRecord], folder: Path, target: Path) -> None:
-    """Write an entry's files into a folder, and its archive.
+    """Write an entry's files into a folder, and pack them into an archive.
 
     Args:
-        entry: without files.
-        runs: tested by the entry's protocol.
-        folder: empty.
-        target: the ZIP file.
+        entry: description without its files.
+        runs: runs tested by the entry's protocol.
+        folder: empty folder.
+        target: path of the ZIP file.
 
     Raises:
         OSError: a file cannot be read or written.
@@ -103,16 +103,16 @@ def pack(entry: Entry, runs: Sequence[RunRecord], folder: Path, target: Path) ->
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, data in {FILE: document, **files}.items():
-            # A fixed date: the same entry has the same bytes.
+            # With a fixed date the same entry has the same bytes.
             packed.writestr(zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0)), data, zipfile.ZIP_DEFLATED)
     write_atomic(target, stream.getvalue())
 
 
 def unpack(path: Path, folder: Path) -> Entry:
-    """Copy an entry, a ZIP file or a folder, into an empty folder; return its description.
+    """Copy an entry, a ZIP file or a folder, into an empty folder and return its description.
 
     Raises:
-        ReportError: it cannot be read, is damaged, or has a file that its description does not name.
+        ReportError: the entry cannot be read, is damaged, or has a file that its description does not name.
     """
     try:
         files = (
@@ -142,18 +142,18 @@ def unpack(path: Path, folder: Path) -> Entry:
 
 
 def _in_folder(path: Path) -> dict[str, bytes]:
-    """Return the files of an entry's folder by name."""
+    """Return the files in an entry's folder, by name."""
     description = reading.content(path / FILE)
     entry = read(description, path)
-    found = {name: reading.content(child(path, name), tables.FILE) for name in entry.files}
-    return {FILE: description, **found}
+    contents = {name: reading.content(child(path, name), tables.FILE) for name in entry.files}
+    return {FILE: description, **contents}
 
 
 def read(data: bytes, where: Path) -> Entry:
     """Return the description of an entry.
 
     Raises:
-        ReportError: it is not one.
+        ReportError: the data are not a description.
     """
     try:
         if not data:
@@ -164,7 +164,7 @@ def read(data: bytes, where: Path) -> Entry:
 
 
 def model_files(entry: Entry, run: str) -> list[str]:
-    """Return the names of the files of a run's model in an entry."""
+    """Return the file names of a run's model in an entry."""
     return [name for name in entry.files if name.startswith(f"{MODELS}/{run}/")]
 
 
@@ -174,7 +174,7 @@ def write_verified(folder: Path, found: Verified) -> None:
 
 
 def overview(folder: Path) -> str:
-    """Return the entries in a folder as a Markdown table, the newest first."""
+    """Return the entries in a folder as a Markdown table, newest first."""
     rows: list[tuple[str, str]] = []
     for path in sorted(folder.glob(f"*/{FILE}")):
         entry = read(reading.content(path), path.parent)
@@ -202,11 +202,11 @@ def _row(folder: Path, entry: Entry) -> str:
 
 def _status(folder: Path) -> str:
     try:
-        found = typed_json.read(folder / VERIFIED, Verified)
+        verified = typed_json.read(folder / VERIFIED, Verified)
     except FileNotFoundError:
         return "not yet"
     except (OSError, ValueError):
         return "unknown: verified.json is damaged"
-    if not found.ok:
-        return f"no: {found.again} instead of {found.verdict} ({found.date[:10]})"
-    return f"{'same bits' if found.same_bits else 'same verdict'} ({found.date[:10]})"
+    if not verified.ok:
+        return f"no: {verified.again} instead of {verified.verdict} ({verified.date[:10]})"
+    return f"{'same bits' if verified.same_bits else 'same verdict'} ({verified.date[:10]})"

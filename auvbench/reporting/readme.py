@@ -1,4 +1,4 @@
-"""The parts of a study's README that are computed: between markers, so that what a person wrote around them stays."""
+"""Fill the computed blocks of a study's README, between markers, without changing the text of its author."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PARTS = {
 }
 """blocks in the order of a new README, with their headings"""
 FOLDED = ("findings", "provenance")
-"""blocks that a reader opens with a click, their heading"""
+"""blocks that a reader opens by clicking on their heading"""
 QUESTION = "*(The question that this study answers, in one sentence: written by its author.)*"
 ANSWER = (
     "*(The answer in at most five sentences of at most 25 words, written by its author: who is best, by how much, how sure "
@@ -35,19 +35,19 @@ ANSWER = (
 )
 CAVEATS = "*(What a reader must know before using the answer, as a list: written by its author.)*"
 COMMANDS = 5
-"""of training, that are shown"""
+"""largest number of training commands to show"""
 
 
 def fill(path: Path, title: str, blocks: Mapping[str, str]) -> str:
-    """The text of a README with its computed blocks renewed.
+    """Return the text of a README with its computed blocks renewed.
 
     Args:
-        path: the README; where it is missing, a new one is begun, with places for its author.
-        title: of a new one.
-        blocks: text by the name of the block; names are those of `PARTS`.
+        path: path of the README; if it is missing, a new text with placeholders for its author is begun.
+        title: title of a new README.
+        blocks: text of each block, by a name in `PARTS`.
 
     Raises:
-        UserError: as `check`.
+        UserError: see `check`.
     """
     blocks = {n: fold(PARTS[n], text) if n in FOLDED else text for n, text in blocks.items()}
     if not path.exists():
@@ -65,10 +65,11 @@ def fill(path: Path, title: str, blocks: Mapping[str, str]) -> str:
 
 
 def check(path: Path, names: Iterable[str]) -> str:
-    """The text of a README that has a place for each block; empty where there is none yet.
+    """Return the text of a README after checking that it has a place for each block; '' if the file is
+    missing.
 
     Raises:
-        UserError: it cannot be read, or a block's markers are not there, or not in their order.
+        UserError: the file cannot be read, or a block's markers are missing or out of order.
     """
     try:
         text = reading.content(path).decode("utf-8")
@@ -80,13 +81,13 @@ def check(path: Path, names: Iterable[str]) -> str:
         begin, end = _markers(name)
         if text.count(begin) != 1 or text.count(end) != 1 or text.index(begin) > text.index(end):
             raise UserError(
-                f"{path}: the block {name} has no place: put the lines {begin} and {end} where it belongs"
+                f"{path}: the block {name} is missing: add the lines {begin} and {end} where it belongs"
             )
     return text
 
 
 def fold(summary: str, text: str) -> str:
-    """Return Markdown that shows its summary, and the text on a click."""
+    """Return Markdown that shows a summary, and the text after a click."""
     return f"<details><summary>{summary}</summary>\n\n{text.strip()}\n\n</details>"
 
 
@@ -100,7 +101,7 @@ def _block(name: str, text: str) -> str:
 
 
 def provenance(runs: Sequence[RunRecord], command: str, events: Sequence[history.Line] = ()) -> str:
-    """Return how the numbers came about as Markdown: runs, time, machines, versions, commands and history."""
+    """Return the provenance of the numbers as Markdown: runs, time, machines, versions, commands and history."""
     manifests = [run.manifest for run in runs]
     days = sorted(str(m[key])[:10] for m in manifests for key in ("started", "ended") if m.get(key))
     steps = sum(int(m.get("steps") or 0) for m in manifests)
@@ -115,28 +116,28 @@ def provenance(runs: Sequence[RunRecord], command: str, events: Sequence[history
     if days:
         lines.append(f"dates: {days[0]}" + (f" to {days[-1]}" if days[-1] != days[0] else ""))
     items = "\n".join(f"* {escape(line)}" for line in lines)
-    made = f"The runs were copied, and all between markers computed from the copies, by\n\n    {short(command, LONGEST)}"
-    return f"{items}\n\n{_trained_by(manifests)}\n\n{made}"
+    source = f"The runs were copied, and all between markers computed from the copies, by\n\n    {short(command, LONGEST)}"
+    return f"{items}\n\n{_trained_by(manifests)}\n\n{source}"
 
 
 LONGEST = 2000
-"""characters of a command"""
+"""largest number of characters of a command"""
 
 
 def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
-    """Return the commands that made the runs, those of the most runs first."""
-    found = Counter(str(m["command"]) for m in manifests if m.get("command"))
-    if not found:
+    """Return the commands that trained the runs, those with the most runs first."""
+    commands = Counter(str(m["command"]) for m in manifests if m.get("command"))
+    if not commands:
         return "The commands of the trainings are not recorded."
-    lines = [f"    {short(command, LONGEST)}" for command, _ in found.most_common(COMMANDS)]
+    lines = [f"    {short(command, LONGEST)}" for command, _ in commands.most_common(COMMANDS)]
     text = "The runs were trained by\n\n" + "\n".join(lines)
-    if (more := len(found) - COMMANDS) > 0:
+    if (more := len(commands) - COMMANDS) > 0:
         text += f"\n\nand {counted(more, 'more different command')}, each in its run's manifest"
     return text
 
 
 def _time(manifests: Sequence[Mapping[str, Any]]) -> str:
-    """Return what training took by the clock and of processor cores."""
+    """Return the wall time and processor time of the trainings as text."""
     wall, cpu = (sum(float(m.get(key) or 0.0) for m in manifests) for key in ("wall_time_s", "cpu_time_s"))
     unknown = sum(bool(m.get("wall_time_s")) and m.get("cpu_time_s") is None for m in manifests)
     but = f", without {counted(unknown, 'run')} that did not record them" if unknown else ""

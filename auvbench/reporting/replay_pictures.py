@@ -1,7 +1,7 @@
-"""Replayed episodes of a test as text, as a figure, and as a moving picture (GIF); several runs are in one scene.
+"""Show replayed episodes of a test as text, as a figure, and as a film (GIF); several runs share one scene.
 
-What does not move is drawn once: each picture is that background with a dozen lines drawn over it, a hundred
-times faster than drawing the figure anew.
+The background is drawn once, and only a dozen lines are drawn over it for each picture. This is a hundred
+times faster than redrawing the figure.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
 from auvbench.runs.atomic_io import check_writable
 
 RATE = 25  # pictures per second
-LONGEST = 150  # pictures; a longer episode is shown faster
+LONGEST = 150  # pictures; a longer episode is played faster
 HOLD = 25
-"""pictures at the end of several runs in which nothing moves"""
+"""still pictures at the end of a film of several runs"""
 DPI = 80
 SIZE = (10.4, 4.4)  # inches: 832 x 352 pixels
 GREY: Any = {"color": "#9a9a9a", "linestyle": "--", "linewidth": 1.0}
-"""of a reference"""
+"""style of a reference"""
 
 Picture = NDArray[np.uint8]
 
@@ -56,7 +56,7 @@ def summary(episode: Replay) -> str:
 
 
 def _accuracy(r: Record) -> str:
-    """Return how well the vehicle went, by the first of the metrics that its task measures."""
+    """Return a text on the vehicle's accuracy, by the first metric that its task measures."""
     names = ("deviation_mean_m", "cross_track_rms_m", "position_error_rms_m", "final_position_error_m")
     name = next(name for name in names if name in r)
     return f"{next(m.title for m in METRICS if m.name == name)} {float(r[name]):.2f} m"
@@ -64,23 +64,23 @@ def _accuracy(r: Record) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """An episode with the lines that grow with it."""
+    """Lines of an episode that grow over time."""
 
     episode: Replay
     space: list[Any]
-    """path, nose and place of the reference in space"""
+    """in space: path, nose and position of the reference"""
     above: list[Any]
-    """the same from above"""
+    """seen from above: path, nose and position of the reference"""
     distance: Any
     commands: list[Any]
-    """of each actuator; empty where there are several episodes"""
+    """command of each actuator; empty with several episodes"""
 
     @property
     def artists(self) -> list[Any]:
         return [*self.space, *self.above, self.distance, *self.commands]
 
     def show(self, step: int) -> None:
-        """Let the lines show the first steps of the episode; a ring is a reference that moves."""
+        """Draw the lines up to a step of the episode; a ring is a moving reference."""
         e = self.episode
         p, yaw = e.position[: step + 1], e.yaw[step]
         left, right = self.above[0].axes.get_xlim()
@@ -95,10 +95,10 @@ class Moving:
 
 
 def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
-    """Return a figure with all that does not move, and the moving lines of each episode, which are empty yet."""
+    """Return a figure with the background, and the still empty lines of each episode."""
     figure = style.canvas(*SIZE)
     figure.set_dpi(DPI)
-    first, one = episodes[0], len(episodes) == 1
+    first, single = episodes[0], len(episodes) == 1
     positions = np.concatenate([episode.position for episode in episodes])
     space, above, time, last = panels(
         figure,
@@ -114,7 +114,7 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
     )
     own = OUTCOME_LOOK.get(str(first.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
     moving = []
-    for episode, colour in zip(episodes, [own] if one else style.palette(len(episodes)), strict=True):
+    for episode, colour in zip(episodes, [own] if single else style.palette(len(episodes)), strict=True):
         if episode.reference is not None:
             space.plot(*episode.reference.T, **GREY)
             above.plot(*episode.reference[:, :2].T, **GREY)
@@ -130,10 +130,10 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
                 [], [], drawstyle="steps-post", color=COLOURS[j % len(COLOURS)], linewidth=0.9, label=name
             )[0]
             for j, name in enumerate(episode.actuators)
-            if one
+            if single
         ]
         moving.append(Moving(episode, solid, flat, time.plot([], [], color=colour)[0], commands))
-    if one:
+    if single:
         r = first.record
         about = f"{first.run}   episode {r['episode']}: {r['outcome']} after {r['steps']} steps"
     else:
@@ -151,7 +151,7 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
 
 
 def labels(episodes: Sequence[Replay]) -> list[str]:
-    """Return the algorithm of each run, with its seed where several runs have the same algorithm."""
+    """Return the algorithm of each run, with its seed if several runs have the same algorithm."""
     names = [title(episode.config.algo.name) for episode in episodes]
     return [
         name if names.count(name) == 1 else f"{name} seed {episode.config.seed}"
@@ -160,7 +160,7 @@ def labels(episodes: Sequence[Replay]) -> list[str]:
 
 
 def draw(episodes: Sequence[Replay], path: Path) -> tuple[Path, Path]:
-    """Draw the whole episodes as `path`.png and `path`.svg; return both."""
+    """Draw the complete episodes as `path`.png and `path`.svg, and return the two paths."""
     with style.styled():
         figure, moving = scene(episodes)
         for each in moving:
@@ -175,22 +175,22 @@ def check(path: Path) -> None:
     """Check that a film can be written to a path.
 
     Raises:
-        UserError: another suffix, a folder, or a place that cannot be written.
+        UserError: the suffix is not .gif, the path is a folder, or it is not writable.
     """
     if path.suffix.lower() != ".gif":
-        raise UserError(f"--video {path}: must end in .gif; ffmpeg -i FILE.gif FILE.mp4 makes another format")
+        raise UserError(f"--video {path}: must end in .gif; convert it with ffmpeg -i FILE.gif FILE.mp4")
     check_writable(path, f"--video {path}")
 
 
 def film(episodes: Sequence[Replay], path: Path) -> Path:
-    """Write the episodes as one film, all from the same moment on.
+    """Write the episodes as one film; all start at the same moment.
 
     Args:
-        episodes: as replayed.
-        path: FILE.gif.
+        episodes: replayed episodes.
+        path: path of the GIF.
 
     Raises:
-        UserError: as `check`.
+        UserError: see `check`.
     """
     from PIL import Image
 
@@ -200,7 +200,7 @@ def film(episodes: Sequence[Replay], path: Path) -> Path:
     steps = np.unique(np.linspace(0, n, min(n + 1, LONGEST)).astype(int))
     frames = pictures(episodes, [float(longest.time[step]) for step in steps])
     every = [Image.fromarray(frame) for frame in frames]
-    # One palette for all: the last picture has every colour, and colours that change from picture to picture flicker.
+    # One palette for all pictures: the last one has every colour, and a palette per picture would flicker.
     palette = every[-1].quantize(256)
     indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every]
     still = 1 + HOLD * (len(episodes) > 1)
@@ -210,13 +210,13 @@ def film(episodes: Sequence[Replay], path: Path) -> Path:
 
 
 def pictures(episodes: Sequence[Replay], times: Sequence[float]) -> Iterator[Picture]:
-    """Yield the scene at some times, (352, 832, 3) each; an episode that has ended stands still."""
+    """Yield the scene at some times, (352, 832, 3) each; an ended episode stands still."""
     with style.styled():
         figure, moving = scene(episodes)
         artists = [artist for each in moving for artist in each.artists]
         for artist in artists:
             artist.set_animated(True)
-        figure.draw_without_rendering()  # settles the layout
+        figure.draw_without_rendering()  # computes the layout
         figure.set_layout_engine("none")
         canvas: Any = figure.canvas
         canvas.draw()

@@ -1,4 +1,4 @@
-"""The report of a study: all trials as CSV, Optuna's figures, and the findings in sentences."""
+"""Write the report of a study: all trials as CSV, Optuna's figures, and the findings as sentences."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from auvbench.untrusted import path_safety
 
 
 def report(found: Outcome) -> Path:
-    """Write trials.csv and the figures into the study's report/; return the table.
+    """Write trials.csv and the figures into the study's report/, and return the path of the table.
 
     Raises:
-        OSError: A file cannot be written.
+        OSError: a file cannot be written.
     """
     folder = found.folder.report
     path_safety.check_output(folder, ("trials.csv", "figures"))
@@ -43,7 +43,7 @@ def report(found: Outcome) -> Path:
 
 
 def table(found: Outcome) -> pd.DataFrame:
-    """Return a row per trial, best first."""
+    """Return a table with one row per trial, best first."""
     keys = [dimension.key for dimension in found.plan.dimensions]
     names = (found.objective.measure.name, "low", "high", found.objective.then.name)
     rows = []
@@ -83,7 +83,7 @@ def summary(found: Outcome) -> list[str]:
 
 
 def at_the_edge(found: Outcome) -> str:
-    """Name the best values at an end of their range; return '' for none."""
+    """Return a sentence on the best values that are at an end of their range; '' if there are none."""
     if found.best is None:
         return ""
     params = found.best.params
@@ -94,7 +94,7 @@ def at_the_edge(found: Outcome) -> str:
 
 
 def gain(found: Outcome) -> str:
-    """Compare the best and the untuned settings on what the search has not seen."""
+    """Return a sentence that compares the best and the untuned settings on scenarios and seeds outside the search."""
     seeds = len(found.plan.tune.fresh_seeds)
     on = f"{seeds} fresh training seeds and " if found.plan.learns and seeds > 1 else ""
     parts = [
@@ -106,19 +106,21 @@ def gain(found: Outcome) -> str:
 
 
 def verdict(of: Gain) -> str:
-    """Return better, worse or not resolved: whether the interval of tuned less untuned excludes zero, and its reliability."""
+    """Return better, worse or not resolved (whether the interval of tuned less untuned excludes zero), with
+    the reliability.
+    """
     r = of.reliability
-    held = f" ({r.count} of {r.trainings} tuned trainings are not behind)" if r else ""
+    reliability_text = f" ({r.count} of {r.trainings} tuned trainings are not behind)" if r else ""
     if 0 < of.trainings < FEWEST:
-        return f"no verdict below {FEWEST} fresh seeds{held}"
+        return f"no verdict below {FEWEST} fresh seeds{reliability_text}"
     if not (of.difference.low > 0 or of.difference.high < 0):
-        return f"not resolved{held}"
+        return f"not resolved{reliability_text}"
     star = "*" if 0 < of.trainings < trainings_needed() else ""
-    return f"{'better' if of.difference.value * of.measure.sign > 0 else 'worse'}{star}{held}"
+    return f"{'better' if of.difference.value * of.measure.sign > 0 else 'worse'}{star}{reliability_text}"
 
 
 def broken(found: Outcome) -> str:
-    """Name the trainings with fresh seeds that failed."""
+    """Return a sentence on the trainings with fresh seeds that failed."""
     return f"With fresh seeds {counted(len(found.broken), 'training')} failed, so no gain is shown: {listed(found.broken, 3)}."
 
 
@@ -134,11 +136,11 @@ def evidence(found: Outcome) -> str:
 
 
 COLUMNS = 4
-"""panels in a row"""
+"""number of panels in a row"""
 
 
 def draw(found: Outcome, out: Path) -> None:
-    """Draw the figures that the study has enough trials for into `out`/figures, as PNG and SVG."""
+    """Draw the figures for which the study has enough trials into `out`/figures, as PNG and SVG."""
     study, measure = in_units(found)
     label = f"{measure.name}, %" if measure.rate else measure.name
     drawn = {}
@@ -156,9 +158,9 @@ def draw(found: Outcome, out: Path) -> None:
 
 
 def in_units(found: Outcome) -> tuple[Study, Measure]:
-    """Return the study in the unit of the measure that tells its trials apart, and that measure.
+    """Return the study in the unit of the measure that distinguishes its trials, and that measure.
 
-    The second measure takes over where more than half of the trials with the best trial's budget tie in the first.
+    The second measure is used if more than half of the trials with the best trial's budget tie in the first.
     """
     best = found.best
     peers = [trial for trial in found.trials if best and trial.last_step == best.last_step]
@@ -194,11 +196,11 @@ def _history(study: Study, label: str) -> Canvas:
 
 
 def _slices(study: Study, label: str) -> Canvas:
-    found = plots.plot_slice(study, target_name=label)
-    panels: list[Axes] = [found] if isinstance(found, Axes) else list(found)
+    plot = plots.plot_slice(study, target_name=label)
+    panels: list[Axes] = [plot] if isinstance(plot, Axes) else list(plot)
     figure = panels[0].get_figure()
     assert isinstance(figure, Canvas)
-    for extra in [ax for ax in figure.axes if ax not in panels]:  # the colour bar of trial numbers
+    for extra in [ax for ax in figure.axes if ax not in panels]:  # remove the colour bar of trial numbers
         extra.remove()
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)

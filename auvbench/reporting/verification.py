@@ -32,9 +32,9 @@ from auvbench.untrusted.text import short
 
 BASELINE = "pid"
 PROGRAMS = ("ardusub",)
-"""Agents that start a program of this machine"""
+"""Agents that start a program on this machine"""
 EMBEDDED = "fossen"
-"""The simulator that an entry may use: others connect to programs of this machine"""
+"""The only simulator that an entry may use, since others connect to programs on this machine"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,14 +43,14 @@ class Outcome:
 
     verified: Verified
     lines: tuple[str, ...]
-    """What was compared, for people"""
+    """Sentences on the comparison"""
 
 
 def rebuilt(entry: Entry, folder: Path, target: Path) -> list[RunDirectory]:
     """Return the runs of an unpacked entry as run directories below `target`, without evaluations.
 
     Raises:
-        ReportError: a run is damaged, or uses another simulator than the embedded one.
+        ReportError: a run is damaged, or does not use the embedded simulator.
     """
     study = Archive(folder)
     runs = []
@@ -77,15 +77,15 @@ def rebuilt(entry: Entry, folder: Path, target: Path) -> list[RunDirectory]:
 
 
 def _refuse_programs(simulator: object, agent: object) -> None:
-    """Raise ValueError for a configuration whose test starts or contacts another program."""
+    """Raise ValueError for a configuration whose test would start or contact another program."""
     if simulator != EMBEDDED:
-        raise ValueError(f"simulator={short(simulator, 40)}: an entry is tested in simulator={EMBEDDED}")
+        raise ValueError(f"simulator={short(simulator, 40)}: an entry must use simulator={EMBEDDED}")
     if agent in PROGRAMS:
-        raise ValueError(f"algo={agent}: an entry may not start a program; publish a study instead")
+        raise ValueError(f"algo={agent}: an entry must not start a program; publish a study instead")
 
 
 def baseline(runs: Sequence[RunDirectory], target: Path) -> RunDirectory | None:
-    """Return a run of PID on the task and vehicle of an entry; None for an entry that is PID."""
+    """Return a run of PID on the task and vehicle of an entry; None if the entry is PID."""
     config = runs[0].config()
     if config["algo"]["agent"] == BASELINE:
         return None
@@ -106,15 +106,15 @@ def compare(
     """Test an unpacked entry again and compare the rows.
 
     Args:
-        entry: its description.
-        folder: where it was unpacked.
-        work: an empty folder for runs.
-        protocol: that of the entry.
-        pool: the workers.
-        report: as of `evaluate_all`.
+        entry: description of the entry.
+        folder: folder of the unpacked entry.
+        work: empty folder for runs.
+        protocol: protocol of the entry.
+        pool: worker processes.
+        report: see `evaluate_all`.
 
     Raises:
-        ReportError: a run cannot be tested, or meets other scenarios now.
+        ReportError: a run cannot be tested, or its scenarios have changed.
     """
     runs = rebuilt(entry, folder, work / "again")
     reference = baseline(runs, work / "baseline")
@@ -129,31 +129,32 @@ def compare(
     for run in submitted:
         if run.state != "complete":
             continue
-        one, other = run.evaluations.get(entry.protocol), again[run.id].evaluations[entry.protocol]
-        if one is None or one.fingerprint != other.fingerprint:
+        submitted_rows, other = run.evaluations.get(entry.protocol), again[run.id].evaluations[entry.protocol]
+        if submitted_rows is None or submitted_rows.fingerprint != other.fingerprint:
             raise ReportError(
-                f"{entry.name}: this auvbench draws other scenarios for {run.id}; verify with auvbench {short(entry.auvbench, 40)}"
+                f"{entry.name}: this version of auvbench draws different scenarios for {run.id}; verify "
+                f"with auvbench {short(entry.auvbench, 40)}"
             )
-        if not same_rows(one.episodes, other.episodes):
+        if not same_rows(submitted_rows.episodes, other.episodes):
             different.append(run.id)
     beside = [reference.path] if reference else []
     before, value, (low, high) = _verdict([folder, *beside], entry.protocol, ids)
-    after, found, _ = _verdict([work / "again", *beside], entry.protocol, ids)
+    after, value_again, _ = _verdict([work / "again", *beside], entry.protocol, ids)
     cpu = str(provenance.host()["cpu"])
     same_cpu = cpu == entry.cpu
-    agree = before == after and low <= found <= high
+    agree = before == after and low <= value_again <= high
     ok = not different or (not same_cpu and agree)
     lines = (
         f"rows: {len(submitted) - len(different)} of {len(submitted)} runs have the same bits",
         f"processor: {cpu}" + ("" if same_cpu else f"; submitted from {short(entry.cpu, 80)}"),
-        f"against PID: {before} as submitted, {after} again; measure {value:.5g} as submitted, {found:.5g} again",
+        f"against PID: {before} as submitted, {after} again; measure {value:.5g} as submitted, {value_again:.5g} again",
     )
     version = provenance.versions()["auvbench"]
     return Outcome(Verified(now(), version, cpu, not different, before, after, ok), lines)
 
 
 def same_rows(one: pd.DataFrame, other: pd.DataFrame) -> bool:
-    """Return whether two tables of episodes are equal to the last bit, in any order of columns."""
+    """Return whether two tables of episodes have the same bits, in any order of columns."""
     tables = [frame.drop(columns=[c for c in FOLLOWING if c in frame.columns]) for frame in (one, other)]
     names = [sorted(frame.columns) for frame in tables]
     if names[0] != names[1]:
@@ -163,7 +164,7 @@ def same_rows(one: pd.DataFrame, other: pd.DataFrame) -> bool:
 
 
 def _verdict(paths: Sequence[Path], protocol: str, ids: set[str]) -> tuple[str, float, tuple[float, float]]:
-    """Return the verdict of the runs `ids` against the baseline, with the value of their measure and its interval."""
+    """Return the verdict on the runs `ids` against the baseline, with the value of their measure and its interval."""
     runs, _ = load(paths, protocol)
     (part, *_) = sections(runs, protocol)
     condition = default(part.runs, protocol)
@@ -177,7 +178,7 @@ def _verdict(paths: Sequence[Path], protocol: str, ids: set[str]) -> tuple[str, 
 
 
 def refuse_unfit(runs: Sequence[RunRecord]) -> None:
-    """Raise ReportError where a run cannot be an entry."""
+    """Raise ReportError if a run cannot be an entry."""
     for run in runs:
         if run.archive is not None:
             raise ReportError(
@@ -190,7 +191,7 @@ def refuse_unfit(runs: Sequence[RunRecord]) -> None:
 
 
 def refuse_stale(run: RunDirectory, protocol: schema.Protocol) -> None:
-    """Raise ReportError unless a run's test is complete and by today's scenarios."""
+    """Raise ReportError unless a run's test is complete and uses the current scenarios."""
     why = stale(run, protocol)
     if why != "":
         raise ReportError(

@@ -1,4 +1,4 @@
-"""Write the parts of a report into files, and what a reader needs to judge and repeat its numbers."""
+"""Write the parts of a report into files, with everything needed to judge and repeat its numbers."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def text(path: Path, content: str) -> Path:
     """Write a file atomically, and return its path.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     write_atomic(path, content.encode("utf-8", "replace"))
     return path
 
 
 def if_any(path: Path, content: str) -> list[Path]:
-    """Write a file; without content remove that of an earlier report."""
+    """Write a file; without content, remove the file of an earlier report."""
     if content:
         return [text(path, content)]
     path.unlink(missing_ok=True)
@@ -38,7 +38,7 @@ def if_any(path: Path, content: str) -> list[Path]:
 
 
 def markdown(report: Report, figures: Sequence[Figure], folder: Path) -> str:
-    """Return report.md of one section; its links are relative to `folder`, where it will lie."""
+    """Return report.md of one section; its links are relative to `folder`, its future location."""
     ranking = report.ranking
     main = next((figure for figure in figures if figure.name == MAIN), None)
     parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]
@@ -65,7 +65,7 @@ def figure_in_markdown(figure: Figure, folder: Path) -> str:
 
 
 def verdicts(reports: Sequence[Report]) -> str:
-    """Return verdicts.json: each claim, then each finding, as data, with its section if there are several; empty without any."""
+    """Return verdicts.json: each claim, then each finding, with its section if there are several; '' without any."""
     rows: list[dict[str, Any]] = []
     for report in reports:
         section = {"section": report.section.title} if len(reports) > 1 else {}
@@ -83,7 +83,7 @@ def _numbers(estimate: Estimate) -> dict[str, Any]:
 
 
 def findings_in_markdown(findings: Sequence[Finding]) -> str:
-    """Return the first findings as a list, the others folded; each has its basis in brackets."""
+    """Return the first findings as a list and the others folded; each has its basis in brackets."""
     lines = [f"* {escape(f.text + (f' ({f.basis})' if f.basis else ''))}" for f in findings]
     shown, rest = lines[:SHOWN], lines[SHOWN:]
     if rest:
@@ -93,7 +93,7 @@ def findings_in_markdown(findings: Sequence[Finding]) -> str:
 
 
 def claims_in_markdown(claims: Sequence[ClaimVerdict]) -> str:
-    """Return the numbered claims with their verdicts and what stands behind them."""
+    """Return the numbered claims with their verdicts and evidence."""
     lines = []
     for i, claim in enumerate(claims, 1):
         verdict = escape(f"{capitalized(claim.verdict)}.")
@@ -103,11 +103,11 @@ def claims_in_markdown(claims: Sequence[ClaimVerdict]) -> str:
 
 
 OF_ONE_SECTION = ("table.tex", "conditions.tex", "conditions.csv", "comparisons.csv", "verdicts.json")
-"""files that a report of one section writes and the overview of several does not"""
+"""files in the report of one section, but not in the overview of several"""
 
 
 def overview(sections: int, score: Scores | None) -> str:
-    """Return the headline of a report of several sections."""
+    """Return the headline of a report with several sections."""
     if score is None or not score.rows:
         return (
             f"{sections} sections: agents are compared on one vehicle and the same scenarios, never across."
@@ -116,7 +116,7 @@ def overview(sections: int, score: Scores | None) -> str:
 
 
 def sections_markdown(reports: Sequence[Report], score: Scores | None = None) -> str:
-    """Return report.md with the table and the findings of each section, and a link to its own report."""
+    """Return report.md with the table and the findings of each section, and a link to the section's own report."""
     pieces = ["# Report", overview(len(reports), score)]
     if score is not None:
         pieces += ["## Score across tasks", tables.pipes(tables.score_table(score))]
@@ -132,7 +132,7 @@ def sections_markdown(reports: Sequence[Report], score: Scores | None = None) ->
 
 
 def clear(out: Path) -> None:
-    """Remove the files of an earlier report of one section from the folder."""
+    """Remove the files of an earlier one-section report from the folder."""
     stale = [out / name for name in OF_ONE_SECTION]
     stale += [out / "figures" / f"{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for path in stale:
@@ -140,23 +140,23 @@ def clear(out: Path) -> None:
 
 
 Facts = list[tuple[str, tuple[str, ...]]]
-"""titles, and the different values of the runs"""
+"""titles, with the distinct values of the runs"""
 
 
 def facts(runs: Sequence[RunRecord]) -> Facts:
-    """Return vehicles, simulators, machines, versions and commits of the runs; without those that no run has."""
+    """Return vehicles, simulators, machines, versions and commits of the runs, without those that no run has."""
     versions, commits, hosts = (
-        [found for run in runs if (found := run.manifest.get(key))] for key in ("versions", "git", "host")
+        [entries for run in runs if (entries := run.manifest.get(key))] for key in ("versions", "git", "host")
     )
-    packages = sorted({str(name) for found in versions for name in found})
-    found = [
+    packages = sorted({str(name) for entries in versions for name in entries})
+    entries = [
         ("Vehicle", distinct(run.config.get("vehicle.name") for run in runs)),
         ("Simulator", distinct(run.config.get("simulator.name") for run in runs)),
         ("Versions", tuple(f"{n} {' and '.join(distinct(v.get(n) for v in versions))}" for n in packages)),
         ("Source", distinct(_commit(git) for git in commits)),
         ("Hosts", distinct(f"{host.get('cpu')}, {host.get('cores')} cores" for host in hosts)),
     ]
-    return [(name, values) for name, values in found if values]
+    return [(name, values) for name, values in entries if values]
 
 
 def _commit(git: Mapping[str, Any]) -> str:
@@ -165,5 +165,5 @@ def _commit(git: Mapping[str, Any]) -> str:
 
 
 def distinct(values: Iterable[Any]) -> tuple[str, ...]:
-    """Return the different values as sorted text, without missing ones."""
+    """Return the distinct values as sorted text, without missing ones."""
     return tuple(sorted({str(value) for value in values if value is not None and value != ""}))

@@ -1,8 +1,8 @@
-"""The client of a server: N vehicles behind the interface, moved step by step.
+"""Connect to a server: N vehicles, moved step by step.
 
-`lockstep`: each step waits for a command to every actuator and answers with odometry that carries the time after it, so
-that a lost message is noticed. `clock`: the server's `/clock` ends a step. `wall`: this machine's clock does, as in the
-thesis.
+`lockstep`: each step waits for a command to every actuator, and answers with odometry at the time after the
+step, so that a lost message is noticed. `clock`: the server's `/clock` ends a step. `wall`: this machine's
+clock ends a step, as in the original study.
 """
 
 from __future__ import annotations
@@ -25,26 +25,29 @@ Floats = NDArray[np.float64]
 CLOCKS = ("lockstep", "clock", "wall")
 
 NEAR = 1.0
-"""m between the pose of a reset and the next odometry: vehicles move on while a client waits"""
+"""largest distance in m between the pose of a reset and the next odometry, since vehicles move while a client
+waits
+"""
 
 
 class Connection:
     """All N vehicles of one server.
 
     Args:
-        namespace: the vehicle's, or the common part of several vehicles' namespaces.
+        namespace: namespace of the vehicle, or the common part of several vehicles' namespaces.
         actuators: names of the columns of a command.
-        clock: one of CLOCKS, or auto: the first of them that the server offers.
-        timeout: s, after which a server that does not answer is given up.
+        clock: one of CLOCKS; auto: the first that the server offers.
+        timeout: time in s after which a silent server counts as lost.
 
     Raises:
         ConfigError: ROS 2 does not start.
-        InterfaceError: a topic or service is missing, or has another user.
+        InterfaceError: a topic or service is missing, or another program uses it.
 
     Attributes:
-        clock: which of CLOCKS is used.
-        lost: the server did not answer or was moved by another client; this connection cannot go on.
-        pose: (n, 7), and velocity (n, 6), the last that were received.
+        clock: the member of CLOCKS in use.
+        lost: whether the server did not answer or was moved by another client, so that this connection cannot
+            continue.
+        pose: (n, 7) last poses; `velocity` (n, 6) last velocities.
 
     """
 
@@ -70,13 +73,13 @@ class Connection:
             raise
 
     def _prepare(self) -> None:
-        """Set the vehicles' state before any message."""
+        """Set up the vehicles' state before the first message."""
         self.n = len(self.names)
         self.pose: Floats = np.zeros((self.n, 7))
         self.pose[:, 3] = 1.0
         self.velocity: Floats = np.zeros((self.n, 6))
         self.owner: object = None
-        """the simulator that uses the vehicles at present; one at a time"""
+        """the simulator that uses the vehicles at present; only one at a time"""
         self._received = np.zeros(self.n, dtype=np.int64)
         """(n,) number of poses received"""
         self._stamp = np.full(self.n, -1, dtype=np.int64)
@@ -91,16 +94,16 @@ class Connection:
 
     @property
     def usable(self) -> bool:
-        """Whether the server that was found first still publishes, and no other does.
+        """Return whether the original server still publishes, and no other server does.
 
-        A restarted server has the same topics, and a clock that begins at 0.
+        A restarted server has the same topics, but its clock begins at 0.
         """
         return not self.lost and self._publishers() == self._server
 
     def _publishers(self) -> list[bytes]:
-        """Return the identifiers of those that publish the first vehicle's odometry."""
-        found = self.node.get_publishers_info_by_topic(self.names[0].odometry)
-        return sorted(bytes(one.endpoint_gid) for one in found)
+        """Return the identifiers of the publishers of the first vehicle's odometry."""
+        endpoints = self.node.get_publishers_info_by_topic(self.names[0].odometry)
+        return sorted(bytes(endpoint.endpoint_gid) for endpoint in endpoints)
 
     def _make(self) -> None:
         ros, session = self.session.ros, self.session
@@ -127,37 +130,37 @@ class Connection:
         """Return the clock that counts steps.
 
         Raises:
-            InterfaceError: the server lacks the one that is asked for.
+            InterfaceError: the server lacks the requested clock.
         """
-        there = {
+        offered = {
             "lockstep": self._lockstep.service_is_ready,
             "clock": lambda: self.node.count_publishers(interface.CLOCK) > 0,
             "wall": lambda: True,
         }
-        found = clock
+        choice = clock
         if clock == "auto":
-            # Our own server offers lock-step, even where the service is not discovered yet.
+            # auvbench's own server offers lock-step, even if the service is not discovered yet.
             ours = "auvbench" in self.about
-            self.session.discovered(lambda: ours or there["lockstep"]() or there["clock"](), FOUND)
-            found = "lockstep" if ours else next(name for name in CLOCKS if there[name]())
-        if not self.session.discovered(there[found], self.timeout):
-            topic = self.names[0].lockstep if found == "lockstep" else interface.CLOCK
+            self.session.discovered(lambda: ours or offered["lockstep"]() or offered["clock"](), FOUND)
+            choice = "lockstep" if ours else next(name for name in CLOCKS if offered[name]())
+        if not self.session.discovered(offered[choice], self.timeout):
+            topic = self.names[0].lockstep if choice == "lockstep" else interface.CLOCK
             raise InterfaceError(
                 f"{topic}: the server lacks it, and simulator.clock={clock} needs it; simulator.clock=auto takes another clock"
             )
-        if found == "clock" and self.node.count_publishers(interface.CLOCK) > 1:
+        if choice == "clock" and self.node.count_publishers(interface.CLOCK) > 1:
             raise InterfaceError(
                 f"{interface.CLOCK}: {self.node.count_publishers(interface.CLOCK)} publishers: several servers in"
                 " this domain; stop all but one, or set another ROS_DOMAIN_ID for each"
             )
-        if found == "clock":
+        if choice == "clock":
             ros = self.session.ros
             self.node.create_subscription(ros.rosgraph.Clock, interface.CLOCK, self._clock, self.session.qos)
             self.session.renew()
-        return found
+        return choice
 
     def _begin(self) -> None:
-        """Enter lock-step where it is used, and wait for the first messages."""
+        """Enter lock-step if it is used, and wait for the first messages."""
         begun = time.monotonic()
         deadline = begun + self.timeout
         since = 0
@@ -166,7 +169,7 @@ class Connection:
                 try:
                     since = self._enter_lockstep()
                 except InterfaceError:
-                    # A client that only the server still knows of was killed.
+                    # A client that was killed may still be known to the server.
                     if time.monotonic() > begun + (LEAVING if self._is_shared() else LEASE):
                         raise
                     self.session.discovered(lambda: False, 0.1)
@@ -199,7 +202,7 @@ class Connection:
             except (ValueError, struct.error) as error:
                 raise InterfaceError(f"{self.names[i].odometry}: {error}") from error
             if stamp < self._stamp[i]:
-                return  # overtaken by a newer message
+                return  # a newer message has arrived before
             self._stamp[i] = stamp
             self._received[i] += 1
             self.pose[i], self.velocity[i] = pose, velocity
@@ -217,7 +220,7 @@ class Connection:
         """Return the answers of services.
 
         Raises:
-            TrainingError: one did not come in time.
+            TrainingError: an answer did not come in time.
         """
         self.session.until(lambda: all(answer.value is not None for answer, _ in asked), self.timeout)
         for answer, service in asked:
@@ -228,7 +231,7 @@ class Connection:
         return [answer.value for answer, _ in asked]
 
     def _enter_lockstep(self) -> int:
-        """Ask for lock-step; return the server's time in ns.
+        """Request lock-step; return the server's time in ns.
 
         Raises:
             InterfaceError: the server refuses.
@@ -239,14 +242,14 @@ class Connection:
         if not answer.success:
             raise InterfaceError(f"{service}: refused: {answer.message}")
         if not str(answer.message).isdecimal():
-            raise InterfaceError(f"{service}: answered {answer.message!r}, and must answer a time in ns")
+            raise InterfaceError(f"{service}: answered {answer.message!r}, must answer a time in ns")
         return int(answer.message)
 
     def set(self, values: dict[int, dict[str, Any]]) -> None:
         """Set parameters by vehicle: floats, or lists of floats.
 
         Raises:
-            InterfaceError: the server refuses one.
+            InterfaceError: the server rejects a parameter.
         """
         ros = self.session.ros
         asked = []
@@ -275,10 +278,10 @@ class Connection:
         for answer, (_, service) in zip(self._answers(asked), asked, strict=True):
             if not answer.success:
                 raise InterfaceError(f"{service}: refused: {answer.message}")
-        self._due = 0.0  # the next step has no predecessor
+        self._due = 0.0  # the next step does not follow an earlier one
 
     def await_poses(self, indices: Sequence[int], poses: Floats) -> None:
-        """Wait until vehicles are heard of near `poses` (k, 7): a reset's answer may overtake its odometry."""
+        """Wait until vehicles are near `poses` (k, 7), since the answer of a reset may arrive before its odometry."""
         which = list(indices)
         before = self._received[which].copy()
 
@@ -298,7 +301,7 @@ class Connection:
     # Steps.
 
     def step(self, quantities: Floats, duration: float) -> None:
-        """Command quantities (n, n_u), and wait until they have acted for `duration` s.
+        """Send quantities (n, n_u), and wait until they have acted for `duration` s.
 
         Raises:
             TrainingError: the server fell silent, or another client moves its clock.
@@ -330,7 +333,7 @@ class Connection:
         self._wait(lambda: bool(np.all(self._received > before)))
 
     def _check_time(self) -> None:
-        """Raise TrainingError if the server's clock went beyond this run's own steps."""
+        """Raise TrainingError if the server's clock is ahead of this run's own steps."""
         ahead = (int(self._stamp.max()) - self._reached) / 1e9
         if ahead > 0.0:
             raise self._give_up(
@@ -351,23 +354,23 @@ class Connection:
         i = int(np.argmin(self._stamp))
         topic = interface.CLOCK if self.clock == "clock" else self.names[i].odometry
         if self.node.count_publishers(self.names[i].odometry) == 0:
-            why = "the server has stopped; start it again, and the same command goes on"
+            why = "the server has stopped; start it again, and run the same command to continue"
         elif self.clock == "lockstep":
             why = (
-                "was the server killed or halted, or did it leave lock-step? Start it again, and the same command"
-                f" goes on; if it runs, see what arrives: ros2 topic echo {self.names[i].command(self.actuators[0])}"
+                "was the server killed or halted, or did it leave lock-step? Start it again, and run the same command"
+                f" to continue; if it runs, see what arrives: ros2 topic echo {self.names[i].command(self.actuators[0])}"
             )
         else:
             why = "was the server killed or paused, or is it slower than simulator.timeout?"
         raise self._give_up(f"{topic}: silent for {self.timeout:g} s; {why}")
 
     def _give_up(self, message: str) -> TrainingError:
-        """Give the connection up, and return the error to raise."""
+        """Mark the connection as lost, and return the error to raise."""
         self.lost = True
         return TrainingError(message)
 
     def close(self) -> None:
-        """Leave the network, and let the world go on at its own pace."""
+        """Leave the network, and let the world run at its own pace."""
         if not self.session.context.ok():
             return
         try:

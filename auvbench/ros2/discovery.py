@@ -1,4 +1,4 @@
-"""Find a server and its vehicles, and check that each topic and service they need exists once."""
+"""Find a server and its vehicles, and check that each topic and service exists and has only one user."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from auvbench.ros2 import interface
 from auvbench.ros2.middleware import InterfaceError, Session, surroundings
 
 SETTLE = 0.4
-"""s in which more publishers of a topic may be discovered after the first"""
+"""time in s in which further publishers of a topic may be discovered after the first"""
 
 FOUND = 3.0
-"""s in which a server that runs is discovered, unless the machine is very busy"""
+"""time in s in which a running server is discovered, unless the machine is very busy"""
 
 LEAVING = 5.0
-"""s in which a client that has just closed is forgotten"""
+"""time in s in which a client that has just closed is forgotten"""
 
 LEASE = 25.0
-"""s in which a client that was killed is forgotten: Fast DDS keeps it for 20 s"""
+"""time in s in which a killed client is forgotten: Fast DDS keeps it for 20 s"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,9 +28,9 @@ class Endpoints:
     """Publishers and clients of one vehicle."""
 
     names: interface.Names
-    commands: Mapping[str, Any]  # publishers by topic, in the order of the actuators
-    reset: Any  # a client of the service
-    parameters: Any  # likewise
+    commands: Mapping[str, Any]  # publishers of commands, in the order of the actuators
+    reset: Any  # client of the service reset
+    parameters: Any  # client of the service set_parameters
 
 
 def find_server(
@@ -40,39 +40,39 @@ def find_server(
 
     Args:
         session: the session of `node`.
-        node: the node that looks.
-        namespace: the vehicle's, or the common part of several vehicles' namespaces.
-        timeout: s.
+        node: node that searches.
+        namespace: namespace of the vehicle, or the common part of several vehicles' namespaces.
+        timeout: time to wait, s.
 
     Raises:
-        InterfaceError: no server is there, or it has another namespace.
+        InterfaceError: there is no server, or it has a different namespace.
     """
     count = node.count_publishers
-    one, first = (interface.Names(name) for name in (namespace, f"{namespace}_1"))
+    single, first = (interface.Names(name) for name in (namespace, f"{namespace}_1"))
 
     def there() -> bool:
-        return bool(count(one.odometry) > 0 or count(first.odometry) > 0)
+        return bool(count(single.odometry) > 0 or count(first.odometry) > 0)
 
     if not session.discovered(there, timeout):
         raise InterfaceError(
             f"{explain_absence(node, namespace, 'simulator.namespace')} (waited {timeout:g} s)"
         )
-    if count(one.odometry) > 0:
-        return [one], _about(session, node, one, timeout)
+    if count(single.odometry) > 0:
+        return [single], _about(session, node, single, timeout)
     about = _about(session, node, first, timeout)
     try:
         n = int(about.get("vehicles", "1"))
     except ValueError:
         n = 1
-    # A server of one vehicle whose name ends with _1 has no others.
+    # The server of a single vehicle whose name ends with _1 has no further vehicles.
     return [interface.Names(name) for name in interface.namespaces(namespace, max(n, 2))][:n], about
 
 
 def check_endpoints(session: Session, node: Any, vehicles: Sequence[Endpoints], timeout: float) -> None:
-    """Check that each topic and service of the vehicles exists, and has no other user.
+    """Check that each topic and service of the vehicles exists, and that no other program uses it.
 
     Raises:
-        InterfaceError: one is missing after `timeout` s, or has another user.
+        InterfaceError: a topic or service is missing after `timeout` s, or another program uses it.
     """
     count, discovered = node.count_publishers, session.discovered
     for ends in vehicles:
@@ -117,12 +117,12 @@ def list_namespaces(node: Any) -> list[str]:
 
 
 def explain_absence(node: Any, namespace: str, option: str) -> str:
-    """Return why no vehicle is found in a namespace: the namespaces there are, or what decides what is seen.
+    """Return why a namespace has no vehicle: the existing namespaces, or the settings that limit discovery.
 
     Args:
-        node: has looked for a while.
-        namespace: that was asked for.
-        option: what sets the namespace, for the message.
+        node: node that has searched for a while.
+        namespace: requested namespace.
+        option: option that sets the namespace, for the message.
     """
     topic = interface.Names(namespace).odometry
     if others := list_namespaces(node):
@@ -131,16 +131,16 @@ def explain_absence(node: Any, namespace: str, option: str) -> str:
 
 
 def _about(session: Session, node: Any, names: interface.Names, timeout: float) -> dict[str, str]:
-    """Return the server's read-only parameters; none if it does not answer."""
+    """Return the server's read-only parameters; empty if it does not answer."""
     ros = session.ros
     client = node.create_client(ros.parameters.GetParameters, names.of(f"{interface.NODE}/get_parameters"))
     session.renew()
-    # Every run needs the node's set_parameters, and the two services come together.
+    # Every run needs the node's set_parameters; the two services appear together.
     if not session.discovered(client.service_is_ready, timeout):
         return {}
     request = ros.parameters.GetParameters.Request(names=["simulator", "vehicle", "auvbench", "vehicles"])
     answer = session.ask(client, request)
     if not session.until(lambda: answer.value is not None, timeout):
         return {}
-    found = zip(request.names, answer.value.values, strict=False)
-    return {name: value.string_value for name, value in found if value.string_value}
+    entries = zip(request.names, answer.value.values, strict=False)
+    return {name: value.string_value for name, value in entries if value.string_value}

@@ -1,7 +1,8 @@
-"""The interface, that of Centrale Nantes' BlueROV2 with services of a benchmark: names, types, frames, and messages as arrays.
+"""Define the interface (Centrale Nantes' BlueROV2, plus services for a benchmark): names, types, frames, and
+messages as arrays.
 
-World ENU (frame `world`, surface at z = 0), body FLU (frame `<namespace>/base_link`), as in REP-103. Users read
-docs/ros2.md. Quaternions are (w, x, y, z) in arrays and (x, y, z, w) in messages.
+World ENU (frame `world`, surface at z = 0), body FLU (frame `<namespace>/base_link`), as in REP-103;
+docs/ros2.md is the page for users. Quaternions are (w, x, y, z) in arrays and (x, y, z, w) in messages.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ WORLD = "world"
 CLOCK = "/clock"
 CURRENT = "/current"
 NODE = "simulator"
-"""Name of the node in a vehicle's namespace that has its parameters."""
+"""Name of the node that has the parameters of a vehicle, in the vehicle's namespace."""
 
 DEPTH = 10
-"""Messages kept for a slow reader; QoS is reliable, volatile, keep last."""
+"""Number of messages kept for a slow reader; QoS is reliable, volatile, keep last."""
 
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 
@@ -40,13 +41,15 @@ class Names:
         self.odometry = self.of("odom")
         """nav_msgs/Odometry: pose in the world, twist in the body"""
         self.reset = self.of("reset")
-        """std_srvs/Trigger: to the parameters `start_pose` and `start_velocity`, the rest at rest"""
+        """std_srvs/Trigger: reset the vehicle to the parameters `start_pose` and `start_velocity`, actuators
+        at rest
+        """
         self.pause = self.of("pause")
-        """std_srvs/SetBool: stop the world, or let it go on"""
+        """std_srvs/SetBool: pause the world, or continue it"""
         self.step = self.of("step")
-        """std_srvs/Trigger: `steps` steps of `step_duration`, answered when done; the world is paused then"""
+        """std_srvs/Trigger: make `steps` steps of `step_duration`, answer when done, and stay paused"""
         self.lockstep = self.of("lockstep")
-        """std_srvs/SetBool: let each step wait for a new command to every actuator; answers the time in ns"""
+        """std_srvs/SetBool: make each step wait for a new command to every actuator; answers the time in ns"""
         self.parameters = self.of(f"{NODE}/set_parameters")
         """rcl_interfaces/SetParameters of the vehicle's node"""
 
@@ -55,12 +58,12 @@ class Names:
         return f"/{self.namespace}/{name}"
 
     def command(self, actuator: str) -> str:
-        """Return the topic of an actuator's command: std_msgs/Float64; N of a thruster, else rad, m or m3."""
+        """Return the topic of an actuator's command: std_msgs/Float64 in N for a thruster, else in rad, m or m3."""
         return self.of(f"cmd_{actuator}")
 
 
 def namespaces(base: str, n: int) -> list[str]:
-    """Return the namespaces of n vehicles in one world; the first has the world's services.
+    """Return the namespaces of n vehicles in one world; the first namespace has the world's services.
 
     Raises:
         ConfigError: `base` is not a valid namespace.
@@ -77,7 +80,7 @@ def namespaces(base: str, n: int) -> list[str]:
 
 
 def nanoseconds(duration: float) -> int:
-    """Return a step's length in ns, as the clock counts it.
+    """Return a step's length in ns, as counted by the clock.
 
     >>> nanoseconds(0.1)
     100000000
@@ -135,11 +138,11 @@ _COVARIANCE = 36 * 8
 def read_odometry(data: bytes, pose: Floats, velocity: Floats) -> int:
     """Read a serialised nav_msgs/Odometry into `pose` (7,) and `velocity` (6,); return its stamp in ns.
 
-    The Python object takes longer to make than the rest of a round trip, because of its 72 covariances. The layout is
-    little-endian CDR: numbers are aligned to their size, counted after a header of 4 bytes.
+    Building the Python object would take longer than the rest of a round trip, because of its 72 covariances.
+    The layout is little-endian CDR: numbers are aligned to their size, counted after a header of 4 bytes.
 
     Raises:
-        ValueError: the message has another layout.
+        ValueError: the message has a different layout.
     """
     if len(data) < 16 or data[1] != 1:
         raise ValueError("the message is not in little-endian CDR")

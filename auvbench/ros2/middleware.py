@@ -1,8 +1,8 @@
-"""Load rclpy when it is needed, and serve its wait set without rclpy's executor.
+"""Load rclpy when needed, and serve its wait set without rclpy's executor.
 
-The executor makes a task of each message and rebuilds its lists at each wait. On one core a lock-step of six messages
-there and one back reached 770 round trips a second with it and 3500 without. The loop here waits on the same wait set,
-as rclpy's `wait_for_message` does.
+The executor creates a task for each message and rebuilds its lists at each wait. On one core, a lock-step
+with six messages there and one back reached 770 round trips a second with the executor, and 3500 without it.
+The loop here waits on the same wait set, as rclpy's `wait_for_message` does.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from auvbench.ros2 import interface
 from auvbench.untrusted.text import first_line
 
 LAST_DOMAIN = 232
-"""The highest domain whose ports are below 65536."""
+"""Highest domain whose ports are below 65536."""
 
 SLICE = 0.05
-"""s, the longest single wait; signals are handled between two."""
+"""Longest single wait in s; signals are handled between two waits."""
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
-"""The variable that names a file of profiles to Fast DDS of ROS 2 Jazzy."""
+"""Variable that names a file of profiles for Fast DDS in ROS 2 Jazzy."""
 
 DISCOVERY = Path(__file__).with_name("discovery.xml")
 
@@ -53,24 +53,24 @@ _MODULES = {
 
 
 class InterfaceError(ConfigError):
-    """A topic or service is missing or refuses; the message names it, and what to check."""
+    """A topic or service is missing or refuses; the message names it, and says what to check."""
 
 
 @cache
 def load() -> Any:
-    """Return the modules of ROS 2 that are used, by the names of `_MODULES`.
+    """Return the required modules of ROS 2, by the names in `_MODULES`.
 
     Raises:
         MissingExtraError: rclpy or a package of messages is not installed.
-        ConfigError: it does not load, or an environment variable is wrong.
+        ConfigError: rclpy does not load, or an environment variable is wrong.
     """
-    check_surroundings()  # with a wrong value the middleware ends the process
+    check_surroundings()  # with a wrong value the middleware would kill the process
     os.environ.update(isolation.DDS)
     os.environ.setdefault(PROFILES, str(DISCOVERY))
-    found = {}
+    modules = {}
     for name, module in _MODULES.items():
         try:
-            found[name] = import_module(module)
+            modules[name] = import_module(module)
         except ModuleNotFoundError as error:
             raise MissingExtraError(
                 f"{(error.name or module).partition('.')[0]} (ROS 2 Jazzy)",
@@ -78,8 +78,8 @@ def load() -> Any:
                 purpose="simulator=ros2, auvbench serve and auvbench pilot",
             ) from error
         except (ImportError, OSError) as error:
-            raise ConfigError(f"ROS 2 is installed and does not load: {first_line(error)}") from error
-    return SimpleNamespace(**found)
+            raise ConfigError(f"ROS 2 is installed but does not load: {first_line(error)}") from error
+    return SimpleNamespace(**modules)
 
 
 def surroundings() -> str:
@@ -90,7 +90,7 @@ def surroundings() -> str:
 
 
 def check_surroundings() -> None:
-    """Refuse values with which the middleware ends the process.
+    """Reject values with which the middleware would kill the process.
 
     Raises:
         ConfigError: ROS_DOMAIN_ID or RMW_IMPLEMENTATION is wrong.
@@ -100,13 +100,15 @@ def check_surroundings() -> None:
         raise ConfigError(f"ROS_DOMAIN_ID={domain}: must be a whole number from 0 to {LAST_DOMAIN}")
     wanted = os.environ.get("RMW_IMPLEMENTATION")
     if wanted:
-        there = _implementations()
-        if wanted not in there:
-            raise ConfigError(f"RMW_IMPLEMENTATION={wanted}: not installed; {closest(wanted, there)}")
+        implementations = _implementations()
+        if wanted not in implementations:
+            raise ConfigError(
+                f"RMW_IMPLEMENTATION={wanted}: not installed; {closest(wanted, implementations)}"
+            )
 
 
 def _implementations() -> list[str]:
-    """Return the installed middlewares: one with the packages of an index, several with a sourced ROS 2."""
+    """Return the installed middlewares: one with packages from an index, several with a sourced ROS 2."""
     if not os.environ.get("AMENT_PREFIX_PATH"):
         return ["rmw_fastrtps_cpp"]
     return sorted(import_module("ament_index_python").get_resources("rmw_typesupport"))
@@ -114,13 +116,13 @@ def _implementations() -> list[str]:
 
 @dataclass(slots=True)
 class Answer:
-    """A service's answer; None until it arrives."""
+    """Answer of a service; None until it arrives."""
 
     value: Any = None
 
 
 class Session:
-    """Nodes of one process, and the loop that serves them; for one thread only.
+    """Nodes of one process, with the loop that serves them; for one thread only.
 
     Raises:
         ConfigError: the middleware does not start.
@@ -131,10 +133,10 @@ class Session:
         check_surroundings()
         self.context = self.ros.context.Context()
         try:
-            # Signals stay with the caller: rclpy would take SIGINT and SIGTERM.
+            # Signals stay with the caller; rclpy would take over SIGINT and SIGTERM.
             no = self.ros.signals.SignalHandlerOptions.NO
             self.ros.rclpy.init(args=[], context=self.context, signal_handler_options=no)
-        except Exception as error:  # of the C library: RCLError, RuntimeError, ImportError of an rmw
+        except Exception as error:  # errors of the C library: RCLError, RuntimeError, ImportError of an rmw
             raise ConfigError(
                 f"ROS 2 does not start: {first_line(error)} (check ROS_DOMAIN_ID, RMW_IMPLEMENTATION and the network;"
                 f" here {surroundings()})"
@@ -164,7 +166,7 @@ class Session:
                 namespace=namespace,
                 use_global_arguments=False,
                 start_parameter_services=parameters,
-                enable_rosout=False,  # unused, and two clients would share a name there
+                enable_rosout=False,  # unused, and two clients would share a name in it
             )
         except Exception as error:
             raise ConfigError(
@@ -175,11 +177,12 @@ class Session:
         return node
 
     def renew(self) -> None:
-        """Rebuild the wait set: required after topics, services or clients were added or removed."""
+        """Rebuild the wait set, after adding or removing topics, services or clients."""
         self._set = None
 
     def spin_once(self, seconds: float) -> bool:
-        """Wait at most `seconds` for messages, requests and answers, and handle them; return whether any came.
+        """Wait at most `seconds` for messages, requests and answers, and handle them; return whether any
+        came.
 
         Raises:
             ConfigError: the middleware failed.
@@ -205,9 +208,9 @@ class Session:
             ready = set(wait.get_ready_entities(kind))
             if ready:
                 came = True
-                for one in entities:
-                    if one.handle.pointer in ready:
-                        take(one)
+                for entity in entities:
+                    if entity.handle.pointer in ready:
+                        take(entity)
         return came
 
     def _collect(self) -> None:
@@ -238,14 +241,16 @@ class Session:
                 answer.value = response
 
     def ask(self, client: Any, request: Any) -> Answer:
-        """Send a request; a later `spin_once` fills the answer in."""
+        """Send a request and return its answer, which a later `spin_once` fills in."""
         answer = Answer()
         number = client.handle.send_request(request)
         self._waiting[(client.handle.pointer, number)] = answer
         return answer
 
     def until(self, condition: Callable[[], bool], seconds: float, turn: float = SLICE) -> bool:
-        """Serve until the condition holds, at most `seconds`, in waits of at most `turn` s; return whether it does."""
+        """Serve until the condition is true, at most `seconds`, in waits of at most `turn` s; return whether
+        it is true.
+        """
         end = time.monotonic() + seconds
         while not condition():
             left = end - time.monotonic()
@@ -255,7 +260,7 @@ class Session:
         return True
 
     def discovered(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """As `until`, for discovery, which wakes no wait set: the condition is asked every 10 ms."""
+        """Serve as `until`, but check the condition every 10 ms, since discovery does not wake a wait set."""
         return self.until(condition, seconds, turn=0.01)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""A ROS 2 node that carries a pilot's commands, and what it needs to know."""
+"""Pilot a vehicle as a ROS 2 node, which sends commands and receives poses and waypoints."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Floats = NDArray[np.float64]
 NODE = "pilot"
 GOAL = "/goal_pose"
 RESTS = 5
-"""zero commands of the supervisor: some may be lost"""
+"""number of zero commands from the supervisor, since some may be lost"""
 
 
 class Pilot(loop.Pilot):
-    """A pilot as a node.
+    """Pilot that is a ROS 2 node.
 
     Args:
-        namespace: of the vehicle.
-        steering: as `loop.Pilot`.
-        options: likewise; `sim_time` steps by `/clock`.
+        namespace: namespace of the vehicle.
+        steering: see `loop.Pilot`.
+        options: see `loop.Pilot`; `sim_time` steps by `/clock`.
 
     Raises:
         ConfigError: ROS 2 does not start.
@@ -41,7 +41,7 @@ class Pilot(loop.Pilot):
         self.names = interface.Names(interface.namespaces(namespace, 1)[0])
         self.source = self.names.odometry
         self.session = Session()
-        self._publishers: list[Any] = []  # where the supervisor is gone
+        self._publishers: list[Any] = []  # used when the supervisor is gone
         try:
             self._make()
         except BaseException:
@@ -69,7 +69,7 @@ class Pilot(loop.Pilot):
         self.guard.leave_will([_content(self.physical.neutral)] * RESTS)
 
     def wait_for_odometry(self, seconds: float) -> bool:
-        """Wait for the vehicle's odometry at most `seconds`; without it, report the namespaces there are."""
+        """Wait at most `seconds` for the vehicle's odometry; if none comes, report the existing namespaces."""
         if self.session.discovered(lambda: self.node.count_publishers(self.names.odometry) > 0, seconds):
             return True
         self._report(discovery.explain_absence(self.node, self.names.namespace, "--namespace"))
@@ -123,7 +123,7 @@ class Pilot(loop.Pilot):
             self._publish(quantities)
 
     def _publish(self, quantities: Floats) -> None:
-        """Command without the supervisor, which is gone."""
+        """Send a command without the supervisor, which is gone."""
         if not self._publishers:
             kind, qos = self.session.ros.std.Float64, self.session.qos
             self._publishers = [self.node.create_publisher(kind, topic, qos) for topic in self._topics]
@@ -159,5 +159,5 @@ class Pilot(loop.Pilot):
 
 
 def _content(quantities: Floats) -> bytes:
-    """Return commands (n_u,) as the supervisor takes them."""
+    """Return commands (n_u,) as the supervisor's content."""
     return np.asarray(quantities, dtype=np.float64).tobytes()

@@ -1,4 +1,4 @@
-"""The server: a simulator behind ROS 2, with vehicles that take commands and publish poses, and a clock."""
+"""Serve a simulator over ROS 2: vehicles that take commands and publish poses, and a clock."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from auvbench.untrusted.text import say
 Floats = NDArray[np.float64]
 
 SINCE = "since_"
-"""of a node in each vehicle's namespace, which says when its server began: of two servers the later one leaves"""
+"""prefix of a node in each vehicle's namespace that says when its server began: of two servers the later one exits"""
 
 
 class Simulated(Protocol):
@@ -45,18 +45,19 @@ class Simulated(Protocol):
 
 
 class Server:
-    """N vehicles of one world behind the interface.
+    """Server of N vehicles in one world.
 
     Args:
-        simulator: takes commands as `commands` gives them.
-        commands: converts physical quantities (n, n_u), newtons for thrusters, into the simulator's commands (n, n_u).
+        simulator: simulator that takes the commands of `commands`.
+        commands: function that converts physical quantities (n, n_u), newtons for thrusters, to the
+            simulator's commands (n, n_u).
         actuators: names of the columns of a command.
         neutral: (n_u,) quantities that act until the first command.
-        namespaces: of the n vehicles.
-        start: pose (7,) where vehicles begin, and to which `reset` returns unless a parameter says otherwise.
-        step_duration: s between two messages; also the step of the service `step`.
-        pace: simulated seconds per second; 0 as fast as possible.
-        lockstep: begin in lock-step.
+        namespaces: namespaces of the n vehicles.
+        start: pose (7,) at the start, and after `reset` unless a parameter says otherwise.
+        step_duration: time in s between two messages; also the step of the service `step`.
+        pace: simulated seconds per second; 0: as fast as possible.
+        lockstep: whether to begin in lock-step.
         about: read-only parameters.
 
     Raises:
@@ -85,26 +86,26 @@ class Server:
         self.lockstep = lockstep
         self.paused = False
         self.time = 0
-        """ns since the world began"""
+        """simulated time in ns"""
         n, n_u = simulator.n, len(self.actuators)
         self.neutral = np.array(neutral, dtype=np.float64)
         self.quantities: Floats = np.tile(self.neutral, (n, 1))
         self.new = np.zeros((n, n_u), dtype=np.bool_)
-        """(n, n_u) whether a command came since the last step"""
+        """(n, n_u) whether a command has come since the last step"""
         self.currents: Floats = np.zeros((n, 8))
-        """(n, 8) m/s at the top (3) and at the bottom (3), and their depths in m"""
+        """(n, 8) currents: m/s at the top (3) and at the bottom (3), and the depths of the two in m"""
         self.currents[:, 7] = 1.0
         self.session = Session()
         self._missing = n * n_u
         self._refused: tuple[float, ...] | None = None
         self.goes_on: Callable[[], bool] = lambda: True
-        """whether to serve on; long services ask it between two steps"""
+        """whether to continue; long services check it between two steps"""
         self._due = time.monotonic()
         ros = self.session.ros
         self.vehicles = [
             VehicleNode(self, i, name, start, about or {}) for i, name in enumerate(self.namespaces)
         ]
-        # 19 digits: names compare as times do.
+        # 19 digits: names sort by time.
         self.since = f"{SINCE}{time.time_ns()}"
         for name in self.namespaces:
             self.session.node(self.since, name)
@@ -120,7 +121,7 @@ class Server:
     # Called by the vehicles' nodes.
 
     def command(self, vehicle: int, actuator: int, quantity: float) -> None:
-        """Take a command; in lock-step the last missing one begins the step."""
+        """Take a command; in lock-step, the last missing command starts the step."""
         if not np.isfinite(quantity):
             return  # the previous command stays
         self.quantities[vehicle, actuator] = quantity
@@ -131,7 +132,7 @@ class Server:
             self.advance()
 
     def reset(self, indices: Sequence[int]) -> str:
-        """Put vehicles where their parameters say, all at rest; return why that failed, or an empty text."""
+        """Put vehicles at their parameters' poses, all at rest; return why that failed, or ''."""
         for i in indices:
             vehicle = self.vehicles[i]
             pose, velocity, scales = vehicle.start
@@ -147,7 +148,7 @@ class Server:
         return ""
 
     def discard_commands(self, indices: Sequence[int]) -> None:
-        """Count earlier commands no longer as new."""
+        """Mark earlier commands as not new."""
         self.new[list(indices)] = False
         self._missing = int(self.new.size - np.count_nonzero(self.new))
 
@@ -157,12 +158,12 @@ class Server:
         self.simulator.set_current(now[:, :3], now[:, 3:6], (now[:, 6], now[:, 7]))
 
     def set_paused(self, paused: bool) -> None:
-        """Stop the world, or let it go on."""
+        """Pause the world, or continue it."""
         self.paused = paused
         self._due = time.monotonic()
 
     def set_lockstep(self, lockstep: bool) -> str:
-        """Enter or leave lock-step; return why that failed, or an empty text."""
+        """Enter or leave lock-step; return why that failed, or ''."""
         if lockstep:
             for name in self.namespaces:
                 topic = interface.Names(name).command(self.actuators[0])
@@ -197,7 +198,7 @@ class Server:
     def _set_current(self, message: Any) -> None:
         water = (message.x, message.y, message.z)
         if wrong := is_current(water):
-            if water != self._refused:  # once, however often it is published
+            if water != self._refused:  # once, however often the current is published
                 say(f"auvbench: {interface.CURRENT}: must be {ALLOWED['current']}, and {wrong}; ignored")
             self._refused = water
         else:
@@ -208,7 +209,7 @@ class Server:
         """Serve while `go_on()`.
 
         Raises:
-            AuvbenchError: the simulator failed, or a server that began earlier has one of the namespaces.
+            AuvbenchError: the simulator failed, or an earlier server has one of the namespaces.
         """
         self.goes_on = go_on
         self._due = look = time.monotonic()
@@ -229,20 +230,20 @@ class Server:
         if self.session.spin_once(wait) and wait > 0.0:
             return
         now = time.monotonic()
-        # A client may just have asked for lock-step, or for a pause.
+        # A client may just have requested lock-step, or a pause.
         if self.lockstep or self.paused or (pace > 0.0 and now < self._due):
             return
         self.advance()
         if pace > 0.0:
             period = self.settings.step_duration / pace
-            # Five steps late or more: skip them, without a burst that makes up for them.
+            # Five steps late or more: skip them, instead of catching up in a burst.
             self._due = now if now - self._due > 5 * period else self._due + period
 
     def check_alone(self, seconds: float) -> None:
         """Wait for signs of another publisher of these vehicles' odometry.
 
         Raises:
-            InterfaceError: there is one, and it is no server that began later.
+            InterfaceError: there is one, and it is not a server that began later.
         """
         self.session.discovered(lambda: bool(self._claimed()), seconds)
         self._leave_to(self._claimed())
@@ -250,21 +251,27 @@ class Server:
     def _leave_to(self, topic: str) -> None:
         if topic:
             raise InterfaceError(
-                f"{topic}: another server publishes it, too; stop one of the two, or give one another name with --namespace"
+                f"{topic}: another server publishes this topic; stop one of the two, or give one a "
+                "different name with --namespace"
             )
 
     def _claimed(self, by: Literal["any", "server"] = "any") -> str:
-        """Return a topic that another server, which began earlier, publishes too; or an empty text.
+        """Return a topic that an earlier server publishes too; or ''.
 
         Args:
-            by: any: publishers that are no server count too; server: they do not, since they may have come later.
+            by: any: also count publishers that are not servers; server: do not, since they may have come
+                later.
         """
         node = self.vehicles[0].node
         for name in self.namespaces:
             topic = interface.Names(name).odometry
             if node.count_publishers(topic) > 1:
-                found = node.get_node_names_and_namespaces()
-                began = [one for one, space in found if space == f"/{name}" and one.startswith(SINCE)]
+                nodes = node.get_node_names_and_namespaces()
+                began = [
+                    name_found
+                    for name_found, space in nodes
+                    if space == f"/{name}" and name_found.startswith(SINCE)
+                ]
                 if min(began, default=self.since) < self.since or (by == "any" and len(began) < 2):
                     return topic
         return ""

@@ -1,4 +1,4 @@
-"""The node of one vehicle of a server: topics, services and parameters."""
+"""Run the node of one vehicle on a server: topics, services and parameters."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Settings:
     """Settings of the world: parameters of the first vehicle's node."""
 
     step_duration: float  # s
-    pace: float  # simulated seconds per second; 0 as fast as possible
-    steps: int = 1  # of the service `step`
+    pace: float  # simulated seconds per second; 0: as fast as possible
+    steps: int = 1  # steps of the service `step`
 
 
 MEANING = {
@@ -40,7 +40,7 @@ MEANING = {
 }
 
 FASTEST = 20.0
-"""m/s, of each component of a current: beyond, the motion of some vehicles leaves the finite numbers"""
+"""largest component of a current, m/s; beyond it, the motion of some vehicles becomes infinite"""
 
 ALLOWED = {
     "start_pose": "7 doubles: x y z in -1e9 .. 1e9 m and a unit quaternion w x y z",
@@ -60,9 +60,9 @@ class VehicleNode:
 
     Args:
         server: the vehicle's server.
-        index: of the vehicle in the server.
-        namespace: of the vehicle.
-        start: pose (7,) to which `reset` returns.
+        index: index of the vehicle on the server.
+        namespace: namespace of the vehicle.
+        start: pose (7,) after a `reset`.
         about: read-only parameters.
     """
 
@@ -92,7 +92,7 @@ class VehicleNode:
 
     @property
     def start(self) -> tuple[Floats, Floats, Floats]:
-        """Pose (7,), velocity (6,) and scales (6,) of the next reset."""
+        """Return pose (7,), velocity (6,) and scales (6,) of the next reset."""
         get = self.node.get_parameter
         pose, velocity, scales = (
             np.array(get(name).value, dtype=np.float64) for name in ("start_pose", "start_velocity", "scales")
@@ -101,7 +101,7 @@ class VehicleNode:
 
     def publish(self, pose: list[float], velocity: list[float], time: int) -> None:
         """Publish the vehicle's state at `time` in ns."""
-        # Writing a message without a reader takes as long as stepping a vehicle.
+        # Serialising a message without a reader takes as long as stepping a vehicle.
         if self._publishers[0].get_subscription_count():
             odometry = self._odometry
             interface.write_time(odometry.header.stamp, time)
@@ -113,7 +113,7 @@ class VehicleNode:
             self._publishers[1].publish(self._pose)
 
     def restore_thrusters(self) -> None:
-        """Give all thrusters their full force."""
+        """Restore the full force of all thrusters."""
         if min(self.node.get_parameter("effectiveness").value) != 1.0:
             parameter = self.server.session.ros.parameter.Parameter
             healthy = [1.0] * len(self.server.actuators)
@@ -136,7 +136,7 @@ class VehicleNode:
                 "steps": settings.steps,
             }
         for name, value in values.items():
-            # Dynamic, so that a wrong type is answered here, with what is allowed.
+            # Dynamic, so that this node rejects a wrong type itself, with the valid ones.
             descriptor = describe(
                 description=MEANING[name], additional_constraints=ALLOWED[name], dynamic_typing=True
             )
@@ -146,7 +146,7 @@ class VehicleNode:
         self.node.add_on_set_parameters_callback(self._set)
 
     def _set(self, parameters: list[Any]) -> Any:
-        """Check and apply parameters that a client sets."""
+        """Check and apply the parameters that a client sets."""
         result = self.server.session.ros.interfaces.SetParametersResult
         rules = self._rules()
         for parameter in parameters:
@@ -154,7 +154,7 @@ class VehicleNode:
             wrong = ""
             if check is not None:
                 typed = parameter.type_ == self.node.get_parameter(name).type_
-                # 1 is an integer to ROS, and 1.0 a double.
+                # 1 is an integer in ROS, and 1.0 a double.
                 wrong = (
                     check(parameter.value)
                     if typed
@@ -209,12 +209,12 @@ class VehicleNode:
     def _step(self, _request: Any, response: Any) -> Any:
         self.server.set_paused(True)
         steps = self.server.settings.steps
-        made = 0
-        while made < steps and self.server.goes_on():
+        steps_done = 0
+        while steps_done < steps and self.server.goes_on():
             self.server.advance()
-            made += 1
-        response.success = made == steps
-        response.message = "" if response.success else f"the server stops after {made} of {steps} steps"
+            steps_done += 1
+        response.success = steps_done == steps
+        response.message = "" if response.success else f"the server stops after {steps_done} of {steps} steps"
         return response
 
     def _lockstep(self, request: Any, response: Any) -> Any:
@@ -225,13 +225,13 @@ class VehicleNode:
 
 
 def _kind(parameter: Any) -> str:
-    """Return a parameter's type in words: "an integer array"."""
+    """Return a parameter's type in words, e.g. "an integer array"."""
     words = str(parameter.type_.name).lower().replace("_", " ")
     return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
 
 
 def _numbers(value: Any, sizes: tuple[int, ...], low: float = -1e9, high: float = 1e9) -> str:
-    """Return what is wrong with an array; empty if nothing is."""
+    """Return what is wrong with an array; '' if nothing is."""
     if len(value) not in sizes:
         return f"has {len(value)}"
     wrong = next((x for x in value if not low <= x <= high), None)
@@ -247,7 +247,7 @@ def _is_pose(value: Any) -> str:
 
 
 def is_current(value: Any) -> str:
-    """Return what is wrong with a current; empty if nothing is."""
+    """Return what is wrong with a current; '' if nothing is."""
     wrong = _numbers(value, (3, 8)) or _numbers(value[:6], (3, 6), -FASTEST, FASTEST)
     if not wrong and len(value) == 8 and not value[7] > value[6]:
         wrong = f"the depth of the bottom, {value[7]:g} m, is not below that of the top, {value[6]:g} m"

@@ -1,1 +1,1 @@
-"""A run on disk: identity, directory, files that are whole or absent, digests, ownership, locks and status."""
+"""Runs on disk: identity, directory, atomic files, digests, ownership, locks and status."""

@@ -1,7 +1,9 @@
-"""Files and folders that are whole or not there: write, fsync, rename; and errors that say what to do.
+"""Write files and folders atomically (write, fsync, rename), and turn disk errors into messages that say what
+to do.
 
-A rename within one directory is atomic. Neither the data nor the new name is on the disk before the file and its
-directory were fsynced, so a function that writes files fsyncs their directory once, after the last of them.
+A rename within one directory is atomic. The data and the new name are on the disk only after the file and its
+directory were fsynced. A function that writes several files therefore fsyncs their directory once, after the
+last file.
 """
 
 from __future__ import annotations
@@ -31,24 +33,24 @@ _REASONS = {
 }
 
 FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
-"""faults of the disk itself, in any directory"""
+"""errors of the disk itself, whatever the directory"""
 
 
 def storage_error(error: OSError, what: str) -> TrainingError:
-    """Return the one-line error for a disk that does not take or give its data.
+    """Return the one-line error for a disk that cannot be read or written.
 
     Args:
-        error: what the system reported.
-        what: what failed, for instance "cannot write the checkpoint of step 1000".
+        error: error from the system.
+        what: what failed, for example "cannot write the checkpoint of step 1000".
     """
     reason = _REASONS.get(error.errno or 0, f"{error.strerror or error}; repair it")
     where = f" ({error.filename})" if error.filename else ""
-    return TrainingError(f"{what}{where}: {reason} and give the same command again")
+    return TrainingError(f"{what}{where}: {reason} and run the same command again")
 
 
 @contextmanager
 def storage(what: str) -> Iterator[None]:
-    """Turn an `OSError` inside into the `TrainingError` of `storage_error`."""
+    """Turn an `OSError` into the `TrainingError` of `storage_error`."""
     try:
         yield
     except OSError as error:
@@ -56,10 +58,10 @@ def storage(what: str) -> Iterator[None]:
 
 
 def check_writable(path: Path, typed: str) -> None:
-    """Check that a file can be written; its folder is made, the file is left as it is.
+    """Check that a file can be written; create its folder, but do not change the file.
 
     Raises:
-        UserError: begins with `typed`, what the user wrote.
+        UserError: the path is not writable; the message begins with `typed`, the user's text.
     """
     if path.is_dir():
         raise UserError(f"{typed}: is a directory, name a file")
@@ -68,25 +70,25 @@ def check_writable(path: Path, typed: str) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.open("ab").close()
     except OSError as error:
-        raise UserError(f"{typed}: cannot write there: {error.strerror or error}") from error
+        raise UserError(f"{typed}: cannot be written: {error.strerror or error}") from error
     if fresh:
         path.unlink()
 
 
 def fsync(path: Path) -> None:
-    """Put the content of a file, or the names in a directory, on the disk."""
+    """Flush the content of a file, or the names in a directory, to the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:
-        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # some network file systems need no fsync
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # Some network file systems need no fsync.
             raise
     finally:
         os.close(descriptor)
 
 
 def make_folder(path: Path) -> None:
-    """Make a directory and those above it, and put their names on the disk."""
+    """Create a directory and its parents, and flush their names to the disk."""
     missing = []
     while not path.is_dir():
         missing.append(path)
@@ -108,9 +110,9 @@ def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
     """Replace a file: write a temporary file next to it, fsync, rename.
 
     Args:
-        path: the file; its folders are made.
-        data: its new content.
-        sync_folder: False where the caller writes many files and fsyncs their folder after the last one.
+        path: path of the file; its folders are created.
+        data: new content.
+        sync_folder: False if the caller writes many files and fsyncs their folder after the last one.
     """
     staged = _stage(path, data)
     try:
@@ -123,13 +125,13 @@ def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
 
 
 def create_atomic(path: Path, data: bytes) -> bool:
-    """Make a file unless it exists; return whether this call made it."""
+    """Create a file unless it exists; return whether this call created it."""
     staged = _stage(path, data)
     try:
         os.link(staged, path)
     except FileExistsError:
         return False
-    except OSError:  # a file system without hard links: the last writer wins there
+    except OSError:  # On a file system without hard links the last writer wins.
         os.replace(staged, path)
     finally:
         staged.unlink(missing_ok=True)
@@ -145,7 +147,7 @@ def _stage(path: Path, data: bytes) -> Path:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        os.chmod(name, 0o644)  # mkstemp makes files private
+        os.chmod(name, 0o644)  # mkstemp creates private files
     except BaseException:
         Path(name).unlink(missing_ok=True)
         raise
@@ -153,11 +155,11 @@ def _stage(path: Path, data: bytes) -> Path:
 
 
 def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Make or replace a folder: write a new one next to it, fsync, rename; the old one stays where that fails.
+    """Create or replace a folder: write a new one next to it, fsync, rename; on failure the old folder stays.
 
     Args:
-        folder: those above it are made.
-        files: its whole content, by name.
+        folder: path of the folder; its parents are created.
+        files: complete content, by file name.
 
     Raises:
         OSError: the disk is full, read-only or failing.
@@ -165,7 +167,8 @@ def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     staged, former = (folder.with_name(f".{folder.name}.{what}") for what in ("staged", "former"))
 
     def tidy() -> None:
-        if former.exists() and not folder.exists():  # an interrupted replacement had set it aside
+        # An interrupted replacement had moved the old folder aside.
+        if former.exists() and not folder.exists():
             former.rename(folder)
         for leftover in (staged, former):
             shutil.rmtree(leftover, ignore_errors=True)
@@ -186,17 +189,17 @@ def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """`write_atomic` of indented JSON; NaN is refused."""
+    """Write indented JSON with `write_atomic`; NaN raises an error."""
     write_atomic(path, as_json(value))
 
 
 def as_json(value: Any) -> bytes:
-    """Return indented JSON; NaN is refused."""
+    """Return indented JSON; NaN raises an error."""
     return (json.dumps(value, indent=2, allow_nan=False) + "\n").encode()
 
 
 def as_lines(value: Mapping[str, Any]) -> bytes:
-    """Return JSON with one line for each entry and for each item of a list; NaN is refused."""
+    """Return JSON with one line for each entry and for each list item; NaN raises an error."""
     lines = []
     for key, entry in value.items():
         if isinstance(entry, list) and entry:
@@ -213,7 +216,7 @@ def sha256(data: bytes | memoryview) -> str:
 
 
 def sha256_of_prefix(path: Path, length: int) -> str | None:
-    """Return the SHA-256 of the first `length` bytes of a file; None where it is shorter or cannot be read."""
+    """Return the SHA-256 of the first `length` bytes of a file; None if the file is shorter or cannot be read."""
     digest = hashlib.sha256()
     try:
         with path.open("rb") as file:

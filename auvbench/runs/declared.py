@@ -1,11 +1,12 @@
-"""The analysis that an experiment declares before its runs, as a file in the experiment's folder.
+"""Store the analysis that an experiment declares before its runs, as a file in the experiment's folder.
 
-`analysis.yaml` lies in the folder of the runs, and in the folder of a published study. It names measure, baseline, margin,
-protocol, conditions and every run, in stages: runs that are declared later are a stage of their own, with its date. The
-manifest of each run has the digest of everything that was declared when the run was made, so a report can tell what was
-declared before the first run. The declaration is no part of a run's identity: one run may serve several analyses.
+`analysis.yaml` is in the folder of the runs and in the folder of a published study. It names the measure,
+baseline, margin, protocol, conditions and every run, in stages: runs that are declared later form their own
+stage with its date. The manifest of each run has the digest of everything that was declared when the run was
+created. A report can therefore tell what was declared before the first run. The declaration is not part of a
+run's identity: a run may belong to several analyses.
 
-Declarations of earlier versions name measure, baseline, margin and a number of seeds only.
+Declarations of earlier versions name only the measure, baseline, margin and number of seeds.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from auvbench.untrusted.typed_json import Count, Name, Range
 FILE = "analysis.yaml"
 LOCK = ".analysis.lock"
 KEY = "analysis"
-"""Key of a configuration, and of a manifest, which has the digest"""
+"""Key of the analysis in a configuration, and of its digest in a manifest"""
 REPORT, ROWS = "report", "rows"
 SMALLEST = 1e-12
 """Smallest margin"""
@@ -54,19 +55,19 @@ class Declared:
     measure: Name
     baseline: Name | None = None
     margin: Annotated[float, Range(SMALLEST)] | None = None
-    """Margin in the measure's unit, percentage points for a rate; None is the report's default"""
+    """Margin in the measure's unit, percentage points for a rate; None: the report's default"""
     seeds: Annotated[int, Range(1)] | None = None
     """Planned number of training seeds"""
     protocol: Name | None = None
-    """None in a declaration of an earlier version"""
+    """Protocol; None in a declaration of an earlier version"""
     conditions: tuple[Name, ...] = ()
     """Conditions of the protocol; the verdicts are about the first"""
     episodes: Annotated[int, Range(1)] | None = None
-    """Test episodes of a condition"""
+    """Test episodes per condition"""
     scenario_seed: Count | None = None
     rows: tuple[Stage, ...] = ()
     report: dict[str, Any] = field(default_factory=dict)
-    """Other options of a report; no part of the digest"""
+    """Other options of the report; not part of the digest"""
 
     @property
     def names_runs(self) -> bool:
@@ -80,25 +81,25 @@ class Declared:
 
     @property
     def digests(self) -> list[str]:
-        """Return the digest after each stage; one digest where no runs are declared."""
+        """Return the digest after each stage; only one digest if no runs are declared."""
         if not self.names_runs:
             return [digest_of({name: getattr(self, name) for name in EARLIER}, 16)]
         base = {name: getattr(self, name) for name in (*EARLIER, *LATER)} | {
             "conditions": list(self.conditions)
         }
         stages = accumulate(([asdict(stage)] for stage in self.rows), initial=[])
-        found = [digest_of({**base, ROWS: rows}, 16) for rows in stages]
-        return found[1:] or found
+        digests = [digest_of({**base, ROWS: rows}, 16) for rows in stages]
+        return digests[1:] or digests
 
     def stage_of(self, run: str) -> tuple[Stage, str] | None:
-        """Return the stage that declares a run, and its digest; None for a run that is not declared."""
+        """Return the stage that declares a run and the stage's digest; None if the run is not declared."""
         for stage, digest in zip(self.rows, self.digests, strict=False):
             if any(run in ids for ids in stage.runs.values()):
                 return stage, digest
         return None
 
     def ids(self, subject: str | None = None) -> set[str]:
-        """Return the ids of all declared runs, or those of a `subject`."""
+        """Return the ids of all declared runs, or only those of one `subject`."""
         return {
             id
             for stage in self.rows
@@ -108,26 +109,26 @@ class Declared:
         }
 
     def extends(self, other: Declared) -> bool:
-        """Return whether this is the other declaration, possibly with later stages."""
+        """Return whether this declaration equals `other`, possibly with later stages."""
         return other.digest in self.digests
 
 
 EARLIER = ("measure", "baseline", "margin", "seeds")
-"""What a declaration of an earlier version covers"""
+"""Fields that a declaration of an earlier version has"""
 LATER = ("protocol", "conditions", "episodes", "scenario_seed")
 KNOWN = tuple(f.name for f in fields(Declared))
 
 
 def subject(vehicle: object, task: object) -> str:
-    """Return the name of the runs that share a table: 'rexrov', 'rexrov, task docking'."""
+    """Return the name of the runs that share a table, e.g. 'rexrov' or 'rexrov, task docking'."""
     return str(vehicle) if task == "waypoint" else f"{vehicle}, task {task}"
 
 
 def write(folder: Path, analysis: Declared) -> None:
-    """Write the analysis into a folder, unless it is already there.
+    """Write the analysis into a folder, unless the folder already has it.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     always = (*EARLIER, *LATER) if analysis.names_runs else EARLIER
     values = asdict(analysis)
@@ -143,19 +144,20 @@ def _plain(value: Any) -> Any:
 
 
 def declare(folder: Path, analysis: Declared, runs: Mapping[str, Sequence[str]], now: str) -> Declared:
-    """Declare runs in a folder, before they are made; return the declaration with all its stages.
+    """Declare runs in a folder before they are created; return the declaration with all its stages.
 
-    Runs that the same analysis declares already keep their stage. Another analysis takes the place of the one in the folder.
+    Runs that the same analysis already declares keep their stage. A different analysis replaces the one in
+    the folder.
 
     Args:
-        folder: of the experiment.
-        analysis: without stages.
-        runs: ids by `subject`.
+        folder: folder of the experiment.
+        analysis: analysis without stages.
+        runs: ids of runs by `subject`.
         now: time in UTC, ISO 8601.
 
     Raises:
         OSError: the file cannot be written.
-        UserError: the file in the folder is wrong, or its lock is a link.
+        UserError: the existing file is wrong, or its lock is a link.
     """
     import filelock
 
@@ -182,14 +184,14 @@ def read(path: Path) -> Declared:
     """Return the analysis in a file.
 
     Raises:
-        UserError: it cannot be read, or an entry is unknown or wrong.
+        UserError: the file cannot be read, or an entry is unknown or wrong.
     """
     try:
-        found = reading.yaml_value(reading.content(path))
-        analysis = typed_json.convert(found, Declared)
+        document = reading.yaml_value(reading.content(path))
+        analysis = typed_json.convert(document, Declared)
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: {short(error)}") from error
-    for key in found:
+    for key in document:
         if key not in KNOWN:
             raise UserError(f"{path}: unknown key {short(repr(key), 40)}; {closest(str(key), KNOWN)}")
     measures = (PRIMARY, *measure_names())
@@ -197,7 +199,7 @@ def read(path: Path) -> Declared:
         raise UserError(f"{path}: measure {analysis.measure!r}: {closest(analysis.measure, measures)}")
     if analysis.names_runs and not (analysis.conditions and analysis.rows):
         raise UserError(
-            f"{path}: protocol is {analysis.protocol!r}; conditions and rows must not be empty then"
+            f"{path}: protocol is {analysis.protocol!r}, so conditions and rows must not be empty"
         )
     return analysis
 
@@ -208,7 +210,7 @@ def find(paths: Iterable[Path]) -> list[tuple[Path, Declared]]:
     A path may be a run, the folder of an experiment or of a published study, or a folder above them.
 
     Raises:
-        UserError: one of the files is wrong.
+        UserError: an analysis file is wrong.
     """
     files: dict[Path, None] = {}
     for path in paths:

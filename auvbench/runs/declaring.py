@@ -1,4 +1,4 @@
-"""Declare the runs of an experiment before they are made."""
+"""Declare the runs of an experiment before they are created."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from auvbench.runs import declared
 from auvbench.runs.declared import Declared
 
 UNDISTURBED = "nominal"
-"""Name of the condition that a report shows where none is named"""
+"""Name of the condition that a report shows by default"""
 
 
 def completed(analysis: schema.Analysis) -> Declared:
-    """Return the declaration of a configuration, with what it leaves to its protocol, and without runs.
+    """Return the declaration of a configuration, completed from its protocol, without runs.
 
     Raises:
         ConfigError: the protocol or a condition is unknown.
@@ -47,17 +47,17 @@ def completed(analysis: schema.Analysis) -> Declared:
 def declare_all(
     analyses: Mapping[Path, Declared], configs: Mapping[Path, Mapping[str, Any]], now: str
 ) -> dict[Path, str]:
-    """Declare runs in the folders of their experiments; return the digest for the manifest of each run.
+    """Declare runs in the folders of their experiments; return the digest for each run's manifest.
 
     Args:
-        analyses: by the run's folder, for runs that have one.
-        configs: the run's resolved configuration.
+        analyses: analysis by the run's folder, for runs that have one.
+        configs: resolved configuration by the run's folder.
         now: time in UTC, ISO 8601.
 
     Raises:
-        OSError, UserError: as `declared.declare`.
+        OSError, UserError: see `declared.declare`.
     """
-    found: dict[Path, str] = {}
+    digests: dict[Path, str] = {}
     groups: dict[tuple[Path, str], list[Path]] = {}
     for run, analysis in analyses.items():
         groups.setdefault((run.parent, analysis.digest), []).append(run)
@@ -65,8 +65,8 @@ def declare_all(
         declaration = declared.declare(folder, analyses[runs[0]], _by_subject(runs, configs), now)
         for run in runs:
             if (stage := declaration.stage_of(run.name)) is not None:
-                found[run] = stage[1]
-    return found
+                digests[run] = stage[1]
+    return digests
 
 
 def _by_subject(runs: Sequence[Path], configs: Mapping[Path, Mapping[str, Any]]) -> dict[str, list[str]]:

@@ -1,4 +1,4 @@
-"""The directory of a run: `<output>/<name>/<run id>/`; the layout is in docs/runs.md."""
+"""Read and write the directory of a run, `<output>/<name>/<run id>/`; docs/runs.md describes its layout."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def now() -> str:
 
 
 def damaged(path: Path, why: object, what: str = "run") -> RunError:
-    """Return the error of a damaged file of a run (or study), with what to do."""
+    """Return the error for a damaged file of a run or study; the message says what to do."""
     reason = (why.strerror if isinstance(why, OSError) else None) or first_line(why)
     return RunError(f"{path}: damaged: {reason}; restore it, or remove the {what}'s folder")
 
@@ -49,7 +49,7 @@ class RunDirectory:
     """One run on disk.
 
     Args:
-        path: the directory; it may not exist yet (see `freeze`).
+        path: path of the directory; it may not exist yet (see `freeze`).
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -61,13 +61,15 @@ class RunDirectory:
 
     @property
     def id(self) -> str:
-        """Return the id in the manifest, since a folder may be renamed; without a valid manifest the folder's name."""
+        """Return the id in the manifest, since the folder may have been renamed; without a valid manifest,
+        the folder's name.
+        """
         if not self._id:
             try:
                 recorded = str(integrity.read(self.manifest_path, integrity.Manifest)["id"])
             except (OSError, ValueError):
                 return self.path.name
-            # It becomes a part of paths.
+            # The id becomes a part of paths.
             self._id = recorded if path_safety.is_plain(recorded) else self.path.name
         return self._id
 
@@ -104,18 +106,19 @@ class RunDirectory:
         """Return the resolved configuration as plain Python.
 
         Raises:
-            RunError: it is missing or no YAML mapping.
+            RunError: the file is missing or not a YAML mapping.
         """
         try:
             loaded = reading.yaml_value(reading.content(self.config_path))
-        except (OSError, ValueError) as error:  # ValueError: no YAML, no UTF-8, or no such date
+        # ValueError: invalid YAML, invalid UTF-8, or an impossible date
+        except (OSError, ValueError) as error:
             raise self._unreadable(self.config_path, error) from error
         if not isinstance(loaded, dict):
             raise self._unreadable(self.config_path, "not a mapping")
-        if found := identity.first_interpolation(loaded):
+        if text := identity.first_interpolation(loaded):
             raise RunError(
-                f"{self.config_path}: {found}: the configuration of a run is resolved when it is made, "
-                "so this one was edited and is not resolved; restore it, or remove the run's folder"
+                f"{self.config_path}: {text}: a run's configuration is resolved when the run is created, "
+                "so this file was edited; restore it, or remove the run's folder"
             )
         return loaded
 
@@ -127,7 +130,7 @@ class RunDirectory:
         """Return the content of manifest.json.
 
         Raises:
-            RunError: it is missing, damaged, or of another schema version.
+            RunError: the file is missing, damaged, or has another schema version.
         """
         try:
             return integrity.read(self.manifest_path, integrity.Manifest)
@@ -137,15 +140,15 @@ class RunDirectory:
             raise self._unreadable(self.manifest_path, error) from error
 
     def _unreadable(self, path: Path, why: object) -> RunError:
-        """Return the error of a missing or damaged file, with what to do."""
+        """Return the error for a missing or damaged file; the message says what to do."""
         if isinstance(why, FileNotFoundError):
             if not self.config_path.is_file() and not self.manifest_path.is_file():
-                return RunError(f"{self.path}: this is no run directory ({path.name} is missing)")
+                return RunError(f"{self.path}: is not a run directory ({path.name} is missing)")
             return RunError(f"{path}: missing; restore it, or remove the run's folder")
         return damaged(path, why)
 
     def update_manifest(self, **changes: Any) -> dict[str, Any]:
-        """Write the manifest with some entries replaced; return it."""
+        """Write the manifest with some entries replaced, and return it."""
         manifest = integrity.sealed(self.manifest() | changes)
         write_json(self.manifest_path, manifest)
         if "state" in changes:
@@ -153,24 +156,24 @@ class RunDirectory:
         return manifest
 
     def write_model(self, files: Mapping[str, bytes]) -> dict[str, integrity.Entry]:
-        """Write the model's files, by name, to the disk; return their entries for the manifest.
+        """Write the model's files to the disk; return their entries for the manifest.
 
         Raises:
             OSError: the disk is full, read-only or failing.
         """
         for draft in self.model.glob(
             ".*"
-        ):  # of an attempt that was killed, or lost its power, in this moment
+        ):  # left by an attempt that was killed, or lost power, at this moment
             draft.unlink(missing_ok=True)
         for name, data in files.items():
             write_atomic(self.model / name, data)
         return {f"{self.model.name}/{name}": integrity.entry(data) for name, data in files.items()}
 
     def check(self) -> dict[str, Any]:
-        """Return the configuration, if its hash is that of the run's id.
+        """Return the configuration after checking its hash against the run's id.
 
         Raises:
-            RunError: `config.yaml` was changed since the run was made, or a link lies in the run.
+            RunError: `config.yaml` was changed since the run was created, or the run contains a link.
         """
         path_safety.refuse_links(self.path)
         config = self.config()
@@ -178,7 +181,7 @@ class RunDirectory:
         if wrong:
             raise RunError(
                 f"{self.path}: config.yaml does not belong to this run: {wrong}. "
-                "Restore config.yaml, or type the command with the changed values to make a run of its own"
+                "Restore config.yaml, or type the command with the changed values to create a new run"
             )
         return config
 
@@ -192,17 +195,18 @@ def place(config: Mapping[str, Any]) -> RunDirectory:
 
 
 def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = None) -> RunDirectory:
-    """Make the directory of a run with its configuration and a pending manifest, or find the one that exists.
+    """Create the directory of a run with its configuration and a pending manifest, or return the existing
+    one.
 
-    A run that exists and is not complete takes over what the configuration says beyond its identity.
+    An existing incomplete run takes over the values of the configuration that are not part of its identity.
 
     Args:
-        config: resolved.
-        command: the command line, for the manifest.
+        config: resolved configuration.
+        command: command line, for the manifest.
         analysis: digest of the declaration that names the run.
 
     Raises:
-        RunError: the directory holds another configuration, or cannot be written.
+        RunError: the directory has a different configuration, or cannot be written.
         TrainingError: the disk is full or failing.
     """
     run = place(config)
@@ -213,13 +217,14 @@ def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = 
             _renew(run, config)
         elif wrong := identity.mismatch(frozen, run.id):
             raise RunError(
-                f"{run.path}: config.yaml was changed after the run was made: {wrong}. Restore it, or remove the directory"
+                f"{run.path}: config.yaml was changed after the run was created: {wrong}. Restore it, or "
+                "remove the directory"
             )
         return run
     try:
         make_folder(run.path)
         run.write_config(config)
-        # Of two sweeps that begin at once, the slower must not undo what the faster's worker has written by now.
+        # If two sweeps begin at once, the slower one must not overwrite what the faster one's worker has written.
         create_atomic(
             run.manifest_path, as_json(integrity.sealed(_fresh_manifest(run, config, command, analysis)))
         )
@@ -229,14 +234,14 @@ def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = 
 
 
 def unwritable(path: Path, error: OSError) -> Exception:
-    """Return the error of a full or failing disk, as in the midst of training, or else the user's."""
+    """Return the error for an unwritable path: the disk's error if it is full or failing, else the user's."""
     if error.errno in FAULTS:
         return storage_error(error, f"cannot write {path}")
     return RunError(f"{path}: cannot be written: {error.strerror or error}")
 
 
 def _renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
-    """Store a configuration of the same identity in a run that is not complete.
+    """Store a configuration of the same identity in an incomplete run.
 
     Raises:
         RunError: the run cannot be written.
@@ -244,7 +249,7 @@ def _renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
     try:
         complete = run.manifest()["state"] == "complete"
     except RunError:
-        return  # a damaged manifest is reported when the run is carried out
+        return  # A damaged manifest is reported when the run is trained.
     if complete or run.config() == config:
         return
     try:
@@ -280,50 +285,53 @@ def _fresh_manifest(
 
 
 def as_words(runs: Collection[Path], alone: int = 1) -> str:
-    """Return runs as words of a command line: the folders that hold them, of more than four those above them.
+    """Return runs as words of a command line: their folders, or the parent folders if there are more than
+    four.
 
     Args:
-        runs: their folders.
-        alone: so many runs, or fewer, stand for themselves.
+        runs: folders of the runs.
+        alone: largest number of runs that are named one by one.
 
     >>> as_words([Path("outputs/a/one")]), as_words([Path("outputs/a/one"), Path("other/b c/two")])
-    ('outputs/a/one', "outputs/a 'other/b c'")
+    ('outputs/a/one', "'other/b c' outputs/a")
     """
-    found = set(runs) if len(runs) <= alone else {run.parent for run in runs}
-    while len(found) > 4 and (above := {folder.parent for folder in found}) != found:
-        found = above
-    return shlex.join(sorted(map(str, found)))
+    folders = set(runs) if len(runs) <= alone else {run.parent for run in runs}
+    while len(folders) > 4 and (above := {folder.parent for folder in folders}) != folders:
+        folders = above
+    return shlex.join(sorted(map(str, folders)))
 
 
 def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
     """Return all run directories under the given paths, each once, sorted by path.
 
     Raises:
-        RunError: a path does not exist, or holds no run.
+        RunError: a path does not exist, or has no run.
     """
-    found: dict[Path, RunDirectory] = {}
+    runs: dict[Path, RunDirectory] = {}
     for given in paths:
         path = Path(given)
         if not path.exists():
             raise RunError(missing(path))
         here = sorted(_walk(path))
         if not here:
-            raise RunError(f"{path}: this is no run directory, and there are none below it")
+            raise RunError(
+                f"{path}: is not a run directory and contains none; name a run directory or a folder of runs"
+            )
         for run in here:
-            found.setdefault(run.resolve(), RunDirectory(run))
-    return [found[key] for key in sorted(found)]
+            runs.setdefault(run.resolve(), RunDirectory(run))
+    return [runs[key] for key in sorted(runs)]
 
 
 OUTPUTS = Path("outputs")
-"""Folder of runs where none is chosen"""
+"""Default folder of runs"""
 
 
 def missing(path: Path) -> str:
-    """Return one line: the path, and a run whose id is alike, or the folder next to it that is spelt alike."""
+    """Return one line: the missing path, and a run with a similar id or a folder with a similar name."""
     runs = sorted(run.parent for run in OUTPUTS.glob("*/*/manifest.json"))
     siblings = [child for child in path.parent.iterdir() if child.is_dir()] if path.parent.is_dir() else []
-    for found, cutoff in ((runs, 0.8), (siblings, 0.6)):
-        names = {one.name: one for one in reversed(found)}
+    for candidates, cutoff in ((runs, 0.8), (siblings, 0.6)):
+        names = {candidate.name: candidate for candidate in reversed(candidates)}
         begun = next((name for name in sorted(names) if path.name and name.startswith(path.name)), None)
         near = [begun] if begun else difflib.get_close_matches(path.name, names, n=1, cutoff=cutoff)
         if near:
@@ -332,10 +340,10 @@ def missing(path: Path) -> str:
 
 
 def _walk(path: Path) -> list[Path]:
-    """Return directories with a manifest, at most three levels down: root, experiment, run."""
+    """Return the directories that have a manifest, at most three levels down: root, experiment, run."""
     if path.is_file():
         if path.name not in ("manifest.json", "config.yaml"):
-            raise RunError(f"{path}: a file, and no run; name a run directory or a folder that holds some")
+            raise RunError(f"{path}: is a file, not a run; name a run directory or a folder of runs")
         path = path.parent
     if (path / "manifest.json").is_file() or (path / "config.yaml").is_file():
         return [path]

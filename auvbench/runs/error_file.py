@@ -1,4 +1,4 @@
-"""Files with the details of an error whose line does not say enough."""
+"""Save details of an error that do not fit into its one line."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from auvbench.runs.lock import state_folder
 
 
 def save(content: str) -> Path | None:
-    """Write a new file and return its path; None where no folder takes it."""
+    """Write a new file and return its path; None if no folder is writable."""
     name = f"error-{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}-{uuid.uuid4().hex[:6]}.txt"
     for folder in (state_folder(), Path(tempfile.gettempdir())):
         path = folder / name
@@ -29,7 +29,7 @@ def save(content: str) -> Path | None:
 
 
 def is_foreign(error: BaseException) -> bool:
-    """Return whether an exception in the code of an installed package is behind an error."""
+    """Return whether an error was caused by an exception in an installed package."""
     cause = error.__cause__
     while isinstance(cause, AuvbenchError):
         cause = cause.__cause__
@@ -37,6 +37,6 @@ def is_foreign(error: BaseException) -> bool:
 
 
 def naming_traceback(error: BaseException) -> str:
-    """Return the error's text; for an error of an installed package save the traceback and name its file, too."""
+    """Return the error's text; for an error of an installed package, save the traceback and add its file name."""
     path = save("".join(traceback.format_exception(error))) if is_foreign(error) else None
     return f"{error}; traceback: {path}" if path else str(error)

@@ -1,7 +1,9 @@
-"""The history of an experiment: a line for each training that starts or ends and for each test, deleted runs included.
+"""Keep the history of an experiment: one line for each start and end of a training and each test, also of
+deleted runs.
 
-`history.jsonl` is in the experiment's folder, next to the runs. Lines are only appended, each by one write, so that
-processes and nodes write at once. A line that cannot be written costs no run.
+`history.jsonl` is in the experiment's folder, next to the runs. Lines are only appended, each by a single
+write, so that processes and nodes can write at the same time. A line that cannot be written does not stop a
+run.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from auvbench.untrusted.typed_json import Count, Name
 
 FILE = "history.jsonl"
 LONGEST = 4096
-"""Bytes of a line"""
+"""Largest line in bytes"""
 Event = Literal["running", "complete", "failed", "interrupted", "tested", "declared"]
 """State that a run enters, `tested`, or `declared`"""
 STARTED: Event = "running"
@@ -31,10 +33,10 @@ DECLARED: Event = "declared"
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One entry. Other fields of a line are ignored."""
+    """One entry of the history. Unknown fields of a line are ignored."""
 
     time: Name
-    """UTC, ISO 8601"""
+    """Time in UTC, ISO 8601"""
     event: Event
     run: Name | None = None
     algo: Name | None = None
@@ -45,7 +47,7 @@ class Line:
     fingerprint: Name | None = None
     """Fingerprint of the test's scenarios"""
     episodes: Count | None = None
-    """Test episodes, all conditions together"""
+    """Test episodes of all conditions together"""
     analysis: Name | None = None
     """Digest of a declaration"""
 
@@ -56,7 +58,7 @@ class Line:
 
 
 def append(folder: Path, line: Line) -> None:
-    """Append a line to the history of an experiment; warn where that fails."""
+    """Append a line to the history of an experiment; on failure, warn."""
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         descriptor = os.open(folder / FILE, flags, 0o644)
@@ -64,7 +66,7 @@ def append(folder: Path, line: Line) -> None:
             status = os.fstat(descriptor)
             if not stat.S_ISREG(status.st_mode) or status.st_nlink > 1:
                 raise OSError("it is a device, or has a second name")
-            # A line that was cut short, by a full disk or a power cut, costs no other line.
+            # A line that a full disk or a power cut truncated must not damage the next line.
             cut = status.st_size > 0 and os.pread(descriptor, 1, status.st_size - 1) != b"\n"
             os.write(descriptor, b"\n" * cut + line.text.encode()[:LONGEST] + b"\n")
             os.fsync(descriptor)
@@ -76,7 +78,7 @@ def append(folder: Path, line: Line) -> None:
 
 
 def entered(folder: Path, manifest: Mapping[str, Any], time: str) -> None:
-    """Append that a run enters the state of its manifest."""
+    """Append a line that says which state a run has entered."""
     append(
         folder,
         Line(time, manifest["state"], manifest["id"], manifest["algo"], manifest["seed"], manifest["steps"]),
@@ -84,27 +86,27 @@ def entered(folder: Path, manifest: Mapping[str, Any], time: str) -> None:
 
 
 def read(folder: Path) -> list[Line]:
-    """Return the lines of an experiment or a published study; damaged lines are left out.
+    """Return the lines of an experiment or a published study, without damaged lines.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it is longer than is read.
+        ValueError: the file is longer than the limit.
     """
     try:
         data = reading.content(folder / FILE)
     except FileNotFoundError:
         return []
-    found = []
+    lines = []
     for text in data.splitlines():
         try:
-            found.append(typed_json.convert(reading.json_value(text), Line))
+            lines.append(typed_json.convert(reading.json_value(text), Line))
         except ValueError:
             continue
-    return found
+    return lines
 
 
 def merged(histories: Iterable[Iterable[Line]]) -> list[Line]:
-    """Return the lines of several histories, each once, in the order of their times."""
+    """Return the lines of several histories without duplicates, sorted by time."""
     lines = dict.fromkeys(line for history in histories for line in history)
     return sorted(lines, key=lambda line: line.time)
 
@@ -115,14 +117,14 @@ def as_bytes(lines: Iterable[Line]) -> bytes:
 
 
 def deleted(lines: Iterable[Line], kept: Collection[str]) -> set[str]:
-    """Return the ids of runs that were trained or tested and are not in `kept`."""
+    """Return the ids of runs that were trained or tested but are not in `kept`."""
     known = set(kept)
     events = (STARTED, TESTED)
     return {line.run for line in lines if line.event in events and line.run is not None} - known
 
 
 def summary(lines: Collection[Line], kept: Collection[str]) -> str:
-    """Return how many trainings and tests there were, and how many of them are of runs that are not in `kept`.
+    """Return the number of trainings and tests, and how many of them belong to runs that are not in `kept`.
 
     >>> lines = [Line("2026", "running", "a"), Line("2026", "tested", "a"), Line("2026", "tested", "b")]
     >>> summary(lines, ["a"])

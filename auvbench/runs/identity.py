@@ -1,6 +1,6 @@
-"""A run is its configuration: the same configuration is the same directory.
+"""Compute the identity of a run from its configuration: the same configuration is the same directory.
 
-The identity is a readable prefix and a short hash of the resolved configuration without the keys that cannot
+The identity is a readable prefix and a short hash of the resolved configuration, without the keys that cannot
 change the result.
 """
 
@@ -16,7 +16,7 @@ from auvbench.config.algorithms import BASES, learns
 from auvbench.untrusted.text import short
 
 SCHEMA_VERSION = 1
-"""Of the run directory's layout and of the meaning of its configuration; part of every hash."""
+"""Version of the run directory's layout and of the configuration's meaning; part of every hash."""
 
 OPERATIONAL = (
     "simulator.threads",
@@ -26,7 +26,7 @@ OPERATIONAL = (
     "train.progress",
     "train.log",
 )
-"""Keys that say how a run is carried out. A run that goes on takes them from the latest command."""
+"""Keys that say how a run is carried out. A resumed run takes them from the latest command."""
 
 NEUTRAL = (
     "name",
@@ -37,8 +37,9 @@ NEUTRAL = (
     *OPERATIONAL,
     *(f"algo.residual.{base}.{label}" for base in BASES for label in ("name", "n_envs", "tuned")),
 )
-"""Keys that cannot change a run's result: its place, its launcher, its analysis, how it is carried out, and the labels of
-the controller to which a residual learner adds."""
+"""Keys that cannot change a run's result: its folder, launcher and analysis, the `OPERATIONAL` keys, and the
+labels of the controller of a residual learner.
+"""
 
 LATER: dict[str, Any] = {
     "task.time_limit": None,
@@ -63,24 +64,25 @@ LATER: dict[str, Any] = {
     **{f"algo.residual.{base}": None for base in BASES},
     **{f"algo.residual.{base}.heading_integral_time": None for base in ("pid", "alos")},
 }
-"""Keys that came after runs had been made, with the value under which nothing changes: with it they do not count, so
-that a run keeps its id."""
+"""Keys that were added later, with the value that changes nothing. A key with this value is left out of the
+hash, so that older runs keep their ids.
+"""
 
 REPLACED = {"task.time_limit": "task.max_steps", "algo.horizon_s": "algo.gamma"}
-"""Keys that, where they are set, take the place of another, whose value then changes nothing."""
+"""Keys that, when set, replace another key; the value of the replaced key is left out of the hash."""
 
 DESCRIPTIVE = ("source", "sources", "unit", "title", "remarks", "comment")
-"""Entries of a vehicle sheet that describe numbers; a better citation is not another vehicle."""
+"""Entries of a vehicle sheet that only describe its numbers: a better citation does not change the vehicle."""
 
 
 def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of a resolved configuration that determines the result."""
-    kept = _without_neutral(config, "")
-    if isinstance(kept.get("vehicle"), dict):
-        kept["vehicle"] = without_descriptions(kept["vehicle"])
+    """Return the part of a resolved configuration that determines the result."""
+    values = _without_neutral(config, "")
+    if isinstance(values.get("vehicle"), dict):
+        values["vehicle"] = without_descriptions(values["vehicle"])
     for key, unchanged in LATER.items():
         *groups, name = key.split(".")
-        node: Any = kept
+        node: Any = values
         for group in groups:
             node = node.get(group) if isinstance(node, dict) else None
         if not isinstance(node, dict):
@@ -89,24 +91,24 @@ def relevant(config: Mapping[str, Any]) -> dict[str, Any]:
             node.pop(name, None)
         elif key in REPLACED:
             node.pop(REPLACED[key].partition(".")[2], None)
-    algo = kept.get("algo")
+    algo = values.get("algo")
     if isinstance(algo, dict) and not learns(algo, unknown=True):
-        kept.pop("train", None)  # nothing to learn: the budget changes nothing
-    return kept
+        values.pop("train", None)  # Without learning, the budget changes nothing.
+    return values
 
 
 def _without_neutral(node: Mapping[str, Any], prefix: str) -> dict[str, Any]:
-    kept: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, value in node.items():
         path = f"{prefix}{key}"
         if path in NEUTRAL:
             continue
-        kept[str(key)] = _without_neutral(value, f"{path}.") if isinstance(value, Mapping) else value
-    return kept
+        values[str(key)] = _without_neutral(value, f"{path}.") if isinstance(value, Mapping) else value
+    return values
 
 
 def without_descriptions(node: Any) -> Any:
-    """A vehicle sheet without its citations and units: what changes the physics."""
+    """Return a vehicle sheet without its citations and units: only what changes the physics."""
     if isinstance(node, Mapping):
         return {key: without_descriptions(value) for key, value in node.items() if key not in DESCRIPTIVE}
     if isinstance(node, list):
@@ -115,18 +117,18 @@ def without_descriptions(node: Any) -> Any:
 
 
 def digest(config: Mapping[str, Any]) -> str:
-    """Eight hexadecimal digits of the SHA-256 of the relevant configuration."""
+    """Return eight hexadecimal digits of the SHA-256 of the relevant configuration."""
     return digest_of({"schema_version": SCHEMA_VERSION, "config": relevant(config)}, 8)
 
 
 def digest_of(value: Any, digits: int) -> str:
-    """The first hexadecimal digits of the SHA-256 of a plain value as canonical JSON."""
+    """Return the first hexadecimal digits of the SHA-256 of a plain value, written as canonical JSON."""
     canonical = json.dumps(_numbers(value), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:digits]
 
 
 def _numbers(node: Any) -> Any:
-    """Whole floats as integers, so that `1` and `1.0` typed for the same key are the same run."""
+    """Convert whole floats to integers, so that `1` and `1.0` typed for the same key are the same run."""
     if isinstance(node, dict):
         return {key: _numbers(value) for key, value in node.items()}
     if isinstance(node, list):
@@ -137,15 +139,16 @@ def _numbers(node: Any) -> Any:
 
 
 DEFAULT_VEHICLE = "bluerov2"
-"""That of conf/train.yaml when ids were defined: an id names no other vehicle than one that differs from it."""
+"""Vehicle of conf/train.yaml when ids were defined; an id names only a different vehicle."""
 
 DEFAULT_TASK = "waypoint"
 
 
 def run_id(config: Mapping[str, Any]) -> str:
-    """`{algorithm}-k{K}-f{frequency}-s{seed}-{hash}`, e.g. ppo-k1-f10-s42-1b2c3d4e, ppo-rexrov-k1-f10-s42-5a6b7c8d.
+    """Return the id `{algorithm}-k{K}-f{frequency}-s{seed}-{hash}`, e.g. ppo-k1-f10-s42-1b2c3d4e,
+    ppo-rexrov-k1-f10-s42-5a6b7c8d.
 
-    Vehicle and task stand behind the algorithm where they are not the default ones.
+    A vehicle or task other than the default follows the algorithm.
     """
     head = "-".join([str(config["algo"]["name"]), *_names(config)])
     k, frequency = (f"{float(value):g}" for value in (config["reward"]["k"], config["step"]["frequency"]))
@@ -153,29 +156,28 @@ def run_id(config: Mapping[str, Any]) -> str:
 
 
 def _names(config: Mapping[str, Any]) -> list[str]:
-    """Return vehicle and task where they are not the default ones, without what a folder's name cannot hold."""
-    found = []
+    """Return vehicle and task unless they are the default ones, in characters that a folder's name allows."""
+    names = []
     for group, usual in (("vehicle", DEFAULT_VEHICLE), ("task", DEFAULT_TASK)):
         node = config.get(group)
         name = node.get("name") if isinstance(node, Mapping) else None
         if name not in (None, usual):
-            found.append(re.sub(r"[^\w.-]", "_", str(name)))
-    return found
+            names.append(re.sub(r"[^\w.-]", "_", str(name)))
+    return names
 
 
 def mismatch(config: Mapping[str, Any], id: str) -> str:
-    """Return why a configuration is not that of the run with this id; empty where it is."""
+    """Return why a configuration does not belong to the run with this id; '' if it does."""
     try:
-        found = run_id(config)
+        actual = run_id(config)
     except (ArithmeticError, AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
-        return (
-            f"it has no id ({short(f'{type(error).__name__}: {error}')})"  # an edited file may hold anything
-        )
-    return "" if found == id else f"its id is {short(found)}"
+        # An edited file may contain anything.
+        return f"it has no id ({short(f'{type(error).__name__}: {error}')})"
+    return "" if actual == id else f"its id is {short(actual)}"
 
 
 def first_interpolation(config: Mapping[str, Any]) -> str:
-    """Return the first text that would be resolved, as `key is text`; empty without one."""
+    """Return the first text that would be resolved, as `key is text`; '' if there is none."""
     waiting: list[tuple[str, Any]] = [("", config)]
     while waiting:
         path, node = waiting.pop()

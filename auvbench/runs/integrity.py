@@ -1,9 +1,9 @@
-"""Digests: what a file held when a manifest or a summary recorded it, checked whenever the file is read.
+"""Compute digests of files, recorded in a manifest or a summary and checked whenever a file is read.
 
-A manifest and a summary hold a `files` table (path below them -> bytes and SHA-256) and a `seal`, the SHA-256 of all
-their other entries. So a flipped bit in a file, in its digest or in a number next to it is noticed.
+A manifest and a summary have a `files` table (path below them -> bytes and SHA-256) and a `seal`, the SHA-256
+of all their other entries. A flipped bit in a file, in its digest or in any other entry is therefore noticed.
 
-Digests tell accidents from results. A person who wants to deceive can write digests that fit.
+Digests detect accidents, not deceit: a person can write digests that fit.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ class FileEntry:
 
 
 class VersionError(ValueError):
-    """A file of another schema version."""
+    """A file has another schema version."""
 
 
 def entry(data: bytes) -> Entry:
-    """Return the entry of a file that holds `data`."""
+    """Return the entry for a file with the content `data`."""
     return {"bytes": len(data), "sha256": sha256(data)}
 
 
 def entry_of(path: Path) -> Entry:
-    """Return the entry of a file on disk, read in pieces.
+    """Return the entry for a file on disk, which is read in pieces.
 
     Raises:
         OSError: it cannot be read.
@@ -58,7 +58,7 @@ def entry_of(path: Path) -> Entry:
 
 
 def sealed(value: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the same entries with their seal as the last one."""
+    """Return the same entries with their seal as the last entry."""
     return {**_bare(value), SEAL: _seal(value)}
 
 
@@ -67,26 +67,27 @@ def read_sealed(path: Path, version: int) -> dict[str, Any]:
 
     Raises:
         OSError: the file is missing or cannot be read.
-        VersionError, ValueError: as `check_sealed`.
+        VersionError, ValueError: see `check_sealed`.
     """
     return check_sealed(reading.json_value(reading.content(path)), version)
 
 
 def check_sealed(value: Any, version: int) -> dict[str, Any]:
-    """Return a sealed JSON object.
+    """Check a sealed JSON object and return it.
 
     Raises:
-        VersionError: it has another schema version.
-        ValueError: it is no JSON object, or was changed since it was written.
+        VersionError: the object has another schema version.
+        ValueError: the value is not a JSON object, or was changed since it was written.
     """
     if not isinstance(value, dict):
-        raise ValueError("it is no JSON object")
+        raise ValueError("it is not a JSON object")
     broken = broken_seal(value)
-    found = value.get("schema_version")
-    # A flipped bit may lie in the version, too.
-    if found != version and (SEAL not in value or not broken):
+    version_found = value.get("schema_version")
+    # A flipped bit may also be in the version.
+    if version_found != version and (SEAL not in value or not broken):
         raise VersionError(
-            f"schema_version {short(found, 40)}, but this auvbench reads {version}; use the auvbench that wrote it"
+            f"schema_version {short(version_found, 40)}, but this auvbench reads {version}; use the "
+            "auvbench that wrote it"
         )
     if broken:
         raise ValueError(broken)
@@ -94,7 +95,7 @@ def check_sealed(value: Any, version: int) -> dict[str, Any]:
 
 
 def broken_seal(value: Mapping[str, Any]) -> str:
-    """Return why a manifest or summary is not what was written; empty where it is."""
+    """Return why the seal of a manifest or summary does not fit; '' if it fits."""
     if SEAL not in value:
         return f"its {SEAL} is missing"
     return "" if value[SEAL] == _seal(value) else f"it was changed since it was written (its {SEAL} differs)"
@@ -119,29 +120,29 @@ def digests(holder: Mapping[str, Any], prefix: str) -> dict[str, str]:
 
 
 def difference(holder: Mapping[str, Any], name: str, data: bytes) -> str:
-    """Return how the content of a file differs from its record; empty where it does not.
+    """Return how the content of a file differs from its record; '' if it does not.
 
     Args:
-        holder: the manifest or summary.
-        name: of the file in its table.
-        data: the content.
+        holder: manifest or summary.
+        name: name of the file in the table.
+        data: content of the file.
     """
     expected = table(holder).get(name)
     if expected is None:
-        return "has no digest that could be checked"
+        return "has no valid digest"
     if len(data) != expected["bytes"]:
         return f"has {len(data):,} bytes instead of {expected['bytes']}"
     return "" if sha256(data) == expected["sha256"] else "differs from its digest: it was changed or damaged"
 
 
 def lacking(folder: Path, holder: Mapping[str, Any], prefix: str = "", *, deep: bool = True) -> str:
-    """Return the first recorded file that is not there as it was written, and why; empty where all are.
+    """Return the first recorded file that is missing or changed, and why; '' if all are unchanged.
 
     Args:
-        folder: what the names in the table are relative to.
-        holder: the manifest or summary.
-        prefix: only files whose names begin so.
-        deep: compare the content; else the size alone.
+        folder: folder that the names in the table are relative to.
+        holder: manifest or summary.
+        prefix: only check files whose names begin with this.
+        deep: compare the content; otherwise compare only the size.
     """
     for name, expected in table(holder).items():
         if not name.startswith(prefix):
@@ -166,7 +167,7 @@ def lacking(folder: Path, holder: Mapping[str, Any], prefix: str = "", *, deep: 
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """Why a run failed."""
+    """Reason of a run's failure."""
 
     message: Prose | None = None
     step: Count | None = None
@@ -176,7 +177,7 @@ class Failure:
 
 @dataclass(frozen=True, slots=True)
 class Host:
-    """The machine that computed something."""
+    """Machine that computed a result."""
 
     name: str | None = None
     cpu: str | None = None
@@ -186,7 +187,7 @@ class Host:
 
 @dataclass(frozen=True, slots=True)
 class Git:
-    """The checkout that auvbench ran from."""
+    """Git checkout that auvbench ran from."""
 
     commit: str | None = None
     dirty: bool | None = None
@@ -224,7 +225,7 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One condition of a test; its rates and means are compared with its rows where they are read."""
+    """One condition of a test; when read, its rates and means are compared with its rows."""
 
     name: Name
     episodes: Annotated[int, Range(1)]
@@ -235,7 +236,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Inference:
-    """Processor time of an action."""
+    """Processor time per action."""
 
     median_ms: Seconds
     cpu: str
@@ -243,10 +244,10 @@ class Inference:
 
 @dataclass(frozen=True, slots=True)
 class Sealed:
-    """A sealed protocol of a test."""
+    """Sealed protocol of a test."""
 
     sha256: dict[str, str]
-    """Digest by the name of the file"""
+    """Digest by file name"""
     not_tested: list[str]
 
 
@@ -273,9 +274,9 @@ def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:
     """Return the content of a manifest or summary, checked against its schema.
 
     Raises:
-        OSError: it is missing or cannot be read.
-        VersionError: it has another schema version.
-        ValueError: it is damaged; the message names the entry.
+        OSError: the file is missing or cannot be read.
+        VersionError: the file has another schema version.
+        ValueError: the file is damaged; the message names the entry.
     """
     return checked(reading.json_value(reading.content(path)), schema)
 
@@ -284,8 +285,8 @@ def checked(value: Any, schema: type[Manifest | Summary]) -> dict[str, Any]:
     """Return a JSON value as a manifest or summary, checked against its seal and schema.
 
     Raises:
-        VersionError, ValueError: as `read`.
+        VersionError, ValueError: see `read`.
     """
-    found = check_sealed(value, SCHEMA_VERSION)
-    typed_json.convert(found, schema)
-    return found
+    content = check_sealed(value, SCHEMA_VERSION)
+    typed_json.convert(content, schema)
+    return content

@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM as a request to save and leave, instead of a death in mid-step.
+"""Turn Ctrl-C and SIGTERM into a request to save and exit, instead of a death in mid-step.
 
     with interruption.deferred() as request:
         while training:
@@ -7,8 +7,8 @@
                 save()
                 raise Interrupted(request.signal)
 
-The first signal only sets `request.signal`; the second one raises `Interrupted` at once, for those who cannot
-wait. Outside `deferred`, `immediate` makes the first raise already.
+Inside `deferred`, the first signal only sets `request.signal`; the second raises `Interrupted` at once.
+Inside `immediate`, the first signal already raises.
 """
 
 from __future__ import annotations
@@ -37,20 +37,22 @@ def die_with_parent(parent: int) -> None:
     """Ask the kernel to kill this process when the thread of `parent` that forked it ends (Linux only)."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
-    if os.getppid() != parent:  # it ended before we asked
+    if os.getppid() != parent:  # The parent ended before the request.
         os.kill(os.getpid(), signal.SIGKILL)
 
 
 def prefer_in_memory_shortage() -> None:
-    """Ask the kernel to kill this process first when memory runs out, and spare the one that started it."""
+    """Ask the kernel to kill this process first when memory runs out, before its parent."""
     try:
         Path("/proc/self/oom_score_adj").write_text("500", encoding="ascii")
-    except OSError:  # not Linux, or not allowed: then the kernel's own choice stands
+    except OSError:  # Not Linux, or not allowed: the kernel's own choice remains.
         return
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use; a cluster or container may grant fewer than exist."""
+    """Return the number of cores that this process may use; a cluster or container may grant fewer than the
+    machine has.
+    """
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -60,9 +62,11 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupted(KeyboardInterrupt):
-    """Asked to leave; what was saved before is the place to go on from. Exit code 128 + signal (130, 143).
+    """The process was asked to exit; a later command continues from what was saved. Exit code 128 + signal
+    (130, 143).
 
-    A KeyboardInterrupt, so that no `except Exception` on the way, ours or a library's, takes it for an error.
+    Derived from KeyboardInterrupt, so that no `except Exception`, in auvbench or a library, mistakes it for
+    an error.
     """
 
     def __init__(self, number: int, message: str = "") -> None:
@@ -73,14 +77,14 @@ class Interrupted(KeyboardInterrupt):
 
 @dataclass(slots=True)
 class Request:
-    """Whether this process was asked to stop."""
+    """Request to stop this process."""
 
     signal: signal.Signals | None = None
 
 
 @contextlib.contextmanager
 def deferred() -> Iterator[Request]:
-    """Signals set the request; a second one raises `Interrupted`. Without effect outside the main thread."""
+    """Let signals set the request; a second signal raises `Interrupted`. Without effect outside the main thread."""
     request = Request()
 
     def note(number: int, _frame: FrameType | None) -> None:
@@ -94,10 +98,10 @@ def deferred() -> Iterator[Request]:
 
 @contextlib.contextmanager
 def immediate() -> Iterator[Request]:
-    """Signals raise `Interrupted` where the process happens to be, and set the request.
+    """Let signals raise `Interrupted` at once, and set the request.
 
-    What is raised in the middle of a library may come out of it as another error, or not at all: the caller that has to say
-    what ended the process looks at the request.
+    An exception raised inside a library may be replaced or swallowed there. A caller that reports why the
+    process ended must read the request.
     """
     request = Request()
 
@@ -110,7 +114,7 @@ def immediate() -> Iterator[Request]:
 
 
 def behind(error: BaseException) -> KeyboardInterrupt | None:
-    """The interruption that an error came from: a library may have caught it on the way and raised its own."""
+    """Return the interruption that caused an error, since a library may have caught it and raised its own error."""
     seen: list[BaseException] = []
     link: BaseException | None = error
     while link is not None and link not in seen:
@@ -123,7 +127,7 @@ def behind(error: BaseException) -> KeyboardInterrupt | None:
 
 @contextlib.contextmanager
 def handlers(handler: Callable[[int, FrameType | None], Any]) -> Iterator[None]:
-    """Handle `SIGNALS` inside. Without effect outside the main thread."""
+    """Handle `SIGNALS` with `handler`. Without effect outside the main thread."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

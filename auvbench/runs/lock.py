@@ -1,9 +1,10 @@
-"""One process per run: a lock of the kernel, and a file that names its holder for people.
+"""Allow one process per run: a lock of the kernel, and a file that names its holder for people.
 
-`RUN/lock/held` carries the lock: `flock`, which NFS keeps on the file server. The kernel or the server frees it when the
-holder ends, however that ends. So no clock, host name or process id decides who may work on a run.
+`RUN/lock/held` carries the lock: `flock`, which NFS keeps on the file server. The kernel or the server frees
+the lock when the holder ends, for any reason. So no clock, host name or process id decides which process may
+work on a run.
 
-`RUN/lock/holder.json` names the holder. A file system without `flock` is refused.
+`RUN/lock/holder.json` names the holder. A file system without `flock` raises an error.
 """
 
 from __future__ import annotations
@@ -37,56 +38,56 @@ if TYPE_CHECKING:
 
 
 def state_folder() -> Path:
-    """Return the user's folder for what auvbench keeps between commands."""
+    """Return the user's folder for files that auvbench keeps between commands."""
     state = os.environ.get("XDG_STATE_HOME") or os.path.join(os.path.expanduser("~"), ".local", "state")
     return Path(state, "auvbench")
 
 
 FOLDER, LOCK, HOLDER = "lock", "held", "holder.json"
 
-LEASE = 120.0  # s for which a file server may keep the lock of a node that died (NFSv4: 90 s by default)
-LOOK = 10.0  # s for which a look (`living_holder`), which takes an instant, may keep a free lock
+LEASE = 120.0  # s that a file server may keep the lock of a dead node (NFSv4: 90 s by default)
+LOOK = 10.0  # s that a check (`living_holder`), which takes an instant, may wait for a lock
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP)
 
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Who holds a run."""
+    """Process that holds the lock of a run."""
 
     host: str
     pid: int
     since: str  # ISO 8601 with a time zone
     command: str
-    token: str  # unique for each acquisition; empty where holder.json is damaged
-    job: str | None = None  # the cluster's job, for example "slurm:17"
-    path: str = field(default="", compare=False)  # of holder.json, where it was read
+    token: str  # unique for each acquisition; empty if holder.json is damaged
+    job: str | None = None  # job of the cluster, for example "slurm:17"
+    path: str = field(default="", compare=False)  # path of holder.json, if it was read
 
     def __str__(self) -> str:
         if not self.token:
             file = shlex.quote(self.path)
-            return f"an unknown process ({file} does not say which; remove it if no process works here)"
+            return f"an unknown process (holder unknown, see {file}; remove that file if no process works on the run)"
         job = f", {short(self.job).replace(':', ' job ')}" if self.job else ""
         return f"{short(self.host)}, pid {self.pid}{job}, since {self.since} ({short(self.command, 80)})"
 
 
 class RunHeldError(RunError):
-    """Another process works on the run. Exit code 1: nothing is wrong with what was typed."""
+    """Another process works on the run. Exit code 1: the command line is correct."""
 
     exit_code = 1
 
     def __init__(self, run: Path, holder: Holder, message: str = "") -> None:
-        super().__init__(message or f"{run} is held by {holder}; left alone")
+        super().__init__(message or f"{run} is locked by {holder}; skipped")
         self.run = run
         self.holder = holder
 
 
 class LockLostError(TrainingError):
-    """The run belongs to another process now: its folder was replaced, or the file server gave the lock away."""
+    """The run now belongs to another process: its folder was replaced, or the file server gave the lock away."""
 
 
 class RunLock:
-    """A held lock. Use `with lock.acquire(run) as held:`."""
+    """A lock that this process holds. Use `with lock.acquire(run) as held:`."""
 
     def __init__(self, run: Path, holder: Holder, kernel_lock: BaseFileLock) -> None:
         self.run = run
@@ -99,24 +100,25 @@ class RunLock:
         """Raise `LockLostError` if another process has the run.
 
         Args:
-            every: s; do nothing if the last look was less than this ago.
+            every: seconds between checks; do nothing if the last check was more recent.
         """
         now = time.monotonic()
         if now - self._verified < every:
             return
         self._verified = now
-        found = current(self.run)
-        if found is None or found.token not in ("", self.holder.token):  # "": it cannot be read at present
-            why = f"{found} has taken it over" if found else "its lock was removed"
+        holder = current(self.run)
+        # "": the file cannot be read at the moment
+        if holder is None or holder.token not in ("", self.holder.token):
+            why = f"{holder} has taken it over" if holder else "its lock was removed"
             raise LockLostError(f"{self.run}: {why}; this process stops without writing more")
 
     def release(self) -> None:
-        """Free the lock. Do nothing the second time."""
+        """Free the lock. A second call does nothing."""
         if _mine.get(self.run.absolute()) is self:
             del _mine[self.run.absolute()]
         with contextlib.suppress(OSError):
-            found = current(self.run)
-            if found is not None and found.token == self.holder.token:
+            holder = current(self.run)
+            if holder is not None and holder.token == self.holder.token:
                 _holder_path(self.run).unlink(missing_ok=True)
         self._kernel_lock.release()
 
@@ -128,20 +130,20 @@ class RunLock:
 
 
 _mine: dict[Path, RunLock] = {}
-"""The locks of this process, for code that writes into a run without having been handed its lock."""
+"""Locks of this process, for code that writes into a run but has no reference to its lock."""
 
 
 def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
-    """Take the run's lock.
+    """Lock the run for this process.
 
     Args:
         run: the run directory.
-        job: the cluster job of this process. Its own earlier life may have died with its node: then the file server's
-            lease is waited for.
+        job: cluster job of this process. If an earlier attempt of the same job died with its node, wait for
+            the file server's lease.
 
     Raises:
         RunHeldError: another process holds it.
-        RunError: the directory cannot be written or has no file locks, or a link in it leads out of it.
+        RunError: the directory cannot be written or has no file locks, or contains a link out of it.
         TrainingError: the disk is full or failing.
     """
     run = Path(run)
@@ -167,13 +169,13 @@ def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
 
 
 def verify(run: str | Path, every: float = 0.0) -> None:
-    """As `RunLock.verify`, for the lock that this process took; do nothing if it took none."""
-    if (held := _mine.get(Path(run).absolute())) is not None:
-        held.verify(every)
+    """Verify the lock that this process took, as `RunLock.verify` does; do nothing if it took none."""
+    if (own := _mine.get(Path(run).absolute())) is not None:
+        own.verify(every)
 
 
 def current(run: str | Path) -> Holder | None:
-    """Return whom holder.json names, alive or dead; None without that file."""
+    """Return the holder that holder.json names, alive or dead; None without that file."""
     path = _holder_path(Path(run))
     try:
         holder = typed_json.read(path, Holder, 1 << 16)
@@ -202,7 +204,7 @@ def _is_locked(path: Path) -> bool:
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:  # held; or nothing can be known, and then holder.json counts
+    except OSError:  # Locked; or nothing is known, and then holder.json counts.
         return True
     finally:
         os.close(descriptor)
@@ -218,7 +220,7 @@ def _kernel_lock(run: Path, patience: float) -> BaseFileLock:
 
     Args:
         run: the run directory.
-        patience: s to wait for a holder.
+        patience: seconds to wait for a holder.
 
     Raises:
         RunHeldError: another process holds it.

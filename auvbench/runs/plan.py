@@ -1,4 +1,4 @@
-"""From a composed configuration to a frozen run, everything checked before anything starts, and back again."""
+"""Turn a composed configuration into a frozen run, with all checks before anything starts, and load it again."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def load_config(run: RunDirectory) -> schema.TrainConfig:
-    """The typed configuration of a run directory, its identity checked.
+    """Return the typed configuration of a run directory, its identity checked.
 
     Raises:
-        RunError: the directory is no run, or its configuration was changed.
+        RunError: the directory is not a run, or its configuration was changed.
         ConfigError: a value is out of range.
     """
     values = run.check()
@@ -42,41 +42,42 @@ def load_config(run: RunDirectory) -> schema.TrainConfig:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """A run of which everything is checked that can be before it is on the disk."""
+    """A run after all checks that are possible before it is written to disk."""
 
     config: schema.TrainConfig
     values: dict[str, Any]
-    """all of them, as `config.yaml` will hold them"""
+    """all values, as `config.yaml` will contain them"""
 
     @property
     def run(self) -> RunDirectory:
-        """Where it will lie."""
+        """Return the run's future directory."""
         return place(self.values)
 
     def freeze(self, command: str = "") -> RunDirectory:
-        """Make its directory: from here on, editing YAML changes nothing.
+        """Create the run's directory: from now on, editing YAML changes nothing.
 
         Raises:
-            RunError: the directory holds another configuration, or cannot be written.
-            PolicyError: the file of `algo=onnx` was changed since.
+            RunError: the directory has a different configuration, or cannot be written.
+            PolicyError: the file of `algo=onnx` was changed after the check.
             TrainingError: the disk is full or failing.
         """
         return freeze_all([self], command)[0]
 
 
 def freeze_all(plans: Sequence[Plan], command: str = "") -> list[RunDirectory]:
-    """Declare the runs of an experiment, then make their directories; return them in the order of the plans.
+    """Declare the runs of an experiment, then create their directories; return them in the order of the
+    plans.
 
     Raises:
         ConfigError: an analysis names an unknown protocol or condition; nothing is written then.
-        RunError, PolicyError, TrainingError: as `Plan.freeze`.
+        RunError, PolicyError, TrainingError: see `Plan.freeze`.
     """
     digests = _declare(plans)
     runs = []
-    for one in plans:
-        # Before the manifest, which says that there is a run.
-        _keep_policy(one.run, one.values)
-        runs.append(freeze(one.values, command, digests.get(one.run.path)))
+    for item in plans:
+        # Written before the manifest, which marks the run as existing.
+        _keep_policy(item.run, item.values)
+        runs.append(freeze(item.values, command, digests.get(item.run.path)))
     return runs
 
 
@@ -84,12 +85,12 @@ def _declare(plans: Sequence[Plan]) -> dict[Path, str]:
     """Declare the runs that have an analysis; return the digests for their manifests."""
     known: dict[str, declared.Declared] = {}
     analyses: dict[Path, declared.Declared] = {}
-    for one in plans:
-        if (analysis := one.config.analysis) is not None:
+    for item in plans:
+        if (analysis := item.config.analysis) is not None:
             if (key := repr(analysis)) not in known:
                 known[key] = declaring.completed(analysis)
-            analyses[one.run.path] = known[key]
-    configs = {one.run.path: one.values for one in plans}
+            analyses[item.run.path] = known[key]
+    configs = {item.run.path: item.values for item in plans}
     try:
         return declaring.declare_all(analyses, configs, now())
     except OSError as error:
@@ -97,7 +98,8 @@ def _declare(plans: Sequence[Plan]) -> dict[Path, str]:
 
 
 def plan(config: DictConfig) -> Plan:
-    """Check types, values, the vehicle's sheet and a policy's file of a composed configuration. Write nothing.
+    """Check types, values, the vehicle's sheet and the policy file of a composed configuration. Write
+    nothing.
 
     Raises:
         ConfigError: a value is wrong.
@@ -113,40 +115,40 @@ def plan(config: DictConfig) -> Plan:
 
         config = sitl.settled(config, checked.algo)
     values = resolved(config)
-    values.pop(declared.KEY, None)  # not part of the run: it is in the folder of the experiment
-    if found := identity.first_interpolation(values):  # from a value with \${ in it
-        raise ConfigError(f"{found}: a run's configuration holds no ${{ }}")
+    values.pop(declared.KEY, None)  # not part of the run: stored in the folder of the experiment
+    if interpolation := identity.first_interpolation(values):  # left by a value with \${ in it
+        raise ConfigError(f"{interpolation}: a run's configuration must not contain ${{ }}")
     return Plan(checked, values)
 
 
 def prepare(config: DictConfig, command: str = "") -> RunDirectory:
-    """`plan`, then its run on the disk.
+    """Plan a run, then write it to the disk.
 
     Raises:
-        ConfigError, VehicleError, PolicyError, RunError, TrainingError: as `plan` and `Plan.freeze`.
+        ConfigError, VehicleError, PolicyError, RunError, TrainingError: see `plan` and `Plan.freeze`.
     """
     return plan(config).freeze(command)
 
 
 def check_vehicle(config: schema.TrainConfig) -> VehicleModel:
-    """The vehicle, if its sheet is right and it is not too quick to be integrated.
+    """Return the vehicle after checking its sheet and that its dynamics are slow enough to integrate.
 
     Raises:
-        ConfigError, VehicleError: it is not.
+        ConfigError, VehicleError: a check fails.
     """
     vehicle = sheet.load(config.vehicle)
     sheet.refuse_stiff_vehicle(vehicle.name, shortest_time_constant(vehicle))
     return vehicle
 
 
-# The policy file of `algo=onnx`: read and checked once, named by its content, copied into the run. A run's identity holds
-# its SHA-256 (`algo.sha256`), not its path.
+# The policy file of `algo=onnx` is read and checked once, named by its content, and copied into the run. The
+# run's identity has the file's SHA-256 (`algo.sha256`), not its path.
 
 UNNAMED = "onnx"
-"""the name of conf/algo/onnx.yaml, in whose place that of the card or of the file stands"""
+"""name in conf/algo/onnx.yaml, replaced by the name of the card or of the file"""
 
 LONGEST = 80
-"""characters of a name: it is part of a folder's"""
+"""largest number of characters of a policy's name, which is part of a folder's name"""
 
 
 def _with_policy(
@@ -155,14 +157,15 @@ def _with_policy(
     """Return the configuration with digest and name of its policy's file.
 
     Args:
-        config: composed.
-        typed: the same, checked.
-        algo: that of `typed`.
-        vehicle: that of the configuration.
+        config: composed configuration.
+        typed: the same configuration, typed and checked.
+        algo: `algo` of `typed`.
+        vehicle: vehicle of the configuration.
 
     Raises:
-        ConfigError: the file is another than `algo.sha256` says, or its card is of another vehicle, frequency or frame.
-        PolicyError: it cannot be read, is no policy, or not one of this vehicle's size.
+        ConfigError: the file's digest differs from `algo.sha256`, or its card has another vehicle, frequency
+            or frame.
+        PolicyError: the file cannot be read, is not a policy, or does not fit the vehicle's sizes.
         MissingExtraError: ONNX Runtime is not installed.
     """
     if not algo.path:
@@ -171,7 +174,7 @@ def _with_policy(
     data, card, _ = exported.read(path)
     digest = sha256(data)
     if algo.sha256 not in ("", digest):
-        raise ConfigError(f"algo.sha256={algo.sha256}: algo.path={path} has {digest}")
+        raise ConfigError(f"algo.sha256={algo.sha256}: algo.path={path} has the digest {digest}")
     if card is not None:
         _compare(card, str(path), typed, vehicle)
     sizes = {
@@ -188,11 +191,11 @@ def _with_policy(
 
 
 def _keep_policy(run: RunDirectory, config: dict[str, Any]) -> None:
-    """Copy the file of a settled configuration, and its card, into a run that lacks it.
+    """Copy the policy file of a settled configuration, and its card, into a run that lacks them.
 
     Raises:
-        PolicyError: it is not the file that the configuration was settled with.
-        TrainingError: the disk does not take it.
+        PolicyError: the file has changed since the configuration was settled.
+        TrainingError: the disk cannot be written.
     """
     algo = config["algo"]
     if algo.get("agent") != "onnx":
@@ -204,10 +207,10 @@ def _keep_policy(run: RunDirectory, config: dict[str, Any]) -> None:
     data, _, card_data = exported.read(Path(algo["path"]))
     if sha256(data) != algo["sha256"]:
         raise exported.PolicyError(
-            f"{algo['path']}: was changed while the run was made; type the command again"
+            f"{algo['path']}: was changed while the run was created; run the command again"
         )
     with storage(f"cannot write {run.model}"):
-        # The network last: where it is, its card is.
+        # The network is written last: if it exists, its card exists.
         if card_data is not None:
             write_atomic(run.model / exported.CARD, card_data)
         else:
@@ -216,7 +219,9 @@ def _keep_policy(run: RunDirectory, config: dict[str, Any]) -> None:
 
 
 def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-    """Refuse a file of another vehicle, frame or frequency, which would steer wrongly without an error."""
+    """Raise ConfigError for a file of another vehicle, frame or frequency, which would steer wrongly without
+    an error.
+    """
     if card.actuators != vehicle.actuators:
         raise ConfigError(
             f"algo.path={where}: its card is of {card.vehicle.name}, which has the actuators {', '.join(card.actuators)}; "
@@ -248,7 +253,7 @@ def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicl
 
 
 def _label(name: str) -> str:
-    """Return the characters of a card's or file's name that the name of a folder can have.
+    """Return the characters of a card's or file's name that a folder's name may contain.
 
     >>> _label("my policy (3).best")
     'my-policy-3-.best'

@@ -1,8 +1,9 @@
-"""Worker processes of a command: one fork server, and a pool whose jobs survive the death of a worker.
+"""Run the worker processes of a command: one fork server, and a pool whose jobs survive the death of a
+worker.
 
-The server imports modules once, so that a worker starts in milliseconds. On Linux the kernel kills the workers when the
-server ends, and the server when the command ends, however that comes about. A signal from the terminal reaches the
-command alone.
+The server imports modules once, so that a worker starts in milliseconds. On Linux the kernel kills the
+workers when the server ends, and the server when the command ends, for any reason. A signal from the terminal
+reaches only the command.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ from auvbench.errors import AuvbenchWarning, TrainingError
 from auvbench.runs import interruption
 
 COMMAND, MODULES = "AUVBENCH_COMMAND_PID", "AUVBENCH_PRELOAD"
-"""environment variables of the server: the pid of its command, and what it preloads with commas between"""
+"""environment variables of the server: the pid of its command, and the comma-separated modules to preload"""
 
 PID = os.getpid()
-"""of the server, also in the workers that it forks"""
+"""pid of the server, also in the workers that it forks"""
 
 CONTEXT = multiprocessing.get_context("forkserver")
 ONE_THREAD = dict.fromkeys(
@@ -42,19 +43,19 @@ T = TypeVar("T")
 
 
 class WorkerDiedError(TrainingError):
-    """The process that carried out a job was killed."""
+    """The process of a job was killed."""
 
 
 def start_server(preload: Sequence[str]) -> None:
-    """Start the fork server and return; the server goes on to import and call what `preload` names.
+    """Start the fork server and return; in the background the server imports and calls what `preload` names.
 
     Args:
-        preload: modules, and functions as module:function.
+        preload: modules, and functions written as module:function.
     """
     stop_server()
     environment = dict(os.environ)
     os.environ |= isolation.ENVIRONMENT
-    resource_tracker.ensure_running()  # now, since its start unblocks signals
+    resource_tracker.ensure_running()  # started now, since starting it unblocks signals
     os.environ |= ONE_THREAD | {COMMAND: str(os.getpid()), MODULES: ",".join(preload)}
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, interruption.SIGNALS)
     try:
@@ -67,7 +68,9 @@ def start_server(preload: Sequence[str]) -> None:
 
 
 def stop_server() -> None:
-    """Kill the fork server, and with it all workers, and wait for its end: the next one starts afresh."""
+    """Kill the fork server and all its workers, and wait for its end; the next call of `start_server` starts
+    a new one.
+    """
     server: Any = forkserver._forkserver
     if server._forkserver_pid is not None:
         with contextlib.suppress(ProcessLookupError):
@@ -76,26 +79,26 @@ def stop_server() -> None:
 
 
 def begin_worker(folder: str) -> None:
-    """Prepare a worker process; the first thing that it does.
+    """Prepare a worker process; its first action.
 
     Args:
-        folder: the working directory.
+        folder: working directory.
     """
     os.setsid()
     interruption.die_with_parent(PID)
     interruption.prefer_in_memory_shortage()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, interruption.SIGNALS)
-    with contextlib.suppress(OSError):  # removed since
+    with contextlib.suppress(OSError):  # the folder was removed since
         os.chdir(folder)
-    gc.freeze()  # a collection would copy the pages that the workers share
+    gc.freeze()  # A garbage collection would copy the pages that the workers share.
 
 
 class Pool:
-    """Worker processes for the jobs of a command, started when the first job comes.
+    """Worker processes for the jobs of a command, started with the first job.
 
     Args:
-        workers: how many at most; 0: one per core.
-        preload: modules and functions, as of `start_server`, whose work all jobs need.
+        workers: largest number of workers; 0: one per core.
+        preload: modules and functions that all jobs need, as for `start_server`.
     """
 
     def __init__(self, workers: int = 0, preload: Sequence[str] = ()) -> None:
@@ -114,16 +117,16 @@ class Pool:
     ) -> Iterator[tuple[K, T | WorkerDiedError]]:
         """Yield the key and the result of each job as the jobs end.
 
-        When a worker dies, the jobs under way are done again one by one, since any of them may be the cause. A job whose
-        worker dies a second time yields a `WorkerDiedError`; the other jobs go on.
+        When a worker dies, the active jobs are repeated one by one, since any of them may be the cause. A job
+        whose worker dies a second time yields a `WorkerDiedError`; the other jobs continue.
 
         Args:
-            function: called with a job's arguments in a worker.
+            function: function that a worker calls with a job's arguments.
             jobs: arguments by key; `str(key)` names the job to the user.
-            what: a job in a word, for messages.
+            what: one word for a job, for messages.
 
         Raises:
-            Exception: what `function` raised; jobs that have not begun are dropped.
+            Exception: any exception of `function`; jobs that have not begun are dropped.
         """
         waiting = deque(jobs)
         running: dict[Future[T], K] = {}
@@ -134,7 +137,7 @@ class Pool:
                     running[self._submit(function, jobs[key])] = key
                 ended = wait(running, return_when=FIRST_COMPLETED).done
                 if any(isinstance(future.exception(), BrokenProcessPool) for future in ended):
-                    ended = wait(running).done  # a pool that is broken ends all of them
+                    ended = wait(running).done  # A broken pool ends all jobs.
                 again = {}
                 for future in ended:
                     key = running.pop(future)
@@ -151,10 +154,10 @@ class Pool:
     def _again(
         self, function: Callable[..., T], jobs: Mapping[K, tuple[Any, ...]], what: str
     ) -> Iterator[tuple[K, T | WorkerDiedError]]:
-        """Yield as `results`, one job after the other; the workers have died."""
+        """Repeat the jobs one by one after the workers have died; yield as `results` does."""
         self._end()
         names = ", ".join(map(str, jobs))
-        reason = f"a worker was killed, possibly out of memory; each {what} under way is done again: {names}"
+        reason = f"a worker was killed, possibly out of memory; each {what} under way is repeated: {names}"
         warnings.warn(AuvbenchWarning(reason), stacklevel=2)
         for key, arguments in jobs.items():
             try:
@@ -179,10 +182,11 @@ class Pool:
             return ProcessPoolExecutor(
                 self.workers, CONTEXT, initializer=begin_worker, initargs=(os.getcwd(),)
             )
-        except OSError as error:  # its queues have semaphores
+        except OSError as error:  # the pool's queues need semaphores
             raise TrainingError(
-                f"no semaphore for worker processes can be made ({error.strerror}): is /dev/shm writable? "
-                "--workers 1 needs none where a command has it"
+                f"cannot create semaphores for worker processes ({error.strerror}): check that /dev/shm is "
+                "writable, or use "
+                "--workers 1 where the command has it"
             ) from error
 
     def _end(self) -> None:
@@ -192,11 +196,12 @@ class Pool:
             self._executor = None
 
 
-if COMMAND in os.environ:  # this is the server; its modules may import this one, which is whole by now
+# This process is the server; its modules may import this one, which is complete by now.
+if COMMAND in os.environ:
     isolation.isolate()
     interruption.die_with_parent(int(os.environ.pop(COMMAND)))
     for _name in os.environ.pop(MODULES).split(","):
-        with contextlib.suppress(Exception):  # the worker that needs it reports the error
+        with contextlib.suppress(Exception):  # the worker that needs the module reports the error
             if ":" in _name:
                 registry.resolve(_name)()
             else:

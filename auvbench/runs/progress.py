@@ -1,4 +1,4 @@
-"""How a run tells others how far it is: `progress.json`, at most once a second, and a callback."""
+"""Report a run's progress: `progress.json`, at most once a second, and a callback."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 
 class EpisodeLog:
-    """Appends rows; full precision; complete rows only.
+    """Append rows to a CSV file: full precision, complete rows only.
 
     Args:
-        columns: of the records.
-        path: of the CSV file; begun anew with its header unless `keep` says how many bytes of it stay.
-        keep: length in bytes to which an existing file is cut (exact resume).
+        columns: columns of the records.
+        path: path of the CSV file; created with its header unless `keep` is given.
+        keep: number of bytes to keep of an existing file (exact resume).
     """
 
     def __init__(self, columns: Sequence[str], path: Path, keep: int | None = None) -> None:
@@ -46,7 +46,7 @@ class EpisodeLog:
             self._file.seek(0, os.SEEK_END)
 
     def append(self, step: int, records: Sequence[Record]) -> None:
-        """Rows of the episodes that ended at environment step `step` of the run."""
+        """Append rows for the episodes that ended at environment step `step` of the run."""
         self._write([(step, *(record[name] for name in self._columns)) for record in records])
 
     def _write(self, rows: Sequence[Sequence[object]]) -> None:
@@ -55,11 +55,11 @@ class EpisodeLog:
         self._file.write(text.getvalue().encode())
 
     def flush(self) -> None:
-        """Hands all rows to the system."""
+        """Flush all rows to the system."""
         self._file.flush()
 
     def abandon(self) -> None:
-        """Closes without writing what is still held back."""
+        """Close without writing the buffered rows."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self._file.fileno())
         os.close(nowhere)
@@ -69,39 +69,39 @@ class EpisodeLog:
 
 
 WINDOW = 100
-"""Episodes over which success rate and return are averaged."""
+"""Number of training episodes over which success rate and return are averaged."""
 
 TELLING = 30
-"""Episodes without which a success rate is not shown: one of three says nothing."""
+"""Smallest number of episodes for which a success rate is shown."""
 
 
 def telling(rate: float | None, episodes: int) -> float | None:
-    """A success rate that is worth showing, else None."""
+    """Return the success rate if it comes from enough episodes, else None."""
     return rate if episodes >= TELLING else None
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """Where a run is."""
+    """Progress of a run."""
 
     steps: Count
     total_steps: Count
     steps_per_s: float
     episodes: Count
     success_rate: Share | None
-    """share of the last WINDOW training episodes; None before the first ended"""
+    """success rate over the last WINDOW training episodes; None before the first has ended"""
     mean_return: float | None
     time: float
-    """Unix time of this report"""
+    """time of this report, Unix time"""
 
     @property
     def remaining(self) -> float | None:
-        """Return the seconds to go at the present rate; None before there is one."""
+        """Return the remaining seconds at the present rate; None while the rate is unknown."""
         left = max(0, self.total_steps - self.steps)
         return left / self.steps_per_s if self.steps_per_s > 0 else None
 
     def __str__(self) -> str:
-        """Return the figures in one line, the most important first."""
+        """Return the progress in one line, the most important number first."""
         left = self.remaining
         parts = ["estimating the time to go" if left is None else f"{duration(left)} left"]
         if (rate := telling(self.success_rate, self.episodes)) is not None:
@@ -114,7 +114,7 @@ class Progress:
 
 
 def read(run: Path) -> Progress | None:
-    """Return the last progress that a run wrote; None where it cannot be read."""
+    """Return the last progress that a run wrote; None if it cannot be read."""
     try:
         return typed_json.read(run / "progress.json", Progress)
     except (OSError, ValueError):
@@ -136,7 +136,7 @@ def duration(seconds: float) -> str:
 
 
 def to_go(seconds: float) -> str:
-    """Return `3 h 10 min to go, until 17:05`, with the day where it is not today."""
+    """Return `3 h 10 min to go, until 17:05`, with the day if it is not today."""
     now = datetime.now().astimezone()
     end = now + timedelta(seconds=seconds)
     return (
@@ -145,17 +145,17 @@ def to_go(seconds: float) -> str:
 
 
 def bars(console: Console, title: str = "", **options: Any) -> Bars:
-    """Return rich's bars with what each does now in the field `now`.
+    """Return rich's progress bars, whose field `now` shows each bar's present step.
 
     Args:
-        console: where they are shown.
-        title: in front of each.
-        options: of `rich.progress.Progress`.
+        console: console that shows the bars.
+        title: text in front of each bar.
+        options: keyword arguments of `rich.progress.Progress`.
     """
     from rich import progress
     from rich.table import Column
 
-    # A run's id is no markup, and the text gives way on a narrow terminal.
+    # A run's id is not markup, and the text is cut first on a narrow terminal.
     now = Column(ratio=1, no_wrap=True, overflow="ellipsis")
     return progress.Progress(
         progress.TextColumn(title or "{task.description}", markup=False),
@@ -174,12 +174,12 @@ Watch = Callable[[Progress], None]
 
 
 class Reporter:
-    """Counts steps and episodes and reports them at most once a second. Never changes a run's result.
+    """Count steps and episodes and report them at most once a second. Never change a run's result.
 
     Args:
-        path: of `progress.json`.
-        total_steps: the budget.
-        watch: called with each report.
+        path: path of `progress.json`.
+        total_steps: training budget in environment steps.
+        watch: function called with each report.
     """
 
     def __init__(self, path: Path, total_steps: int, watch: Watch | None = None) -> None:
@@ -202,7 +202,7 @@ class Reporter:
         return sum(self._outcomes) / len(self._outcomes) if self._outcomes else None
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """What a resumed run needs to report the same numbers."""
+        """Return what a resumed run needs to report the same numbers."""
         return {
             "episodes": np.asarray(self.episodes),
             "outcomes": np.asarray(self._outcomes, dtype=np.bool_),
@@ -211,11 +211,11 @@ class Reporter:
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         self.episodes = int(state["episodes"])
-        self._outcomes = deque((bool(one) for one in state["outcomes"]), maxlen=WINDOW)
-        self._returns = deque((float(one) for one in state["returns"]), maxlen=WINDOW)
+        self._outcomes = deque((bool(value) for value in state["outcomes"]), maxlen=WINDOW)
+        self._returns = deque((float(value) for value in state["returns"]), maxlen=WINDOW)
 
     def step(self, steps: int, *, force: bool = False) -> None:
-        """Reports if a second has passed since the last report."""
+        """Count steps; report if a second has passed since the last report."""
         moment = time.monotonic()
         if self._first_step is None:
             self._first_step, self._started = steps, moment
@@ -232,7 +232,7 @@ class Reporter:
             mean_return=sum(self._returns) / len(self._returns) if self._returns else None,
             time=time.time(),
         )
-        # Not flushed to disk: a lost report costs nothing, a synchronous write every second would.
+        # Not flushed to disk: a lost report does no harm, a synchronous write every second would.
         staged = self._path.with_name(f".{self._path.name}")
         staged.write_text(json.dumps(asdict(progress)), encoding="utf-8")
         staged.replace(self._path)

@@ -1,4 +1,4 @@
-"""Where a run's numbers come from: versions, commit, machine."""
+"""Record the provenance of a run's numbers: versions, commit, machine."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Versions of Python, of the packages that the result depends on, and of Gazebo, a server over ROS 2 or ArduSub
-    where this process uses them.
+    """Return the versions of Python, of the packages that affect the result, and of Gazebo, a ROS 2 server or
+    ArduSub if this process uses them.
     """
     from auvbench.simulators.gazebo import bindings
 
-    # Only where this process has a server: nothing of ROS 2 is imported to find that it has none.
+    # Look only at modules that are already loaded, so that ROS 2 is not imported for this.
     clients = map(sys.modules.get, ("auvbench.simulators.ros2", "auvbench.ardusub.radio"))
     used = [client.used() for client in clients if client is not None]
     return (
@@ -39,18 +39,20 @@ def versions() -> dict[str, str]:
 
 @cache
 def _packages() -> dict[str, str]:
-    found = {"python": platform.python_version()}
+    packages = {"python": platform.python_version()}
     for package in PACKAGES:
         try:
-            found[package] = metadata.version(package)
+            packages[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found
+            packages[package] = "not installed"
+    return packages
 
 
 @cache
 def git() -> dict[str, Any]:
-    """Commit of the checkout that auvbench runs from, and whether it was changed; None outside a checkout."""
+    """Return the commit of the checkout that auvbench runs from, and whether it was changed; None outside a
+    checkout.
+    """
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return {"commit": None, "dirty": None}
@@ -65,30 +67,32 @@ def git() -> dict[str, Any]:
         return done.stdout.strip()
 
     changed = ask("status", "--porcelain", "--untracked-files=no")
-    # A new file there is read or imported as the others are; elsewhere it is a note or a result.
+    # A new file in these folders is read or imported as the other files are; a new file elsewhere is a note or a
+    # result.
     added = ask("status", "--porcelain", "--untracked-files=all", "--", "auvbench", "conf")
     dirty = None if changed is None or added is None else bool(changed or added)
     return {"commit": ask("rev-parse", "HEAD"), "dirty": dirty}
 
 
 def host(threads: int = 1) -> dict[str, Any]:
-    """Name, processor and cores of this machine, and the threads that step a run's environments there."""
+    """Return name, processor and cores of this machine, and the threads that step a run's environments."""
     return {"name": platform.node(), "cpu": _processor(), "cores": os.cpu_count(), "threads": threads}
 
 
 def _processor(information: Path = Path("/proc/cpuinfo")) -> str:
-    """The processor's name; many virtual machines give one without a number ("AMD EPYC"), which gets family and model:
-    machines of one name and several generations need not compute the same bits.
+    """Return the processor's name. Many virtual machines give a name without a number ("AMD EPYC"); family
+    and model are then added, since machines of the same name but different generations need not compute the
+    same bits.
     """
-    found: dict[str, str] = {}
+    fields: dict[str, str] = {}
     try:
         for line in information.read_text(encoding="utf-8").splitlines():
             key, _, value = line.partition(":")
-            found.setdefault(key.strip(), value.strip())
+            fields.setdefault(key.strip(), value.strip())
     except OSError:
         pass
-    name = found.get("model name") or platform.processor() or platform.machine()
-    numbers = (found.get("cpu family"), found.get("model"))
+    name = fields.get("model name") or platform.processor() or platform.machine()
+    numbers = (fields.get("cpu family"), fields.get("model"))
     if all(numbers) and not any(character.isdigit() for character in name):
         return f"{name} (family {numbers[0]}, model {numbers[1]})"
     return name

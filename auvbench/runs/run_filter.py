@@ -1,9 +1,11 @@
-"""The filter `--where` of `auvbench report`, `runs`, `evaluate`, `resume` and `export`, in the grammar of overrides.
+"""Filter runs with `--where` of `auvbench report`, `runs`, `evaluate`, `resume` and `export`, in the grammar
+of overrides.
 
     --where vehicle=rexrov reward.k=1,40 algo!=random
 
-keeps the runs for which every term holds: one of the values after `=`, none of the values after `!=`. Keys are those of the
-configuration, and `state`, `id` and `experiment`; `algo` stands for `algo.name`. Text may hold `*` and `?`.
+A filter selects the runs that match every term: one of the values after `=`, none of the values after `!=`.
+Keys are the configuration's keys, and `state`, `id` and `experiment`; `algo` is short for `algo.name`. Values
+may contain the wildcards `*` and `?`.
 """
 
 from __future__ import annotations
@@ -34,7 +36,7 @@ class Term:
     text: str
 
     def holds(self, value: Any) -> bool:
-        """Return whether a run with this value of the key is kept."""
+        """Return whether a run with this value of the key matches."""
         return any(_equal(value, wanted) for wanted in self.values) is not self.negated
 
 
@@ -42,82 +44,82 @@ def parse(terms: Iterable[str]) -> tuple[Term, ...]:
     """Return the terms typed after `--where`.
 
     Raises:
-        UserError: one is not KEY=VALUE,... or KEY!=VALUE,...
+        UserError: a term is not KEY=VALUE,... or KEY!=VALUE,...
 
     >>> parse(["reward.k=1,40"])[0].values
     ('1', '40')
     """
-    found = []
+    terms_read = []
     for text in terms:
         match = _TERM.fullmatch(text)
-        # Commas inside brackets part the items of a list.
+        # Commas inside brackets separate the items of a list.
         values = [] if match is None else [v.strip() for v in re.split(r",(?![^\[]*\])", match["values"])]
         if match is None or not all(values):
             raise UserError(f"--where {text}: must be KEY=VALUE,... or KEY!=VALUE,..., e.g. reward.k=1,40")
-        found.append(Term(match["key"].strip(), tuple(values), bool(match["no"]), text))
-    return tuple(found)
+        terms_read.append(Term(match["key"].strip(), tuple(values), bool(match["no"]), text))
+    return tuple(terms_read)
 
 
 def select(
     items: Sequence[Item], terms: Sequence[Term], facts: Callable[[Item], Mapping[str, Any]]
 ) -> list[Item]:
-    """Return the items for which all terms hold, in their order.
+    """Return the items that match all terms, in their order.
 
     Args:
-        items: runs, in any form.
-        terms: as `parse` returns them.
-        facts: returns the values of an item by dotted key (see `flat`).
+        items: runs in any form.
+        terms: result of `parse`.
+        facts: function that returns an item's values by dotted key (see `flat`).
 
     Raises:
-        UserError: no item has a key or a value, or no item is left.
+        UserError: no item has the key or the value, or no item is left.
     """
     known = [dict(facts(item)) for item in items]
-    kept = list(range(len(items)))
+    indices = list(range(len(items)))
     for term in terms:
         key = _resolve(term, known)
         for value in term.values:
             if not any(_equal(facts.get(key), value) for facts in known):
                 valid = {text(facts[key]) for facts in known if key in facts}
                 raise UserError(f"--where {term.text}: no run has {key}={value}; {closest(value, valid)}")
-        kept = [index for index in kept if term.holds(known[index].get(key))]
-    if items and not kept:
+        indices = [index for index in indices if term.holds(known[index].get(key))]
+    if items and not indices:
         asked = " ".join(term.text for term in terms)
-        raise UserError(f"--where {asked}: leaves none of the {len(items)} runs")
-    return [items[index] for index in kept]
+        raise UserError(f"--where {asked}: matches none of the {len(items)} runs")
+    return [items[index] for index in indices]
 
 
 def _resolve(term: Term, known: Sequence[Mapping[str, Any]]) -> str:
-    there: set[str] = set().union(*known) if known else set()
+    keys: set[str] = set().union(*known) if known else set()
     for candidate in (term.key, f"{term.key}.name"):
-        if candidate in there:
+        if candidate in keys:
             return candidate
-    # Most of the hundreds of keys are of the vehicle's sheet: only near ones help.
-    short = {key.rpartition(".")[2]: key for key in sorted(there, reverse=True)}
-    near = short.get(term.key) or next(iter(difflib.get_close_matches(term.key, there, n=1)), None)
-    hint = f"did you mean {near}?" if near else "auvbench runs --json shows the keys there are"
+    # Most of the hundreds of keys belong to the vehicle's sheet: only similar keys help.
+    short = {key.rpartition(".")[2]: key for key in sorted(keys, reverse=True)}
+    near = short.get(term.key) or next(iter(difflib.get_close_matches(term.key, keys, n=1)), None)
+    hint = f"did you mean {near}?" if near else "auvbench runs --json lists the valid keys"
     raise UserError(f"--where {term.text}: no run has the key {term.key!r}; {hint}")
 
 
 def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return a nested configuration by dotted keys; lists stay whole.
+    """Return a nested configuration by dotted keys; lists are not split.
 
     >>> flat({"reward": {"k": 1}, "seed": 2})
     {'reward.k': 1, 'seed': 2}
     """
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, value in config.items():
         if isinstance(value, Mapping):
-            found |= flat(value, f"{prefix}{key}.")
+            values |= flat(value, f"{prefix}{key}.")
         else:
-            found[f"{prefix}{key}"] = value
-    return found
+            values[f"{prefix}{key}"] = value
+    return values
 
 
 def find(paths: Iterable[Path | str], where: Sequence[str]) -> list[RunDirectory]:
-    """Return the runs under some paths for which all terms hold.
+    """Return the runs under some paths that match all terms.
 
     Raises:
-        RunError, UserError: as `find_runs`, `parse` and `select`.
+        RunError, UserError: see `find_runs`, `parse` and `select`.
     """
     terms = parse(where)
     runs = find_runs(paths)
@@ -125,19 +127,19 @@ def find(paths: Iterable[Path | str], where: Sequence[str]) -> list[RunDirectory
 
 
 def facts(run: RunDirectory) -> dict[str, Any]:
-    """Return the values of a run directory by key; empty where its configuration cannot be read."""
+    """Return the values of a run directory by key; empty if its configuration cannot be read."""
     from auvbench.runs import status
 
     try:
         known = flat(run.config())
         known["state"] = str(status.of(run).state)
     except (RunError, RecursionError):
-        return {}  # the command names the damage when it uses the run
+        return {}  # The command names the damage when it uses the run.
     return known | {"id": run.id, "experiment": run.path.absolute().parent.name}
 
 
 def text(value: Any) -> str:
-    """Return a value as it is typed: 1.0 is 1, True is true, None is null.
+    """Return a value in the form that a user types: 1.0 is 1, True is true, None is null.
 
     >>> text(1.0), text(None), text([0.0, 1.5])
     ('1', 'null', '[0,1.5]')

@@ -1,6 +1,6 @@
-"""The status of a run: the state in its manifest, corrected by whether a process still works on it.
+"""Compute the status of a run: the state in its manifest, corrected by whether a process still works on it.
 
-A killed process cannot write its end into the manifest, so `running` counts only while the run's lock is held.
+A killed process cannot record its end in the manifest, so `running` counts only while the run's lock is held.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ class RunStatus:
     holder: lock.Holder | None = None
     """the process that works on it"""
     lost: str = ""
-    """of a complete run: which file of its model is missing or damaged"""
+    """missing or damaged file of a complete run's model; '' if there is none"""
 
 
 def of(run: RunDirectory, *, deep: bool = False) -> RunStatus:
-    """Return where a run stands now.
+    """Return the present status of a run.
 
     Args:
         run: the run directory.
-        deep: compare the content of a complete run's model with its digests, not its size alone.
+        deep: compare the content of a complete run's model with its digests, not only its size.
     """
     manifest = run.manifest()
     state = State(manifest["state"])
@@ -57,11 +57,11 @@ def of(run: RunDirectory, *, deep: bool = False) -> RunStatus:
 
 
 def finished(run: RunDirectory, manifest: dict[str, Any] | None = None) -> bool:
-    """Return whether a run is complete and its model is as it was written."""
+    """Return whether a run is complete and its model is unchanged."""
     manifest = run.manifest() if manifest is None else manifest
     return manifest["state"] == "complete" and not lost_model(run, manifest)
 
 
 def lost_model(run: RunDirectory, manifest: dict[str, Any], *, deep: bool = True) -> str:
-    """Return which file of a complete run's model is missing or damaged; empty where the model is whole."""
+    """Return the missing or damaged file of a complete run's model; '' if the model is intact."""
     return integrity.lacking(run.path, manifest, f"{run.model.name}/", deep=deep)

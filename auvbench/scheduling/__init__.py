@@ -1,5 +1,6 @@
-"""Carrying out many runs: on this machine, on a SLURM cluster, on Ray.
+"""Carry out many runs: on this machine, on a SLURM cluster, or on Ray.
 
-A backend starts a frozen run directory somewhere and says how it ended; one loop drives any of them (`loop`). `grid.sweep`
-is the whole of it: look at what is there, say so, run the rest, sum up.
+A backend starts a frozen run directory somewhere and reports how it ended. One loop drives every backend
+(`loop`). `grid.sweep` is the entry point: check the existing runs, print the plan, carry out the rest, and
+summarise.
 """

@@ -1,4 +1,4 @@
-"""From composed configurations to carried-out runs: all checked, then all frozen, then the first started."""
+"""Turn composed configurations into finished runs: check all, freeze all, then start the first."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 
 class Action(Enum):
-    """What happens to a run, in the order of the summary; the values say what it is and what is done."""
+    """What happens to a run, in the order of the summary; each value has the state and the action."""
 
     SKIP = "complete", "skipped"
     RESUME = "partial", "resumed"
     START = "missing", "started"
     RETRY = "failed", "retried"
-    LEAVE = "held by others", "left alone"
-    REFUSE = "damaged", "left as it is"
+    LEAVE = "locked by another process", "left alone"
+    REFUSE = "damaged", "skipped"
 
 
 _ACTIONS = {
@@ -45,43 +45,45 @@ _ACTIONS = {
 }
 
 LISTED = 12
-"""How many runs of a kind are named one by one; damaged ones all are, for each needs a user's hand."""
+"""Largest number of runs of a kind that are listed by name; damaged runs are all listed, since each needs the
+user.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One run and what happens to it."""
+    """One run and its action."""
 
     run: RunDirectory
     action: Action
     detail: str = ""
-    """how far it is, what went wrong, or who holds it"""
+    """progress, error, or holder of the run"""
 
 
 def _step(run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], object]) -> Step:
     try:
         check(run)
-        found = status.of(run, deep=True)
+        state = status.of(run, deep=True)
     except RunError as error:
         return Step(run, Action.REFUSE, str(error))
-    action, manifest = _ACTIONS[found.state], found.manifest
+    action, manifest = _ACTIONS[state.state], state.manifest
     if action is Action.LEAVE:
         if backend.adopt(run.path) is None:
-            return Step(run, action, f"by {found.holder}")
-        action = Action.RESUME  # a job of the backend's own is waited for
+            return Step(run, action, f"by {state.holder}")
+        action = Action.RESUME  # A job of this backend is waited for.
     detail = ""
     if action is Action.RETRY:
         why = (manifest.get("error") or {}).get("message", "no reason given")
         detail = f"{why} (step {manifest['steps']})"
-    elif found.lost:
-        detail = f"{found.lost}: from its last checkpoint"
+    elif state.lost:
+        detail = f"{state.lost}: from its last checkpoint"
     elif action is Action.RESUME:
         detail = f"from step {manifest['steps']} of {manifest['total_steps']}"
     return Step(run, action, detail)
 
 
 def _show(steps: Sequence[Step], console: Console) -> None:
-    """Print how many runs are of which kind, and each partial, failed, held or damaged one by name."""
+    """Print the number of runs of each kind, and list the partial, failed, locked and damaged ones."""
 
     def say(text: str) -> None:
         console.print(text, soft_wrap=True, highlight=False, markup=False)
@@ -107,16 +109,16 @@ def sweep(
     *,
     check: Callable[[RunDirectory], object] = lambda run: None,
 ) -> Result:
-    """Bring every run to its end as far as it can be brought; a damaged one costs no other.
+    """Carry out every run as far as possible; a damaged run does not stop the others.
 
     Args:
-        runs: frozen run directories, each once.
-        backend: where they are carried out.
-        console: where the tables go; standard output by default.
-        check: looks further than at the manifest, and raises a RunError where a run is damaged.
+        runs: frozen run directories without duplicates.
+        backend: backend that carries them out.
+        console: console for the tables; standard output by default.
+        check: function that examines a run more closely than its manifest; raises RunError for a damaged run.
 
     Raises:
-        SubmitError: the backend refuses even the only run it has.
+        SubmitError: the backend refuses a run although no other run is active.
         UserError: the backend cannot work here.
     """
     console = console or Console()
@@ -133,7 +135,7 @@ def sweep(
         if step.action in ends:
             result.outcomes[step.run.path] = (ends[step.action], step.detail)
     for path in result.of(Outcome.HELD):
-        if RunDirectory(path).manifest()["state"] == "complete":  # its holder has finished meanwhile
+        if RunDirectory(path).manifest()["state"] == "complete":  # Its holder has finished it meanwhile.
             result.outcomes[path] = (Outcome.COMPLETE, "")
     if todo:
         summarise(result, console)
@@ -141,7 +143,7 @@ def sweep(
 
 
 def summarise(result: Result, console: Console) -> None:
-    """Counts, then each run that needs attention, by name."""
+    """Print the counts, then each run that needs attention."""
     counts = {outcome: result.of(outcome) for outcome in Outcome}
     text = ", ".join(f"{len(runs)} {outcome}" for outcome, runs in counts.items() if runs)
     total = len(result.outcomes)
@@ -150,25 +152,25 @@ def summarise(result: Result, console: Console) -> None:
         for path, message in counts[outcome].items():
             console.print(f"  {outcome}: {path}: {message}", soft_wrap=True, highlight=False, markup=False)
     if counts[Outcome.INTERRUPTED] or counts[Outcome.NOT_STARTED]:
-        console.print("the same command goes on from here", highlight=False)
+        console.print("run the same command to continue", highlight=False)
 
 
 def carry_out(
     configs: Sequence[DictConfig], command: str = "", *, target: str = TARGET, console: Console | None = None
 ) -> Result:
-    """Brings the runs of a grid to their end; `Result.exit_code` is the command's.
+    """Carry out the runs of a grid; `Result.exit_code` is the command's exit code.
 
     Args:
-        configs: a configuration per job, composed; jobs that resolve to the same run are one.
-        command: the command line, for the manifests.
-        target: what a worker calls with a run directory, as module:function.
-        console: where the tables go; standard output by default.
+        configs: composed configuration of each job; jobs with the same resolved configuration are one run.
+        command: command line, for the manifests.
+        target: function that a worker calls with a run directory, as module:function.
+        console: console for the tables; standard output by default.
 
     Raises:
-        ConfigError, VehicleError, MissingExtraError: a job cannot run; nothing has been written then.
-        RunError: a run's directory holds another configuration, or cannot be written.
+        ConfigError, VehicleError, MissingExtraError: a job cannot run; nothing is written then.
+        RunError: a run's directory has a different configuration, or cannot be written.
     """
-    # Imported here: `auvbench resume` of complete runs needs none of it.
+    # Imported late: `auvbench resume` of complete runs does not need it.
     from auvbench.runs.plan import Plan, freeze_all, plan
     from auvbench.training.execute import check_runnable
 
@@ -180,21 +182,21 @@ def carry_out(
     learning = any(learns(planned.config.algo) for planned in distinct.values())
     chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):
-        raise ConfigError("launcher: a grid has one launcher; it cannot be an axis")
+        raise ConfigError("launcher: cannot be an axis; a grid has one launcher")
     runs = freeze_all(list(distinct.values()), command)
     return sweep(runs, chosen, console)
 
 
 def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True) -> Backend:
-    """Return the backend that a `launcher` configuration names.
+    """Return the backend for a `launcher` configuration.
 
     Args:
-        launcher: the composed `launcher` group.
-        target: what a worker calls with a run directory, as module:function.
-        learning: whether any of the runs learns; otherwise torch is not imported.
+        launcher: composed `launcher` group.
+        target: function that a worker calls with a run directory, as module:function.
+        learning: whether any run learns; otherwise torch is not imported.
 
     Raises:
-        UserError: it cannot work on this machine.
+        UserError: the backend cannot work on this machine.
     """
     from omegaconf import OmegaConf
 

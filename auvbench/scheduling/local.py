@@ -1,4 +1,4 @@
-"""Runs as processes of this machine, one per run, from the fork server of `runs.pool`."""
+"""Carry out runs as processes of this machine, one per run, forked from the server of `runs.pool`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from auvbench.training import worker
 from auvbench.training.worker import TARGET
 
 CONTROLLERS = ("auvbench.training.execute", "auvbench.evaluation.evaluate")
-"""What every run needs."""
+"""Modules that every run needs."""
 
 LEARNERS = (
     *CONTROLLERS,
@@ -33,10 +33,10 @@ LEARNERS = (
     "torch._dynamo",  # imported by the first optimiser of a process
     "auvbench.envs.batch:load_compiled",
 )
-"""What a run of a learner needs."""
+"""Modules that a run of a learner needs."""
 
 _SERVER_ENDED = 255
-"""exit code that multiprocessing gives to a worker whose fork server has ended; workers have no such code"""
+"""exit code that multiprocessing gives a worker whose fork server has ended; a worker itself never has this code"""
 
 
 @dataclass(slots=True, eq=False)
@@ -49,7 +49,7 @@ class LocalJob:
     status: Status = field(default_factory=lambda: Status(Phase.QUEUED))
 
     def start(self) -> None:
-        """Fork the worker; the server is ready."""
+        """Fork the worker; the server must be ready."""
         try:
             self.process.start()
             self.status = Status(Phase.RUNNING)
@@ -77,7 +77,7 @@ class LocalJob:
 
 
 class LocalBackend:
-    """As many workers at once as this machine has cores, or as `workers` says."""
+    """Backend with as many workers as this machine has cores, or as `workers` says."""
 
     def __init__(self, workers: int = 0, *, target: str = TARGET, preload: Sequence[str] = LEARNERS) -> None:
         self.limit: int | None = workers or interruption.cores()
@@ -99,7 +99,7 @@ class LocalBackend:
         return job
 
     def adopt(self, run: Path) -> LocalJob | None:
-        return None  # workers do not outlive the sweep that started them
+        return None  # Workers do not outlive the sweep that started them.
 
     def wait(self, seconds: float) -> None:
         self._jobs = [job for job in self._jobs if not job.poll().ended or job.status.lost]
@@ -121,14 +121,14 @@ class LocalBackend:
 
 
 def _await_server() -> None:
-    with contextlib.suppress(EOFError, OSError):  # the first job that starts meets the same error
+    with contextlib.suppress(EOFError, OSError):  # The first job that starts raises the same error.
         process = pool.CONTEXT.Process(target=int)
         process.start()
         process.join()
 
 
 def _work(folder: str, run: str, target: str) -> None:
-    """The life of a worker."""
+    """Run the worker's function in the forked process."""
     pool.begin_worker(folder)
     sys.exit(worker.work(run, target=target, log=True))
 

@@ -1,4 +1,4 @@
-"""The interface of the places where runs are carried out, and the loop: as many runs at once as a place takes."""
+"""Define the interface of a backend, and the loop that starts as many runs as the backend takes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 
 
 class SubmitError(UserError):
-    """The backend refused a run; the message is the backend's own."""
+    """The backend refused a run; the message is the backend's."""
 
 
 class Phase(StrEnum):
-    """Where a job is; whether its run succeeded is in the run's manifest, not here."""
+    """State of a job; the run's manifest says whether the run succeeded."""
 
     QUEUED = "queued"
     RUNNING = "running"
@@ -37,19 +37,20 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """What a backend knows about a job."""
+    """A backend's knowledge about a job."""
 
     phase: Phase
-    code: int | None = None  # exit code of an ended job, negative for a signal, None where it is unknown
-    reason: str = ""  # in the backend's words, where it knows more than the code
-    lost: bool = False  # ended through no doing of the run (its node or its server died): worth another try
+    code: int | None = None  # exit code of an ended job, negative for a signal, None if unknown
+    reason: str = ""  # reason in the backend's words, if it knows more than the code
+    # True if the job ended through no fault of the run (its node or server died), so another try may succeed
+    lost: bool = False
 
     @property
     def ended(self) -> bool:
         return self.phase is Phase.ENDED
 
     def describe(self) -> str:
-        """How the job ended, for people: `killed by signal 9 (SIGKILL), possibly out of memory`."""
+        """Return how the job ended, as text: `killed by signal 9 (SIGKILL), possibly out of memory`."""
         if self.code is None:
             return self.reason or "ended for an unknown reason"
         if self.code >= 0:
@@ -64,56 +65,58 @@ class Status:
 
 
 class Job(Protocol):
-    """A run directory that a backend has been given."""
+    """A run directory that was submitted to a backend."""
 
     run: Path
 
     @property
     def mark(self) -> str | None:
-        """How the run's lock names this job when a worker of it holds it (`slurm:17`), if it does."""
+        """Return the job's name in the run's lock (`slurm:17`) while its worker holds it; None without such a
+        name.
+        """
 
     def poll(self) -> Status:
-        """Where it is now; cheap enough to be called several times a second."""
+        """Return the present status; cheap enough to call several times a second."""
 
     def cancel(self, *, force: bool = False) -> None:
-        """Asks the worker to save and leave; with `force` kills it. Ended jobs are left alone."""
+        """Ask the worker to save and exit; with `force`, kill it. An ended job is not affected."""
 
     def __str__(self) -> str:
-        """Where it runs, for people: `pid 4711`, `slurm job 17`."""
+        """Return the job's place as text: `pid 4711`, `slurm job 17`."""
 
 
 class Backend(Protocol):
     """A place that carries out runs."""
 
-    limit: int | None  # how many jobs it takes at once; None: as many as there are, it has a queue itself
+    limit: int | None  # largest number of simultaneous jobs; None: no limit, the backend has its own queue
 
     def submit(self, run: Path) -> Job:
-        """Starts `python -m auvbench.training.worker RUN` there.
+        """Start `python -m auvbench.training.worker RUN` on the backend.
 
         Raises:
-            SubmitError: it is refused, now.
-            UserError: this backend can never work here (a missing command or package).
+            SubmitError: the backend refuses the run now.
+            UserError: the backend can never work here (a missing command or package).
         """
 
     def adopt(self, run: Path) -> Job | None:
-        """A job of this run that an earlier sweep started here and that is still queued or running."""
+        """Return the queued or running job that an earlier sweep started for this run; None without one."""
 
     def wait(self, seconds: float) -> None:
-        """Returns after so long, or earlier when a job may have changed."""
+        """Return after some seconds, or earlier if a job may have changed."""
 
     def close(self) -> None:
-        """Ends what the backend itself started; jobs of an outside cluster go on."""
+        """Stop what the backend itself started; jobs of an external cluster continue."""
 
 
 _FOREIGN = (AgentError.__name__, PluginImportError.__name__)
-"""Types of errors that the code of an installed package causes"""
+"""Types of errors that the code of an installed package raises"""
 
-TICK = 0.25  # s between two looks at the jobs
-TRIES = 3  # how often a run is started whose node or server died under it
+TICK = 0.25  # s between two polls of the jobs
+TRIES = 3  # number of starts of a run whose node or server died
 
 
 class Outcome(StrEnum):
-    """What became of a run in this sweep."""
+    """Outcome of a run in this sweep."""
 
     COMPLETE = "complete"
     FAILED = "failed"
@@ -124,25 +127,25 @@ class Outcome(StrEnum):
 
 @dataclass(slots=True)
 class Result:
-    """What became of all runs."""
+    """Outcomes of all runs."""
 
     outcomes: dict[Path, tuple[Outcome, str]] = field(default_factory=dict)
-    signal: signal.Signals | None = None  # what ended the sweep early
+    signal: signal.Signals | None = None  # signal that ended the sweep early
 
     def of(self, outcome: Outcome) -> dict[Path, str]:
-        """The runs with this outcome and the message of each."""
+        """Return the runs with this outcome, with their messages."""
         return {run: message for run, (found, message) in self.outcomes.items() if found is outcome}
 
     @property
     def exit_code(self) -> int:
-        """128 + signal when interrupted, 0 when all runs are complete, else 1."""
+        """Return 128 + signal if interrupted, 0 if all runs are complete, else 1."""
         if self.signal is not None:
             return 128 + self.signal
         return 0 if all(outcome is Outcome.COMPLETE for outcome, _ in self.outcomes.values()) else 1
 
 
 class Loop:
-    """Drives one sweep."""
+    """Loop of one sweep."""
 
     def __init__(self, runs: Sequence[RunDirectory], backend: Backend, view: View) -> None:
         self.waiting = deque(runs)
@@ -151,14 +154,14 @@ class Loop:
         self.active: dict[Job, RunDirectory] = {}
         self.tries: dict[Path, int] = {}
         self.result = Result()
-        self.signals = 0  # how many have come
-        self._obeyed = 0  # how many have been passed on
+        self.signals = 0  # signals received
+        self._obeyed = 0  # signals passed on to the workers
 
     def drive(self) -> Result:
-        """Until every run has an outcome.
+        """Carry out the runs until each has an outcome.
 
         Raises:
-            SubmitError: the backend refuses a run although it has nothing else to do.
+            SubmitError: the backend refuses a run although no other run is active.
             UserError: the backend cannot work here.
         """
         self.view.begin()
@@ -176,7 +179,7 @@ class Loop:
         return self.result
 
     def goes_on(self) -> bool:
-        """Whether anything is left to do."""
+        """Return whether anything is left to do."""
         return bool(self.waiting or self.active)
 
     def _fill(self) -> None:
@@ -187,8 +190,8 @@ class Loop:
             except SubmitError:
                 if not self.active:
                     raise
-                return  # a limit of the cluster, perhaps: again when a job has ended
-            except OSError as error:  # its directory has gone or takes nothing more
+                return  # perhaps a limit of the cluster: try again when a job has ended
+            except OSError as error:  # the run's directory is gone or not writable
                 self.waiting.popleft()
                 self._settle(run, Outcome.FAILED, f"could not be started: {error}")
                 continue
@@ -210,7 +213,7 @@ class Loop:
                 continue
             try:
                 outcome, message = judge(run, job, status, cancelled=self.signals > 0)
-            except RunError as error:  # it was removed or damaged meanwhile
+            except RunError as error:  # the run was removed or damaged meanwhile
                 outcome, message = Outcome.FAILED, str(error)
             self._settle(run, outcome, message)
 
@@ -219,7 +222,7 @@ class Loop:
         self.view.ended(run, outcome, message)
 
     def _obey(self) -> None:
-        """Passes signals on to the workers: the first as a request, the second as an end."""
+        """Pass signals on to the workers: the first asks them to save, the second kills them."""
         if self.signals == self._obeyed:
             return
         self._obeyed = self.signals
@@ -232,7 +235,7 @@ class Loop:
             self.view.say(f"interrupted: the {len(self.active)} running {verb}")
         for job, run in list(self.active.items()):
             job.cancel(force=force)
-            if force and job.mark is not None:  # a cluster may take minutes to say that the job has ended
+            if force and job.mark is not None:  # a cluster may take minutes to report that the job has ended
                 del self.active[job]
                 self._settle(run, Outcome.INTERRUPTED, f"{job} is told to end")
 
@@ -242,14 +245,14 @@ class Loop:
 
 
 def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tuple[Outcome, str]:
-    """What became of a run whose job has ended; a death it could not record itself is recorded for it."""
+    """Return the outcome of a run whose job has ended; record the end if the worker could not."""
     manifest = run.manifest()
     state = manifest["state"]
     if finished(run, manifest):
         return Outcome.COMPLETE, ""
     if status.code == HELD:
         return Outcome.HELD, f"held by {lock.current(run.path) or 'a process that has ended by now'}"
-    # An error in the manifest of a job that was killed is that of an earlier attempt.
+    # If the job was killed, an error in the manifest is from an earlier attempt.
     if state == "failed" and manifest["error"] and (status.code is None or status.code > 0):
         log = (
             "; its traceback is in " + str(run.train / "log.txt")
@@ -272,7 +275,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     except lock.RunHeldError as held:
         if (
             job.mark is not None and held.holder.job == job.mark
-        ):  # its node died; the file server has yet to notice
+        ):  # the job's node died, and the file server has not noticed yet
             return Outcome.FAILED, message
         return Outcome.HELD, f"{message}; taken over by {held.holder}"
     except (RunError, OSError) as error:

@@ -1,7 +1,7 @@
-"""Runs as tasks of a Ray cluster, or of a Ray started on this machine.
+"""Carry out runs as tasks of a Ray cluster, or of a Ray started on this machine.
 
-Each task starts the worker as a process of its own instead of training inside Ray's: a run then has the same
-threads, signals and log on every machine, and nothing of one run is left in the process of the next.
+Each task starts the worker as a separate process instead of training inside Ray's process. A run then has the
+same threads, signals and log on every machine, and leaves nothing in the process of the next run.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from auvbench.untrusted.text import first_line
 
 @dataclass(slots=True, eq=False)
 class RayJob:
-    """A task."""
+    """One Ray task."""
 
     mark: ClassVar[str | None] = None
     run: Path
@@ -47,10 +47,10 @@ class RayJob:
 
 
 class RayBackend:
-    """A Ray cluster; run directories lie on a file system that all of its nodes share."""
+    """Backend for a Ray cluster whose nodes share the file system of the run directories."""
 
     def __init__(self, options: Ray, *, target: str = TARGET) -> None:
-        # Before Ray is imported, which reads it: Ray would tell its makers, over the network, what is run here.
+        # Set before the import of Ray, which would otherwise send usage statistics over the network.
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
         try:
             import ray
@@ -58,7 +58,7 @@ class RayBackend:
             raise UserError("launcher=ray needs Ray: pip install 'auvbench[ray]'") from error
         self.ray = ray
         self.target = target
-        self.limit = options.workers or None  # Ray has a queue itself
+        self.limit = options.workers or None  # Ray has its own queue
         self._started = not ray.is_initialized()
         if self._started:
             try:
@@ -73,7 +73,7 @@ class RayBackend:
         resources: dict[str, Any] = {"num_cpus": options.cpus}
         if options.memory:
             resources["memory"] = options.memory * 1024**2
-        # A run that is cut off is resumed by the scheduling loop, which knows its manifest; Ray does not.
+        # The scheduling loop resumes a run that was cut off, since it knows the manifest; Ray does not.
         self._carry_out = ray.remote(max_retries=0, **resources)(carry_out)
 
     def submit(self, run: Path) -> RayJob:
@@ -92,7 +92,7 @@ class RayBackend:
     def status(self, job: RayJob) -> Status:
         ready, _ = self.ray.wait([job.task], timeout=0)
         if not ready:
-            # Ray tells queued from running tasks only through its dashboard; the run's lock tells it too.
+            # Ray distinguishes queued and running tasks only in its dashboard; the run's lock does as well.
             return Status(Phase.QUEUED if lock.living_holder(job.run) is None else Phase.RUNNING)
         errors = self.ray.exceptions
         try:
@@ -108,7 +108,7 @@ class RayBackend:
 
 
 def carry_out(run: str, target: str) -> int:
-    """In a process of Ray's, on some node: starts the worker and returns its exit code."""
+    """Start the worker from a process of Ray on some node, and return its exit code."""
     worker = [sys.executable, "-P", "-m", "auvbench.training.worker", run, "--log", "--target", target]
     process = subprocess.Popen(
         [*worker, "--parent", str(os.getpid())], stdin=subprocess.DEVNULL, start_new_session=True
@@ -117,7 +117,7 @@ def carry_out(run: str, target: str) -> int:
         while process.poll() is None:
             time.sleep(
                 0.1
-            )  # ray.cancel sets a flag that Python looks at between two calls, not during a long one
+            )  # ray.cancel sets a flag that Python checks between two calls, not during a long one
     except KeyboardInterrupt:
         process.send_signal(signal.SIGTERM)
     return process.wait()

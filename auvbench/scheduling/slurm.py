@@ -1,8 +1,8 @@
-"""Runs as jobs of a SLURM cluster: a batch script in the run's folder, submitted by sbatch.
+"""Carry out runs as jobs of a SLURM cluster: a batch script in the run's folder, submitted with sbatch.
 
-One `squeue` for all jobs every `poll` seconds tells which are still there, so no accounting is needed; how a run ended is
-in its manifest. Near its time limit the worker saves and has itself requeued as often as it takes. The next sweep finds
-the jobs again by a file in each run's folder.
+One `squeue` every `poll` seconds shows which jobs still exist, so no accounting is needed; the manifest says
+how a run ended. Near its time limit the worker saves and requeues itself, as often as necessary. The next
+sweep finds the jobs again by a file in each run's folder.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from auvbench.untrusted import path_safety, typed_json
 from auvbench.untrusted.typed_json import Range
 
 SCRIPT = "slurm.sh"
-"""In the run directory: the batch script that was last submitted for it."""
+"""Batch script in the run directory, as last submitted."""
 
 RESERVED = frozenset(
     [
@@ -58,10 +58,10 @@ RESERVED = frozenset(
         "--wrap",
     ]
 )
-"""sbatch's options that auvbench needs itself, or that change its answer"""
+"""options of sbatch that auvbench sets itself, or that change sbatch's answer"""
 
 JOB_FILE = "slurm.json"
-"""In the run directory: the job that was last submitted for it, so that the next sweep finds it again."""
+"""File in the run directory that names the last submitted job, so that the next sweep finds it."""
 
 WAITING = {
     "PENDING",
@@ -84,13 +84,13 @@ class _Submitted:
 
 @dataclass(slots=True, eq=False)
 class SlurmJob:
-    """A job of the cluster."""
+    """One job of the cluster."""
 
     run: Path
     number: str
     backend: SlurmBackend
     status: Status = field(default_factory=lambda: Status(Phase.QUEUED))
-    gone_since: float | None = None  # monotonic time at which it was first missed
+    gone_since: float | None = None  # monotonic time at which the job was first missing
 
     @property
     def mark(self) -> str | None:
@@ -106,7 +106,7 @@ class SlurmJob:
         if force:
             command(["scancel", self.number], check=False)
         else:
-            # A waiting job has nothing to save; a running one is told as by Ctrl-C, the batch process included.
+            # A waiting job has nothing to save; a running one gets a signal like Ctrl-C, including its batch process.
             command(["scancel", "--state=PENDING", self.number], check=False)
             command(["scancel", "--signal=TERM", "--full", self.number], check=False)
         self.backend.look_again()
@@ -116,17 +116,19 @@ class SlurmJob:
 
 
 class SlurmBackend:
-    """A SLURM cluster that this machine can submit to; run directories lie on a file system that it shares."""
+    """Backend for a SLURM cluster that this machine can submit to; the cluster shares the file system of the
+    run directories.
+    """
 
     def __init__(self, options: Slurm, *, target: str = TARGET) -> None:
         for program in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
             if shutil.which(program) is None:
-                raise UserError(f"launcher=slurm: there is no {program} on this machine; valid: a login node")
+                raise UserError(f"launcher=slurm: {program} not found; run this on a login node")
         for option in options.sbatch:
             if option.split("=")[0] in RESERVED:
                 raise UserError(
-                    f"launcher.sbatch={option}: auvbench needs that option itself, or one job and its number as "
-                    "the answer; valid: other options of sbatch"
+                    f"launcher.sbatch={option}: auvbench sets this option itself, or it changes sbatch's "
+                    "answer; leave it out"
                 )
         self.options = options
         self.target = target
@@ -139,7 +141,7 @@ class SlurmBackend:
         path_safety.refuse_links(run)
         (run / LOG).parent.mkdir(exist_ok=True)
         write_atomic(run / SCRIPT, self.script(run).encode())
-        # A sweep that runs inside a job must not hand that job's settings on to those it submits.
+        # A sweep inside a job must not pass that job's settings on to the jobs that it submits.
         environment = {key: value for key, value in os.environ.items() if not key.startswith("SBATCH_")}
         done = subprocess.run(
             ["sbatch", *self.options.sbatch, str(run / SCRIPT)],
@@ -163,7 +165,7 @@ class SlurmBackend:
         except (OSError, ValueError):
             return None
         state = self._states([number]).get(number)
-        # Numbers are given out again after a reinstallation: the job's name has to be the run's as well.
+        # Numbers are reused after a reinstallation: the job must also have the run's name.
         if state is None or state[0] not in WAITING | RUNNING or state[1] != run.name:
             return None
         return self._watch(run, number)
@@ -172,14 +174,14 @@ class SlurmBackend:
         time.sleep(seconds)
 
     def close(self) -> None:
-        """Jobs that are still queued or running go on; the next sweep finds them (`adopt`)."""
+        """Do nothing: queued and running jobs continue, and the next sweep finds them (`adopt`)."""
 
     def script(self, run: Path) -> str:
         """Return the batch script of a run: sbatch's options and the shell lines before the worker.
 
-        The worker takes the place of the batch shell, without srun, so that signals reach it alone. Until it
-        listens, an announcement of the time limit is ignored rather than deadly: what follows it at the limit,
-        SIGTERM, makes the run save as well.
+        The worker replaces the batch shell, without srun, so that signals reach only the worker. Until the
+        worker handles signals, the announcement of the time limit is ignored; the SIGTERM at the limit then
+        makes the run save.
         """
         options = self.options
         given = {
@@ -211,7 +213,7 @@ class SlurmBackend:
         return "\n".join(lines) + "\n"
 
     def update(self) -> None:
-        """Asks the cluster about all jobs, at most every `poll` seconds."""
+        """Query the cluster about all jobs, at most once every `poll` seconds."""
         now = time.monotonic()
         open_jobs = {number: job for number, job in self.jobs.items() if not job.status.ended}
         if now < self._next or not open_jobs:
@@ -220,7 +222,7 @@ class SlurmBackend:
         try:
             states = self._states(list(open_jobs))
         except SubmitError:
-            return  # the controller does not answer; that says nothing about the jobs
+            return  # the controller does not answer, which says nothing about the jobs
         for number, job in open_jobs.items():
             state = states.get(number, ("", ""))[0]
             if state in WAITING:
@@ -233,11 +235,11 @@ class SlurmBackend:
             job.gone_since = None
 
     def look_again(self) -> None:
-        """Makes the next update ask at once."""
+        """Make the next update query at once."""
         self._next = 0.0
 
     def _missing(self, job: SlurmJob, state: str) -> None:
-        """Believes that a job has ended when its manifest says so too, or after a grace for slow file servers."""
+        """Mark a job as ended if its manifest agrees, or after a grace period for slow file servers."""
         job.gone_since = job.gone_since or time.monotonic()
         if _settled(job.run) or time.monotonic() - job.gone_since >= self.options.grace:
             job.status = Status(Phase.ENDED, reason=self._reason(job.number, state))
@@ -261,8 +263,8 @@ class SlurmBackend:
         return self.jobs[number]
 
     def _states(self, numbers: Sequence[str]) -> dict[str, tuple[str, str]]:
-        """State and name of each job that the cluster still knows."""
-        # --me instead of --jobs: squeue refuses a list that names a job it has forgotten.
+        """Return state and name of each job that the cluster still knows, by number."""
+        # --me instead of --jobs: squeue rejects a list with a job that it has forgotten.
         text = command(["squeue", "--me", "--noheader", "--states=all", "--format=%i|%T|%j"])
         rows = [line.split("|", 2) for line in text.splitlines() if line.count("|") >= 2]
         return {number: (state, name) for number, state, name in rows if number in numbers}
@@ -273,15 +275,15 @@ def _settled(run: Path) -> bool:
 
     try:
         return RunDirectory(run).manifest()["state"] in ("complete", "failed", "interrupted")
-    except RunError:  # removed or damaged meanwhile: nothing to wait for
+    except RunError:  # removed or damaged meanwhile: do not wait for it
         return True
 
 
 def command(arguments: Sequence[str], *, check: bool = True) -> str:
-    """Runs one of SLURM's programs that tell and cancel, and returns what it prints.
+    """Run one of SLURM's query or cancel programs and return its output.
 
     Raises:
-        SubmitError: it failed (with `check`); the message is its own last line.
+        SubmitError: the program failed (with `check`); the message is its last line.
     """
     environment = {**os.environ, "SLURM_TIME_FORMAT": "standard"}
     done = subprocess.run(
@@ -291,7 +293,8 @@ def command(arguments: Sequence[str], *, check: bool = True) -> str:
         check=False,
         env=environment,
         timeout=120,
-        start_new_session=True,  # a second Ctrl-C is for auvbench, not for the scancel of the first
+        # a second Ctrl-C is for auvbench, not for the scancel that the first one started
+        start_new_session=True,
     )
     if done.returncode and check:
         last = (done.stderr.strip() or done.stdout.strip() or f"exit code {done.returncode}").splitlines()[-1]

@@ -1,4 +1,4 @@
-"""What is seen of a sweep: live bars on a terminal, plain lines elsewhere."""
+"""Show a sweep: live bars on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from auvbench.runs.progress import Progress
 from auvbench.scheduling.loop import Job, Outcome, Phase
 
 WAITING = "waiting"
-READ_EVERY = 1.0  # s between two looks at the runs' progress files
+READ_EVERY = 1.0  # s between two reads of the runs' progress files
 LONGEST = 32  # characters of an id next to its bar
 LINES_EVERY = 60.0  # s between two plain lines about a run
 
@@ -33,9 +33,9 @@ class Row:
 
     run: RunDirectory
     total_steps: int
-    """0 for an agent that does not learn"""
+    """budget in steps; 0 for an agent that does not learn"""
     done: int
-    """steps that lie behind"""
+    """finished steps"""
     state: str = WAITING
     job: Job | None = None
     progress: Progress | None = None
@@ -43,12 +43,12 @@ class Row:
 
     @classmethod
     def of(cls, run: RunDirectory) -> Row:
-        """Return the row of a run that waits."""
+        """Return the row of a waiting run."""
         manifest = run.manifest()
         return cls(run, manifest["total_steps"] if _learns(run) else 0, manifest["steps"])
 
     def read(self) -> None:
-        """Read the progress that the run wrote last."""
+        """Read the last progress that the run wrote."""
         if (at := progress.read(self.run.path)) is not None:
             self.progress, self.done = at, at.steps
 
@@ -62,11 +62,11 @@ def _learns(run: RunDirectory) -> bool:
 
 
 class View:
-    """Shows the runs of a sweep.
+    """Display of a sweep's runs.
 
     Args:
-        console: where they are shown.
-        runs: those that are known from the start.
+        console: console of the display.
+        runs: runs that are known from the start.
     """
 
     def __init__(self, console: Console, runs: Sequence[RunDirectory] = ()) -> None:
@@ -90,7 +90,7 @@ class View:
             self.live.stop()
 
     def shown(self) -> Group:
-        """Return the summary above the bars: those that do not fit are cut off at the bottom."""
+        """Return the summary above the bars; what does not fit is cut off at the bottom."""
         return Group(*self.summary(), self.bars)
 
     def say(self, text: str) -> None:
@@ -98,7 +98,7 @@ class View:
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def event(self, text: str) -> None:
-        """Print a line with the time of day; on a terminal the bars show it."""
+        """Print a line with the time of day; on a terminal the bars show it instead."""
         if self.live is None:
             self.say(f"{datetime.now().astimezone():%H:%M:%S} {text}")
 
@@ -107,15 +107,15 @@ class View:
         row.state, row.job = Phase.QUEUED, job
         if row.bar is None:
             total = row.total_steps or None
-            # The beginning says what it is, the hash at its end which.
+            # The beginning of an id describes the run, and the hash at its end identifies it.
             name = run.id if len(run.id) <= LONGEST else f"{run.id[: LONGEST - 10]}…{run.id[-9:]}"
             row.bar = self.bars.add_task(name, total=total, completed=row.done, now=row.state)
-        if job.mark:  # what a cluster knows the run as from now on, also after this process
+        if job.mark:  # name of the run's job on a cluster, which outlives this process
             self.event(f"{run.id}: {Phase.QUEUED} as {job}")
 
     def polled(self, run: RunDirectory, phase: Phase) -> None:
         row = self.rows[run.path]
-        if row.state != phase:  # the job knows by now what it is, a process id for example
+        if row.state != phase:  # the job has its identity now, e.g. a process id
             self.event(f"{run.id}: {phase} as {row.job}")
         row.state = phase
 
@@ -133,7 +133,7 @@ class View:
             self.event(text)
 
     def refresh(self) -> None:
-        """Show the progress of what runs, about once a second; print it once a minute where there are no bars."""
+        """Show the progress of active runs about once a second; without bars, print it once a minute."""
         if (now := time.monotonic()) < self._next_read:
             return
         self._next_read = now + READ_EVERY
@@ -151,7 +151,7 @@ class View:
         self.event(self.counts())
 
     def remaining(self) -> float | None:
-        """Return the seconds until the sweep's end, by the steps since its begin; None before there are any."""
+        """Return the seconds until the sweep's end, from the steps since its start; None before the first steps."""
         rows = [row for row in self.rows.values() if row.state in (WAITING, Phase.QUEUED, Phase.RUNNING)]
         left = sum(max(0, row.total_steps - row.done) for row in rows)
         done = sum(row.done for row in self.rows.values()) - self._before

@@ -1,7 +1,7 @@
-"""The contract of simulators: N copies of one vehicle, advanced together.
+"""Define the contract of simulators: N copies of one vehicle, advanced together.
 
-A simulator knows nothing of tasks and rewards. World ENU with the surface at z = 0, body FLU, quaternion
-(w, x, y, z) body to world, SI units.
+A simulator does not know tasks or rewards. World ENU with the surface at z = 0, body FLU, quaternion (w, x,
+y, z) body to world, SI units.
 """
 
 from __future__ import annotations
@@ -28,21 +28,21 @@ class Simulator(Protocol):
 
     vehicle: VehicleModel
     n: int
-    capabilities: Capabilities  # a configuration that asks for more is refused
+    capabilities: Capabilities  # features of the simulator; a configuration that needs more is rejected
     pose: FloatArray  # (n, 7) x y z qw qx qy qz, m
     velocity: FloatArray  # (n, 6) u v w p q r in body axes, m/s and rad/s
     actuators: FloatArray  # (n, n_actuator_states)
-    command_force: FloatArray  # (n, n_u) N that the last command stands for
-    power: FloatArray  # (n,) W, electrical, of the last command
-    effectiveness: FloatArray  # (n, n_u) multiplies each thruster's force: 1 healthy, 0 dead
+    command_force: FloatArray  # (n, n_u) forces of the last command, N
+    power: FloatArray  # (n,) electrical power of the last command, W
+    effectiveness: FloatArray  # (n, n_u) factor on each thruster's force: 1 healthy, 0 dead
 
     def reset(
         self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
     ) -> None:
         """Put vehicles `indices` (k,) at `pose` (k, 7) with `velocity` (k, 6), actuators at rest.
 
-        `scales` (k, 6) multiplies mass, buoyancy, inertia, added mass, damping and thrust (1 = the sheet, which
-        is also what None means). Effectiveness returns to 1; the current stays.
+        `scales` (k, 6) are factors on mass, buoyancy, inertia, added mass, damping and thrust; None means 1,
+        the sheet's values. Effectiveness returns to 1; the current does not change.
         """
 
     def set_current(
@@ -53,31 +53,31 @@ class Simulator(Protocol):
     ) -> None:
         """Set the current: `velocity` (3,) or (n, 3) in m/s, world axes, the same at all depths.
 
-        With `bottom` (3,) or (n, 3) the current is `velocity` down to `depths[0]`, `bottom` from `depths[1]` on
-        (m, positive down; scalars or (n,)), and linear in depth between them.
+        With `bottom` (3,) or (n, 3) the current is `velocity` down to `depths[0]`, `bottom` from `depths[1]`
+        on (m, positive down; scalars or (n,)), and linear in between.
         """
 
     def step(self, command: ArrayLike, duration: float) -> None:
-        """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
+        """Apply normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
 
     def state_dict(self) -> dict[str, FloatArray]:
         """Return copies of the arrays that an exact resume needs."""
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
-        """Restore a state that `state_dict` returned."""
+        """Restore a state from `state_dict`."""
 
 
 class WavySimulator(Simulator, Protocol):
     """A simulator with `capabilities.waves`."""
 
     def set_waves(self, waves: Waves) -> None:
-        """Put waves on the water. The arrays stay the caller's; a step of T seconds adds T to `waves.time`."""
+        """Set the waves. The caller keeps the arrays; a step of T seconds adds T to `waves.time`."""
 
 
 class VehicleBatch:
-    """The arrays that simulators of this process have in common (`Simulator`), and their substeps.
+    """Common arrays of the simulators in this process (`Simulator`), and their substeps.
 
-    Attributes beyond `Simulator`'s:
+    Attributes in addition to `Simulator`'s:
         current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
             1 / thickness. `set_current` writes it.
         external_wrench: (n, 6) N and N m in body axes at the body origin, added to the actuators'; kept until
@@ -90,9 +90,9 @@ class VehicleBatch:
 
     def __init__(self, vehicle: VehicleModel, n: int, max_step: float) -> None:
         if n < 1:
-            raise ConfigError(f"number of vehicles is {n}: it must be at least 1")
+            raise ConfigError(f"number of vehicles is {n}, must be at least 1")
         if not (max_step > 0.0 and math.isfinite(max_step)):
-            raise ConfigError(f"simulator.max_step is {max_step}: it must be a positive number of seconds")
+            raise ConfigError(f"simulator.max_step is {max_step}, must be a positive number of seconds")
         self.vehicle = vehicle
         self.n = n
         self.max_step = max_step
@@ -109,8 +109,8 @@ class VehicleBatch:
         self.actuators = np.tile(self._rest, (n, 1))
 
     def substeps(self, duration: float) -> int:
-        """Return the number of equal substeps that make up `duration` seconds."""
-        # The margin keeps 1/25 s at four substeps of .01 s despite the rounding of the quotient.
+        """Return the number of equal substeps for `duration` seconds."""
+        # The margin keeps 1/25 s at four substeps of .01 s despite the quotient's rounding.
         return max(1, math.ceil(duration / self.max_step - 1e-9))
 
     def _place(self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike) -> None:
@@ -136,7 +136,9 @@ class VehicleBatch:
         top = np.asarray(depths[0], dtype=np.float64)
         thickness = np.asarray(depths[1], dtype=np.float64) - top
         if not np.all(thickness > 0.0):
-            raise ConfigError(f"current from depth {depths[0]} to {depths[1]} m: the second must be deeper")
+            raise ConfigError(
+                f"current from depth {depths[0]} to {depths[1]} m: the second depth must be larger"
+            )
         self.current[:, :3] = velocity
         self.current[:, 3:6] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
         self.current[:, 6] = -top

@@ -1,4 +1,4 @@
-"""The embedded simulator: Fossen's equations compiled for many vehicles at once, and a vehicle as the arrays of their kernel."""
+"""Simulate many vehicles at once with Fossen's compiled equations, and convert a vehicle to the kernel's arrays."""
 
 from __future__ import annotations
 
@@ -38,31 +38,33 @@ _STATE = (
     "scales",
 )
 DURATIONS = 64
-"""steps' durations for which exact discretisations of the actuators are kept"""
+"""number of step durations for which exact discretisations of the actuators are kept"""
 
 
 THREADED = 1024
-"""vehicles from which a second thread pays (docs/performance.md)"""
+"""smallest number of vehicles for which a second thread pays (docs/performance.md)"""
 
 T = TypeVar("T")
 
 
 @cache
 def _threads(count: int, _process: int) -> ThreadPoolExecutor:
-    """Return threads that all simulators of this process share; those of its parent did not survive a fork."""
+    """Return threads that all simulators of this process share; threads of the parent process do not survive
+    a fork.
+    """
     return ThreadPoolExecutor(count, thread_name_prefix="simulator")
 
 
 class FossenSimulator(VehicleBatch):
     """N copies of a vehicle, integrated with RK4 in substeps no longer than `max_step`.
 
-    A vehicle's trajectory is the same to the last bit in a batch of any size, on any number of threads.
+    A vehicle's trajectory has the same bits in a batch of any size and with any number of threads.
 
     Args:
-        vehicle: the model to simulate.
+        vehicle: vehicle to simulate.
         n: number of vehicles.
         max_step: longest substep in s; a step of `duration` takes ceil(duration / max_step) equal ones.
-        threads: that share the vehicles, if there are at least `THREADED`.
+        threads: number of threads that share the vehicles, if there are at least `THREADED` vehicles.
     """
 
     capabilities = simulators.fossen.capabilities
@@ -78,7 +80,9 @@ class FossenSimulator(VehicleBatch):
             vehicle.added_mass_coriolis and vehicle.plugin == GZ_SIM_8_11,
         )
         self._plans: dict[float, tuple[int, float, FloatArray]] = {}
-        """of a step's duration in s: substeps, their length in s, the actuators over half of it"""
+        """by duration of a step in s: substeps, their length in s, and the actuators' discretisation for half
+        a substep
+        """
         self._n_blocks = -(-n // layout.LANES)
         shares = np.linspace(0, self._n_blocks, (threads if n >= THREADED else 1) + 1).astype(int).tolist()
         self._ranges = [
@@ -107,7 +111,7 @@ class FossenSimulator(VehicleBatch):
         self._wave_arguments = waves.components, waves.rays, waves.time
 
     def step(self, command: ArrayLike, duration: float) -> None:
-        """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
+        """Apply normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
         action = np.ascontiguousarray(command, dtype=np.float64)
         if action.shape != self.command_force.shape:
             raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
@@ -115,7 +119,9 @@ class FossenSimulator(VehicleBatch):
         self._waves.time += duration
 
     def each(self, function: Callable[[int, int], T]) -> list[T]:
-        """Return `function(start, stop)` of each thread's range of vehicles; the calling thread does the first."""
+        """Return `function(start, stop)` for each thread's range of vehicles; the calling thread does the
+        first range.
+        """
         own, *others = self._ranges
         if not others:
             return [function(*own)]
@@ -124,7 +130,7 @@ class FossenSimulator(VehicleBatch):
         return [function(*own), *(job.result() for job in jobs)]
 
     def advance(self, command: FloatArray, duration: float, start: int, stop: int) -> None:
-        """Hold commands (n, n_u) for `duration` s, for the vehicles start .. stop - 1, multiples of LANES or `n`."""
+        """Apply commands (n, n_u) for `duration` s to the vehicles start .. stop - 1, multiples of LANES or `n`."""
         plan = self._plans.get(duration)
         if plan is None:
             if len(self._plans) >= DURATIONS:
@@ -156,18 +162,18 @@ class FossenSimulator(VehicleBatch):
         )
 
     def state_dict(self) -> dict[str, FloatArray]:
-        """Copies of all that an exact resume needs."""
+        """Return copies of all arrays that an exact resume needs."""
         return {name: getattr(self, name).copy() for name in _STATE}
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
-        """Return to a state that `state_dict` gave."""
+        """Restore a state from `state_dict`."""
         for name in _STATE:
             getattr(self, name)[...] = state[name]
         if self._scaled or np.any(self.scales != 1.0):
             self._load_parameters(np.arange(self.n))
 
     def _load_parameters(self, lanes: IntArray) -> None:
-        """Write the parameters of vehicles `lanes` (k,) as `scales` has them."""
+        """Write the parameters of vehicles `lanes` (k,) for their `scales`."""
         if not self._scaled:
             self._scaled = True
             self._parameters = np.repeat(self._parameters, self._n_blocks, axis=0)
@@ -182,7 +188,7 @@ def make(settings: simulators.Fossen, vehicle: VehicleModel, n: int, longest: fl
 
 
 def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
-    """Return parameters (k, PARAMETER_ROWS) of vehicles whose properties are scaled by `scales` (k, 6)."""
+    """Return parameters (k, PARAMETER_ROWS) of vehicles with properties scaled by `scales` (k, 6)."""
     mass, buoyancy, inertia, added, damping, thrust = (scales[:, j, None] for j in range(6))
     r_g = vehicle.center_of_gravity
     no_inertia = np.zeros((3, 3))
@@ -222,8 +228,8 @@ def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
 def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
     """Return the table of actuators (n_u, ACTUATOR_COLUMNS) and the table of curves (1 + curves, points).
 
-    Row 0 of the curves is electrical power over force: the largest force F, then powers at equally spaced forces
-    from -F to F. The others start with their number of entries.
+    Row 0 of the curves is electrical power over force: the largest force F, then powers at equally spaced
+    forces from -F to F. Each other row starts with its number of entries.
     """
     table = np.zeros((len(vehicle.units), layout.ACTUATOR_COLUMNS))
     largest, power = t200_power()
@@ -263,7 +269,7 @@ def geometry_table(vehicle: VehicleModel) -> FloatArray:
 
 
 def discretise(vehicle: VehicleModel, duration: float) -> FloatArray:
-    """Return exact discretisations (n_u, DISCRETE_COLUMNS) of all actuators for one duration in s."""
+    """Return the exact discretisations (n_u, DISCRETE_COLUMNS) of all actuators for a duration in s."""
     table = np.zeros((len(vehicle.units), layout.DISCRETE_COLUMNS))
     table[:, layout.HALF_STEP] = duration
     done: dict[Lag, tuple[FloatArray, FloatArray]] = {}  # a group of thrusters shares its lag

@@ -1,4 +1,4 @@
-"""Integrate one vehicle under constant inputs, in ENU/FLU or in NED/FRD; write and draw its trajectory."""
+"""Integrate one vehicle under constant inputs, in ENU/FLU or NED/FRD; write and draw its trajectory."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ HEADER = "t_s,x_m,y_m,z_m,phi_rad,theta_rad,psi_rad,u_mps,v_mps,w_mps,p_radps,q_
 
 
 REST = (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-"""Pose at the origin, axes aligned."""
+"""Pose at the origin with aligned axes."""
 
-# Okabe and Ito's palette, which colour-blind readers can distinguish; line styles are for print.
+# Okabe and Ito's palette, which colour-blind readers can distinguish; line styles for black-and-white print.
 _STYLES = (("#0072B2", "-"), ("#D55E00", "--"), ("#009E73", "-."))
 
 
 class IntegrationError(AuvbenchError):
-    """The motion left the range of floating point: the step is too long, or the input is too large."""
+    """The motion exceeded the range of floating point: the step is too long, or the input is too large."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Trajectory:
     velocity: FloatArray  # (T, 6) u v w p q r over ground, body axes
 
     def rows(self) -> FloatArray:
-        """Return (T, 13) in the order of `HEADER`; psi is unwrapped."""
+        """Return (T, 13) values in the order of `HEADER`; psi is unwrapped."""
         angles = frames.euler(self.pose[:, 3:])
         angles[:, 2] = np.unwrap(angles[:, 2])
         return np.column_stack([self.time, self.pose[:, :3], angles, self.velocity])
@@ -58,8 +58,8 @@ class Trajectory:
 
 
 def sample_times(duration: float, sample: float) -> FloatArray:
-    """Return 0, sample, 2 sample, ... and `duration` itself, (T,) in s."""
-    # The margin forgives the quotient's rounding: 20 s at 0.1 s are 200 intervals.
+    """Return the times 0, sample, 2 sample, ... and `duration` itself, (T,) in s."""
+    # The margin tolerates the quotient's rounding: 20 s at 0.1 s are 200 intervals.
     whole = math.floor(duration / sample * (1 + 1e-12))
     times: FloatArray = np.arange(whole + 1, dtype=np.float64) * sample
     if duration - times[-1] > 1e-9 * duration:
@@ -81,22 +81,22 @@ def integrate(
     frame: str = "enu",
     max_step: float = 0.001,
 ) -> Trajectory:
-    """Integrate `vehicle` from `pose` (7,) and `velocity` (6,) under constant inputs, read in `frame`.
+    """Integrate `vehicle` from `pose` (7,) and `velocity` (6,) under constant inputs, all in `frame`.
 
     Args:
-        vehicle: the model.
-        duration: s.
-        sample: s between the samples, which are hit exactly.
-        wrench: (6,) N and N m on the body at its origin.
-        command: (n_u,) in [-1, 1]; None = 0 for all.
-        pose: (7,) x y z qw qx qy qz, body to world; None = the origin, axes aligned.
-        velocity: (6,) over ground, body axes.
-        current: (3,) m/s, world axes.
-        frame: "enu" or "ned", of all inputs and of the result.
-        max_step: s, the longest step of RK4.
+        vehicle: vehicle to integrate.
+        duration: duration, s.
+        sample: time in s between samples, which are hit exactly.
+        wrench: (6,) force and moment on the body at its origin, N and N m.
+        command: (n_u,) commands in [-1, 1]; None: zeros.
+        pose: (7,) x y z qw qx qy qz, body to world; None: the origin, axes aligned.
+        velocity: (6,) velocity over ground, body axes.
+        current: (3,) current in m/s, world axes.
+        frame: frame of all inputs and of the result, "enu" or "ned".
+        max_step: longest step of RK4, s.
 
     Raises:
-        IntegrationError: the state left the range of floating point.
+        IntegrationError: the state exceeded the range of floating point.
     """
     turn, turn_pose = (frames.flip, frames.flip_pose) if frame == "ned" else (np.array, np.array)
     start = np.array(REST if pose is None else pose, dtype=np.float64)
@@ -115,7 +115,8 @@ def integrate(
     times = sample_times(duration, sample)
     poses, velocities = [simulator.pose[0].copy()], [simulator.velocity[0].copy()]
     for before, after in pairwise(times.tolist()):
-        # One duration for all whole intervals, not the difference of rounded times: the same floats each time.
+        # The same duration for all whole intervals, instead of differences of rounded times, gives the same floats
+        # each time.
         simulator.step(action, min(sample, duration - before) if after == duration else sample)
         if not (np.isfinite(simulator.pose).all() and np.isfinite(simulator.velocity).all()):
             raise IntegrationError(
@@ -153,7 +154,7 @@ def draw(trajectory: Trajectory, path: Path, title: str = "") -> None:
     _lines(axes[1, 1], time, np.degrees(velocity[:, 3:]), ("p roll", "q pitch", "r yaw"), "rate, deg/s")
     for ax in axes[1]:
         ax.set_xlabel("time, s")
-    # A sheet's title with dollar signs is no formula.
+    # a dollar sign in a sheet's title does not start a formula
     heading = f"{title}   (world {world}; {len(time)} samples)"
     figure.suptitle(heading, fontsize=11).set_parse_math(False)
     figure.savefig(path, dpi=150)

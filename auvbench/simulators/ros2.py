@@ -1,4 +1,6 @@
-"""`simulator=ros2`: the contract of all simulators, on a server of the interface of docs/ros2.md."""
+"""Simulate on a server with the ROS 2 interface of docs/ros2.md (`simulator=ros2`), by the contract of all
+simulators.
+"""
 
 from __future__ import annotations
 
@@ -22,30 +24,32 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 
 _current: tuple[int, tuple[Any, ...], Connection] | None = None
-"""process, key and connection: an evaluation makes many batches, and finding a server takes half a second"""
+"""process, key and connection; kept, since an evaluation creates many batches, and finding a server takes
+half a second
+"""
 
 
 def connect(settings: simulators.Ros2, vehicle: VehicleModel) -> Connection:
-    """Return the connection to the server, the earlier one while it is usable.
+    """Return the connection to the server; reuse the earlier one while it is usable.
 
     Raises:
-        ConfigError, InterfaceError: as `Connection`.
+        ConfigError, InterfaceError: see `Connection`.
     """
     global _current
     namespace = settings.namespace or vehicle.name
     key = (namespace, vehicle.actuators, settings.clock)
-    found = _connection()
-    if found is not None and _current is not None and _current[1] == key and found.usable:
-        found.timeout = settings.timeout
-        return found
+    existing = _connection()
+    if existing is not None and _current is not None and _current[1] == key and existing.usable:
+        existing.timeout = settings.timeout
+        return existing
     leave()
-    made = Connection(namespace, vehicle.actuators, settings.clock, settings.timeout)
-    _current = (os.getpid(), key, made)
-    return made
+    connection = Connection(namespace, vehicle.actuators, settings.clock, settings.timeout)
+    _current = (os.getpid(), key, connection)
+    return connection
 
 
 def _connection() -> Connection | None:
-    """Return this process's connection; a forked process has none."""
+    """Return this process's connection; a forked process has no connection."""
     return _current[2] if _current is not None and _current[0] == os.getpid() else None
 
 
@@ -53,41 +57,42 @@ def _connection() -> Connection | None:
 def leave() -> None:
     """Close this process's connection."""
     global _current
-    found, _current = _connection(), None
-    if found is not None:
-        found.close()
+    connection, _current = _connection(), None
+    if connection is not None:
+        connection.close()
 
 
 def used() -> dict[str, str]:
-    """Return the server of this process's connection for manifests; empty without a connection."""
-    found = _connection()
-    if found is None:
+    """Return the server of this process's connection, for manifests; empty without a connection."""
+    connection = _connection()
+    if connection is None:
         return {}
-    server = ", ".join(f"{name} {value}" for name, value in sorted(found.about.items()))
-    return {"ros2": f"jazzy, clock {found.clock}; server: {server or 'unknown'}"}
+    server = ", ".join(f"{name} {value}" for name, value in sorted(connection.about.items()))
+    return {"ros2": f"jazzy, clock {connection.clock}; server: {server or 'unknown'}"}
 
 
 def clock() -> str:
-    """Return the clock of this process's connection; empty without a connection."""
-    found = _connection()
-    return found.clock if found is not None else ""
+    """Return the clock of this process's connection; '' without a connection."""
+    connection = _connection()
+    return connection.clock if connection is not None else ""
 
 
 class Ros2Simulator:
-    """N vehicles behind ROS 2.
+    """N vehicles on a ROS 2 server.
 
-    Commands leave as physical quantities, computed by the sheet's curves as in the embedded simulator. In lock-step with
-    `auvbench serve` the server applies all disturbances, and the bits are those of its simulator. By other clocks
-    commands and poses are late, a fault scales the command, and currents are steady.
+    Commands are sent as physical quantities, computed with the sheet's curves as in the embedded simulator.
+    In lock-step with `auvbench serve`, the server applies all disturbances, and results have the bits of its
+    simulator. With other clocks, commands and poses are late, a fault scales the command, and currents are
+    steady.
 
     Args:
-        vehicle: the model that is served.
+        vehicle: vehicle on the server.
         n: number of vehicles.
         settings: namespace, clock and timeout.
 
     Raises:
         ConfigError: the server has fewer vehicles, or ROS 2 is not installed.
-        InterfaceError: a topic or service is missing, or has another user.
+        InterfaceError: a topic or service is missing, or another program uses it.
     """
 
     def __init__(self, vehicle: VehicleModel, n: int, settings: simulators.Ros2) -> None:
@@ -98,7 +103,7 @@ class Ros2Simulator:
         self._connection = connect(settings, vehicle)
         if n > self._connection.n:
             raise ConfigError(
-                f"{n} vehicles are needed at once and the server has {self._connection.n}: start it with --vehicles {n},"
+                f"{n} vehicles are needed at once, the server has {self._connection.n}: start it with --vehicles {n},"
                 " or train with fewer environments (algo.n_envs)"
             )
         self._connection.owner = self
@@ -113,20 +118,20 @@ class Ros2Simulator:
         self._table, self._curves = unit_table(vehicle)
         self._thrusters = np.isin(vehicle.actuators, vehicle.others, invert=True)
         self._physical = PhysicalCommands(vehicle)
-        # Lock-step needs commands to the server's other vehicles, too.
+        # Lock-step also needs commands to the server's other vehicles.
         self._all = np.tile(self._physical.neutral, (self._connection.n, 1))
         self._command = np.zeros((n, n_u))
         self._quantity = np.zeros((n, n_u))
         self._sent_effectiveness = np.ones((n, n_u))
         self._current: FloatArray = np.zeros((n, 8))
         self._current[:, 7] = 1.0
-        # The server may have the currents of an earlier client.
+        # The server may still have the currents of an earlier client.
         self._sent_current: FloatArray = np.full((n, 8), np.nan)
         self._scaled = np.ones(n, dtype=np.bool_)
 
     @property
     def exact(self) -> bool:
-        """Whether the server steps in lock-step, and so applies disturbances."""
+        """Return whether the server steps in lock-step, and so applies disturbances."""
         return self._connection.clock == "lockstep"
 
     def reset(
@@ -135,7 +140,7 @@ class Ros2Simulator:
         """Put vehicles `indices` (k,) at `pose` (k, 7) with `velocity` (k, 6); see `Simulator.reset`.
 
         Raises:
-            InterfaceError: the server refuses.
+            InterfaceError: the server rejects the reset.
             TrainingError: the server does not answer.
         """
         self._own()
@@ -153,14 +158,15 @@ class Ros2Simulator:
             drawn = bool(np.any(factors[row] != 1.0))
             if drawn and not self.exact:
                 raise ConfigError(
-                    "simulator=ros2: vehicles with numbers of their own need a server in lock-step (auvbench serve)"
+                    "simulator=ros2: drawn vehicles (factors that differ from the sheet) need a server in "
+                    "lock-step (auvbench serve)"
                 )
             if self.exact and (drawn or self._scaled[i]):
                 entries["scales"] = factors[row].tolist()
                 self._scaled[i] = drawn
             parameters[i] = entries
         self._connection.reset(which, parameters)
-        if not self.exact:  # the vehicle moves on while it waits
+        if not self.exact:  # the vehicle moves while the client waits
             self._connection.await_poses(which, self.pose[which])
             self.pose[indices] = self._connection.pose[indices]
             self.velocity[indices] = self._connection.velocity[indices]
@@ -174,13 +180,13 @@ class Ros2Simulator:
         bottom: ArrayLike | None = None,
         depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
     ) -> None:
-        """Set the current of all vehicles; see `Simulator.set_current`. It is sent before the next step."""
+        """Set the current of all vehicles, to be sent before the next step; see `Simulator.set_current`."""
         self._current[:, :3] = velocity
         self._current[:, 3:6] = velocity if bottom is None else bottom
         self._current[:, 6], self._current[:, 7] = depths
 
     def step(self, command: ArrayLike, duration: float) -> None:
-        """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds.
+        """Apply normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds.
 
         Raises:
             TrainingError: the server does not answer, or another batch of this process uses its vehicles.
@@ -197,7 +203,7 @@ class Ros2Simulator:
         else:
             message *= np.where(self._thrusters, self.effectiveness, 1.0)
             water = self._current[0, :3]
-            # The server may not have discovered this topic yet: it is sent again until a server listens.
+            # The server may not have discovered this topic yet, so the current is sent again until a server listens.
             if np.any(water != self._sent_current[0, :3]) and self._connection.publish_current(water):
                 self._sent_current[...] = self._current
         self._all[: self.n] = message
@@ -206,7 +212,7 @@ class Ros2Simulator:
         self.velocity[...] = self._connection.velocity[: self.n]
 
     def _send(self) -> None:
-        """Send faults and currents that have changed."""
+        """Send the faults and currents that have changed."""
         parameters: dict[int, dict[str, Any]] = {}
         for i in np.flatnonzero(np.any(self.effectiveness != self._sent_effectiveness, axis=1)).tolist():
             parameters.setdefault(i, {})["effectiveness"] = self.effectiveness[i].tolist()
@@ -220,7 +226,8 @@ class Ros2Simulator:
     def _own(self) -> None:
         if self._connection.owner is not self:
             raise TrainingError(
-                f"{self._connection.names[0].odometry}: another batch of this process uses these vehicles; one at a time"
+                f"{self._connection.names[0].odometry}: another batch of this process uses these vehicles; "
+                "use one batch at a time"
             )
 
     def state_dict(self) -> dict[str, FloatArray]:

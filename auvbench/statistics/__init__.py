@@ -1,7 +1,9 @@
-"""Pure functions on arrays (seeds, episodes); docs/statistics-appendix.md has the reasons and the measurements.
+"""Pure functions on arrays (seeds, episodes); docs/statistics-appendix.md has the reasons and the
+measurements.
 
-`crossed` has means over seeds and scenarios, `typical` comparisons with learners, `differences` those of controllers and the
-correction for all pairs, `reliability` how many trainings hold up, `intervals` those of rates, `power` plans.
+`crossed` computes means over seeds and scenarios; `typical` compares learners; `differences` compares
+controllers and corrects for all pairs; `reliability` counts the trainings that are not behind; `intervals`
+has intervals of rates; `power` plans experiments.
 """
 
 from auvbench.statistics.crossed import (

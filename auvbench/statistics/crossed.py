@@ -1,12 +1,13 @@
-"""Means and rates over training seeds and test scenarios, with t-type intervals; typical.py has comparisons of agents.
+"""Compute means and rates over training seeds and test scenarios, with t-type intervals; typical.py compares
+agents.
 
-The data of an agent are an array (seeds S, episodes E): every trained policy meets the same scenarios, so seeds
-and scenarios are crossed. What may vary is taken as
+An agent's data are an array (seeds S, episodes E): every trained policy meets the same scenarios, so seeds
+and scenarios are crossed. The model is
 
     x[s, e] = mu + a[s] + b[e] + r[s, e],
 
-a a training seed's luck, b a scenario's difficulty, r the rest; the mean then has the variance
-Var(a)/S + Var(b)/E + Var(r)/(S E). It is estimated as A + max(B - R, 0) with
+with a the effect of a training seed, b the difficulty of a scenario, and r the rest. The mean then has the
+variance Var(a)/S + Var(b)/E + Var(r)/(S E). It is estimated as A + max(B - R, 0) with
 
     A = variance between the seeds' means / S                      expects Var(a)/S + Var(r)/(S E)
     B = variance between the scenarios' means / E                  expects Var(b)/E + Var(r)/(S E)
@@ -17,9 +18,10 @@ has its own quantile of Student's t, and the squares add up (Howe 1974, JASA 69:
 
     half width² = A t(S - 1)² + max(B - R, 0) t(E - 1)²
 
-One quantile with Satterthwaite's degrees of freedom for the sum was tried and covers too little with 2 or 3 seeds,
-as does every bootstrap (docs/statistics-appendix.md). With one seed A and R are 0: the interval is conditional on that seed
-and covers test episodes only. An interval ends where the range of possible values does.
+A single quantile with Satterthwaite's degrees of freedom for the sum covers too little with 2 or 3 seeds, and
+so does every bootstrap (docs/statistics-appendix.md). With one seed A and R are 0: the interval is
+conditional on that seed and covers only test episodes. An interval never exceeds the range of possible
+values.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ MIXED = "test episodes, and training seeds where there are several"
 
 
 def covers(seeds: FloatArray) -> str:
-    """What an interval covers that is made of agents with these numbers of seeds."""
+    """Return what an interval covers, for agents with these numbers of seeds."""
     if seeds.min() > 1:
         return SEEDS_AND_EPISODES
     return MIXED if seeds.max() > 1 else EPISODES_ONLY
@@ -54,28 +56,28 @@ def covers(seeds: FloatArray) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Crossed:
-    """n agents' means and the pieces of their variance; NaN where an agent has no value."""
+    """Means of n agents and the parts of their variance; NaN for an agent without a value."""
 
     mean: FloatArray  # (n,)
     seeds: FloatArray  # (n,) S, seeds with a value
     between_seeds: FloatArray  # (n,) A; 0 with one seed
     residual: FloatArray  # (n,) R; 0 with one seed
-    between_scenarios: FloatArray  # (n, n) covariance of the scenarios' means / E; B on the diagonal
+    between_scenarios: FloatArray  # (n, n) covariance of the scenarios' means / E, with B on the diagonal
     episodes: FloatArray  # (n,) scenarios with a value
-    values: FloatArray  # (n,) values in all
+    values: FloatArray  # (n,) number of values
     seeds_df: FloatArray  # (n,) degrees of freedom of between_seeds; infinite with one seed
     rate: bool
-    least: FloatArray  # (n,) smallest and
-    most: FloatArray  # (n,) largest value that a mean can have; infinite where there is no limit
+    least: FloatArray  # (n,) smallest value that a mean can have; infinite without a limit
+    most: FloatArray  # (n,) largest value that a mean can have; infinite without a limit
 
     @property
     def variance(self) -> FloatArray:
-        """(n,) Variance of each mean."""
+        """Return the (n,) variances of the means."""
         return self.between_seeds + self.scenarios
 
     @property
     def scenarios(self) -> FloatArray:
-        """(n,) What scenarios add to `variance`."""
+        """Return the (n,) parts of `variance` from the scenarios."""
         return np.maximum(np.diagonal(self.between_scenarios) - self.residual, 0.0)
 
 
@@ -88,11 +90,12 @@ def crossed(
 ) -> Crossed:
     """Decompose the arrays (S_i, E), one per agent, whose columns are the same E scenarios.
 
-    NaN is "no value": means are over what is there (few missing values: the pieces of the variance are those of
-    the unweighted means). `rate` says that the values are 0 or 1: an agent at exactly 0 or 1
-    then gets the variance of the rate (x + 1)/(n + 2), between seeds where there are several, because no failure in
-    n trials does not prove that there are none. Without `paired` the covariances of agents are left out (NaN), which `means` does
-    not need. `bounds` are the least and the most that a value can be, for all agents or (n,); those of a rate are 0 and 1.
+    NaN means "no value": means are over the available values (with few missing values, the parts of the
+    variance are those of the unweighted means). `rate` says that the values are 0 or 1. An agent at exactly 0
+    or 1 then gets the variance of the rate (x + 1)/(n + 2), between seeds if there are several, because no
+    failure in n trials does not prove a failure rate of zero. Without `paired` the covariances between agents
+    are left out (NaN); `means` does not need them. `bounds` are the smallest and the largest possible value,
+    for all agents or (n,); for a rate they are 0 and 1.
     """
     if len({x.shape[1] for x in data}) > 1:
         raise ValueError(
@@ -106,14 +109,14 @@ def crossed(
         np.broadcast_to(np.asarray(end, dtype=np.float64), (n,)) for end in ((0, 1) if rate else bounds)
     )
     for i, x in enumerate(data):
-        there = np.isfinite(x)
-        x, there = x[there.any(axis=1)], there[there.any(axis=1)]
-        seeds[i], values[i] = len(x), there.sum()
+        present = np.isfinite(x)
+        x, present = x[present.any(axis=1)], present[present.any(axis=1)]
+        seeds[i], values[i] = len(x), present.sum()
         if len(x):
-            mean[i], columns[i], between[i], residual[i] = _layout(x, there)
+            mean[i], columns[i], between[i], residual[i] = _layout(x, present)
     covariance, episodes = _covariance(columns, paired)
     if rate:
-        # Of one scenario the variance between scenarios is unknown; `limits` counts it as one trial instead.
+        # With one scenario the variance between scenarios is unknown; `limits` counts it as one trial instead.
         alone = np.flatnonzero((episodes == 1) & (seeds > 1))
         covariance[alone, alone] = 0.0
         for edge in np.flatnonzero((mean == 0.0) | (mean == 1.0)):
@@ -129,7 +132,7 @@ def crossed(
 
 
 def _layout(x: FloatArray, there: BoolArray) -> tuple[float, FloatArray, float, float]:
-    """Mean, scenarios' means (E,), A and R of one agent's values (S, E)."""
+    """Return the mean, the scenarios' means (E,), A and R of one agent's values (S, E)."""
     filled = np.where(there, x, 0.0)
     count = there.sum(axis=0)
     columns = np.divide(filled.sum(axis=0), count, out=np.full(x.shape[1], np.nan), where=count > 0)
@@ -147,7 +150,7 @@ def _layout(x: FloatArray, there: BoolArray) -> tuple[float, FloatArray, float, 
 
 
 def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArray]:
-    """Covariance (n, n) of the means over scenarios, and the number of scenarios (n,) each is over."""
+    """Return the covariance (n, n) of the means over scenarios, and the number of scenarios (n,) behind each mean."""
     valid = np.isfinite(columns)
     weight = valid.astype(np.float64)
     episodes = weight.sum(axis=1)
@@ -169,33 +172,35 @@ def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArr
 def within(
     low: ArrayLike, value: ArrayLike, high: ArrayLike, least: ArrayLike, most: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """The interval without what cannot be; it always keeps the value."""
+    """Return an interval cut to the possible range; it always contains the value."""
     return np.minimum(np.maximum(low, least), value), np.maximum(np.minimum(high, most), value)
 
 
 def limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Interval of each agent's rate or mean, q standard errors wide to each side; q is (n,) or (n, m)."""
+    """Return the interval of each agent's rate or mean, q standard errors wide to each side; q is (n,) or (n, m)."""
     shape = (-1,) + (1,) * (q.ndim - 1)
     mean, variance = table.mean.reshape(shape), table.variance.reshape(shape)
     if not table.rate:
         half = q * np.sqrt(variance)
         return within(mean - half, mean, mean + half, table.least.reshape(shape), table.most.reshape(shape))
     seeds, values, episodes = (part.reshape(shape) for part in (table.seeds, table.values, table.episodes))
-    # One seed: Wilson's own interval. Several: as many trials as would have this variance (Dean & Pagano 2015).
+    # One seed: Wilson's own interval. Several seeds: as many trials as would have this variance (Dean & Pagano
+    # 2015).
     with np.errstate(divide="ignore", invalid="ignore"):
         effective = np.minimum(mean * (1 - mean) / variance, values)
     effective = np.where((mean <= 0) | (mean >= 1), values, effective)
-    # However many seeds met it, one scenario says of others no more than one trial.
+    # However many seeds met it, one scenario says no more about others than one trial.
     effective = np.where(episodes == 1, np.minimum(effective, 1.0), effective)
     return score_interval(mean, np.where(seeds > 1, effective, episodes), q)
 
 
 def means(table: Crossed, confidence: float = 0.95) -> list[Estimate]:
-    """Mean of each agent with its interval, within what is possible; a rate's never has zero width.
+    """Return the mean of each agent with its interval, cut to the possible range; a rate's interval never has
+    zero width.
 
-    One seed and a rate: Wilson's interval. One seed and a mean: Student's t over the episodes. Several seeds: see
-    the module's formula, for a rate as Wilson's interval with the effective number of trials p (1 - p) / variance.
-    An interval that cannot be computed (a mean of one episode) is NaN.
+    One seed and a rate: Wilson's interval. One seed and a mean: Student's t over the episodes. Several seeds:
+    the module's formula; for a rate, Wilson's interval with the effective number of trials p (1 - p) /
+    variance. An interval that cannot be computed (a mean of one episode) is NaN.
     """
     squares = table.between_seeds**2 / table.seeds_df
     spread = Spread(

@@ -1,7 +1,8 @@
-"""Differences of agents with one run each, paired by scenario: intervals and p-values; McNemar's test and Holm's correction.
+"""Compare agents with one run each, paired by scenario: intervals and p-values, McNemar's test and Holm's
+correction.
 
-Two controllers differ by their scenarios alone, and what makes a scenario hard for both cancels. Comparisons with a learner are
-those of typical.py.
+The difference of two controllers varies only with the scenarios, and what makes a scenario hard for the two
+agents cancels. typical.py compares learners.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ class Pairs:
     low: FloatArray
     high: FloatArray
     p: FloatArray
-    """two-sided, of equal means: that of the paired t-test; of rates McNemar's is better"""
+    """two-sided p-values of equal means, from the paired t-test; for rates, McNemar's test is better"""
 
     def estimate(self, i: int, j: int, confidence: float) -> Estimate:
         """Return the difference of agent i and agent j as an `Estimate`."""
@@ -33,9 +34,10 @@ class Pairs:
 
 
 def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
-    """Return all differences of agents with one run each; each interval by itself has the confidence.
+    """Return all differences of agents with one run each; each interval has the confidence by itself.
 
-    Means: the paired t interval. Rates: Newcombe's square-and-add interval. `table` has covariances (`crossed.crossed`).
+    For means this is the paired t interval, for rates Newcombe's square-and-add interval. `table` must have
+    covariances (`crossed.crossed`).
     """
     cov = table.between_scenarios
     diagonal = np.diagonal(cov)
@@ -52,11 +54,11 @@ def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
 
 
 def _of_rates(table: Crossed, confidence: float) -> tuple[FloatArray, FloatArray]:
-    """Return the ends (n, n) of the differences of rates.
+    """Return the limits (n, n) of the differences of rates.
 
-    Square-and-add, Newcombe (1998, Stat. Med. 17:873 and 17:2635) and Zou & Donner (2008, Stat. Med. 27:1693): with
-    limits l, u of each rate and r the correlation of the two estimates,
-    d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²), d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²).
+    Square-and-add: Newcombe (1998, Stat. Med. 17:873 and 17:2635), Zou & Donner (2008, Stat. Med. 27:1693).
+    With limits l, u of each rate and the correlation r of the two estimates, the limits are d - sqrt((p1-l1)²
+    - 2 r (p1-l1)(u2-p2) + (u2-p2)²) and d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²).
     """
     mean, n = table.mean[:, None], len(table.mean)
     low, high = limits(table, np.full((n, n), quantile(confidence)))
@@ -67,9 +69,10 @@ def _of_rates(table: Crossed, confidence: float) -> tuple[FloatArray, FloatArray
 
 
 def _correlation(table: Crossed) -> FloatArray:
-    """Return the correlation (n, n) of the estimates of two rates: Newcombe's, corrected for continuity.
+    """Return the correlation (n, n) of the estimates of two rates: Newcombe's, with continuity correction.
 
-    His psi of method 10 lowers a positive n11 n22 - n12 n21 by n/2, to 0 at most: in covariances by 1/(2 n).
+    Newcombe's psi (method 10) lowers a positive n11 n22 - n12 n21 by n/2, but not below 0; in covariances by
+    1/(2 n).
     """
     covariance = table.between_scenarios
     n = np.minimum(table.episodes[:, None], table.episodes)
@@ -83,8 +86,9 @@ def _correlation(table: Crossed) -> FloatArray:
 def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
     """Return McNemar's two-sided mid-p from the discordant counts b (only the first) and c (only the second).
 
-    Twice the lower tail of Binomial(b + c, 1/2) at min(b, c), less the probability of min(b, c) itself; it keeps its level
-    better than the exact test, which is too cautious (Fagerland, Lydersen & Laake 2013, BMC Med. Res. Methodol. 13:91).
+    The value is twice the lower tail of Binomial(b + c, 1/2) at min(b, c), less the probability of min(b, c)
+    itself. It keeps its level better than the exact test, which is too cautious (Fagerland, Lydersen & Laake
+    2013, BMC Med. Res. Methodol. 13:91).
 
     >>> f"{float(mcnemar(1, 7)):.4f}"
     '0.0391'
@@ -96,15 +100,16 @@ def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
 
 
 def holm(p: ArrayLike) -> FloatArray:
-    """Holm's (1979, Scand. J. Stat. 6:65) step-down adjusted p-values; NaN is no test and stays NaN.
+    """Return Holm's (1979, Scand. J. Stat. 6:65) step-down adjusted p-values; NaN means no test and stays
+    NaN.
 
     >>> holm([0.01, 0.04, 0.03, 0.005]).tolist()
     [0.03, 0.06, 0.06, 0.02]
     """
     p = np.asarray(p, dtype=np.float64)
     adjusted = np.full_like(p, np.nan)
-    there = np.flatnonzero(np.isfinite(p))
-    order = there[np.argsort(p[there], kind="stable")]
+    tested = np.flatnonzero(np.isfinite(p))
+    order = tested[np.argsort(p[tested], kind="stable")]
     factors = np.arange(len(order), 0, -1)
     adjusted[order] = np.minimum(np.maximum.accumulate(factors * p[order]), 1.0)
     return adjusted

@@ -1,4 +1,4 @@
-"""Intervals of rates, limits from few trials, and the quantiles that all intervals are built with."""
+"""Compute intervals of rates, limits from few trials, and the quantiles of all intervals."""
 
 from __future__ import annotations
 
@@ -19,18 +19,22 @@ class Estimate:
     high: float
     confidence: float = 0.95
     covers: str = "test episodes"
-    """what the interval covers: 'test episodes' (one training seed) or 'training seeds and test episodes'"""
+    """source of the interval's uncertainty: 'test episodes' (one training seed) or 'training seeds and test
+    episodes'
+    """
 
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 SUCCEEDED = 0.5
-"""share of the test episodes that a training that succeeded reaches at least"""
+"""smallest share of successful test episodes of a successful training"""
 
 
 def quantile(confidence: float, df: ArrayLike = np.inf) -> FloatArray:
-    """Two-sided quantile: Student's t with `df` degrees of freedom, the normal where df is infinite."""
+    """Return the two-sided quantile: of Student's t with `df` degrees of freedom, or of the normal
+    distribution if df is infinite.
+    """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence {confidence} is not between 0 and 1")
     upper = 0.5 + confidence / 2
@@ -40,23 +44,24 @@ def quantile(confidence: float, df: ArrayLike = np.inf) -> FloatArray:
 
 
 def score_interval(rate: ArrayLike, n: ArrayLike, z: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Wilson's score interval for a rate seen in n trials, at the quantile z.
+    """Return Wilson's score interval for a rate in n trials, at the quantile z.
 
-    (p + z²/2n ± z sqrt(p(1-p)/n + z²/4n²)) / (1 + z²/n): Wilson (1927), JASA 22:209. n need not be whole: with
-    an effective n and Student's quantile it serves clustered data (Dean & Pagano 2015, J. Surv. Stat. Meth. 3:484).
+    The interval is (p + z²/2n ± z sqrt(p(1-p)/n + z²/4n²)) / (1 + z²/n): Wilson (1927), JASA 22:209. n need
+    not be whole: with an effective n and Student's quantile it suits clustered data (Dean & Pagano 2015, J.
+    Surv. Stat. Meth. 3:484).
     """
     p, n, z = (np.asarray(value, dtype=np.float64) for value in (rate, n, z))
     with np.errstate(divide="ignore", invalid="ignore"):
         center = p + z**2 / (2 * n)
         half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
         low, high = (center - half) / (1 + z**2 / n), (center + half) / (1 + z**2 / n)
-    # The ends are exact at the edges; rounding must not leave 1e-18 there. What is unknown stays NaN.
+    # The limits are exact at the edges; rounding must not leave 1e-18 there. Unknown values stay NaN.
     low = np.where((p <= 0) & np.isfinite(low), 0.0, np.clip(low, 0, 1))
     return low, np.where((p >= 1) & np.isfinite(high), 1.0, np.clip(high, 0, 1))
 
 
 def wilson(successes: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-    """Wilson's interval (low, high) for `successes` of `n` independent trials.
+    """Return Wilson's interval (low, high) for `successes` of `n` independent trials.
 
     >>> low, high = wilson(81, 263)
     >>> f"{low:.4f} {high:.4f}"
@@ -70,7 +75,7 @@ def wilson(successes: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> tupl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """Variance of an estimate in its two parts, each with its degrees of freedom; arrays of one shape."""
+    """The two parts of an estimate's variance, each with its degrees of freedom; arrays of one shape."""
 
     seeds: FloatArray
     seeds_df: FloatArray
@@ -78,23 +83,27 @@ class Spread:
     scenarios_df: FloatArray
 
     def quantile(self, confidence: float) -> FloatArray:
-        """Half width of the interval in standard errors."""
-        one, other = quantile(confidence, self.seeds_df), quantile(confidence, self.scenarios_df)
+        """Return the half width of the interval in standard errors."""
+        seeds, other = quantile(confidence, self.seeds_df), quantile(confidence, self.scenarios_df)
         with np.errstate(divide="ignore", invalid="ignore"):
-            both = np.sqrt((self.seeds * one**2 + self.scenarios * other**2) / (self.seeds + self.scenarios))
-        # With one source, or none, that source's quantile; 0/0 would lose it.
-        both = np.where(self.scenarios == 0, one, both)
+            both = np.sqrt(
+                (self.seeds * seeds**2 + self.scenarios * other**2) / (self.seeds + self.scenarios)
+            )
+        # With one source, or none, use that source's quantile; 0/0 would lose it.
+        both = np.where(self.scenarios == 0, seeds, both)
         return np.where(self.seeds == 0, other, both)
 
 
 def welch(parts: FloatArray, squares: FloatArray) -> FloatArray:
-    """Welch's degrees of freedom of a sum of variances; `squares` is the sum of each squared over its freedom."""
+    """Return Welch's degrees of freedom of a sum of variances; `squares` is the sum of each squared part over
+    its degrees of freedom.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(parts > 0, parts**2 / squares, np.inf)
 
 
 def succeeded(success: FloatArray) -> int:
-    """Return how many trainings succeeded, from their test episodes (S, E) of 0 and 1.
+    """Return the number of successful trainings, from their test episodes (S, E) of 0 and 1.
 
     >>> import numpy as np
     >>> succeeded(np.array([[1, 1, 0], [1, 0, 0], [0, 0, 0]]))
@@ -104,9 +113,11 @@ def succeeded(success: FloatArray) -> int:
 
 
 def limits(successes: float, n: float, alpha: float) -> tuple[float, float]:
-    """Return the one-sided lower and upper limit of a probability, each wrong with at most `alpha`.
+    """Return the one-sided lower and upper limit of a probability, each wrong with probability at most
+    `alpha`.
 
-    Clopper & Pearson (1934, Biometrika 26:404). Numbers need not be whole: the limits are those of the beta distribution.
+    Clopper & Pearson (1934, Biometrika 26:404). Numbers need not be whole: the limits are quantiles of the
+    beta distribution.
 
     >>> low, high = limits(0, 5, 0.05)
     >>> f"{low:.3f} {high:.3f}"
@@ -118,9 +129,9 @@ def limits(successes: float, n: float, alpha: float) -> tuple[float, float]:
 
 
 def trials_that_bound(rate: float, confidence: float = 0.95) -> int:
-    """Return how many trials without a failure show that less than `rate` of all fail.
+    """Return the number of trials without a failure that shows a failure rate below `rate`.
 
-    The exact form of the "rule of three", 3 / rate at 95 %.
+    This is the exact form of the "rule of three", 3 / rate at 95 %.
 
     >>> trials_that_bound(0.1), trials_that_bound(0.05)
     (29, 59)
@@ -129,5 +140,5 @@ def trials_that_bound(rate: float, confidence: float = 0.95) -> int:
 
 
 def p_more_than_half(successes: int, n: int) -> float:
-    """Return the p-value of "the probability is at most 1/2" for so many successes of n, or more."""
+    """Return the p-value of "the probability is at most 1/2" for at least `successes` of n."""
     return float(bdtrc(successes - 1, n, 0.5))

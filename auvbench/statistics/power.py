@@ -1,8 +1,8 @@
-"""How many seeds and episodes resolve a difference: simulated with the very test that a report makes.
+"""Compute how many seeds and episodes resolve a difference, by simulation with the test of a report.
 
-Two agents whose true values differ by as much as is to be resolved are trained and tested again and again on paper. What
-is drawn, a model of trainings, comes from runs that are there (`spread_of_rates`, `spread_of_means`) or from what
-is typed.
+Two agents whose true values differ by the difference to resolve are trained and tested repeatedly in
+simulation. The model of trainings comes from existing runs (`spread_of_rates`, `spread_of_means`) or from
+typed values.
 """
 
 from __future__ import annotations
@@ -20,21 +20,22 @@ from auvbench.statistics.intervals import FloatArray
 _NODES, _WEIGHTS = np.polynomial.hermite_e.hermegauss(60)
 _WEIGHTS = _WEIGHTS / _WEIGHTS.sum()
 MOST_SEEDS = 128
-"""beyond which no number of seeds is looked for"""
+"""largest number of seeds that a plan tries"""
 
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """Success: a training's own rate is logit-normal, and scenarios are harder or easier for all alike.
+    """Model of success: a training's own rate is logit-normal, and a scenario is equally hard for all agents.
 
-    A training's rate over all scenarios is expit(m + sd z), so that the typical training's is expit(m); on a scenario of difficulty b it is
-    Phi(Phi^-1(rate) sqrt(1 + scenario_sd^2) + scenario_sd b), whose mean over normal b is that rate again.
+    A training's rate over all scenarios is expit(m + sd z), so the typical training's rate is expit(m). On a
+    scenario of difficulty b the rate is Phi(Phi^-1(rate) sqrt(1 + scenario_sd^2) + scenario_sd b), whose mean
+    over normal b is the training's rate again.
     """
 
     sd: float
-    """logits, of the training seeds"""
+    """standard deviation of the training seeds, logits"""
     scenario_sd: float = 1.0
-    """probits, of the scenarios"""
+    """standard deviation of the scenarios, probits"""
     rate: bool = True
 
     def draw(
@@ -45,14 +46,15 @@ class Rates:
         rng: np.random.Generator,
         controllers: Sequence[bool] = (),
     ) -> list[FloatArray]:
-        """Return 0 and 1 of agents whose typical trainings have these rates: (S, E), whose columns are the same scenarios.
+        """Return 0 and 1 for agents whose typical trainings have these rates: (S, E), with the same scenarios
+        as columns.
 
-        Those marked in `controllers` have one run, (1, E).
+        Agents marked in `controllers` have one run, (1, E).
         """
         hard = self.scenario_sd * rng.normal(size=E)
         drawn = []
-        for value, one in zip(values, controllers or [False] * len(values), strict=True):
-            luck = np.zeros((1, 1)) if one else self.sd * rng.normal(size=(S, 1))
+        for value, single_run in zip(values, controllers or [False] * len(values), strict=True):
+            luck = np.zeros((1, 1)) if single_run else self.sd * rng.normal(size=(S, 1))
             trained = np.clip(expit(logit(value) + luck), 1e-12, 1 - 1e-12)
             chance = ndtr(ndtri(trained) * np.sqrt(1 + self.scenario_sd**2) + hard)
             drawn.append((rng.random((len(luck), E)) < chance).astype(np.float64))
@@ -61,10 +63,12 @@ class Rates:
 
 @dataclass(frozen=True, slots=True)
 class Means:
-    """A mean, such as steps: normal between training seeds, between scenarios (the same for all) and in the rest."""
+    """Model of a mean, such as steps: normal between training seeds, between scenarios (the same for all
+    agents) and in the rest.
+    """
 
     sd: float
-    """of the training seeds, in the measure's unit"""
+    """standard deviation of the training seeds, in the measure's unit"""
     scenario_sd: float
     residual_sd: float
     rate: bool = False
@@ -77,36 +81,36 @@ class Means:
         rng: np.random.Generator,
         controllers: Sequence[bool] = (),
     ) -> list[FloatArray]:
-        """Return agents of the given means, as `Rates.draw`."""
+        """Return simulated agents with the given means, in the form of `Rates.draw`."""
         hard = self.scenario_sd * rng.normal(size=E)
         drawn = []
-        for value, one in zip(values, controllers or [False] * len(values), strict=True):
-            luck = np.zeros((1, 1)) if one else self.sd * rng.normal(size=(S, 1))
+        for value, single_run in zip(values, controllers or [False] * len(values), strict=True):
+            luck = np.zeros((1, 1)) if single_run else self.sd * rng.normal(size=(S, 1))
             drawn.append(value + luck + hard + self.residual_sd * rng.normal(size=(len(luck), E)))
         return drawn
 
 
 Model = Rates | Means
-"""where simulated agents come from"""
+"""a model of simulated agents"""
 
 
 @dataclass(frozen=True, slots=True)
 class SeedSpread:
-    """How much trainings of one configuration differ, from agents with several seeds."""
+    """Spread of trainings of one configuration, estimated from agents with several seeds."""
 
     sd: float
     df: float
     """degrees of freedom: seeds beyond the first, summed over agents"""
     seen: tuple[tuple[float, float, int], ...] = ()
-    """of each agent: variance of its seeds, what of it drawing episodes makes, degrees of freedom; where that is known"""
+    """for each agent, if known: variance of its seeds, part of it due to drawing episodes, degrees of freedom"""
 
     def upper(self, confidence: float = 0.9) -> float:
-        """Limit below which the standard deviation lies with this confidence (chi-squared; of normal spreads).
+        """Return the upper confidence limit of the standard deviation (chi-squared; for a normal spread).
 
-        Where episodes were drawn, by the Q profile (Viechtbauer 2007, Stat. Med. 26:37): the largest spread with which
-        the agents' variances would be as small as these with a chance of 1 - confidence.
+        If episodes were drawn, use the Q profile (Viechtbauer 2007, Stat. Med. 26:37): the largest spread
+        with which the agents' variances would be as small as these with probability 1 - confidence.
         """
-        from scipy.stats import chi2  # half a second of imports that most commands do not need
+        from scipy.stats import chi2  # imported late: takes half a second, and most commands do not need it
 
         quantile = float(chi2.ppf(1 - confidence, self.df))
         if self.seen:
@@ -115,25 +119,29 @@ class SeedSpread:
 
 
 def _profiled(seen: Sequence[tuple[float, float, int]], q: float) -> float:
-    """Variance between trainings at which the agents' variances, each over its own expectation, sum to `q`; at least 0."""
+    """Return the variance between trainings, at least 0, at which the agents' variances, each over its own
+    expectation, sum to `q`.
+    """
 
     def excess(between: float) -> float:
         return sum(df * variance / (noise + between) for variance, noise, df in seen) - q
 
     if excess(0.0) <= 0.0:
         return 0.0
-    from scipy.optimize import brentq  # half a second of imports that most commands do not need
+    from scipy.optimize import brentq  # imported late: takes half a second, and most commands do not need it
 
     return float(brentq(excess, 0.0, 1.0 + 2.0 * sum(df * variance for variance, _, df in seen) / q))
 
 
 def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
-    """Spread of the seeds in logits and of the scenarios in probits, pooled over agents' successes (S_i, E).
+    """Return the spread of the seeds in logits and of the scenarios in probits, pooled over agents' successes
+    (S_i, E).
 
-    Seeds: of the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)) what drawing episodes, which makes
-    1/(x + 1/2) + 1/(E - x + 1/2), leaves over. Agents count by how well that is known (Paule & Mandel 1982, J. Res. Natl.
-    Bur. Stand. 87:377): of one that never failed nearly nothing is. Those with one seed say nothing of it.
-    Scenarios: the standard deviation at which the model's scenarios differ as much as these do (1 where none do).
+    Seeds: the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)), less the part due to drawing
+    episodes, 1/(x + 1/2) + 1/(E - x + 1/2). Agents are weighted by how precisely their variance is known
+    (Paule & Mandel 1982, J. Res. Natl. Bur. Stand. 87:377): an agent that never failed counts almost nothing.
+    Agents with one seed do not contribute. Scenarios: the standard deviation at which the model's scenarios
+    differ as much as the observed ones (1 if they do not differ).
 
     Raises:
         ValueError: no agent has several seeds.
@@ -173,13 +181,14 @@ def _scenario_sd(shares: Sequence[tuple[float, float]]) -> float:
         return 0.0
     if excess(10.0) <= 0:
         return 10.0
-    from scipy.optimize import brentq  # as above
+    from scipy.optimize import brentq  # imported late, as above
 
     return float(brentq(excess, 0.01, 10.0))
 
 
 def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, float]:
-    """Spread of the seeds, of the scenarios and of the rest, in the measure's unit, pooled over agents (S_i, E).
+    """Return the spread of the seeds, of the scenarios and of the rest, in the measure's unit, pooled over
+    agents (S_i, E).
 
     Raises:
         ValueError: no agent has several seeds.
@@ -197,8 +206,8 @@ def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, floa
         df += S - 1
     if not df:
         raise ValueError("no agent has several seeds")
-    found = [float(np.sqrt(max(part / df, 0.0))) for part in (seeds, scenarios, rest)]
-    return SeedSpread(found[0], df), found[1], found[2]
+    deviations = [float(np.sqrt(max(part / df, 0.0))) for part in (seeds, scenarios, rest)]
+    return SeedSpread(deviations[0], df), deviations[1], deviations[2]
 
 
 def simulated_power(
@@ -212,26 +221,28 @@ def simulated_power(
     replications: int = 200,
     seed: int = 0,
 ) -> FloatArray:
-    """Return for each level the share (len(levels),) of comparisons that find the difference, with its sign.
+    """Return for each level the share (len(levels),) of comparisons that find the difference with the right
+    sign.
 
-    Against a controller either value may be the learner's, so both are simulated, and the lower share counts.
+    Against a controller either value may be the learner's, so the two cases are simulated, and the lower
+    share counts.
 
     Args:
-        model: where trainings come from.
+        model: model of trainings.
         values: true values of two typical trainings, or of a controller and a typical training.
-        S: trainings of each learner.
-        E: test episodes of each training.
-        levels: of the interval, after any correction.
+        S: number of trainings of each learner.
+        E: number of test episodes of each training.
+        levels: error rates of the interval, after any correction.
         against_controller: whether one side is a controller.
-        replications: simulated comparisons.
-        seed: of the simulation.
+        replications: number of simulated comparisons.
+        seed: seed of the simulation.
     """
     sides = (
         ((True, False), (False, True))
         if against_controller and model.rate
         else ((against_controller, False),)
     )
-    found = np.ones(len(levels))
+    power = np.ones(len(levels))
     for place, controllers in enumerate(sides):
         rng = np.random.default_rng([seed, S, E, place])
         right = np.zeros(len(levels))
@@ -239,14 +250,16 @@ def simulated_power(
             first, second = (typical.sample(x) for x in model.draw(values, S, E, rng, controllers))
             low, high = typical.difference(second, first, model.rate).ends(np.asarray(levels))
             right += (low > 0) if values[1] > values[0] else (high < 0)
-        found = np.minimum(found, right / replications)
-    return found
+        power = np.minimum(power, right / replications)
+    return power
 
 
 def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_SEEDS) -> int | None:
-    """Fewest seeds (at least 2) with which a simulated power reaches the target; None beyond `most`.
+    """Return the fewest seeds (at least 2) with which a simulated power reaches the target; None beyond
+    `most`.
 
-    Doubles, then halves the gap: power rises with the seeds but for the noise of the simulation.
+    The search doubles the number, then halves the gap: power rises with the seeds except for the simulation's
+    noise.
     """
     low, high = 1, 2
     while tried(high) < target:
@@ -277,20 +290,21 @@ def trainings_that_decide(
     power: float,
     above: int,
 ) -> int | None:
-    """Return the trainings of each learner with which a comparison that is open now is decided with this power.
+    """Return the number of trainings of each learner with which an open comparison is decided with this
+    power.
 
     Args:
-        gains: (n,) values of the agent's trainings, higher is better; a single one is a controller's.
-        baseline: (m,) those of the baseline.
+        gains: (n,) values of the agent's trainings, higher is better; one value for a controller.
+        baseline: (m,) values of the baseline's trainings.
         error: standard error over scenarios.
         t: quantile of the interval over scenarios.
-        level: of the interval.
-        margin: within which the interval decides, too; NaN where there is none.
-        power: share of the simulated comparisons that is decided.
-        above: trainings that are there and do not decide.
+        level: error rate of the interval.
+        margin: margin within which the interval also decides; NaN without one.
+        power: required share of decided comparisons.
+        above: existing trainings, which do not decide.
 
     Returns:
-        more than `above` trainings, or None beyond `MOST_SEEDS`.
+        More than `above` trainings, or None beyond `MOST_SEEDS`.
     """
 
     def decided(S: int) -> float:
@@ -300,9 +314,9 @@ def trainings_that_decide(
         value = m1 - m2 + error * rng.normal(size=RESAMPLES)
         low = value - typical.join(np.hypot(m1 - l1, u2 - m2), t * error)
         high = value + typical.join(np.hypot(u1 - m1, m2 - l2), t * error)
-        found = (low > 0) | (high < 0) | ((low > -margin) & (high < margin))
-        return float(found.mean())
+        count = (low > 0) | (high < 0) | ((low > -margin) & (high < margin))
+        return float(count.mean())
 
     least = max(above + 1, typical.FEWEST)
-    found = seeds_needed(lambda S: decided(max(S, least)), power) if least <= MOST_SEEDS else None
-    return None if found is None else max(found, least)
+    count = seeds_needed(lambda S: decided(max(S, least)), power) if least <= MOST_SEEDS else None
+    return None if count is None else max(count, least)

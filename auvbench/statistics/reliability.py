@@ -1,8 +1,9 @@
-"""Reliability: how many trainings hold up on these scenarios, and what failing trainings could do to a mean.
+"""Compute reliability: how many trainings are not behind on these scenarios, and how failing trainings could
+change a mean.
 
-A median hides a failing tenth of the trainings by design, so no verdict about a typical training goes without these numbers. Once
-the scenarios are given, trainings are independent, so the interval of their share is exact for any distribution
-(Clopper & Pearson 1934, Biometrika 26:404).
+A median hides a failing tenth of the trainings by design, so every verdict about a typical training comes
+with these numbers. Given the scenarios, trainings are independent, so the interval of their share is exact
+for any distribution (Clopper & Pearson 1934, Biometrika 26:404).
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ class Reliability:
     """Share of all trainings that, tested on these scenarios, are not behind the baseline by more than the margin."""
 
     count: int
-    """trainings that are not behind"""
+    """number of trainings that are not behind"""
     trainings: int
     low: float
-    """two-sided limits of the share of all trainings that are not behind"""
+    """lower two-sided limit of the share of all trainings that are not behind; `high` is the upper one"""
     high: float
     excluded: float
-    """share of failing trainings: larger ones are excluded (one-sided)"""
+    """share of failing trainings above which the seeds exclude it (one-sided)"""
     mean_turns: float | None
-    """share of failing trainings at which the mean would leave the verdict; None where that is not known"""
+    """share of failing trainings at which the mean would lose the verdict; None if unknown"""
 
 
 def reliability(
@@ -37,14 +38,15 @@ def reliability(
     edge: float = math.nan,
     failure: float = math.nan,
 ) -> Reliability:
-    """Return how many trainings hold up, and the share of failing trainings at which their mean would turn.
+    """Return how many trainings are not behind, and the share of failing trainings at which their mean would
+    turn.
 
     Args:
-        gains: (n,) what each training is better by than the baseline.
-        margin: a training that is worse by more counts as failing.
-        confidence: of the limits, each by itself.
-        edge: gain below which the mean would leave the verdict: 0 for ahead, -margin for equivalent.
-        failure: gain of a training that fails altogether.
+        gains: (n,) gain of each training over the baseline.
+        margin: largest loss of a training that does not count as failing.
+        confidence: confidence of each limit by itself.
+        edge: gain below which the mean would lose the verdict: 0 for ahead, -margin for equivalent.
+        failure: gain of a training that fails completely.
 
     >>> import numpy as np
     >>> found = reliability(np.array([-9.0, *[1.0] * 19]), 0.5)

@@ -1,22 +1,25 @@
-"""The typical training: an interval of the median over trainings, widened by the error that all trainings share.
+"""Compute the typical training: an interval of the median over trainings, widened by the error that all
+trainings share.
 
-A learner is n independent trainings, each tested on the same E scenarios as its baseline. With x[s, e] the measure of training
-s in scenario e, and y[e] that of a controller,
+A learner is n independent trainings, each tested on the same E scenarios as its baseline. With x[s, e] the
+measure of training s in scenario e, and y[e] the measure of a controller,
 
     delta(s) = mean of x[s, e] - y[e] over all scenarios that the protocol could draw
     theta    = median of delta(s) over all trainings of the configuration: the typical training
 
-Two independent errors separate the sample's median m from theta. Trainings are few: [l, u] is an interval of a median from order
-statistics, whatever the shape of its tails. Scenarios are few, and shared by all trainings: s = t g, with g the paired standard
-error over scenarios of the middle half of the trainings. With d the difference of the medians,
+Two independent errors separate the sample's median m from theta. Trainings are few: [l, u] is an interval of
+a median from order statistics, whatever the shape of its tails. Scenarios are few and shared by all
+trainings: s = t g, with g the paired standard error over scenarios of the middle half of the trainings. With
+d the difference of the medians,
 
     low = d - join(m - l, s)        high = d + join(u - m, s)        join(a, s) = max(sqrt(a² + s²), a + (sqrt(2) - 1) s)
 
-This is square-and-add (Newcombe 1998, Stat. Med. 17:873; Zou & Donner 2008, Stat. Med. 27:1693). The second part of `join` keeps
-a long arm, which a few failed trainings make, from hiding the error of the scenarios. Of several learners the squares of their
-arms add up; a controller has l = m = u. docs/statistics-appendix.md has the measured error rates.
+This is square-and-add (Newcombe 1998, Stat. Med. 17:873; Zou & Donner 2008, Stat. Med. 27:1693). The second
+part of `join` prevents a long arm, caused by a few failed trainings, from hiding the error of the scenarios.
+With several learners, the squares of their arms add up; a controller has l = m = u.
+docs/statistics-appendix.md has the measured error rates.
 
-All functions take leading axes, so that many tables are computed at once.
+All functions accept leading axes, so that many tables are computed at once.
 """
 
 from __future__ import annotations
@@ -34,15 +37,18 @@ from auvbench.statistics.intervals import FloatArray
 
 ALPHA = 0.05
 FEWEST = 5
-"""Trainings for any verdict: fewer cannot exclude (95 %, one-sided) that most trainings fail, because 0.5^4 > 0.05."""
+"""Smallest number of trainings for a verdict: fewer cannot exclude (95 %, one-sided) that most trainings
+fail, because 0.5^4 > 0.05.
+"""
 KEPT = math.sqrt(2) - 1
-"""Share of the scenarios' error that stays where trainings spread more; `join` is continuous where both are equal."""
+"""Remaining share of the scenarios' error if trainings spread more; `join` is continuous where the two are equal."""
 LEAST = 1e-30
 """smallest p-value"""
 
 
 def trainings_needed(family: int = 1, alpha: float = ALPHA) -> int:
-    """Return the trainings from which the range of all of them is an interval of the median: 2 (1/2)^n <= alpha / family.
+    """Return the number of trainings whose whole range is an interval of the median: 2 (1/2)^n <= alpha /
+    family.
 
     >>> [trainings_needed(k) for k in (1, 2, 5, 12, 29)]
     [6, 7, 8, 9, 11]
@@ -61,16 +67,18 @@ def _levels(n: int) -> FloatArray:
 
 
 def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the low end, the median and the high end of an interval of a population's median.
+    """Return the lower limit, the median and the upper limit of an interval of a population's median.
 
-    It runs from the r-th smallest to the r-th largest value, r the largest with P(fewer than r of n on one side) <= level / 2. As
-    levels of order statistics are coarse (10 values: 99.8, 97.9, 89.1 %), its ends move towards the next inner values, linearly
-    in the level. Fewer values than `trainings_needed`: the range of all, widened at both ends by c = level^(-1/(n-1)) / 2 - 1 of
-    its length. This holds where trainings thin out away from the median (one hump): all n values are on one side with probability
-    2 (1/2)^n, and then the nearest is further off than c ranges with probability at most (1 + c)^-(n-1).
+    The interval runs from the r-th smallest to the r-th largest value, with the largest r for which P(fewer
+    than r of n on one side) <= level / 2. Since levels of order statistics are coarse (10 values: 99.8, 97.9,
+    89.1 %), its limits move towards the next inner values, linearly in the level. With fewer values than
+    `trainings_needed`, the interval is the whole range, widened at each end by c = level^(-1/(n-1)) / 2 - 1
+    of its length. This holds if trainings thin out away from the median (one hump): all n values are on one
+    side with probability 2 (1/2)^n, and then the nearest is further off than c ranges with probability at
+    most (1 + c)^-(n-1).
 
     Args:
-        values: (..., n), one per training; a single value is a controller, and exact.
+        values: (..., n), one per training; a single value is a controller's, and exact.
         level: (...), 1 - confidence.
 
     >>> low, median, high = median_interval(np.arange(1.0, 11.0), 0.01)
@@ -107,7 +115,9 @@ def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatA
 
 
 def middle_half(x: FloatArray) -> FloatArray:
-    """Return the mean (..., E) of the middle half of the trainings (..., n, E), by their own means: scenario by scenario."""
+    """Return the mean (..., E), by scenario, of the middle half of the trainings (..., n, E), sorted by their
+    own means.
+    """
     n = x.shape[-2]
     cut = n // 4
     if not cut:
@@ -119,8 +129,8 @@ def middle_half(x: FloatArray) -> FloatArray:
 def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
     """Return the standard error (...) over scenarios of a mean difference (..., E).
 
-    Of rates two scenarios are added, one that each side alone wins (Bonett & Price 2012, J. Educ. Behav. Stat. 37:479): no
-    failure in E scenarios does not mean no failure in all.
+    For rates two scenarios are added, one that each side wins (Bonett & Price 2012, J. Educ. Behav. Stat.
+    37:479): no failure in E scenarios does not mean no failure in all.
     """
     E = difference.shape[-1]
     if not rate:
@@ -131,7 +141,7 @@ def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
 
 
 def join(trainings: ArrayLike, scenarios: ArrayLike) -> FloatArray:
-    """Return the distance of an end of the interval from the estimate, of the distances of both sources."""
+    """Return the distance of an interval's limit from the estimate, from the distances of the two sources."""
     a, s = np.asarray(trainings, dtype=np.float64), np.asarray(scenarios, dtype=np.float64)
     return np.maximum(np.hypot(a, s), a + KEPT * s)
 
@@ -140,12 +150,12 @@ def join(trainings: ArrayLike, scenarios: ArrayLike) -> FloatArray:
 class Sample:
     """The trainings of one agent on one measure, or of many simulated agents along leading axes."""
 
-    means: FloatArray  # (..., n) of each training over the scenarios
-    middle: FloatArray  # (..., E) of the middle half of the trainings in each scenario
+    means: FloatArray  # (..., n) mean of each training over the scenarios
+    middle: FloatArray  # (..., E) mean of the middle half of the trainings in each scenario
 
     @property
     def n(self) -> int:
-        """Number of trainings; 1 for a controller."""
+        """Return the number of trainings; 1 for a controller."""
         return int(self.means.shape[-1])
 
     @property
@@ -155,7 +165,7 @@ class Sample:
 
 
 def sample(x: FloatArray) -> Sample:
-    """Return the sample of values (..., n, E) without missing ones."""
+    """Return the sample of values (..., n, E), which must not have missing ones."""
     return Sample(np.asarray(x.mean(axis=-1)), middle_half(x))
 
 
@@ -164,28 +174,32 @@ class Contrast:
     """A weighted sum of typical values; `ends` gives its interval at any level."""
 
     samples: Sequence[Sample]
-    """one per agent, of the same scenarios"""
+    """one sample per agent, with the same scenarios"""
     weights: Sequence[float]
-    """one per agent: 1 and -1 for a difference"""
+    """one weight per agent: 1 and -1 for a difference"""
     rate: bool = False
     """whether values are 0 and 1"""
 
     @cached_property
     def value(self) -> FloatArray:
         """Return the sum (...) of the medians."""
-        return np.asarray(sum(w * one.typical for one, w in zip(self.samples, self.weights, strict=True)))
+        return np.asarray(
+            sum(w * sample.typical for sample, w in zip(self.samples, self.weights, strict=True))
+        )
 
     @cached_property
     def error(self) -> FloatArray:
         """Return the standard error (...) that all trainings share, because they met the same scenarios."""
-        total = sum(w * one.middle for one, w in zip(self.samples, self.weights, strict=True))
+        total = sum(w * sample.middle for sample, w in zip(self.samples, self.weights, strict=True))
         return scenario_error(np.asarray(total), self.rate)
 
     def ends(self, level: ArrayLike = ALPHA) -> tuple[FloatArray, FloatArray]:
-        """Return the low and the high end (...) at 1 - `level`; infinite where a learner has fewer trainings than `FEWEST`."""
+        """Return the lower and the upper limit (...) at 1 - `level`; infinite if a learner has fewer
+        trainings than `FEWEST`.
+        """
         below, above = np.zeros(()), np.zeros(())
-        for one, w in zip(self.samples, self.weights, strict=True):
-            low, median, high = median_interval(one.means, level)
+        for sample, w in zip(self.samples, self.weights, strict=True):
+            low, median, high = median_interval(sample.means, level)
             down, up = (median - low, high - median) if w > 0 else (high - median, median - low)
             below, above = below + (w * down) ** 2, above + (w * up) ** 2
         E = self.samples[0].middle.shape[-1]
@@ -194,10 +208,11 @@ class Contrast:
         return value - join(np.sqrt(below), error), value + join(np.sqrt(above), error)
 
     def p_value(self) -> float:
-        """Return the level at which the interval just reaches 0; 1 where every interval holds 0, NaN where there is none.
+        """Return the level at which the interval just reaches 0; 1 if every interval contains 0, NaN without
+        an interval.
 
-        Intervals of different levels lie within each other, so that of a level excludes 0 if and only if p is below the level.
-        Found by a grid in the logarithm of the level that becomes finer, down to `LEAST`.
+        Intervals of different levels are nested, so that an interval excludes 0 if and only if p is below its
+        level. The search uses a grid in the logarithm of the level that becomes finer, down to `LEAST`.
         """
         if np.isnan(self.ends()[0]):
             return math.nan

@@ -1,11 +1,11 @@
-"""Conformance suites: what auvbench asks of every agent and task, its own included.
+"""Conformance suites: checks that every agent and task must pass, auvbench's own included.
 
 >>> from auvbench.testing import check_agent, check_task
 >>> check_agent("algo=pid")
 >>> check_task("task=docking", "vehicle=bluerov2_heavy")
 
-Each function raises a `ConformanceError`, an `AssertionError`, that says what is wrong. Without a line of code:
-`pytest --auvbench algo=NAME --auvbench task=NAME` runs the same checks, one test each.
+Each function raises a `ConformanceError` (an `AssertionError`) with what is wrong. `pytest --auvbench
+algo=NAME --auvbench task=NAME` runs the same checks without any code, one test each.
 """
 
 from __future__ import annotations

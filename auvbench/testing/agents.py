@@ -1,4 +1,4 @@
-"""The checks of agents, and further ones of learners."""
+"""Check agents, and learners further."""
 
 from __future__ import annotations
 
@@ -30,17 +30,17 @@ from auvbench.training.execute import execute
 from auvbench.training.learning import Session
 
 EPISODES, STEPS = 7, 25
-"""how many an agent steers side by side, and for how long, in the checks of its actions"""
+"""number of vehicles and steps in the checks of an agent's actions"""
 
 SIZES = (1, 3)
-"""of batches in which the same episodes are steered once more"""
+"""sizes of the batches in which the same episodes are repeated"""
 
 Make = Callable[[], base.Agent]
 
 
 @dataclass
 class Flight:
-    """What an agent saw and did in the test's scenarios."""
+    """Observations and actions of an agent in the test's scenarios."""
 
     config: schema.TrainConfig
     observations: list[NDArray[np.float32]]  # (n, n_obs) per step
@@ -74,7 +74,7 @@ def replay(flight: Flight, agent: base.Agent, rows: Sequence[int], what: str) ->
     """Show an agent some episodes of a flight again.
 
     Raises:
-        ConformanceError: it does not do the same.
+        ConformanceError: the agent acts differently.
     """
     chosen = np.asarray(rows)
     agent.reset(chosen.copy())
@@ -84,12 +84,12 @@ def replay(flight: Flight, agent: base.Agent, rows: Sequence[int], what: str) ->
 
 
 def actions_are_in_range(config: schema.TrainConfig, make: Make) -> None:
-    """Actions are (n, n_u) numbers in [-1, 1], and observations stay as they are."""
+    """Check that actions are (n, n_u) numbers in [-1, 1], and that observations are not changed."""
     fly(config, make())
 
 
 def actions_do_not_depend_on_the_batch(config: schema.TrainConfig, make: Make) -> None:
-    """An episode is steered by the same actions, to the last bit, in any batch."""
+    """Check that the actions of an episode have the same bits in any batch."""
     flight = fly(config, make())
     for size in SIZES:
         agent = make()
@@ -99,7 +99,7 @@ def actions_do_not_depend_on_the_batch(config: schema.TrainConfig, make: Make) -
 
 
 def nothing_outlives_an_episode(config: schema.TrainConfig, make: Make) -> None:
-    """After `reset` an agent does what a fresh one does."""
+    """Check that after `reset` an agent acts as a fresh one does."""
     agent = make()
     flight = fly(config, agent)
     replay(flight, agent, range(EPISODES), "in the same episodes once more")
@@ -108,7 +108,9 @@ def nothing_outlives_an_episode(config: schema.TrainConfig, make: Make) -> None:
 
 
 def actions_are_deterministic(config: schema.TrainConfig, make: Make) -> None:
-    """Two agents of one configuration do the same, also after other draws of the process; neither moves its generators."""
+    """Check that two agents of one configuration act the same, even after other random draws, and draw from
+    no global generator.
+    """
     draws.reseed_generators(1)
     agent = make()
     with draws.untouched("steering"):
@@ -123,24 +125,24 @@ AGENT_CHECKS: tuple[Callable[[schema.TrainConfig, Make], None], ...] = (
     nothing_outlives_an_episode,
     actions_are_deterministic,
 )
-"""The checks of every agent."""
+"""Checks of every agent."""
 
 
 @dataclass
 class Trainings:
-    """Makes runs of one configuration in a folder of their own."""
+    """Creates runs of one configuration in its own folder."""
 
     overrides: tuple[str, ...]
     folder: Path
     _made: dict[str, RunDirectory]
 
     def run(self, name: str, *more: str) -> RunDirectory:
-        """Return a run that has not begun."""
+        """Return a run that has not started."""
         typed = [*self.overrides, *more, f"output={self.folder}", f"name={name}", "train.progress=false"]
         return prepare(compose("train", typed))
 
     def whole(self) -> RunDirectory:
-        """Return the run of an undisturbed training."""
+        """Return the run of an uninterrupted training."""
         if "whole" not in self._made:
             draws.reseed_generators(3)
             run = self.run("whole")
@@ -150,7 +152,7 @@ class Trainings:
 
 
 def files(run: RunDirectory) -> dict[str, str]:
-    """Return digests of what a run has learned and of the episodes that it has trained on."""
+    """Return the digests of a run's model and training episodes."""
     paths = [*sorted(run.model.iterdir()), run.train / "episodes.csv"]
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
@@ -163,7 +165,7 @@ def _compare(there: RunDirectory, here: RunDirectory, what: str) -> None:
 
 
 def training_is_deterministic(trainings: Trainings) -> None:
-    """The same configuration gives the same bits, also after other draws of the process."""
+    """Check that the same configuration gives the same bits, even after other random draws."""
     draws.reseed_generators(4)
     again = trainings.run("again")
     execute(again)
@@ -171,7 +173,7 @@ def training_is_deterministic(trainings: Trainings) -> None:
 
 
 def tests_on_the_way_change_nothing(trainings: Trainings) -> None:
-    """A policy that is tested while it is trained becomes the same policy."""
+    """Check that tests during training do not change the policy."""
     total = trainings.whole().manifest()["total_steps"]
     tested = trainings.run("tested", f"train.evaluate_every={max(1, total // 2)}")
     execute(tested)
@@ -179,7 +181,9 @@ def tests_on_the_way_change_nothing(trainings: Trainings) -> None:
 
 
 def nothing_is_pickled(trainings: Trainings) -> None:
-    """The model is there again in a process that has not trained, without unpickling, and its files are no pickles."""
+    """Check that the model loads without unpickling in a process that has not trained, and that no file is a
+    pickle.
+    """
     run = trainings.whole()
     saved = sorted(path for path in run.model.rglob("*") if path.is_file())
     if not saved:
@@ -190,7 +194,7 @@ def nothing_is_pickled(trainings: Trainings) -> None:
         if path.is_file() and draws.is_pickle(path.read_bytes())
     ]
     if pickles:
-        raise ConformanceError(f"{pickles[0]} is a pickle: a file from a stranger could so run code")
+        raise ConformanceError(f"{pickles[0]} is a pickle: such a file from another person could run code")
     with draws.no_unpickling("load"):
         make_agent(run, float(run.config()["step"]["frequency"]))
 
@@ -213,7 +217,9 @@ def stopped_at(step: int) -> Iterator[None]:
 
 
 def a_stopped_training_ends_as_it_says(trainings: Trainings) -> None:
-    """With `exact_resume` a training that was stopped ends with the same bits, from a checkpoint; without, it begins anew."""
+    """Check that with `exact_resume` an interrupted training ends with the same bits, and that without it the
+    training restarts.
+    """
     whole = trainings.whole()
     total = whole.manifest()["total_steps"]
     struck = trainings.run("struck", f"train.checkpoint.steps={max(1, total // 8)}")
@@ -260,14 +266,14 @@ def check_agent(
     """Check an agent against its contract (`auvbench.agents.base`).
 
     Args:
-        overrides: what one would type behind `auvbench train`: the agent, `algo=NAME`, and other overrides.
-        steps: budget of the trainings of an agent that learns; there are four of them. It must be long enough for the
-            agent to have called `callbacks.checkpoint` a few times.
-        only: one of `AGENT_CHECKS` or `LEARNER_CHECKS`; all of them by default.
+        overrides: arguments of `auvbench train`: the agent, `algo=NAME`, and other overrides.
+        steps: budget of the trainings of a learner; there are four of them. It must be long enough for
+            several calls of `callbacks.checkpoint`.
+        only: one of `AGENT_CHECKS` or `LEARNER_CHECKS`; default: all.
 
     Raises:
-        ConformanceError: it breaks its contract.
-        ConfigError: the overrides are none.
+        ConformanceError: the agent breaks its contract.
+        ConfigError: an override is wrong.
     """
     config, vehicle = _config_and_vehicle(overrides)
     checks: list[Any] = [*AGENT_CHECKS, *(LEARNER_CHECKS if learns(config.algo) else ())]
@@ -275,11 +281,11 @@ def check_agent(
         trainings = Trainings((f"train.total_steps={steps}", *overrides), Path(folder), {})
 
         def make() -> base.Agent:
-            made = base.make(config, vehicle)
-            if callable(getattr(made, "load", None)):  # what it was trained to, or the file that it is
-                made = make_agent(trainings.whole(), config.step.frequency)
-            # What stands between an agent and the vehicle in a run would hide some of its faults here.
-            return made.inner if isinstance(made, PluginAgent) else made
+            agent = base.make(config, vehicle)
+            if callable(getattr(agent, "load", None)):  # loads the trained model, or the file of `algo=onnx`
+                agent = make_agent(trainings.whole(), config.step.frequency)
+            # The wrapper between an agent and the vehicle would hide some of the agent's faults here.
+            return agent.inner if isinstance(agent, PluginAgent) else agent
 
         def run(check: Any) -> None:
             check(trainings) if check in LEARNER_CHECKS else check(config, make)

@@ -1,4 +1,6 @@
-"""What the conformance checks share: their loop and error, comparison of bits, the process's generators, and pickles."""
+"""Provide what the conformance checks share: their loop and error, comparison of bits, global generators, and
+pickles.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from auvbench.errors import AgentError
 
 
 class ConformanceError(AssertionError):
-    """An agent or a task breaks its contract; the message names it and says how."""
+    """An agent or task breaks its contract; the message names it and the fault."""
 
 
 def run_checks(
@@ -37,7 +39,7 @@ def run_checks(
 
 
 def actions(step: int, n: int, n_u: int, first: int = 0) -> NDArray[np.float64]:
-    """Return actions (n, n_u) in [-1, 1] that differ from row to row and from step to step."""
+    """Return actions (n, n_u) in [-1, 1] that differ in every row and step."""
     rows = first + np.arange(n)[:, None]
     return np.asarray(np.sin(0.7 * step + 1.3 * rows + 0.9 * np.arange(n_u)))
 
@@ -55,19 +57,19 @@ def same(first: Any, second: Any, what: str) -> None:
 
 
 def generators() -> dict[str, bytes]:
-    """Return the state of the process's generators: Python's, numpy's and, where it is imported, torch's."""
-    found = {
+    """Return the state of the global generators: Python's, NumPy's and, if imported, torch's."""
+    states = {
         "random": repr(random.getstate()).encode(),
         "numpy.random": repr(np.random.get_state(legacy=True)).encode(),  # noqa: NPY002
     }
     torch = sys.modules.get("torch")
     if torch is not None:
-        found["torch"] = torch.get_rng_state().numpy().tobytes()
-    return found
+        states["torch"] = torch.get_rng_state().numpy().tobytes()
+    return states
 
 
 def reseed_generators(seed: int) -> None:
-    """Seed the process's generators, so that every draw from them changes."""
+    """Seed the global generators, so that every draw from them changes."""
     random.seed(seed)
     np.random.seed(seed)  # noqa: NPY002
     torch = sys.modules.get("torch")
@@ -77,7 +79,7 @@ def reseed_generators(seed: int) -> None:
 
 @contextmanager
 def untouched(what: str) -> Iterator[None]:
-    """Raise `ConformanceError` if the process's generators have moved inside."""
+    """Raise `ConformanceError` if the global generators were used inside."""
     before = generators()
     yield
     after = generators()
@@ -97,10 +99,11 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 
 @contextmanager
 def no_unpickling(what: str) -> Iterator[None]:
-    """Raise `ConformanceError` if anything is unpickled inside that could run code."""
+    """Raise `ConformanceError` if anything that could run code is unpickled inside."""
     global _hooked
     if not _hooked:
-        sys.addaudithook(_hear)  # Python offers no way to take one away: it stays, and is deaf outside
+        # Python cannot remove an audit hook: it stays, but does nothing outside this context.
+        sys.addaudithook(_hear)
         _hooked = True
     _watching.append("")
     try:
@@ -109,11 +112,11 @@ def no_unpickling(what: str) -> Iterator[None]:
     finally:
         _watching.clear()
     if heard:
-        raise ConformanceError(f"{what} unpickles {heard[0]}: a file from a stranger could so run code")
+        raise ConformanceError(f"{what} unpickles {heard[0]}: such a file from another person could run code")
 
 
 def is_pickle(data: bytes) -> bool:
-    """Return whether a file's content is a pickle, as it lies there; archives of torch and numpy have parts of their own."""
+    """Return whether a file's whole content is a pickle; parts of torch's and NumPy's archives are not examined."""
     if data[:1] != pickle.PROTO or len(data) < 2 or data[1] > pickle.HIGHEST_PROTOCOL:
         return False
     return data.rstrip(b"\n")[-1:] == pickle.STOP

@@ -1,4 +1,4 @@
-"""The checks of every task."""
+"""Check tasks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from auvbench.registry import TASKS
 from auvbench.testing.draws import ConformanceError, actions, run_checks, same
 
 N, STEPS = 5, 40
-"""episodes side by side, steps of a check"""
+"""number of parallel episodes, number of steps of a check"""
 
 
 def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
@@ -36,7 +36,7 @@ def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[
 
 
 def its_rows_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
-    """An episode gives the same floats in any batch."""
+    """Check that an episode gives the same floats in any batch."""
     together = Batch(config, N, seed=3)
     first = together.reset().copy()
     seen, _ = play(together, range(STEPS))
@@ -49,7 +49,7 @@ def its_rows_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
 
 
 def it_resumes_in_mid_episode(config: schema.TrainConfig) -> None:
-    """A batch goes on from `state_dict` to the same bits."""
+    """Check that a batch continues from `state_dict` with the same bits."""
     whole = Batch(config, N, seed=3)
     whole.reset()
     play(whole, range(STEPS // 2))
@@ -66,7 +66,9 @@ def it_resumes_in_mid_episode(config: schema.TrainConfig) -> None:
 
 
 def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
-    """The same seed and episode give the same start; another seed, another stream and another episode do not."""
+    """Check that the same seed and episode give the same start, and that another seed, stream or episode
+    gives a different one.
+    """
 
     def start(seed: int = 3, episode: int = 4, **stream: bool) -> NDArray[Any]:
         batch = Batch(config, 2, seed=seed, **stream)
@@ -82,7 +84,9 @@ def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
 
 
 def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
-    """Episodes end by their limit at the latest; records have the task's columns, finite and within their ranges."""
+    """Check that episodes end at their limit at the latest, and that records have the task's columns, finite
+    and in range.
+    """
     limit = 2 * STEPS
     short = replace(config, task=replace(config.task, max_steps=limit, time_limit=None))
     batch = Batch(short, N, seed=3)
@@ -114,7 +118,7 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
 
 
 def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
-    """Its two functions, run as Python, read and write no row and column that does not exist."""
+    """Check that the task's two functions, run as Python, access no row or column that does not exist."""
     steps = 3
     short = replace(config, task=replace(config.task, max_steps=steps, time_limit=None))
     batch = Batch(short, 2, seed=3)
@@ -145,19 +149,20 @@ TASK_CHECKS: tuple[Callable[[schema.TrainConfig], None], ...] = (
     its_episodes_end_with_records,
     its_functions_stay_within_their_arrays,
 )
-"""The checks of every task."""
+"""Checks of every task."""
 
 
 def check_task(*overrides: str, only: Callable[[schema.TrainConfig], None] | None = None) -> None:
     """Check a task against its contract (`auvbench.tasks.base.Task`).
 
     Args:
-        overrides: what one would type behind `auvbench train`: the task, `task=NAME`, a vehicle, disturbances perhaps.
-        only: one of `TASK_CHECKS`; all of them by default.
+        overrides: arguments of `auvbench train`: the task, `task=NAME`, and possibly a vehicle and
+            disturbances.
+        only: one of `TASK_CHECKS`; default: all.
 
     Raises:
-        ConformanceError: it breaks its contract.
-        ConfigError: the overrides are none, or the vehicle cannot do the task.
+        ConformanceError: the task breaks its contract.
+        ConfigError: an override is wrong, or the vehicle cannot do the task.
     """
     config = train_config(compose("train", list(overrides)))
     run_checks(TASK_CHECKS, only, overrides, lambda check: check(config))

@@ -1,4 +1,4 @@
-"""One run carried out: the worker process, the training loop, interruption, checkpoints.
+"""Train one run: the worker process, the training loop, interruption, checkpoints.
 
-Nothing is imported here, so that those who only want to look at files do not wait for torch.
+Nothing is imported here, so that reading files does not import torch.
 """

@@ -1,4 +1,4 @@
-"""Carrying out one run: from a frozen directory to a trained model, or to an error that the manifest names."""
+"""Carry out one run: from a frozen directory to a trained model, or to an error in the manifest."""
 
 from __future__ import annotations
 
@@ -28,13 +28,14 @@ from auvbench.vehicles import sheet
 
 
 def check_runnable(config: schema.TrainConfig) -> None:
-    """Make the controller that a checked configuration names, or a residual adds to, and load its simulator.
+    """Create the controller of a checked configuration (or of its residual), and load its simulator.
 
-    Learners are left out: they work with every vehicle and take seconds to build. So are ROS 2 servers, which may
-    start later.
+    Learners are not created: they work with every vehicle and take seconds to build. ROS 2 servers are not
+    contacted, since they may start later.
 
     Raises:
-        ConfigError: the vehicle cannot do the task or lacks the actuator that fails, the controller cannot steer it, or Gazebo is not installed.
+        ConfigError: the vehicle cannot do the task or lacks the failing actuator, the controller cannot steer
+            it, or Gazebo is not installed.
         VehicleError: Gazebo cannot simulate the vehicle.
         MissingExtraError: the controller, or train.log, needs a package that is not installed.
     """
@@ -51,14 +52,14 @@ def check_runnable(config: schema.TrainConfig) -> None:
 
 
 def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
-    """Trains a run to completion, from its last checkpoint on, and returns its manifest.
+    """Train a run to completion, from its last checkpoint on, and return its manifest.
 
-    A complete run is left as it is, unless its model was lost or damaged: that goes on from its last checkpoint.
-    Ctrl-C and SIGTERM save and leave; a second one leaves at once.
+    A complete run does not change, unless its model was lost or damaged: training then continues from the
+    last checkpoint. Ctrl-C and SIGTERM save and exit; a second one exits at once.
 
     Raises:
-        TrainingError: it failed; the manifest holds the error.
-        KeyboardInterrupt: it was interrupted; the manifest says so.
+        TrainingError: the run failed; the manifest has the error.
+        KeyboardInterrupt: the run was interrupted; the manifest says so.
     """
     manifest = run.manifest()
     if status.finished(run, manifest):
@@ -97,26 +98,27 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
             else:
                 result = {"files": _admit(run, config)}
             with storage(f"cannot write {run.path}"):
-                # With the simulator's versions, which are known by now.
+                # Includes the simulator's versions, which are known by now.
                 manifest = close(
                     "complete", **result, versions=provenance.versions() | complete.releases(config)
                 )
         except LockLostError:
-            raise  # the run and its manifest belong to another process by now
+            raise  # the run and its manifest belong to another process now
         except (KeyboardInterrupt, Exception) as error:
-            interrupted = interruption.behind(error)  # maybe caught by a library on its way
+            interrupted = interruption.behind(error)  # a library may have caught it on the way
             if interrupted is not None:
                 with suppress(OSError):
                     close("interrupted")
                 raise interrupted from (None if interrupted is error else error)
-            with suppress(OSError):  # a full disk takes no manifest either, and the first error is the cause
+            # A full disk cannot store the manifest either, and the first error is the cause.
+            with suppress(OSError):
                 note()
                 worker.fail(run, error)
             if isinstance(error, AuvbenchError):
                 raise
             raise TrainingError(f"{run.id}: {type(error).__name__}: {error}") from error
     if stop.signal is not None:
-        # It came when nothing was left to stop here; a command with several runs must know of it.
+        # The signal arrived when nothing was left to stop here, but a command with several runs must know of it.
         raise interruption.Interrupted(stop.signal, f"{run.path}: complete")
     return manifest
 
@@ -140,8 +142,8 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
     agent = make_agent(run, config.step.frequency)
     assert isinstance(agent, PolicyFile)
     check_policy(config, agent)
-    kept = [run.model / name for name in (NETWORK, CARD) if (run.model / name).is_file()]
-    return {f"{path.parent.name}/{path.name}": integrity.entry_of(path) for path in kept}
+    model_files = [run.model / name for name in (NETWORK, CARD) if (run.model / name).is_file()]
+    return {f"{path.parent.name}/{path.name}": integrity.entry_of(path) for path in model_files}
 
 
 def _try(config: schema.TrainConfig) -> None:

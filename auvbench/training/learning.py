@@ -1,4 +1,4 @@
-"""A run that learns, carried out: its learner on its environments, recorded, watched, resumed where it stopped."""
+"""Train a run: its learner on its environments, with records, progress, checkpoints and resume."""
 
 from __future__ import annotations
 
@@ -40,36 +40,36 @@ class Session:
 
     run: RunDirectory
     learner: Learner
-    """the one that is saved and tested"""
+    """learner that is saved and tested"""
     environment: Batch
     total_steps: int
-    """the budget, in environment steps"""
+    """budget in environment steps"""
     checkpointer: Checkpointer
-    """prepared, with its parts"""
+    """prepared checkpointer with its parts"""
     episodes: EpisodeLog
     events: EventWriter
     reporter: Reporter
     validator: Validator | None
     stop: Request
-    """looked at in every step"""
+    """request to stop, checked in every step"""
     steps: int = 0
-    """environment steps that lie behind"""
+    """finished environment steps"""
     began_at: float | None = None
-    """when training began, by the monotonic clock; None before `begin`"""
+    """start of training by the monotonic clock; None before `begin`"""
     _asked_at: float | None = None
 
     def begin(self) -> int:
-        """As the contract says."""
+        """See `Callbacks.begin`."""
         self.began_at = time.monotonic()
         self.steps = self.checkpointer.restore(self.learner)
         return self.steps
 
     def step(self, steps: int, transition: Transition) -> float:
-        """As the contract says.
+        """See `Callbacks.step`.
 
         Raises:
             TrainingError: an observation or a reward is not finite.
-            Interrupted: the run was asked to stop, and no checkpoint can be waited for.
+            Interrupted: the run was asked to stop, and the next checkpoint is too far away.
         """
         self.steps = steps
         check_step(transition.observation, transition.reward, steps)
@@ -93,10 +93,10 @@ class Session:
         return spent
 
     def checkpoint(self, steps: int) -> None:
-        """As the contract says.
+        """See `Callbacks.checkpoint`.
 
         Raises:
-            Interrupted: the run was asked to stop; it is saved.
+            Interrupted: the run was asked to stop, and is saved.
         """
         self.steps = steps
         lock.verify(self.run.path, every=1.0)
@@ -109,18 +109,20 @@ class Session:
             self.checkpointer.save(self.learner, steps)
 
     def log(self, scalars: Mapping[str, float], steps: int) -> None:
-        """As the contract says."""
+        """See `Callbacks.log`."""
         self.events.write(scalars, steps)
 
     def end(self) -> None:
-        """Call when the learner has returned: saves the last checkpoint, and tests once more where that is owed.
+        """Save the last checkpoint, and run a final validation if it is due; call it when the learner has
+        returned.
 
         Raises:
             TrainingError: the budget is not used up.
         """
         if self.steps < self.total_steps:
             raise TrainingError(
-                f"the learner returned at step {self.steps:,} of {self.total_steps:,}; it must go on until the budget is used up"
+                f"the learner returned at step {self.steps:,} of {self.total_steps:,}; it must continue "
+                "until the budget is used up"
             )
         lock.verify(self.run.path)
         if self.learner.exact_resume:
@@ -131,26 +133,26 @@ class Session:
     def _kept(self) -> str:
         if self.learner.exact_resume:
             return f"the last checkpoint is of step {self.checkpointer.saved_step:,}"
-        return "which this learner cannot go on from: it begins anew"
+        return "which this learner cannot continue from: it begins anew"
 
     def _leave(self, what: str) -> None:
         assert self.stop.signal is not None
         cause = {"SIGINT": "Ctrl-C", "SIGTERM": "SIGTERM"}.get(self.stop.signal.name, self.stop.signal.name)
-        goes_on = "; the same command goes on from there" if self.learner.exact_resume else ""
+        goes_on = "; run the same command to continue from it" if self.learner.exact_resume else ""
         raise Interrupted(self.stop.signal, f"{self.run.path}: stopped by {cause}, {what}{goes_on}")
 
 
 def reached(steps: int, reporter: Reporter) -> dict[str, Any]:
-    """What a manifest says of a training that has come so far."""
+    """Return the manifest entries of a training at its present step."""
     return {"steps": steps, "episodes": reporter.episodes, "success_rate": reporter.success_rate}
 
 
 def check_step(observations: NDArray[Any], rewards: NDArray[Any], step: int) -> None:
-    """Raises `TrainingError` when what the environments returned in this step is not finite.
+    """Raise `TrainingError` if the environments returned a value that is not finite in this step.
 
     Args:
-        observations: (n, d), as the environments give them: no clipping has hidden an infinity.
-        rewards: (n,), likewise.
+        observations: (n, d) unclipped observations of the environments.
+        rewards: (n,) unclipped rewards of the environments.
         step: environment steps so far, for the message.
     """
     for what, values in (("observation", observations), ("reward", rewards)):
@@ -174,21 +176,22 @@ def learn(
     stop: Request,
     note: Callable[..., object],
 ) -> dict[str, Any]:
-    """Trains the learner of a run, from its last checkpoint on; returns what its manifest is to say.
+    """Train the learner of a run from its last checkpoint on; return the entries for its manifest.
 
     Args:
-        run: its frozen directory.
-        config: its typed configuration.
-        watch: called with each report of progress.
-        stop: set to make the run save and stop.
-        note: called after each checkpoint with entries for the manifest.
+        run: frozen directory of the run.
+        config: typed configuration of the run.
+        watch: function called with each report of progress.
+        stop: request; once set, the run saves and stops.
+        note: function called after each checkpoint with entries for the manifest.
 
     Raises:
-        TrainingError: a NaN, or a disk that is full, read-only or failing.
+        TrainingError: a number is NaN, or the disk is full, read-only or failing.
         Interrupted: `stop` was set; a checkpoint is written.
     """
     begun = time.monotonic()
-    earlier: dict[str, float] = run.manifest().get("phases", {})  # of attempts that could still write it
+    # phases of earlier attempts that could still write the manifest
+    earlier: dict[str, float] = run.manifest().get("phases", {})
     train = config.train
     checkpointer = Checkpointer(
         run.path,
@@ -216,7 +219,7 @@ def learn(
         }
         return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
 
-    # The same in every attempt, but not in a run made anew.
+    # The same in every attempt of a run, but different after the run is created again.
     key = digest_of([run.id, run.manifest()["created"]], 32)
     tracker = tracking.start(train.log, key, run.config(), run.id)
     with storage(f"cannot write the records of {run.path}"):
@@ -250,7 +253,7 @@ def learn(
             session.end()
             reporter.step(session.steps, force=True)
         except LockLostError:
-            log.abandon()  # the files belong to another process by now
+            log.abandon()  # the files belong to another process now
             raise
         except BaseException:
             with suppress(OSError):
@@ -263,7 +266,7 @@ def learn(
             writer.close()
     trained = time.monotonic()
     with storage(f"cannot write {run.model}"):
-        # On the disk before the manifest says so: a loss of power right after that leaves a whole run.
+        # Flushed before the manifest records the files, so that a power loss right after it leaves an intact run.
         written = [name for name in (EPISODES, EVENTS, VALIDATION) if (run.path / name).exists()]
         for name in written:
             fsync(run.path / name)
@@ -274,10 +277,10 @@ def learn(
 
 
 def _tell_what_is_lost(run: RunDirectory, step: int | None, exact: bool, learner: Learner) -> None:
-    """Names in the manifest what an attempt that begins now cannot bring back of the one before.
+    """Record in the manifest what a resumed attempt cannot restore.
 
-    `episodes_begun_again` lists the steps at which the simulator could not, `started_over` those that an attempt of a
-    learner that cannot had reached.
+    `episodes_begun_again` lists the steps at which the simulator could not be restored; `started_over` lists
+    the steps that a learner without exact resume had reached.
     """
     manifest = run.manifest()
     if step is not None and not exact:
@@ -288,7 +291,7 @@ def _tell_what_is_lost(run: RunDirectory, step: int | None, exact: bool, learner
 
 
 def _model(learner: Learner) -> dict[str, bytes]:
-    """The files of a trained learner, by name."""
+    """Return the files of a trained learner, by name."""
     with tempfile.TemporaryDirectory(prefix="auvbench-model-") as folder:
         learner.save(Path(folder))
         return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}

@@ -1,8 +1,10 @@
-"""Tests on validation scenarios while a run trains: `train/validation.csv`, a row every `train.evaluate_every` steps.
+"""Test a run on validation scenarios during training: `train/validation.csv`, one row every
+`train.evaluate_every` steps.
 
-The policy of that moment, deterministic and with frozen statistics, on the scenarios of `conf/protocol/validation.yaml`.
-They come from a stream of their own, so that early stopping and the choice of a policy see no scenario of a test.
-Nothing here draws from a generator that training uses: the trained weights are the same bits with and without it.
+Each test uses the present policy, deterministic and with frozen statistics, on the scenarios of
+`conf/protocol/validation.yaml`. These scenarios have their own stream, so that early stopping and the choice
+of a policy see no test scenario. The tests draw from no generator that training uses: the trained weights
+have the same bits with and without them.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from auvbench.runs.progress import EpisodeLog
 def columns(task: str) -> tuple[str, ...]:
     """Return the columns for a task; docs/runs.md defines them.
 
-    All but the last are the same bits whenever the run is repeated.
+    All columns but the last have the same bits whenever the run is repeated.
     """
     rates = (f"{outcome}_rate" for outcome in TASKS[task].outcomes)
     means = (f"mean_{name}" for name in _means(task))
@@ -36,23 +38,23 @@ def columns(task: str) -> tuple[str, ...]:
 
 
 def _means(task: str) -> list[str]:
-    """Return the columns of a record whose means are written: times, and what the task is ranked by."""
+    """Return the record columns whose means are written: times, and the task's primary measure."""
     primary = TASKS[task].primary.removeprefix("mean_")
     return ["steps", "duration_s", *([primary] if primary in record_columns(task) else [])]
 
 
 class Validator:
-    """Tests the policy that is being trained, and appends a row for each test.
+    """Tests the policy during training, and appends a row for each test.
 
     Args:
-        config: the run's resolved configuration, plain.
+        config: resolved, plain configuration of the run.
         every: environment steps between two tests.
-        path: of the CSV file.
-        keep: bytes of it that stay, where a run goes on; None begins it anew.
-        show: called with the rates by name and the step, for other displays.
+        path: path of the CSV file.
+        keep: number of bytes to keep when a run continues; None starts a new file.
+        show: function called with the rates by name and the step, for other displays.
 
     Attributes:
-        spent: s of wall time that the tests took in this process.
+        spent: wall time in s of the tests in this process.
     """
 
     def __init__(
@@ -63,7 +65,7 @@ class Validator:
         keep: int | None,
         show: Callable[[dict[str, float], int], object],
     ) -> None:
-        # The installed file, not one in ./conf: a run that goes on elsewhere must meet the same scenarios.
+        # The installed file, not a file in ./conf: a run that continues elsewhere must meet the same scenarios.
         self._protocol = evaluate_config(compose("evaluate", ["protocol=validation"], folder=None)).protocol
         conditions = resolve_conditions(self._protocol, config)
         self._config = conditions[0].config
@@ -77,25 +79,27 @@ class Validator:
         self._log.flush()
 
     def is_due(self, steps: int, n: int) -> bool:
-        """Whether the last step of n environments, with which `steps` lie behind, passed a multiple of the interval."""
+        """Return whether the last step of n environments, up to `steps` in total, passed a multiple of the
+        interval.
+        """
         return steps // self._every > (steps - n) // self._every
 
     def is_owed(self, steps: int, n: int) -> bool:
-        """Whether the end of a training is still to be tested.
+        """Return whether the end of a training must still be tested.
 
-        That is where the budget is no multiple of the interval; a run that goes on from its last checkpoint comes
-        here too.
+        That is the case if the budget is not a multiple of the interval, also for a run that continues from
+        its last checkpoint.
         """
         return steps % self._every >= n and self._tested != steps
 
     def test(self, agent: Agent, steps: int, episodes: int, elapsed: float) -> float:
-        """Tests a policy and writes a row; returns the s that this took.
+        """Test a policy and write a row; return the duration in s.
 
         Args:
-            agent: acts as the policy does now.
-            steps: environment steps that lie behind.
-            episodes: training episodes that have ended.
-            elapsed: s of wall time of training so far, without tests.
+            agent: agent that acts as the policy does now.
+            steps: finished environment steps.
+            episodes: number of ended training episodes.
+            elapsed: wall time in s of training so far, without tests.
         """
         began = time.monotonic()
         records = roll_out(
@@ -128,5 +132,5 @@ class Validator:
         return spent
 
     def close(self) -> None:
-        """Closes the file."""
+        """Close the file."""
         self._log.close()

@@ -1,10 +1,11 @@
-"""One process, one run: `python -m auvbench.training.worker RUN_DIR` trains or resumes a frozen run directory.
+"""Carry out one run in one process: `python -m auvbench.training.worker RUN_DIR` trains or resumes a frozen
+run directory.
 
-Every backend ends up here, so that a run is the same on every backend: one thread of arithmetic,
-the run's lock held, output appended to the run's `train/log.txt`, an error written into its manifest.
+Every backend starts this worker, so that a run is the same on every backend: one thread of arithmetic, the
+run's lock held, output appended to the run's `train/log.txt`, an error written into its manifest.
 
-Exit codes: 0 complete, 1 failed (the manifest says why), 2 no such run, 75 held by another process, 130 or 143
-interrupted by SIGINT or SIGTERM after saving.
+Exit codes: 0 complete, 1 failed (the manifest has the error), 2 no such run, 75 locked by another process,
+130 or 143 interrupted by SIGINT or SIGTERM after saving.
 """
 
 from __future__ import annotations
@@ -32,10 +33,10 @@ from auvbench.runs.pool import ONE_THREAD
 from auvbench.untrusted import path_safety, text
 
 TARGET = "auvbench.training.execute:execute"
-"""What a worker calls with the run directory, as module:function."""
+"""Function that a worker calls with the run directory, as module:function."""
 
 HELD = 75
-"""Exit code of a worker that found its run held by another process (EX_TEMPFAIL of sysexits.h)."""
+"""Exit code of a worker whose run is locked by another process (EX_TEMPFAIL of sysexits.h)."""
 
 LOG = Path("train", "log.txt")
 
@@ -43,7 +44,7 @@ Target = Callable[[RunDirectory], Any]
 
 
 def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
-    """Carries out a run in this process and returns the exit code; never raises."""
+    """Carry out a run in this process and return the exit code; never raise."""
     plain_warnings()
     text.forgiving()
     try:
@@ -74,24 +75,24 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
 
 
 def carry_out(run: RunDirectory, function: Target, request: Request | None = None) -> None:
-    """Calls `function(run)` with the run's lock held; what it raises is in the manifest before it gets out.
+    """Call `function(run)` with the run's lock held; record an exception in the manifest before raising it.
 
     Args:
-        run: the run directory.
-        function: what carries it out.
-        request: of `interruption.immediate`, if signals are handled by it.
+        run: run directory.
+        function: function that carries out the run.
+        request: request of `interruption.immediate`, if it handles the signals.
 
     Raises:
-        KeyboardInterrupt: it was interrupted, also if a library turned that into another error.
+        KeyboardInterrupt: the run was interrupted, even if a library raised another error instead.
     """
     job = f"slurm:{os.environ['SLURM_JOB_ID']}" if "SLURM_JOB_ID" in os.environ else None
     with lock.acquire(run.path, job=job):
-        if status.finished(run):  # another process finished it meanwhile
+        if status.finished(run):  # another process has finished it meanwhile
             return
         try:
             function(run)
         except lock.LockLostError:
-            raise  # the manifest belongs to another process by now
+            raise  # the manifest belongs to another process now
         except BaseException as error:
             interrupted = interruption.behind(error)
             if interrupted is None and request is not None and request.signal is not None:
@@ -99,32 +100,32 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
             if interrupted is not None:
                 _interrupted(run)
                 raise interrupted from (None if interrupted is error else error)
-            with contextlib.suppress(OSError):  # on a full disk the first error is the one to tell
+            with contextlib.suppress(OSError):  # on a full disk, report the first error
                 if not (run.manifest()["state"] == "failed" and run.manifest()["error"]):
-                    fail(run, error)  # unless the loop did it
+                    fail(run, error)  # unless the loop has recorded the failure
             raise
 
 
 def _resolve(target: str) -> Target:
     function: Target = registry.resolve(target)
     if (torch := sys.modules.get("torch")) is not None:
-        torch.set_num_threads(1)  # also where it was imported before
+        torch.set_num_threads(1)  # also if it was imported before
     return function
 
 
 def _interrupted(run: RunDirectory) -> None:
-    """Leave the manifest so where the training loop could not do that itself."""
+    """Record an interruption in the manifest if the training loop could not."""
     with contextlib.suppress(OSError):
         if run.manifest()["state"] in ("pending", "running"):
             run.update_manifest(state="interrupted", ended=now())
 
 
 class WorkerDied(Exception):
-    """A worker could not record its end itself."""
+    """A worker could not record its own end."""
 
 
 def fail(run: RunDirectory, error: BaseException) -> None:
-    """Marks a run as failed. The caller holds its lock."""
+    """Mark a run as failed. The caller must hold its lock."""
     name = type(error).__name__
     detail = {
         "type": name,
@@ -136,7 +137,7 @@ def fail(run: RunDirectory, error: BaseException) -> None:
 
 
 def redirect(path: Path) -> None:
-    """Appends this process's stdout and stderr, also of libraries in C, to a file."""
+    """Append this process's stdout and stderr, including output of C libraries, to a file."""
     path.parent.mkdir(exist_ok=True)
     for stream in (sys.stdout, sys.stderr):
         stream.flush()
@@ -146,11 +147,11 @@ def redirect(path: Path) -> None:
     os.close(file)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
-            stream.reconfigure(line_buffering=True)  # the log is to be read while the run goes on
+            stream.reconfigure(line_buffering=True)  # the log must be readable while the run continues
 
 
 class Requeue:
-    """SIGUSR1 (SLURM's announcement of the time limit): save, have the job queued again, leave."""
+    """Handler of SIGUSR1 (SLURM's announcement of the time limit): save, requeue the job, exit."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -161,15 +162,15 @@ class Requeue:
         os.kill(os.getpid(), signal.SIGTERM)
 
     def finish(self) -> None:
-        """Asks SLURM, which ends this process in doing so."""
+        """Ask SLURM to requeue the job, which ends this process."""
         if self.asked:
             job = os.environ["SLURM_JOB_ID"]
-            print(f"time limit near: job {job} goes back into the queue", flush=True)
+            print(f"time limit near: job {job} is requeued", flush=True)
             answer = subprocess.run(["scontrol", "requeue", job], capture_output=True, text=True, check=False)
             if answer.returncode:
                 print(f"auvbench: requeue refused: {answer.stderr.strip()}", file=sys.stderr)
             else:
-                time.sleep(30)  # it is SLURM that ends us; leaving first would look like a failed job
+                time.sleep(30)  # SLURM ends this process; exiting first would look like a failed job
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -177,8 +178,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("run", type=Path, help="a frozen run directory")
     parser.add_argument("--target", default=TARGET, help="module:function that carries out the run")
     parser.add_argument("--log", action="store_true", help="append output to the run's train/log.txt")
-    parser.add_argument("--requeue", action="store_true", help="on SIGUSR1 save and have SLURM requeue us")
-    parser.add_argument("--parent", type=int, help="the process with which this one is to die")
+    parser.add_argument(
+        "--requeue", action="store_true", help="on SIGUSR1 save and let SLURM requeue this job"
+    )
+    parser.add_argument("--parent", type=int, help="pid of the process with which this one must end")
     given = parser.parse_args(arguments)
     if given.parent is not None:
         interruption.die_with_parent(given.parent)

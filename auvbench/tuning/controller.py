@@ -1,4 +1,4 @@
-"""The controller of a study: it has the runs of trials carried out by a launcher until nothing is left to do."""
+"""Control a study: schedule the runs of its trials on a launcher until nothing is left to do."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from auvbench.tuning.search import ERROR, Objective, Score, Search, Step
 
 
 class StudyView(View):
-    """Shows a study: the runs at work, the counts of trials and the best one."""
+    """Display of a study: active runs, counts of trials and the best trial."""
 
     def __init__(self, search: Search, objective: Objective, console: Console) -> None:
         super().__init__(console)
@@ -98,25 +98,25 @@ def worth(score: Score, objective: Objective) -> str:
 
 
 AT_ONCE = 8
-"""runs at once on a cluster with a queue, unless launcher.workers sets the number"""
+"""number of simultaneous runs on a cluster with a queue, unless launcher.workers sets it"""
 HELD_FOR = 60.0
-"""s to wait for a run that a worker of an earlier, killed controller still holds"""
+"""s to wait for a run that is still locked by a worker of an earlier, killed controller"""
 TRIES = 3
-"""how often a run starts whose worker dies"""
+"""number of starts of a run whose worker dies"""
 
 
 @dataclass(slots=True)
 class TrialRuns:
-    """Runs that belong together, and what to do when all are complete or one failed."""
+    """Runs that belong together, with what to do when all are complete or one has failed."""
 
     left: set[Path]
-    """runs that are not complete"""
+    """incomplete runs"""
     done: Callable[[], None]
     failed: Callable[[str], None]
 
 
 class Controller(Loop):
-    """A scheduling loop that asks a search for runs; the backend's target is `runs.TARGET`."""
+    """Scheduling loop that asks a search for runs; the backend's target is `runs.TARGET`."""
 
     view: StudyView
 
@@ -125,13 +125,13 @@ class Controller(Loop):
         self.study, self.search = study, search
         self.plan = search.plan
         self.jobs: list[TrialRuns] = []
-        self.held: dict[Path, float] = {}  # since when
+        self.held: dict[Path, float] = {}  # time since which each run has been locked
         self.started: dict[Path, int] = {}
         self.stopped = ""
         self.confirmed = False
 
     def goes_on(self) -> bool:
-        """Start what there is room for; return whether anything is left to do."""
+        """Start as many runs as there is room for; return whether anything is left to do."""
         self._recheck_held()
         room = self.backend.limit or AT_ONCE
         while not self.signals and not self.stopped:
@@ -140,7 +140,7 @@ class Controller(Loop):
         return super().goes_on() or bool(self.held)
 
     def _begin(self) -> bool:
-        """Begin the next step of the search, or the runs with fresh seeds; return whether there was one."""
+        """Begin the next step of the search, or the runs with fresh seeds; return whether anything was begun."""
         step = self.search.next()
         if step is not None:
             self._begin_step(step)
@@ -151,13 +151,13 @@ class Controller(Loop):
         return self._begin_confirmation()
 
     def _begin_step(self, step: Step) -> None:
-        made = runs.prepare(
+        prepared = runs.prepare(
             self.plan, self.study, self.search.algo(self.search.trials[step.trial]), step.rung
         )
 
         def done() -> None:
-            self._test(made, self.plan.protocol)
-            score = self.view.objective.of(made, self.plan.protocol.name)
+            self._test(prepared, self.plan.protocol)
+            score = self.view.objective.of(prepared, self.plan.protocol.name)
             self.search.report(step, score)
             self.view.reported(step, score)
 
@@ -165,20 +165,20 @@ class Controller(Loop):
             self.search.fail(step, why)
             self.view.say(f"trial {step.trial} failed: {why}")
 
-        self._enter(made, done, failed)
+        self._enter(prepared, done, failed)
 
     def _begin_confirmation(self) -> bool:
-        """Train the best and the untuned settings with seeds that the search has not seen."""
+        """Train the best and the untuned settings with seeds outside the search."""
         best = self.search.best
         if best is None or not self.plan.tune.fresh_seeds:
             return False
         both = (self.search.algo(best), self.plan.base["algo"])
         configs = [config for algo in both for config in runs.fresh(self.plan, self.study, algo)]
-        made = [freeze(config, self.plan.command) for config in configs]
-        self.view.confirming(best.number, len(made))
+        frozen = [freeze(config, self.plan.command) for config in configs]
+        self.view.confirming(best.number, len(frozen))
         self._enter(
-            made,
-            lambda: self._test(made, self.plan.fresh_protocol),
+            frozen,
+            lambda: self._test(frozen, self.plan.fresh_protocol),
             lambda why: self.view.say(f"with fresh seeds: {why}"),
         )
         return True
@@ -190,7 +190,7 @@ class Controller(Loop):
     def _enter(
         self, made: list[RunDirectory], done: Callable[[], None], failed: Callable[[str], None]
     ) -> None:
-        # Two trials of equal settings share their runs; a run may also outlive its failed trial.
+        # Two trials with equal settings share their runs; a run may also outlive its failed trial.
         claimed = {path for job in self.jobs for path in job.left} | self.held.keys()
         claimed |= {run.path for run in (*self.waiting, *self.active.values())}
         fresh = {run.path: run for run in made if run.path not in claimed}
@@ -210,8 +210,8 @@ class Controller(Loop):
 
     def _settle(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
         # The holder of a complete run is testing it.
-        held = outcome is Outcome.HELD or lock.living_holder(run.path) is not None
-        if held and outcome in (Outcome.HELD, Outcome.COMPLETE) and not self.signals:
+        is_held = outcome is Outcome.HELD or lock.living_holder(run.path) is not None
+        if is_held and outcome in (Outcome.HELD, Outcome.COMPLETE) and not self.signals:
             self.held[run.path] = time.monotonic()
             return
         super()._settle(run, outcome, message)
@@ -223,7 +223,7 @@ class Controller(Loop):
             self._stop(f"{run.path}: {outcome}{f' ({message})' if message else ''}")
 
     def _failed(self, run: RunDirectory, message: str) -> None:
-        """Fail the trial for what its settings caused; restart a dead worker; stop for anything else."""
+        """Fail the trial if its settings caused the error; restart a dead worker; stop for any other error."""
         error = run.manifest()["error"] or {}
         self.started[run.path] = self.started.get(run.path, 0) + 1
         if _is_divergence(str(error.get("type")), str(error.get("message"))):
@@ -237,7 +237,7 @@ class Controller(Loop):
             self._stop(f"{run.path}: {message}")
 
     def _stop(self, why: str) -> None:
-        """Start nothing more; runs that are active go on to their end."""
+        """Start no further runs; active runs continue to their end."""
         if not self.stopped:
             self.stopped = why
             self.view.say(f"stopped: {why}")
@@ -253,21 +253,21 @@ class Controller(Loop):
                 del self.held[path]
                 self.waiting.append(RunDirectory(path))
             elif time.monotonic() - since > HELD_FOR:
-                self._stop(f"{path} is held by {holder}")
+                self._stop(f"{path} is locked by {holder}")
 
     def carry_out(self) -> Result:
-        """Carry out the study, until it is complete or a signal comes.
+        """Carry out the study until it is complete or a signal arrives.
 
         Raises:
-            TrainingError: A run failed for a reason other than its settings.
+            TrainingError: a run failed for a reason other than its settings.
         """
         result = self.drive()
         if self.stopped:
-            raise TrainingError(f"{self.stopped}; the same command goes on from here")
+            raise TrainingError(f"{self.stopped}; run the same command to continue")
         return result
 
 
 def _is_divergence(kind: str, message: str) -> bool:
-    """Return whether a training failed through its settings: a number became infinite or NaN."""
+    """Return whether a training failed because of its settings: a number became infinite or NaN."""
     words = ("not finite", "became", " is nan", " is inf", " is -inf")
     return kind in ("TrainingError", "ActionError") and any(word in message for word in words)

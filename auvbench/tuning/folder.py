@@ -1,4 +1,4 @@
-"""The folder of a study, `<output>/tune/<name>/`, and the plan in it; docs/tuning.md has the layout."""
+"""Manage the folder of a study, `<output>/tune/<name>/`, and its plan; docs/tuning.md describes the layout."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Prose
 
 CONTROLLER = "controller"
-"""folder next to the journal; the study's controller holds its lock"""
+"""folder next to the journal that carries the lock of the study's controller"""
 
 LARGEST = 1 << 28
-"""bytes of the longest journal that is read"""
+"""largest journal to read, in bytes"""
 
 DIGEST = "digest"
 
 
 class Journal(BaseJournalBackend):
-    """A journal file with one writer, the holder of the study's lock.
+    """Journal file with one writer, the holder of the study's lock.
 
     Raises:
-        RunError: A line is damaged, or the file cannot be read.
+        RunError: a line is damaged, or the file cannot be read.
     """
 
     def __init__(self, path: Path) -> None:
@@ -55,9 +55,7 @@ class Journal(BaseJournalBackend):
             return
         except (OSError, ValueError) as error:
             raise RunError(f"{path}: cannot be read: {error}") from error
-        for line in data.split(b"\n")[
-            :-1
-        ]:  # what follows the last line break is a line that a kill cut short
+        for line in data.split(b"\n")[:-1]:  # text after the last line break is a line that a kill truncated
             self._take(line)
 
     def _take(self, line: bytes) -> None:
@@ -68,8 +66,8 @@ class Journal(BaseJournalBackend):
         except ValueError as error:
             why = str(error).splitlines()[0]
             raise RunError(
-                f"{self.path} line {len(self.logs) + 1} is damaged ({why}): restore the file, or decide the study anew "
-                f"(mv {self.path} ELSEWHERE); complete runs are not trained again"
+                f"{self.path} line {len(self.logs) + 1} is damaged ({why}): restore the file, or start over "
+                f"(mv {self.path} ELSEWHERE). Finished runs are reused."
             ) from error
         self._last = self._digest(log)
         self._size += len(line) + 1
@@ -80,15 +78,15 @@ class Journal(BaseJournalBackend):
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def read_logs(self, log_number_from: int) -> list[dict[str, Any]]:
-        """Return the operations from a number on."""
+        """Return the operations from number `log_number_from` on."""
         return self.logs[log_number_from:]
 
     def append_logs(self, logs: list[dict[str, Any]]) -> None:
-        """Add operations; they are on the disk when this returns.
+        """Append operations; they are on the disk when this returns.
 
         Raises:
-            LockLostError: Another process holds the study.
-            TrainingError: The disk is full or failing.
+            LockLostError: another process has the study.
+            TrainingError: the disk is full or failing.
         """
         lock.verify(self.path.parent / CONTROLLER)
         with storage(f"cannot write {self.path}"):
@@ -112,19 +110,19 @@ RUNS, FRESH = "runs", "fresh"
 """folders of the trials' runs and of the runs with fresh seeds"""
 
 FREE = ("trials", "fresh_seeds")
-"""keys of `tune` that may change in a study that goes on"""
+"""keys of `tune` that may change when a study continues"""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What defines a study; study.json holds it."""
+    """Definition of a study, stored in study.json."""
 
     name: str
     seed: int
     base: dict[str, Any]
     """plain configuration of a run; a trial sets algo, seed, name, output and budget"""
     tune: Tune
-    """its space holds all ranges of the study"""
+    """settings of the search; its space has all ranges of the study"""
     protocol: schema.Protocol
     command: Prose
     version: str = __version__
@@ -142,20 +140,20 @@ class Plan:
 
     @property
     def budgets(self) -> tuple[int, ...]:
-        """Return the environment steps of each rung; one rung where nothing is pruned or trained."""
-        one = self.tune.pruner == "none" or not self.learns
-        return tuple(self.tune.rungs[-1:] if one else self.tune.rungs)
+        """Return the environment steps of each rung; one rung if trials are not pruned or not trained."""
+        single_rung = self.tune.pruner == "none" or not self.learns
+        return tuple(self.tune.rungs[-1:] if single_rung else self.tune.rungs)
 
     @property
     def fresh_protocol(self) -> schema.Protocol:
-        """Return the test of runs with fresh seeds: validation scenarios that the search has not seen."""
+        """Return the protocol for runs with fresh seeds: validation scenarios outside the search."""
         return replace(
             self.protocol, name=f"{self.protocol.name}-fresh", seed=(self.protocol.seed + 1) % (1 << 32)
         )
 
 
 class StudyFolder:
-    """The paths of a study."""
+    """Paths of a study."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -168,7 +166,7 @@ class StudyFolder:
         """Lock the study for this process.
 
         Raises:
-            RunError: Another process holds it, the folder cannot be written, or a link leads out of it.
+            RunError: another process has the study, the folder is not writable, or a link leads out of it.
         """
         place = self.path / CONTROLLER
         with storage(f"cannot write {self.path}"):
@@ -178,7 +176,7 @@ class StudyFolder:
         return lock.acquire(place)
 
     def write(self, plan: Plan) -> None:
-        """Write the plan; a study that goes on takes the trials and fresh seeds that were typed."""
+        """Write the plan; a continued study gets the typed numbers of trials and fresh seeds."""
         with storage(f"cannot write {self.plan_path}"):
             write_json(self.plan_path, asdict(plan))
 
@@ -186,7 +184,7 @@ class StudyFolder:
         """Return the plan of the study.
 
         Raises:
-            RunError: It is missing, damaged, or of another version.
+            RunError: the plan is missing, damaged, or of another version.
         """
         try:
             plan = typed_json.read(self.plan_path, Plan)
@@ -211,10 +209,10 @@ def of_run(run: Path) -> tuple[Plan, schema.Protocol]:
 
 
 def refuse_change(folder: StudyFolder, there: Plan, here: Plan) -> None:
-    """Refuse a command that would change the study in the folder.
+    """Raise ConfigError for a command that would change the study in the folder.
 
     Raises:
-        ConfigError: Names the changed values.
+        ConfigError: a value differs; the message names the changed values.
     """
     searched = {**there.tune.space, **here.tune.space}
     old, new = (_values(plan, searched) for plan in (there, here))
@@ -226,13 +224,13 @@ def refuse_change(folder: StudyFolder, there: Plan, here: Plan) -> None:
         ]
         more = f" and {len(changed) - 4} more" if len(changed) > 4 else ""
         raise ConfigError(
-            f"{folder.path}: the study has other values: {', '.join(shown)}{more}; type the old values to go on, "
+            f"{folder.path}: the study has other values: {', '.join(shown)}{more}; type the old values to continue, "
             "or name=NAME for another study"
         )
 
 
 def _values(plan: Plan, searched: Mapping[str, str]) -> dict[str, Any]:
-    """Return what makes a study by key; a searched key has its range, in place of the base's value."""
+    """Return the values that define a study, by key; a searched key has its range instead of the base's value."""
     values = flat(
         {
             "seed": plan.seed,

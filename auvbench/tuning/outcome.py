@@ -1,4 +1,4 @@
-"""A study's result: its trials, and how the best settings do with fresh seeds."""
+"""Compute a study's result: its trials, and the best settings' performance with fresh seeds."""
 
 from __future__ import annotations
 
@@ -29,33 +29,33 @@ from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.search import ERROR, Trials, open_study
 
 FEWEST_TRIALS = 10
-"""complete trials of different scores from which importances are computed"""
+"""smallest number of complete trials with different scores for importances"""
 
 _STATES = {TrialState.COMPLETE: "done", TrialState.PRUNED: "pruned", TrialState.RUNNING: "running"}
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """The best and the untuned settings in one measure, with seeds and scenarios that the search has not seen."""
+    """Comparison of the best and the untuned settings in one measure, with seeds and scenarios outside the search."""
 
     measure: Measure
     tuned: Estimate
     untuned: Estimate
     difference: Estimate
-    """tuned less untuned, of learners between typical trainings; no ends below five trainings"""
+    """tuned less untuned, for learners between typical trainings; without limits below five trainings"""
     trainings: int = 0
-    """of each; 0 for a controller"""
+    """number of trainings of each; 0 for a controller"""
     reliability: Reliability | None = None
     """tuned trainings that are not behind the typical untuned one"""
 
 
 @dataclass
 class Outcome(Trials):
-    """The result of a study."""
+    """Result of a study."""
 
     folder: StudyFolder
     gains: tuple[Gain, ...] = ()
-    """by both measures; empty until all runs with fresh seeds are tested"""
+    """gains by the two measures; empty until all runs with fresh seeds are tested"""
     broken: tuple[str, ...] = ()
     """trainings with fresh seeds that failed"""
 
@@ -72,7 +72,7 @@ class Outcome(Trials):
 
     @property
     def steps(self) -> int:
-        """Return the environment steps of training in the search."""
+        """Return the environment steps of all trainings in the search."""
         seeds = len(self.plan.tune.seeds) if self.plan.learns else 0
         return seeds * sum(trial.last_step or 0 for trial in self.trials)
 
@@ -83,7 +83,9 @@ class Outcome(Trials):
 
     @property
     def evaluator(self) -> PedAnovaImportanceEvaluator:
-        """Return PED-ANOVA (Watanabe, Bansal & Hutter 2023), which asks what the best tenth of the trials shares."""
+        """Return PED-ANOVA (Watanabe, Bansal & Hutter 2023), which measures what the best tenth of the trials
+        has in common.
+        """
         return PedAnovaImportanceEvaluator(target_quantile=max(0.1, 5 / max(FEWEST_TRIALS, self.complete)))
 
     @cached_property
@@ -101,29 +103,31 @@ def state_of(trial: FrozenTrial) -> str:
 
 
 def read(folder: StudyFolder) -> Outcome:
-    """Return the study as it is; write nothing.
+    """Return the present state of the study; write nothing.
 
     Raises:
-        RunError: The study is missing or damaged.
+        RunError: the study is missing or damaged.
     """
     plan = folder.read()
-    found = Outcome(plan, open_study(plan, folder.journal), folder)
-    if found.best is not None and plan.tune.fresh_seeds:
-        both = {"tuned": found.algo(found.best), "untuned": plan.base["algo"]}
-        made = {label: list(map(place, runs.fresh(plan, folder, algo))) for label, algo in both.items()}
-        found.gains, found.broken = _gains(found, made), _broken(plan, made)
-    return found
+    result = Outcome(plan, open_study(plan, folder.journal), folder)
+    if result.best is not None and plan.tune.fresh_seeds:
+        both = {"tuned": result.algo(result.best), "untuned": plan.base["algo"]}
+        run_directories = {
+            label: list(map(place, runs.fresh(plan, folder, algo))) for label, algo in both.items()
+        }
+        result.gains, result.broken = _gains(result, run_directories), _broken(plan, run_directories)
+    return result
 
 
 def _broken(plan: Plan, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[str, ...]:
-    found = []
+    lines = []
     for label, group in made.items():
         for run, seed in zip(group, plan.tune.fresh_seeds, strict=False):
             manifest = run.manifest() if run.exists() else {}
             if manifest.get("state") == "failed":
                 why = " ".join(str((manifest["error"] or {}).get("message", "no reason given")).split())
-                found.append(f"{label}, seed {seed}: {why}")
-    return tuple(found)
+                lines.append(f"{label}, seed {seed}: {why}")
+    return tuple(lines)
 
 
 def _gains(of: Outcome, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[Gain, ...]:
@@ -133,10 +137,12 @@ def _gains(of: Outcome, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[Gai
         return ()
     gains = []
     for m in dict.fromkeys((of.objective.measure, of.objective.then)):
-        found = Typical(agents, m)
+        typical = Typical(agents, m)
         tuned, untuned = (search.interval(agent, m) for agent in agents)
-        reliable = reliability_of(agents, found, 0, 1, 0.0, 0.95)
-        gains.append(Gain(m, tuned, untuned, found.difference(0, 1, ALPHA), found.fewest((0, 1)), reliable))
+        reliable = reliability_of(agents, typical, 0, 1, 0.0, 0.95)
+        gains.append(
+            Gain(m, tuned, untuned, typical.difference(0, 1, ALPHA), typical.fewest((0, 1)), reliable)
+        )
     return tuple(gains)
 
 
@@ -147,7 +153,7 @@ def name_of(plan: Plan) -> str:
 
 
 def write(found: Outcome, best: FrozenTrial, evidence: str) -> None:
-    """Write the plain values of the best settings as a preset; `evidence` is a sentence about their gain."""
+    """Write the values of the best settings as a preset; `evidence` is a sentence about their gain."""
     plan, path, algo, trials = found.plan, found.folder.best, found.algo(best), len(found.trials)
     today = datetime.now(UTC).date().isoformat()
     git = provenance.git()

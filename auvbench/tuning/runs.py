@@ -1,4 +1,4 @@
-"""The run directories of a study's trials, and the work of a worker on one: train it, then test it."""
+"""Create the run directories of a study's trials, and carry out one: train it, then test it."""
 
 from __future__ import annotations
 
@@ -31,30 +31,31 @@ def configuration(
 
 
 def of_trial(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) -> list[RunDirectory]:
-    """Return a trial's runs at a rung, one per seed; they may not exist."""
+    """Return a trial's runs at a rung, one per seed; they may not exist yet."""
     budget = plan.budgets[rung]
     return [place(configuration(plan, study, algo, seed, budget)) for seed in plan.tune.seeds]
 
 
 def prepare(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) -> list[RunDirectory]:
-    """Make the runs that bring a trial to a rung; a later rung goes on from the checkpoint of the rung before.
+    """Create the runs that bring a trial to a rung; a later rung continues from the checkpoint of the
+    previous rung.
 
     Raises:
-        RunError: The run of the rung before is missing or damaged.
+        RunError: the run of the previous rung is missing or damaged.
     """
-    made = []
+    directories = []
     for i, run in enumerate(of_trial(plan, study, algo, rung)):
         if rung and not extending.has_begun(run):
             shorter = of_trial(plan, study, algo, rung - 1)[i]
-            made.append(extending.prepare(shorter, plan.budgets[rung]).begin(plan.command))
+            directories.append(extending.prepare(shorter, plan.budgets[rung]).begin(plan.command))
         else:
             config = configuration(plan, study, algo, plan.tune.seeds[i], plan.budgets[rung])
-            made.append(freeze(config, plan.command))
-    return made
+            directories.append(freeze(config, plan.command))
+    return directories
 
 
 def fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the configurations of the runs with fresh seeds; one where nothing is trained, as no seed matters."""
+    """Return the configurations of the runs with fresh seeds; only one if nothing is trained."""
     seeds = plan.tune.fresh_seeds if plan.learns else plan.tune.fresh_seeds[:1]
     return [configuration(plan, study, algo, seed, plan.budgets[-1], FRESH) for seed in seeds]
 
@@ -63,8 +64,8 @@ def carry_out(run: RunDirectory) -> dict[str, Any]:
     """Train a run to its budget and test it; return its manifest.
 
     Raises:
-        TrainingError, KeyboardInterrupt: As `execute`.
-        RunError: As `test`; the training is complete then.
+        TrainingError, KeyboardInterrupt: see `execute`.
+        RunError: see `test`; the training is complete then.
     """
     manifest = execute(run)
     test(run, of_run(run.path)[1])
@@ -75,8 +76,8 @@ def test(run: RunDirectory, protocol: schema.Protocol) -> None:
     """Test a complete run, unless its test is up to date.
 
     Raises:
-        ConfigError: The protocol has test scenarios.
-        RunError: The run is not complete, its files are damaged, or another process is testing it.
+        ConfigError: the protocol has test scenarios.
+        RunError: the run is incomplete, its files are damaged, or another process is testing it.
     """
     refuse_test(protocol)
     if stale(run, protocol) != "":

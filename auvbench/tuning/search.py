@@ -1,4 +1,7 @@
-"""The search: an Optuna study whose trials climb rungs. It decides what to train next and trains nothing itself."""
+"""Search settings with an Optuna study whose trials climb rungs.
+
+The search decides what to train next; it trains nothing itself.
+"""
 
 from __future__ import annotations
 
@@ -31,21 +34,23 @@ from auvbench.statistics.intervals import Estimate
 from auvbench.tuning.folder import Journal, Plan
 from auvbench.tuning.space import with_values
 
-optuna.logging.set_verbosity(optuna.logging.ERROR)  # the study has its own view
-# Multivariate TPE is experimental: its interface may change, and Optuna's version is pinned.
+optuna.logging.set_verbosity(optuna.logging.ERROR)  # the study has its own display
+# Multivariate TPE is experimental: its interface may change, but Optuna's version is pinned.
 warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """A trial at a rung."""
+    """Score of a trial at a rung."""
 
     score: float
-    """decides; higher is better"""
+    """score that decides; higher is better"""
     objective: float
     low: float
     high: float
-    """95 % interval of the objective over validation episodes, and over seeds where there are several"""
+    """upper limit of the 95 % interval of the objective, over validation episodes and, with several seeds,
+    over seeds
+    """
     then: float
 
     @property
@@ -54,15 +59,15 @@ class Score:
         return Estimate(self.objective, self.low, self.high)
 
     def plain(self) -> list[float | None]:
-        """Return the score as the journal holds it; JSON has no NaN."""
+        """Return the score in the journal's form, since JSON has no NaN."""
         return [value if math.isfinite(value) else None for value in astuple(self)]
 
 
 def of_plain(plain: Any) -> Score:
-    """Return the score that the journal holds.
+    """Return the score from the journal's form.
 
     Raises:
-        TypeError, ValueError: It is not a score.
+        TypeError, ValueError: the value is not a score.
     """
     return Score(*(math.nan if value is None else float(value) for value in plain))
 
@@ -78,7 +83,7 @@ class Objective:
         """Return the score of a trial's runs, all tested by the protocol.
 
         Raises:
-            RunError: An evaluation is missing or damaged.
+            RunError: an evaluation is missing or damaged.
         """
         agent = tested(runs, protocol)
         estimate, then = interval(agent, self.measure), interval(agent, self.then).value
@@ -88,7 +93,9 @@ class Objective:
         return Score(score, estimate.value, estimate.low, estimate.high, then)
 
     def _joined(self, agent: Agent, value: float, then: float) -> float:
-        """Return one number in the order of both measures: the second moves a rate by less than one episode does."""
+        """Return one number that sorts by the two measures: the second changes a rate by less than one
+        episode does.
+        """
         score = self.measure.sign * value
         if not self.measure.rate or not math.isfinite(then):
             return score
@@ -101,31 +108,32 @@ class Objective:
 
 
 def objective(name: str, then: str) -> Objective:
-    """Return the objective of these measures.
+    """Return the objective for two measures.
 
     Raises:
-        ReportError: A measure is unknown.
+        ReportError: a measure is unknown.
     """
     return Objective(to_rank_by(name, "tune.objective"), to_rank_by(then, "tune.then"))
 
 
 def tested(runs: Sequence[RunDirectory], protocol: str) -> Agent:
-    """Return the runs' validation episodes as an agent of the tables, with the digests of their files checked.
+    """Return the runs' validation episodes as an agent of the tables, with the digests of their files
+    checked.
 
     Raises:
-        RunError: An evaluation is missing or damaged, or the runs have different scenarios.
-        ReportError: A run is missing.
+        RunError: an evaluation is missing or damaged, or the runs have different scenarios.
+        ReportError: a run is missing.
     """
     records, problems = load([run.path for run in runs], protocol)
     episodes = [r.evaluations[protocol].episodes for r in records if protocol in r.evaluations]
     if len(episodes) == len(runs):
         condition = str(episodes[0]["condition"].iloc[0])
-        found, more = agents(records, protocol=protocol, condition=condition)
-        if len(found) == 1 and len(found[0].runs) == len(runs):
-            return found[0]
+        tested_agents, more = agents(records, protocol=protocol, condition=condition)
+        if len(tested_agents) == 1 and len(tested_agents[0].runs) == len(runs):
+            return tested_agents[0]
         problems += more
     why = "; ".join(f"{problem.where}: {problem.message}" for problem in problems[:3])
-    raise RunError(f"{why or runs[0].path}: remove the evaluation {protocol!r} and type the command again")
+    raise RunError(f"{why or runs[0].path}: remove the evaluation {protocol!r} and run the command again")
 
 
 def interval(agent: Agent, measure: Measure) -> Estimate:
@@ -135,22 +143,22 @@ def interval(agent: Agent, measure: Measure) -> Estimate:
 
 
 ERROR = "error"
-"""attribute of a trial: why its settings failed"""
+"""trial attribute with the reason why its settings failed"""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A trial to bring to a rung."""
+    """A trial to train up to a rung."""
 
     trial: int
     rung: int
 
 
 def open_study(plan: Plan, path: Path) -> Study:
-    """Return the Optuna study in a journal, started where the journal is new.
+    """Return the Optuna study in a journal; start it if the journal is new.
 
     Raises:
-        RunError: The journal is damaged, or of another study.
+        RunError: the journal is damaged, or belongs to another study.
     """
     journal = Journal(path)
     try:
@@ -163,10 +171,11 @@ def open_study(plan: Plan, path: Path) -> Study:
             _check(Trials(plan, study), trial)
     except AuvbenchError:
         raise
-    except Exception as error:  # operations that contradict each other fail anywhere in Optuna
+    except Exception as error:  # contradictory operations may fail anywhere in Optuna
         raise RunError(
-            f"{path}: damaged: its operations make no study ({type(error).__name__}: {error}); restore the file, or "
-            f"decide the study anew (mv {path} ELSEWHERE)"
+            f"{path}: damaged: its operations do not form a study ({type(error).__name__}: {error}); "
+            "restore the file, or "
+            f"start over (mv {path} ELSEWHERE)"
         ) from error
     study.sampler = sampler(plan, len(trials))
     study.pruner = pruner(plan)
@@ -176,12 +185,13 @@ def open_study(plan: Plan, path: Path) -> Study:
 def sampler(plan: Plan, begun: int) -> BaseSampler:
     """Return a study's sampler.
 
-    The number of trials that have begun moves the seed: Optuna's samplers repeat their first draws in a new process.
+    The number of begun trials is added to the seed, since Optuna's samplers repeat their first draws in a new
+    process.
     """
     startup, seed = plan.tune.startup, (plan.seed + begun) % (1 << 32)
     if plan.tune.sampler == "random":
         return RandomSampler(seed=seed)
-    # constant_liar keeps trials that run at the same time apart.
+    # constant_liar keeps simultaneous trials apart.
     return TPESampler(multivariate=True, constant_liar=True, n_startup_trials=startup, seed=seed)
 
 
@@ -192,12 +202,12 @@ def pruner(plan: Plan) -> BasePruner:
 
 
 class _Halving(SuccessiveHalvingPruner):
-    """Asynchronous successive halving (Li et al. 2020), in rungs: a study's need not be powers of the reduction factor."""
+    """Asynchronous successive halving (Li et al. 2020) in rungs, which need not be powers of the reduction factor."""
 
     def prune(self, study: Study, trial: FrozenTrial) -> bool:
         in_rungs = copy.copy(trial)
         scores = [trial.intermediate_values[step] for step in sorted(trial.intermediate_values)]
-        # Optuna promotes all equal scores, such as those of trials without a success; here the first trial wins.
+        # Optuna would promote all equal scores, e.g. of trials without a success; here the first trial wins.
         scores = [score - max(1.0, abs(score)) * 1e-12 * trial.number for score in scores]
         in_rungs.intermediate_values = {self._reduction_factor**i: score for i, score in enumerate(scores)}
         return super().prune(study, in_rungs)
@@ -212,12 +222,12 @@ class Trials:
 
     @property
     def trials(self) -> list[FrozenTrial]:
-        """Return all trials that have begun."""
+        """Return all begun trials."""
         return self.study.get_trials(deepcopy=False)
 
     @property
     def ranked(self) -> list[FrozenTrial]:
-        """Return the trials with a result, best first: by their budget, then by their score."""
+        """Return the trials with a result, best first: by budget, then by score."""
 
         def place(trial: FrozenTrial) -> tuple[float, float]:
             last = max(trial.intermediate_values)
@@ -232,14 +242,14 @@ class Trials:
         return next(iter(self.ranked), None)
 
     def algo(self, trial: FrozenTrial) -> dict[str, Any]:
-        """Return the plain values of `algo` of a trial."""
+        """Return the plain values of `algo` for a trial."""
         return with_values(self.plan.base["algo"], self.plan.dimensions, trial.params)
 
     def results(self, trial: FrozenTrial) -> list[Score]:
         """Return a trial's scores by rung.
 
         Raises:
-            TypeError, ValueError: The journal holds something else.
+            TypeError, ValueError: the journal has something else.
         """
         reached = self.plan.budgets[: len(trial.intermediate_values)]
         return [of_plain(trial.user_attrs.get(f"result {budget}")) for budget in reached]
@@ -257,33 +267,33 @@ def _check(study: Trials, trial: FrozenTrial) -> None:
 
 
 class Search(Trials):
-    """Decide what to train next; the journal holds each decision before it takes effect."""
+    """Decides what to train next; the journal has each decision before it takes effect."""
 
     def __init__(self, plan: Plan, study: Study, base: schema.TrainConfig) -> None:
         super().__init__(plan, study)
-        self.base = base  # proposals are checked against it
+        self.base = base  # used to check proposals
         self.limit = plan.tune.trials
         self.running: dict[int, Trial] = {}
         self.queue: deque[Step] = deque()
         for found in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
             trial = Trial(study, found._trial_id)
-            for dimension in plan.dimensions:  # a kill may have left the rest of the parameters out
+            for dimension in plan.dimensions:  # A kill may have cut off the remaining parameters.
                 trial._suggest(dimension.key, dimension.distribution)
             self._advance(trial)
 
     def next(self) -> Step | None:
-        """Return what to train now; None until a result comes, or when the search is over."""
+        """Return what to train now; None until the next result, or when the search is over."""
         while not self.queue and len(self.trials) < self.limit:
             self._advance(self.study.ask({d.key: d.distribution for d in self.plan.dimensions}))
         return self.queue.popleft() if self.queue else None
 
     def _advance(self, trial: Trial) -> None:
         """Queue the trial's next rung, or close the trial."""
-        found = self.trials[trial.number]
-        shown = found.intermediate_values
-        if ERROR in found.user_attrs:
+        trial_state = self.trials[trial.number]
+        shown = trial_state.intermediate_values
+        if ERROR in trial_state.user_attrs:
             self.study.tell(trial, state=TrialState.PRUNED)
-        elif not shown and (why := self._impossible(found)):
+        elif not shown and (why := self._impossible(trial_state)):
             self._close(trial, why)
         elif len(shown) == len(self.plan.budgets):
             self.study.tell(trial, shown[self.plan.budgets[-1]])
@@ -301,7 +311,7 @@ class Search(Trials):
         return ""
 
     def report(self, step: Step, score: Score) -> None:
-        """Take a trial's result at a rung."""
+        """Record a trial's result at a rung."""
         trial, budget = self.running.pop(step.trial), self.plan.budgets[step.rung]
         trial.set_user_attr(f"result {budget}", score.plain())
         trial.report(score.score, budget)
@@ -313,5 +323,5 @@ class Search(Trials):
 
     def _close(self, trial: Trial, why: str) -> None:
         trial.set_user_attr(ERROR, why)
-        # Optuna's samplers ignore failed trials, and take a pruned one without a result for the worst.
+        # Optuna's samplers ignore failed trials, but rank a pruned trial without a result as the worst.
         self.study.tell(trial, state=TrialState.PRUNED)

@@ -1,4 +1,4 @@
-"""The search space: ranges of an algorithm's settings, in the grammar that Hydra uses for sweeps."""
+"""Read the search space: ranges of an algorithm's settings, in Hydra's grammar of sweeps."""
 
 from __future__ import annotations
 
@@ -23,47 +23,47 @@ from auvbench.untrusted.text import short
 
 GROUP = "algo."
 IDENTITY = ("algo.name", "algo.agent", "algo.tuned")
-"""Keys that name the algorithm; they are not settings."""
+"""Keys that identify the algorithm; they are not settings."""
 FORMS = "interval(LOW,HIGH), range(FROM,TO,STEP) or choice(A,B)"
 
 Value = float | int | str
-"""A parameter in the journal; a choice is its text."""
+"""Value of a parameter in the journal; a choice is its text."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dimension:
-    """A key that is searched."""
+    """A searched key with its range."""
 
     key: str
     text: str
-    """as written, such as tag(log,interval(0.001,0.05))"""
+    """range as written, such as tag(log,interval(0.001,0.05))"""
     distribution: CategoricalDistribution | FloatDistribution | IntDistribution
     values: tuple[Any, ...] = field(default=(), compare=False)
     """configuration values of the choices"""
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """Return the choices in Hydra's grammar, such as 64 or [64,64]; none for a range of numbers."""
-        found = self.distribution.choices if isinstance(self.distribution, CategoricalDistribution) else ()
-        return tuple(str(choice) for choice in found)
+        """Return the choices in Hydra's grammar, such as 64 or [64,64]; empty for a range of numbers."""
+        choices = self.distribution.choices if isinstance(self.distribution, CategoricalDistribution) else ()
+        return tuple(str(choice) for choice in choices)
 
     def plain(self, value: Value) -> Any:
         """Return the configuration value of a parameter."""
         return copy.deepcopy(self.values[self.choices.index(str(value))]) if self.choices else value
 
     def ends(self) -> Sequence[Value]:
-        """Return the values to check before a study starts: both ends of a range, or all choices."""
+        """Return the values to check before a study starts: the two ends of a range, or all choices."""
         if isinstance(self.distribution, CategoricalDistribution):
             return self.choices
         return (self.distribution.low, self.distribution.high)
 
     def at_end(self, value: Value) -> bool:
-        """Return whether a number lies within 2 % of the range from one of its ends."""
-        found = self.distribution
-        if isinstance(found, CategoricalDistribution) or found.single():
+        """Return whether a number is within 2 % of the range from one of its ends."""
+        distribution = self.distribution
+        if isinstance(distribution, CategoricalDistribution) or distribution.single():
             return False
-        low, high, at = found.low, found.high, float(value)
-        if found.log:
+        low, high, at = distribution.low, distribution.high, float(value)
+        if distribution.log:
             low, high, at = math.log(low), math.log(high), math.log(at)
         return not 0.02 < (at - low) / (high - low) < 0.98
 
@@ -83,13 +83,13 @@ def read(
     """Return the dimensions of a study in the order in which they are written.
 
     Args:
-        written: range by key, from the search file.
-        typed: range by key, from the command line.
-        fixed: value by key, from the command line.
-        known: the keys of the algorithm.
+        written: ranges by key, from the search file.
+        typed: ranges by key, from the command line.
+        fixed: values by key, from the command line.
+        known: keys of the algorithm.
 
     Raises:
-        ConfigError: A key is unknown or no setting, a range is invalid, a key is both fixed and searched, or
+        ConfigError: a key is unknown or not a setting, a range is invalid, a key is fixed and searched, or
             nothing is left to search.
     """
     for key in typed.keys() & fixed.keys():
@@ -97,19 +97,19 @@ def read(
             f"{key}: fixed by {key}={fixed[key]} and searched by {key}={typed[key]}; remove one"
         )
     texts = {**{str(key): text for key, text in written.items()}, **typed}
-    found = [_dimension(key, text, known) for key, text in texts.items() if key not in fixed]
-    if not found:
+    dimensions = [_dimension(key, text, known) for key, text in texts.items() if key not in fixed]
+    if not dimensions:
         why = f"; {', '.join(fixed)} fixed" if fixed else ""
         raise ConfigError(
             f"nothing to search: no key has a range{why} (for example 'algo.gamma=interval(0.95,0.999)', "
             "or search=NAME with a file of ranges in ./conf/search)"
         )
-    return found
+    return dimensions
 
 
 def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
     if key in IDENTITY or not key.startswith(GROUP):
-        raise ConfigError(f"{key}: only settings of the algorithm (algo.KEY) can be searched")
+        raise ConfigError(f"{key}: cannot be searched; only settings of the algorithm (algo.KEY) can")
     if key not in known:
         raise ConfigError(f"{key}: unknown key; {suggestions.unknown_key(key, known, 'auvbench tune')}")
     try:
@@ -128,11 +128,11 @@ def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
             return Dimension(key, text, _numbers(key, sweep.tags, *_ends(sweep)))
     except ValueError as error:
         raise ConfigError(f"{key}={text}: {error}") from error
-    raise ConfigError(f"{key}={text}: not a range; write {FORMS}")
+    raise ConfigError(f"{key}={text}: is not a range; write {FORMS}")
 
 
 def _ends(sweep: RangeSweep) -> tuple[Decimal, Decimal, Decimal]:
-    """Return the first and the last value of a range in rising order, and its step, exact in decimals."""
+    """Return the first and the last value of a range in rising order, and its step, as exact decimals."""
     first, stop, step = (Decimal(str(value)) for value in (sweep.start, sweep.stop, sweep.step))
     count = math.ceil((stop - first) / step) if step and all(x.is_finite() for x in (first, stop)) else 0
     if count < 1:
@@ -163,10 +163,10 @@ def _numbers(
 def validate_space(
     dimensions: Sequence[Dimension], base: schema.TrainConfig, algo: Mapping[str, Any]
 ) -> None:
-    """Check that the algorithm takes the ends of every range, and each choice.
+    """Check that the algorithm accepts the ends of every range, and each choice.
 
     Raises:
-        ConfigError: Names the rejected value.
+        ConfigError: a value is rejected; the message names it.
     """
     first = {dimension.key: dimension.ends()[0] for dimension in dimensions}
     for dimension in dimensions:
@@ -180,7 +180,7 @@ def validate_space(
 def with_values(
     algo: Mapping[str, Any], dimensions: Sequence[Dimension], values: Mapping[str, Value]
 ) -> dict[str, Any]:
-    """Return the plain values of `algo` with a trial's parameters in their places."""
+    """Return the plain values of `algo` with a trial's parameters."""
     result = copy.deepcopy(dict(algo))
     for dimension in dimensions:
         *path, last = dimension.key.removeprefix(GROUP).split(".")

@@ -1,5 +1,6 @@
-"""Reading files that another person may have written: run folders, sheets, configurations; or a damaged disk.
+"""Read files that another person may have written (run folders, sheets, configurations), or that a disk may
+have damaged.
 
-Every reader is bounded (bytes, nesting, what an alias or an archive expands to) and raises a `ValueError` of one line.
-No reader runs code or follows a link out of a run. SECURITY.md says what is trusted.
+Every reader is limited (bytes, nesting, expansion of aliases and archives) and raises a `ValueError` of one
+line. No reader runs code or follows a link out of a run. SECURITY.md describes what is trusted.
 """

@@ -1,8 +1,8 @@
-"""The columns of all tables that another person may have written: names, types, ranges, gaps.
+"""Define the columns of all tables that another person may have written: names, types, ranges, gaps.
 
-A table of a run, of a published study and of a mission is checked against one of these schemas where it is read, so that
-nothing behind it meets a missing column, a text among numbers, or a number that cannot have been measured. Columns that a
-schema does not name are left out, so that an older auvbench reads the tables of a newer one.
+Tables of runs, published studies and missions are checked against these schemas when they are read. So the
+code that uses them never meets a missing column, a text among numbers, or a number that cannot have been
+measured. Unknown columns are left out, so that an older auvbench can read the tables of a newer one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LARGEST = 1e30
-"""nothing that is measured comes near; the squares of larger numbers would leave what a float holds"""
+"""largest measured number; measured values are far smaller, and squares of larger numbers would overflow a float"""
 WHOLE = 2.0**53
 """largest whole number that a float64 holds exactly"""
 
@@ -34,11 +34,11 @@ class Column:
     kind: Literal["text", "whole", "number"] = "number"
     low: float = -math.inf
     needed: bool = False
-    """whether a table without it is refused"""
+    """whether the column is required"""
     gaps: bool = False
-    """whether a row may have no value"""
+    """whether a row may lack a value"""
     words: tuple[str, ...] = ()
-    """valid texts; empty: any"""
+    """valid texts; empty: any text"""
 
 
 Schema = Mapping[str, Column]
@@ -48,7 +48,7 @@ COUNT, NUMBER = Column("whole", low=0.0), Column()
 
 
 def _measured() -> dict[str, Column]:
-    """Return the columns of what is measured in an episode; packages add theirs at any time."""
+    """Return the columns of values measured in an episode; packages can add columns at any time."""
     return {m.name: NUMBER for m in METRICS if m.kind in ("scenario", "episode") and m.value is not None}
 
 
@@ -78,50 +78,50 @@ TRAINING: Schema = {
     "steps": Column("whole", low=1.0, needed=True),
     "return": replace(NUMBER, needed=True),
 }
-"""train/episodes.csv, the columns that a report uses"""
+"""columns of train/episodes.csv that a report uses"""
 
 
 def of_study() -> Schema:
     """Return the schema of episodes.parquet, which has the episodes of tests and of trainings."""
     rows = {**of_test(), "step": COUNT}
-    found = {name: replace(column, needed=False, gaps=True) for name, column in rows.items()}
+    columns = {name: replace(column, needed=False, gaps=True) for name, column in rows.items()}
     whole = {name: replace(rows[name], needed=True) for name in ("outcome", "steps")}
-    parts = {name: replace(found[name], needed=True) for name in ("condition", "episode")}
-    return {"run": TEXT, "protocol": TEXT, **found, **whole, **parts}
+    parts = {name: replace(columns[name], needed=True) for name in ("condition", "episode")}
+    return {"run": TEXT, "protocol": TEXT, **columns, **whole, **parts}
 
 
 RUNS: Schema = dict.fromkeys(("run", "config", "manifest", "evaluations", "validation"), TEXT)
-"""runs.parquet"""
+"""columns of runs.parquet"""
 
 TRAJECTORIES: Schema = {
     **dict.fromkeys(("run", "protocol", "condition"), TEXT),
     "episode": replace(COUNT, needed=True),
     **dict.fromkeys(("t_ms", "x_mm", "y_mm", "z_mm"), Column("whole", needed=True)),
 }
-"""trajectories.parquet: whole milliseconds and millimetres"""
+"""columns of trajectories.parquet: whole milliseconds and millimetres"""
 
 
 def checked(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
-    """Return the columns of a table that its schema names, whole numbers without gaps as int64.
+    """Return the columns of a table that are in its schema; whole numbers without gaps as int64.
 
     Raises:
-        ValueError: a column is missing, there twice, or has a value of another type or out of its range; in one line.
+        ValueError: a column is missing, occurs twice, or has a value of a wrong type or range; in one line.
     """
     if missing := [name for name, column in schema.items() if column.needed and name not in table.columns]:
         raise ValueError(f"it lacks the columns {', '.join(missing)}")
     names = [name for name in table.columns if name in schema]
     if twice := [name for name in schema if names.count(name) > 1]:
         raise ValueError(f"it has the column {twice[0]} twice")
-    if not len(table):  # columns without a value have no type
+    if not len(table):  # columns without rows have no type
         return table[names]
     table = table[names]
     types = dict(zip(names, table.dtypes, strict=True))
     plain = [name for name in names if schema[name] is NUMBER and types[name].kind in "if"]
-    # All measures at once, which is quicker; NaN compares as False.
+    # All measures at once, which is faster; NaN compares as False.
     if (np.abs(table[plain].to_numpy(dtype=np.float64)) <= LARGEST).all():
         names = [name for name in names if name not in plain]
-    found = {name: _values(name, table[name], schema[name]) for name in names}
-    return table.assign(**{k: v for k, v in found.items() if v.dtype != types[k]})
+    values = {name: _values(name, table[name], schema[name]) for name in names}
+    return table.assign(**{k: v for k, v in values.items() if v.dtype != types[k]})
 
 
 def _values(name: str, values: pd.Series, column: Column) -> pd.Series:
@@ -149,9 +149,9 @@ def _from(column: Column) -> str:
 
 
 def _impossible(numbers: np.ndarray, column: Column) -> bool:
-    """Return whether a number is infinite, out of the column's range, or not a whole one where it must be."""
+    """Return whether a number is infinite, out of the column's range, or not whole though it must be."""
     most = WHOLE if column.kind == "whole" else LARGEST
-    # In floats: the absolute value of the least integer is itself.
+    # Converted to float, because the absolute value of the smallest integer is the integer itself.
     wide = numbers.astype(np.float64)
     fine = (np.abs(wide) <= most) & (wide >= column.low)
     if column.kind == "whole":
@@ -170,5 +170,7 @@ def _texts(name: str, values: pd.Series, column: Column) -> pd.Series:
         if not isinstance(text, str) and not pd.isna(text):
             raise ValueError(f"{name} is not a text: {short(repr(text), 40)}")
         if column.words and isinstance(text, str) and text not in column.words:
-            raise ValueError(f"it has the {name} {short(repr(text), 40)}, none of {', '.join(column.words)}")
+            raise ValueError(
+                f"it has the {name} {short(repr(text), 40)}, must be one of {', '.join(column.words)}"
+            )
     return values

@@ -1,9 +1,10 @@
-"""Paths that another person may have chosen: names out of files, and links inside folders that auvbench writes.
+"""Check paths that another person may have chosen: names in files, and links inside folders that auvbench
+writes.
 
-A folder from a stranger may hold links: `checkpoints` to a folder of photographs, in which cleaning up would delete,
-or `train/log.txt` to a shell's start-up file, which would grow. A file in it may name `../../.bashrc`. So each name
-out of a file passes `child`, and a run is searched for links before anything is written into it. Links above the
-folder that the user typed are the user's own.
+A folder from another person may contain links: `checkpoints` may lead to a folder of photographs, which a
+clean-up would delete, or `train/log.txt` to a shell's start-up file, which would grow. A file in the folder
+may name `../../.bashrc`. So each name from a file passes `child`, and a run is searched for links before
+anything is written into it. Links above the folder that the user typed are the user's own.
 """
 
 from __future__ import annotations
@@ -16,21 +17,23 @@ from auvbench.errors import RunError
 from auvbench.untrusted.text import short
 
 GROWING = "train"
-"""the folder of files that grow in place; every other file is replaced by renaming, which spares a second name"""
+"""folder of files that grow in place; every other file is replaced by renaming, which leaves a hard link's
+other name unchanged
+"""
 
 LONGEST = 255
-"""bytes of a name that a file system takes"""
+"""largest length of a file name in bytes"""
 
 
 def child(folder: Path | str, name: object) -> Path:
     """Return the path below `folder` that a file names.
 
     Args:
-        folder: a folder that the user named.
-        name: plain names joined by "/", as the file has it; any type.
+        folder: folder that the user named.
+        name: plain names joined by "/", as in the file; any type.
 
     Raises:
-        ValueError: a part is empty, hidden in another folder ("..", "/"), not printable or too long, or a link lies
+        ValueError: a part is empty, leads elsewhere ("..", "/"), is not printable or too long, or a link is
             on the way.
 
     >>> child("run", "train/episodes.csv").as_posix()
@@ -39,7 +42,9 @@ def child(folder: Path | str, name: object) -> Path:
     path = Path(folder)
     for part in name.split("/") if isinstance(name, str) else [""]:
         if not is_plain(part):
-            raise ValueError(f"{short(repr(name), 60)} is no name of a file below {path.name or 'it'}")
+            raise ValueError(
+                f"{short(repr(name), 60)} is not a valid name of a file below {path.name or 'it'}"
+            )
         path /= part
         if path.is_symlink():
             raise ValueError(_link(path))
@@ -47,7 +52,7 @@ def child(folder: Path | str, name: object) -> Path:
 
 
 def is_plain(name: str) -> bool:
-    """Return whether a name is that of one file or folder, and nothing on a terminal but its characters."""
+    """Return whether a name is that of one file or folder, with only printable characters."""
     return (
         name not in ("", ".", "..")
         and "/" not in name
@@ -57,12 +62,12 @@ def is_plain(name: str) -> bool:
 
 
 def refuse_links(run: Path | str) -> None:
-    """Search a run's folder for what leads out of it; a folder that does not exist is fine.
+    """Search a run's folder for anything that leads out of it; a missing folder is fine.
 
     Raises:
-        RunError: a link, a pipe or a device lies in it, or a growing file has a second name.
+        RunError: the folder contains a link, a pipe or a device, or a growing file has a second name.
     """
-    waiting = [str(run)]  # a stack: a folder may be nested deeper than Python recurses
+    waiting = [str(run)]  # a stack, because folders may be nested deeper than Python's recursion
     while waiting:
         try:
             entries = sorted(os.scandir(waiting.pop()), key=lambda entry: entry.name)
@@ -73,24 +78,24 @@ def refuse_links(run: Path | str) -> None:
                 raise RunError(_link(entry.path))
             try:
                 status = entry.stat(follow_symlinks=False)
-            except FileNotFoundError:  # a lock's temporary file
+            except FileNotFoundError:  # a temporary file of a lock, removed meanwhile
                 continue
             if stat.S_ISDIR(status.st_mode):
                 waiting.append(entry.path)
             elif not stat.S_ISREG(status.st_mode):
-                raise RunError(f"{entry.path}: neither a file nor a folder; remove it")
+                raise RunError(f"{entry.path}: is neither a file nor a folder; remove it")
             elif status.st_nlink > 1 and Path(entry.path).parent.name == GROWING:
                 raise RunError(
-                    f"{entry.path}: the file has a second name (a hard link), which would grow with it; "
+                    f"{entry.path}: has a second name (a hard link), and the other file would grow too; "
                     f"make it a copy: cp {entry.path} COPY && mv COPY {entry.path}"
                 )
 
 
 def check_output(folder: Path | str, names: tuple[str, ...] = ()) -> None:
-    """Refuse a folder of results that is a link, or holds a link under one of `names`.
+    """Raise RunError if a folder of results is a link, or contains a link under one of `names`.
 
     Raises:
-        RunError: one of them is a link.
+        RunError: a link was found.
     """
     for path in (Path(folder), *(Path(folder) / name for name in names)):
         if path.is_symlink():
@@ -98,4 +103,4 @@ def check_output(folder: Path | str, names: tuple[str, ...] = ()) -> None:
 
 
 def _link(path: Path | str) -> str:
-    return f"{path}: a symbolic link, which auvbench does not follow; replace it by what it leads to"
+    return f"{path}: is a symbolic link, which auvbench does not follow; replace it by its target"

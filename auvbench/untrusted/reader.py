@@ -1,10 +1,13 @@
-"""The processes that read foreign binary files: a server that forks one child per file, and what a child does.
+"""Run the processes that read untrusted binary files: a server that forks one child per file, and the work of
+a child.
 
-`sandbox.py` starts this file as a program. It imports nothing of auvbench, so that a reader starts in a fraction of a second.
+`sandbox.py` starts this file as a program. It imports nothing of auvbench, so that a reader starts in a
+fraction of a second.
 
-A child has one connection to its command and no other file. Before it parses a byte it gives up the right to open
-descriptors, so that neither a file nor a network can be reached, and takes limits of memory and processor time. What it
-sends are arrays of numbers as raw bytes: `receive` checks type, shape and length of each before it makes room.
+A child has one connection to its command and no other file. Before it parses a byte, it gives up the right to
+open descriptors, so that it can reach neither files nor the network, and sets limits of memory and processor
+time. It sends arrays of numbers as raw bytes: `receive` checks the type, shape and length of each array
+before allocating memory.
 """
 
 from __future__ import annotations
@@ -30,18 +33,18 @@ from typing import Any
 import numpy as np
 
 HEADER = 4 * 1024**2
-"""bytes of the longest description of arrays"""
+"""largest size in bytes of a description of arrays"""
 ARRAY = 32 * 1024**2
-"""bytes of an array of an .npz; the positions of an episode have some ten thousand"""
+"""largest size in bytes of an array of an .npz; the positions of an episode have about ten thousand"""
 SMALL = 64 * 1024
-"""bytes that are sent at once"""
+"""number of bytes to send at once"""
 DTYPES: dict[str, Any] = {
     np.dtype(kind).str: kind
     for kind in ("?", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8")
 }
-"""Types of arrays, as NumPy writes them"""
+"""Types of arrays, by NumPy's names"""
 ENDED, KILL = b"E", b"K"
-"""Letters that end a child: its channel is closed, or it must not go on."""
+"""Letters that end a child: its channel is closed, or it must stop."""
 LENGTH, PID = struct.Struct("<Q"), struct.Struct("<i")
 
 Arrays = dict[str, "np.ndarray[Any, Any]"]
@@ -69,9 +72,9 @@ def receive(channel: socket.socket, limit: int) -> tuple[Any, Arrays]:
     """Return a note, a JSON value of any kind, and arrays of at most `limit` bytes together.
 
     Raises:
-        EOFError: the other side has ended.
+        EOFError: the other end has exited.
         LimitError: the arrays are larger.
-        ValueError: it is no such message.
+        ValueError: the data are not such a message.
     """
     (length,) = LENGTH.unpack(_exactly(channel, np.empty(LENGTH.size, dtype=np.uint8)).tobytes())
     if length > HEADER:
@@ -81,11 +84,11 @@ def receive(channel: socket.socket, limit: int) -> tuple[Any, Arrays]:
         entries = [(str(name), np.dtype(DTYPES[kind]), tuple(shape)) for name, kind, shape in head["arrays"]]
         note = head["note"]
     except (ValueError, TypeError, KeyError, RecursionError) as error:
-        raise ValueError("it is no description of arrays") from error
+        raise ValueError("it is not a description of arrays") from error
     arrays: Arrays = {}
     for name, dtype, shape in entries:
         if not all(type(n) is int and 0 <= n < 2**40 for n in shape) or len(shape) > 8 or name in arrays:
-            raise ValueError("it is no description of arrays")
+            raise ValueError("it is not a description of arrays")
         limit -= math.prod(shape) * dtype.itemsize
         if limit < 0:
             raise LimitError("arrays that are too large")
@@ -107,24 +110,24 @@ def _exactly(channel: socket.socket, into: np.ndarray[Any, Any]) -> np.ndarray[A
 
 
 def restrict(memory: int) -> None:
-    """Open no further descriptor, start no process, write no file, and take at most `memory` more bytes."""
+    """Forbid further descriptors, processes and written files, and limit memory to `memory` more bytes."""
     limits = [("RLIMIT_NOFILE", 0), ("RLIMIT_NPROC", 0), ("RLIMIT_FSIZE", 0), ("RLIMIT_CORE", 0)]
     with contextlib.suppress(OSError), open("/proc/self/statm", "rb") as file:
         pages = int(file.read().split()[0])
         limits.insert(0, ("RLIMIT_AS", pages * resource.getpagesize() + memory))
     for name, limit in limits:
-        with contextlib.suppress(AttributeError, ValueError, OSError):  # not on every system
+        with contextlib.suppress(AttributeError, ValueError, OSError):  # not available on every system
             resource.setrlimit(getattr(resource, name), (limit, limit))
 
 
 def grant(seconds: int) -> None:
-    """Let the kernel end this process after some more seconds of processor time."""
+    """Limit this process to `seconds` more seconds of processor time."""
     hard = resource.getrlimit(resource.RLIMIT_CPU)[1]
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(time.process_time() + seconds), hard))
 
 
 def serve(channel: socket.socket, job: Callable[..., None]) -> None:
-    """Do one job: the request, its limits, then what the job sends; an error is sent as its first line."""
+    """Do one job: read the request, set limits, send the results; an error is sent as its first line."""
     try:
         note, arrays = receive(channel, 2**40)
         grant(note["seconds"])
@@ -151,7 +154,7 @@ def table(channel: socket.socket, data: bytes, columns: list[str] | None, most: 
             raise ValueError(f"column {field.name[:40]} has the type {str(field.type)[:40]}")
     if len(set(schema.names)) < len(schema):
         raise ValueError("it has two columns of one name")
-    # One long text may stand in every row: as a dictionary it is in memory once.
+    # A long text may be in every row: as a dictionary it is in memory only once.
     file = parquet.ParquetFile(
         pa.BufferReader(data),
         read_dictionary=[field.name for field in schema if pa.types.is_string(field.type)],
@@ -177,14 +180,14 @@ def _is_number(kind: Any) -> bool:
 
 
 def _texts(values: Any) -> Arrays:
-    """Return a column of texts as codes, -1 for a missing one, and the texts one after another as UTF-8."""
+    """Return a column of texts as codes, -1 for a missing one, and the concatenated texts in UTF-8."""
     whole = values.unify_dictionaries().combine_chunks()
-    if not hasattr(whole, "indices"):  # a chunked array, where pyarrow keeps it so
+    if not hasattr(whole, "indices"):  # a chunked array, if pyarrow keeps it so
         whole = whole.chunk(0) if whole.num_chunks else None
     if whole is None:
         return {"codes": np.empty(0, np.int32), "ends": np.empty(0, np.int64), "text": np.empty(0, np.uint8)}
     words = [word.encode() for word in whole.dictionary.to_pylist()]
-    codes = whole.indices.to_numpy(zero_copy_only=False)  # of floats, where one is missing
+    codes = whole.indices.to_numpy(zero_copy_only=False)  # floats, if a code is missing
     return {
         "codes": np.where(np.isfinite(codes), codes, -1).astype(np.int32),
         "ends": np.cumsum([len(word) for word in words], dtype=np.int64),
@@ -193,12 +196,12 @@ def _texts(values: Any) -> Arrays:
 
 
 def paths(channel: socket.socket, data: bytes, condition: str, episodes: list[int] | int) -> None:
-    """Send the arrays `<name>_<condition>_<episode>` of an .npz: of some episodes, or of the first ones."""
+    """Send the arrays `<name>_<condition>_<episode>` of an .npz, for some episodes or for the first ones."""
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         named = re.compile(rf"([a-z_]+)_{re.escape(condition)}_(\d{{1,15}})")
-        found = {name: int(match[2]) for name in archive.files if (match := named.fullmatch(name))}
-        first = sorted(set(found.values()))[:episodes] if isinstance(episodes, int) else episodes
-        chosen = {name: archive[name] for name, episode in found.items() if episode in first}
+        episode_of = {name: int(match[2]) for name in archive.files if (match := named.fullmatch(name))}
+        first = sorted(set(episode_of.values()))[:episodes] if isinstance(episodes, int) else episodes
+        chosen = {name: archive[name] for name, episode in episode_of.items() if episode in first}
     for name, array in chosen.items():
         if array.dtype.str not in ("<f2", "<f4", "<f8"):
             raise ValueError(f"{name} has the type {str(array.dtype)[:40]}, not of floating-point numbers")
@@ -215,9 +218,9 @@ def policy(channel: socket.socket, data: bytes) -> None:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # what is wrong is raised; nothing is printed in addition
+    options.log_severity_level = 4  # errors are raised; nothing else is printed
     options.use_deterministic_compute = True
-    # Rewrites that keep each number as it is; further ones trade digits for speed.
+    # Optimisations that do not change any number; stronger ones trade digits for speed.
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_ENABLE_BASIC
     session = onnxruntime.InferenceSession(
         data, options, providers=["CPUExecutionProvider"], enable_fallback=0
@@ -252,14 +255,14 @@ JOBS: dict[bytes, tuple[tuple[str, ...], Callable[..., None]]] = {
     b"A": (("zipfile", "encodings.cp437", "encodings.latin_1"), paths),
     b"P": (("onnxruntime",), policy),
 }
-"""by their letter: modules that the server imports, once, and what a child does"""
+"""by letter: modules that the server imports once, and the function that a child calls"""
 
 
 # The server.
 
 
 def main(number: int) -> None:
-    """Fork a child for each connection that comes over the descriptor `number`, until it closes."""
+    """Fork a child for each connection over the descriptor `number`, until it closes."""
     server = os.getpid()
     control = socket.socket(fileno=number)
     children: set[int] = set()
@@ -274,9 +277,9 @@ def main(number: int) -> None:
             continue
         modules, job = JOBS[message[:1]]
         for module in modules:
-            with contextlib.suppress(ImportError):  # the child says so
+            with contextlib.suppress(ImportError):  # the child reports the error
                 importlib.import_module(module)
-        gc.freeze()  # a collection would copy the pages that the children share
+        gc.freeze()  # A garbage collection would copy the pages that the children share.
         if (pid := os.fork()) == 0:
             with contextlib.suppress(BaseException):
                 control.close()
@@ -296,15 +299,15 @@ def _die_with(parent: int) -> None:
 
 
 def _end(pid: int, ended: bool) -> int:
-    """Kill a child, after a moment where it has ended; return the signal that ended it, 0 where it ended by itself."""
+    """Kill a child, after a moment if it has ended; return the signal that ended it, 0 if it exited by itself."""
     until = time.monotonic() + (1.0 if ended else 0.0)
-    while not (found := os.waitpid(pid, os.WNOHANG))[0]:
+    while not (status := os.waitpid(pid, os.WNOHANG))[0]:
         if time.monotonic() > until:
             os.kill(pid, signal.SIGKILL)
-            found = os.waitpid(pid, 0)
+            status = os.waitpid(pid, 0)
             break
         time.sleep(0.001)
-    return os.WTERMSIG(found[1]) if os.WIFSIGNALED(found[1]) else 0
+    return os.WTERMSIG(status[1]) if os.WIFSIGNALED(status[1]) else 0
 
 
 if __name__ == "__main__":

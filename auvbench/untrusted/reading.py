@@ -1,8 +1,9 @@
-"""Files that another person may have written: their bytes, and JSON and YAML bounded before a document is built.
+"""Read untrusted files: bytes, JSON and YAML, with limits that are checked before a document is built.
 
-Only a regular file of bounded size is read: never a pipe that does not answer, nor a device without an end. PyYAML's loaders
-compose recursively: 100,000 brackets or dashes end the process. Aliases make a document of some hundred bytes stand for
-billions of values. So the parser's events, which come one after another, are counted first.
+Only a regular file of limited size is read: never a silent pipe or an endless device. PyYAML's loaders
+compose recursively, so 100,000 brackets or dashes would crash the process. Aliases let a document of some
+hundred bytes stand for billions of values. So the parser's events, which arrive one by one, are counted
+first.
 """
 
 from __future__ import annotations
@@ -22,20 +23,20 @@ if TYPE_CHECKING:
     import yaml
 
 DOCUMENT = 16 * 1024**2
-"""bytes of the largest manifest, configuration or sheet; ours have some ten thousand"""
+"""largest manifest, configuration or sheet in bytes; auvbench's own have about ten thousand"""
 DATA = 256 * 1024**2
-"""bytes of the largest table or trajectories, unpacked; a million training episodes have 200 million"""
+"""largest table or trajectories in bytes, unpacked; a million training episodes have 200 million"""
 WEIGHTS = 2 * 1024**3
-"""bytes of the largest file of a policy or a checkpoint"""
+"""largest file of a policy or a checkpoint in bytes"""
 
 DEPTH = 100
 """levels of nesting; a run's configuration has six"""
 WHOLE = 2**64
 """largest whole number; no counter reaches it"""
 DIGITS = 1000
-"""digits of a number; Python refuses to read 4301"""
+"""digits of a number; Python rejects 4301"""
 VALUES = 1_000_000
-"""values of a YAML document, each repeated as often as there are aliases"""
+"""values of a YAML document, repeated for each alias"""
 
 TOO_DEEP = f"it is nested more than {DEPTH} levels deep"
 
@@ -44,10 +45,10 @@ def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
     """Return all bytes of a regular file.
 
     Raises:
-        OSError: it is missing or cannot be read.
-        ValueError: it is no regular file, or longer than `limit`.
+        OSError: the file is missing or cannot be read.
+        ValueError: the path is not a regular file, or the file is longer than `limit`.
     """
-    # Without O_NONBLOCK, opening a pipe waits for a writer.
+    # Without O_NONBLOCK, opening a pipe would wait for a writer.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     status = os.fstat(descriptor)
     if not stat.S_ISREG(status.st_mode):
@@ -64,14 +65,14 @@ def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
 
 
 def json_value(data: bytes | str, *, whole: int = WHOLE) -> Any:
-    """Return a JSON value of bounded depth, without NaN, infinities and numbers that no counter reaches.
+    """Return a JSON value of limited depth, without NaN, infinities and impossibly large numbers.
 
     Args:
-        data: the text.
-        whole: the largest valid whole number; the state of a generator has 128 bits.
+        data: text.
+        whole: largest valid whole number; the state of a generator has 128 bits.
 
     Raises:
-        ValueError: what is wrong with it, in one line.
+        ValueError: the text is not valid; the message says why in one line.
     """
     try:
         value = json.loads(data, parse_constant=_no_constant)
@@ -96,14 +97,15 @@ def json_value(data: bytes | str, *, whole: int = WHOLE) -> Any:
 
 
 def _no_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not JSON")
 
 
 def yaml_value(data: bytes) -> Any:
-    """Return a YAML value of bounded depth and size, read as Hydra reads it: `1e-3` is a number, a date is a text.
+    """Return a YAML value of limited depth and size, read as Hydra reads it: `1e-3` is a number, a date is a
+    text.
 
     Raises:
-        ValueError: what is wrong with it, in one line.
+        ValueError: the text is not valid; the message says why in one line.
     """
     import yaml
 
@@ -115,12 +117,13 @@ def yaml_value(data: bytes) -> Any:
 
 
 def check_yaml(data: bytes) -> None:
-    """Refuse YAML that is nested too deep, repeats itself too often, names the type of a value or has a key that is no text.
+    """Reject YAML that is nested too deeply, repeats itself too often, names the type of a value, or has a
+    key that is not a text.
 
-    A text that is no YAML passes: the loader fails on it, and says where.
+    A text that is not YAML passes: the loader rejects it, with the position.
 
     Raises:
-        ValueError: in one line.
+        ValueError: the text was rejected; the message is one line.
     """
     import yaml
 
@@ -133,7 +136,7 @@ def _check_events(data: bytes) -> None:
 
     depth = anchored = events = aliases = 0  # anchored: depth of the outermost open collection with an anchor
     resolver = yaml.resolver.Resolver()
-    parts: list[int | None] = [None]  # of each open collection: how many keys and values; None for a list
+    parts: list[int | None] = [None]  # number of keys and values of each open collection; None for a list
     for event in yaml.parse(data, Loader=_loader()):
         events += 1
         if isinstance(event, yaml.NodeEvent) and parts[-1] is not None:
@@ -157,19 +160,21 @@ def _check_events(data: bytes) -> None:
         elif isinstance(event, yaml.AliasEvent):
             aliases += 1
             if anchored:
-                raise ValueError(f"*{event.anchor} lies inside of what has an anchor itself; write it out")
+                raise ValueError(
+                    f"*{event.anchor} is inside an element that has an anchor itself; write it out"
+                )
         text = event.value if isinstance(event, yaml.ScalarEvent) and not event.style else ""
         if len(text) > DIGITS and text.lstrip("+-").replace("_", "").isdecimal():
             raise ValueError(f"a number in it has more than {DIGITS} digits")
-        # The loader fails on some tags with errors of its own, for instance on `!!bool maybe`.
+        # The loader fails on some tags with its own errors, for example on `!!bool maybe`.
         if (tag := getattr(event, "tag", None)) is not None:
-            raise ValueError(f"{tag} is a tag, which names a type; only plain values are read")
+            raise ValueError(f"{tag} is a tag, which names a type; only plain values are allowed; remove it")
     if events * (aliases + 1) > VALUES:
         raise ValueError(f"its aliases stand for more than {VALUES:,} values")
 
 
 def _check_key(event: yaml.ScalarEvent, resolver: Any) -> None:
-    """Refuse a key that YAML reads as another value than its text: `on` and `yes` would be one key, true."""
+    """Reject a key that YAML does not read as text: `on` and `yes` would be the same key, true."""
     import yaml
 
     tag = resolver.resolve(yaml.ScalarNode, event.value, event.implicit)
@@ -191,7 +196,7 @@ _KINDS = {
 
 
 def no_yaml(error: yaml.YAMLError) -> str:
-    """Return what is wrong with a text that is no YAML, in one line."""
+    """Return what is wrong with a text that is not YAML, in one line."""
     mark = getattr(error, "problem_mark", None)
     line = f"line {mark.line + 1}: " if mark is not None else ""
     return f"{line}{getattr(error, 'problem', None) or 'not valid YAML'}"
@@ -199,7 +204,9 @@ def no_yaml(error: yaml.YAMLError) -> str:
 
 @cache
 def _reader() -> Any:
-    """Return a loader that reads values as OmegaConf's does, which is not imported here, and refuses a key given twice."""
+    """Return a loader that reads values as OmegaConf's does (which is not imported here), and rejects
+    duplicate keys.
+    """
     import yaml
 
     class Reader(_loader()):  # type: ignore[misc]
@@ -215,8 +222,8 @@ def _reader() -> Any:
     number, date = "tag:yaml.org,2002:float", "tag:yaml.org,2002:timestamp"
     Reader.add_implicit_resolver(number, _FLOAT, list("-+0123456789."))
     Reader.yaml_implicit_resolvers = {
-        first: [(tag, pattern) for tag, pattern in found if tag != date]
-        for first, found in Reader.yaml_implicit_resolvers.items()
+        first: [(tag, pattern) for tag, pattern in resolvers if tag != date]
+        for first, resolvers in Reader.yaml_implicit_resolvers.items()
     }
     return Reader
 
@@ -231,7 +238,7 @@ _FLOAT = re.compile(
     |\.(?:nan|NaN|NAN))$""",
     re.X,
 )
-"""numbers with a point or an exponent, by omegaconf 2.3"""
+"""numbers with a point or an exponent, as in omegaconf 2.3"""
 
 
 def _loader() -> Any:

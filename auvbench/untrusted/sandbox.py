@@ -1,11 +1,12 @@
-"""Foreign binary files are read in processes of their own; this is the side of the command.
+"""Read untrusted binary files in separate processes; this module is the command's side.
 
     with Child(TABLE, data, columns=None, most=100) as child:
         note, arrays = child.answer()
 
-A server is started with the first file. It forks a child for each file, which takes a few milliseconds, and each child has
-limits and no rights (`reader.py`). Whatever ends a child is a `ValueError` of one line. Nothing that a child sends is trusted:
-arrays of numbers come back with a type, a shape and a length that are checked, and never a pickle.
+A server is started with the first file. It forks a child for each file, which takes a few milliseconds; each
+child has limits and no rights (`reader.py`). If a child ends for any reason, a `ValueError` of one line is
+raised. Nothing that a child sends is trusted: it sends arrays of numbers whose type, shape and length are
+checked, and never a pickle.
 """
 
 from __future__ import annotations
@@ -29,20 +30,20 @@ from auvbench.untrusted.reader import ENDED, KILL, Arrays
 from auvbench.untrusted.text import short
 
 TABLE, PATHS, POLICY = b"T", b"A", b"P"
-"""Jobs of a child: a Parquet file, the trajectories of an .npz, an ONNX file"""
+"""Jobs of a child: read a Parquet file, the trajectories of an .npz, or an ONNX file"""
 
 MEMORY = 1024**3
-"""bytes that a child may take, and that it may send"""
+"""largest number of bytes that a child may allocate or send"""
 SECONDS = 60
-"""s of processor time for a file, and for each answer of a policy"""
+"""processor time in s for a file, and for each answer of a policy"""
 PATIENCE = 5
-"""times as long as its processor time a child may take by the clock: the machine may be busy"""
+"""factor between a child's limits of wall time and processor time, since the machine may be busy"""
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
 )
 ENVIRONMENT = ONE_THREAD | {
     "ARROW_DEFAULT_MEMORY_POOL": "system",
-    # A process with threads must not fork: a lock may be held by a thread that the child does not have.
+    # A process with threads must not fork: a lock may be held by a thread that does not exist in the child.
     "JE_ARROW_MALLOC_CONF": "background_thread:false",
     "ORT_DISABLE_TELEMETRY": "1",
     "PYTHONSAFEPATH": "1",
@@ -50,16 +51,17 @@ ENVIRONMENT = ONE_THREAD | {
 
 
 class Child:
-    """A process that reads one file.
+    """Process that reads one file.
 
     Args:
         job: `TABLE`, `PATHS` or `POLICY`.
-        data: the file.
-        seconds: of the processor, for the file and then for each answer; `PATIENCE` times as long by the clock.
-        options: of the job.
+        data: content of the file.
+        seconds: processor time for the file, and then for each answer; the limit of wall time is `PATIENCE`
+            times as long.
+        options: options of the job.
 
     Raises:
-        ValueError: it has ended, in one line.
+        ValueError: the process has ended; the message is one line.
     """
 
     def __init__(self, job: bytes, data: bytes, *, seconds: int | None = None, **options: Any) -> None:
@@ -85,11 +87,11 @@ class Child:
             self._end(ENDED, "it was closed")
 
     def __del__(self) -> None:
-        with contextlib.suppress(Exception):  # the interpreter may be ending
+        with contextlib.suppress(Exception):  # the interpreter may be exiting
             self.close()
 
     def ask(self, note: Mapping[str, Any], arrays: Mapping[str, Any]) -> tuple[dict[str, Any], Arrays]:
-        """Send a request, and return the answer as `answer` does, with new limits."""
+        """Send a request and return its answer, as `answer` does, with new limits."""
         if self._why:
             raise ValueError(self._why)
         self._renew()
@@ -100,7 +102,7 @@ class Child:
         """Return the next message: a note of unchecked JSON values, and arrays.
 
         Raises:
-            ValueError: why the file cannot be read, or the process has ended; in one line.
+            ValueError: the file cannot be read, or the process has ended; the message is one line.
         """
         try:
             note, arrays = reader.receive(self._timed, self._left)  # type: ignore[arg-type]
@@ -111,13 +113,13 @@ class Child:
         except reader.LimitError:
             raise self._end(KILL, f"it unpacks to more than {self._memory // 1024**2:,} MiB") from None
         except ValueError:
-            raise self._end(KILL, "the process that reads it gave an answer of no meaning") from None
+            raise self._end(KILL, "the process that reads it gave an invalid answer") from None
         except BaseException:  # an interruption in the middle of a message
             self._end(KILL, "reading it was interrupted")
             raise
         self._left -= sum(array.nbytes for array in arrays.values())
         if not isinstance(note, dict):
-            raise self._end(KILL, "the process that reads it gave an answer of no meaning")
+            raise self._end(KILL, "the process that reads it gave an invalid answer")
         if note.get("error") == "memory":
             raise self._end(ENDED, f"it needs more than {self._memory // 1024**2:,} MiB of memory")
         if "error" in note:
@@ -147,7 +149,7 @@ class Child:
         return self._end(KILL, f"it takes longer than {self._seconds} s")
 
     def _end(self, letter: bytes, why: str) -> ValueError:
-        """End the process, and return the error that says why."""
+        """End the process and return the error with the reason."""
         self._why = why
         self._channel.close()
         self._server.end(letter, self.pid)
@@ -155,7 +157,7 @@ class Child:
 
 
 class _Timed:
-    """A channel on which all parts of a message come within some seconds, and each is waited for no longer than that."""
+    """Channel with a deadline for all parts of a message."""
 
     def __init__(self, channel: socket.socket, seconds: float) -> None:
         self._channel, self._until = channel, time.monotonic() + seconds
@@ -175,7 +177,7 @@ class _Timed:
 
 
 class _Server:
-    """The process that forks children; a thread at a time talks to it."""
+    """Process that forks children; only one thread at a time talks to it."""
 
     def __init__(self) -> None:
         self.owner = os.getpid()
@@ -190,11 +192,11 @@ class _Server:
                 pass_fds=[theirs.fileno()],
                 cwd=Path(reader.__file__).anchor,
                 env=os.environ | ENVIRONMENT,
-                start_new_session=True,  # Ctrl-C reaches the command alone
+                start_new_session=True,  # Ctrl-C reaches only the command
             )
 
     def fork(self, job: bytes) -> tuple[socket.socket, int]:
-        """Return the connection to a new child, and its number.
+        """Return the connection to a new child, and its pid.
 
         Raises:
             OSError: the server has ended.
@@ -204,7 +206,7 @@ class _Server:
             return mine, self._transact(lambda: socket.send_fds(self._control, [job], [theirs.fileno()]))
 
     def end(self, letter: bytes, pid: int) -> int:
-        """End a child; return the signal that has ended it, 0 where there is none."""
+        """End a child; return the signal that ended it, or 0."""
         if self.owner != os.getpid():  # a fork of the command has no children of its own
             return 0
         try:
@@ -218,14 +220,14 @@ class _Server:
                 ask()
                 answer = self._control.recv(reader.PID.size)
             except BaseException:
-                self._control.close()  # an answer that nobody took would be taken for the next one
+                self._control.close()  # an unread answer would be taken as the next one
                 raise
             if not answer:
                 raise BrokenPipeError
         return int(reader.PID.unpack(answer)[0])
 
     def stop(self) -> None:
-        """End the server, and with it its children."""
+        """End the server and its children."""
         self._control.close()
         if self.owner == os.getpid():
             self._process.kill()
@@ -237,10 +239,10 @@ _starting = threading.Lock()
 
 
 def _fork(job: bytes) -> tuple[socket.socket, int, _Server]:
-    """Return a new child of the server, which is started where it does not run.
+    """Return a new child of the server; start the server if it is not running.
 
     Raises:
-        ValueError: no process can be started.
+        ValueError: a process cannot be started.
     """
     global _server
     with _starting:
@@ -249,16 +251,16 @@ def _fork(job: bytes) -> tuple[socket.socket, int, _Server]:
                 if _server is None or _server.owner != os.getpid():
                     _server = _Server()
                 return *_server.fork(job), _server
-            except OSError as error:  # it was killed
+            except OSError as error:  # the server was killed
                 why = error
                 if _server is not None:
                     _server.stop()
                 _server = None
-    raise ValueError(f"no process can be started that reads it: {short(why)}")
+    raise ValueError(f"cannot start a process to read it: {short(why)}")
 
 
 def stop() -> None:
-    """End the server of this process; the next file starts another one."""
+    """End the server of this process; the next file starts a new one."""
     global _server
     if _server is not None:
         _server.stop()

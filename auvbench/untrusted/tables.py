@@ -1,4 +1,4 @@
-"""Tables of unknown origin, as Parquet or comma-separated values, with a limit on what they expand to."""
+"""Read untrusted tables, as Parquet or comma-separated values, with limits on their unpacked size."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FILE = 256 * 1024**2
-"""bytes of the largest file; unpacked, a table has at most `sandbox.MEMORY`"""
+"""largest file in bytes; an unpacked table has at most `sandbox.MEMORY`"""
 COLUMNS = 1000
-"""of a table"""
+"""largest number of columns of a table"""
 TEXTS = 1_000_000
-"""different texts in a column"""
+"""largest number of distinct texts in a column"""
 MISSING = ("", "nan", "NaN", "NA", "N/A", "null", "NULL", "None")
-"""texts for a missing number; in a column of words they are words"""
+"""texts for a missing number; in a text column they are ordinary texts"""
 
 
 def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str] = ()) -> pd.DataFrame:
-    """Return a table, or its columns `only`; the columns `words` stay text.
+    """Return a table, or only its columns `only`; the columns `words` stay text.
 
     Raises:
-        ValueError: it is no table.
+        ValueError: the data are not a table.
     """
     import pandas as pd
 
@@ -35,41 +35,43 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
     if words:
         options |= {"dtype": dict.fromkeys(words, str), "na_values": MISSING, "keep_default_na": False}
     try:
-        found: pd.DataFrame = pd.read_csv(io.BytesIO(data), **options)
-        if any(found[name].isna().any() for name in words if name in found):  # "nan" is a word there
-            options["na_values"] = {name: MISSING for name in found if name not in words}
-            found = pd.read_csv(io.BytesIO(data), **options)
-        return found
-    except (ValueError, OverflowError, MemoryError) as error:  # pandas' own are ValueErrors
+        table: pd.DataFrame = pd.read_csv(io.BytesIO(data), **options)
+        # in a text column "nan" is a text
+        if any(table[name].isna().any() for name in words if name in table):
+            options["na_values"] = {name: MISSING for name in table if name not in words}
+            table = pd.read_csv(io.BytesIO(data), **options)
+        return table
+    except (ValueError, OverflowError, MemoryError) as error:  # pandas' own exceptions are ValueErrors
         raise ValueError(" ".join(str(error).split()) or type(error).__name__) from error
 
 
 def read_parquet(data: bytes, columns: Collection[str] | None = None) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Return a table, or its columns of these names, and the texts of its footer; text columns become categories.
+    """Return a table, or its columns with these names, and the texts of its footer; text columns become
+    categories.
 
-    A process of its own reads the file (`sandbox.py`).
+    A separate process reads the file (`sandbox.py`).
 
     Raises:
-        ValueError: it is no Parquet file, is damaged, too large, or has nested or foreign types.
+        ValueError: the file is not Parquet, is damaged, too large, or has nested or unknown types.
     """
     import pandas as pd
 
     wanted = None if columns is None else sorted(columns)
-    found: dict[str, Any] = {}
+    columns_read: dict[str, Any] = {}
     with sandbox.Child(sandbox.TABLE, data, columns=wanted, most=COLUMNS) as child:
         while "end" not in (answer := child.answer())[0]:
             name = typed_json.convert(answer[0].get("column"), str)
-            if name in found or len(found) == COLUMNS:
+            if name in columns_read or len(columns_read) == COLUMNS:
                 raise ValueError("the process that reads it sent a column twice")
-            found[name] = _column(answer[1])
+            columns_read[name] = _column(answer[1])
     notes = typed_json.convert(answer[0]["end"], dict[str, typed_json.Prose])
-    if len({len(values) for values in found.values()}) > 1:
+    if len({len(values) for values in columns_read.values()}) > 1:
         raise ValueError("the process that reads it sent columns of different lengths")
-    return pd.DataFrame(found, copy=False), {name: str(text) for name, text in notes.items()}
+    return pd.DataFrame(columns_read, copy=False), {name: str(text) for name, text in notes.items()}
 
 
 def _column(arrays: Mapping[str, np.ndarray[Any, Any]]) -> Any:
-    """Return the values of a column (n,): numbers, or a category from codes (n,) and texts one after another."""
+    """Return the values of a column (n,): numbers, or a category from codes (n,) and concatenated texts."""
     import numpy as np
     import pandas as pd
 
@@ -77,24 +79,25 @@ def _column(arrays: Mapping[str, np.ndarray[Any, Any]]) -> Any:
         return values
     codes, ends, text = (arrays.get(name) for name in ("codes", "ends", "text"))
     if codes is None or ends is None or text is None or {codes.ndim, ends.ndim, text.ndim} != {1}:
-        raise ValueError("the process that reads it sent a column of no meaning")
+        raise ValueError("the process that reads it sent an invalid column")
     if len(ends) > TEXTS:
         raise ValueError(f"it has more than {TEXTS:,} different texts in a column")
     if ends.dtype.kind != "i" or (np.diff(ends, prepend=0, append=len(text)) < 0).any():
-        raise ValueError("the process that reads it sent texts of no length")
+        raise ValueError("the process that reads it sent texts without lengths")
     whole, starts = text.tobytes(), [0, *ends[:-1].tolist()]
     words = [whole[start:end].decode() for start, end in zip(starts, ends.tolist(), strict=True)]
     return pd.Categorical.from_codes(codes, categories=pd.Index(words, dtype="str"))
 
 
 def parquet(frame: pd.DataFrame, notes: dict[str, str]) -> bytes:
-    """Return a table as a Parquet file with zstd and page checksums; `notes` go into its footer."""
+    """Return a table as a Parquet file with zstd and page checksums, and `notes` in its footer."""
     import pyarrow as pa
     from pyarrow.parquet import ParquetWriter
 
     # Without pandas' own entry, so that the bytes do not depend on its version.
     table = pa.Table.from_pandas(frame, preserve_index=False).replace_schema_metadata(None)
-    # Counters and trajectories change little from row to row: differences take half the bytes of a dictionary.
+    # Counters and trajectories change little from row to row: delta encoding takes half the bytes of a
+    # dictionary.
     delta = {
         field.name: "DELTA_BINARY_PACKED"
         for field in table.schema

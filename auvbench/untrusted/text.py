@@ -1,4 +1,4 @@
-"""Text of other people on its way to a terminal, a table or a figure; streams that survive it."""
+"""Clean untrusted text for a terminal, a table or a figure, and protect the standard streams."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import sys
 from typing import TextIO
 
 LONGEST = 200
-"""characters of a name; ours have a dozen"""
+"""largest number of characters of a name; auvbench's own have a dozen"""
 _LONG_WORD = re.compile(r"\S{500,}")
 
 
 def plain(text: object) -> str:
-    r"""Return one line of visible characters: no escape sequences, line breaks or marks of direction.
+    r"""Return one line of visible characters: no escape sequences, line breaks or direction marks.
 
     >>> print(plain("a\x1b[31mb\nc\u202e"))
     a\x1b[31mb\nc\u202e
@@ -26,7 +26,7 @@ def plain(text: object) -> str:
 
 
 def plain_lines(text: str) -> str:
-    r"""Return a text whose line breaks stay, with each line as `plain` returns it.
+    r"""Return a text with its line breaks, each line as `plain` returns it.
 
     >>> plain_lines("a\x1b[2J\n  b\n")
     'a\\x1b[2J\n  b\n'
@@ -43,12 +43,12 @@ def short(text: object, limit: int = LONGEST) -> str:
 
 
 def message(error: object) -> str:
-    """Return the line that a terminal shows of an error: `plain`, with very long words cut."""
+    """Return an error's line for the terminal: `plain`, with very long words cut."""
     return short(_LONG_WORD.sub(lambda word: f"{word[0][:LONGEST]}…", plain(error)), 5000)
 
 
 def first_line(error: object) -> str:
-    r"""Return the first line of an error, or its type where it has no text.
+    r"""Return the first line of an error, or its type if it has no text.
 
     >>> first_line(ValueError("no number\nin line 3")), first_line(ValueError())
     ('no number', 'ValueError')
@@ -57,10 +57,10 @@ def first_line(error: object) -> str:
 
 
 def cell(value: object) -> object:
-    r"""Return a value for a CSV file: a text that a spreadsheet would take for a formula gets a '.
+    r"""Return a value for a CSV file; a text that a spreadsheet would read as a formula gets a leading '.
 
-    Numbers stay numbers, also those written as text. A text becomes one line: Python's writer does not quote a lone
-    carriage return, which ends a row for some readers.
+    Numbers stay unchanged, even numbers written as text. A text becomes one line, because Python's writer
+    does not quote a lone carriage return, which ends a row for some readers.
 
     >>> cell("=1+1"), cell("PPO"), cell(-1.5), cell("-1.5"), cell("a\rb")
     ("'=1+1", 'PPO', -1.5, '-1.5', 'a\\rb')
@@ -78,7 +78,7 @@ def cell(value: object) -> object:
 
 
 def present() -> None:
-    """Open closed standard streams on the null device: the next file would else get their numbers."""
+    """Open closed standard streams on the null device; otherwise the next opened file would get their numbers."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
@@ -87,7 +87,7 @@ def present() -> None:
             if nowhere != number:
                 os.dup2(nowhere, number)
                 os.close(nowhere)
-            os.set_inheritable(number, True)  # workers have it as well
+            os.set_inheritable(number, True)  # workers inherit it
         if getattr(sys, name) is None:
             mode = "r" if name == "stdin" else "w"
             setattr(sys, name, open(number, mode, encoding="utf-8", closefd=False))  # noqa: SIM115
@@ -101,13 +101,13 @@ def forgiving() -> None:
 
 
 def say(text: str) -> None:
-    """Print a line to standard error; do nothing where it is closed or full."""
+    """Print a line to standard error; do nothing if it is closed or full."""
     with contextlib.suppress(OSError, ValueError):
         print(text, file=sys.stderr, flush=True)
 
 
 def silence(stream: TextIO) -> None:
-    """Discard what a stream has buffered, so that Python does not write it while it ends."""
+    """Discard what a stream has buffered, so that Python does not write it on exit."""
     with contextlib.suppress(OSError, ValueError, AttributeError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

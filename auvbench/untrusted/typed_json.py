@@ -1,4 +1,4 @@
-"""JSON of a declared type: manifests, summaries and lines of a journal that another person may have written.
+"""Read JSON of a declared type: manifests, summaries and journal lines that another person may have written.
 
     @dataclass(frozen=True, slots=True)
     class Mark:
@@ -8,8 +8,8 @@
     mark = typed_json.read(path, Mark)
 
 Types are dataclasses, `str`, `int`, `float`, `bool`, `Literal`, `T | None`, `list[T]`, `tuple[T, ...]`,
-`dict[str, T]` and `Any`. A `str` is one line of printable text; `Prose` may have several lines. Entries that a type
-does not name are ignored, so that an older auvbench reads the files of a newer one.
+`dict[str, T]` and `Any`. A `str` is one line of printable text; `Prose` may have several lines. Unknown
+entries are ignored, so that an older auvbench can read the files of a newer one.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from auvbench.untrusted.text import LONGEST, short
 T = TypeVar("T")
 
 LINE = 10_000
-"""characters of a `str`; a command line has some hundred"""
+"""largest number of characters of a `str`; a command line has some hundred"""
 PROSE = 1_000_000
-"""characters of a `Prose`"""
+"""largest number of characters of a `Prose`"""
 
 Prose = NewType("Prose", str)
 
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Limits of a number, or of the length of a text; both are allowed."""
+    """Limits, inclusive, of a number or of a text's length."""
 
     low: float
     high: float = math.inf
@@ -58,16 +58,16 @@ def read(path: Path | str, schema: type[T], limit: int = reading.DOCUMENT) -> T:
 
     Raises:
         OSError: the file is missing or cannot be read.
-        ValueError: it is no regular file, too long, no JSON, or an entry has another type.
+        ValueError: the file is not a regular file, too long or not JSON, or an entry has a wrong type.
     """
     return convert(json_value(reading.content(path, limit)), schema)
 
 
 def convert(value: object, schema: type[T]) -> T:
-    """Return a value of plain dictionaries and lists as `schema`.
+    """Convert a value of plain dictionaries and lists to `schema`.
 
     Raises:
-        ValueError: names the entry, its value and what is valid.
+        ValueError: an entry is wrong; the message names it, its value and what is valid.
 
     >>> convert({"a": [0, 1]}, dict[str, list[Count]])
     {'a': [0, 1]}
@@ -103,7 +103,7 @@ def _convert(kind: Any, value: Any, where: str) -> Any:
 
 
 def _fits(kind: Any, origin: Any, arguments: tuple[Any, ...], value: Any) -> bool:
-    """Whether a value is of a kind, leaving aside what it holds."""
+    """Return whether a value is of a kind, without checking its content."""
     if kind is Any:
         return True
     if kind is str:
@@ -120,18 +120,18 @@ def _fits(kind: Any, origin: Any, arguments: tuple[Any, ...], value: Any) -> boo
 
 
 def _object(kind: Any, value: Mapping[str, Any], where: str) -> Any:
-    found = {}
+    entries = {}
     for name, hint, is_required in _entries(kind):
         if name in value:
-            found[name] = _convert(hint, value[name], _join(where, name))
+            entries[name] = _convert(hint, value[name], _join(where, name))
         elif is_required:
             raise ValueError(f"{_join(where, name)} is missing")
-    return kind(**found)
+    return kind(**entries)
 
 
 @cache
 def _entries(kind: Any) -> list[tuple[str, Any, bool]]:
-    """Return name, type and whether it must be there, of each entry of a dataclass."""
+    """Return name, type and whether it is required, of each entry of a dataclass."""
     hints = get_type_hints(kind, include_extras=True)
     return [
         (field.name, hints[field.name], field.default is MISSING and field.default_factory is MISSING)
@@ -148,7 +148,7 @@ def _wrong(kind: Any, value: object, where: str) -> ValueError:
 
 
 def _name(kind: Any) -> str:
-    """Return what a valid value is, for a message."""
+    """Return the description of a valid value, for a message."""
     arguments = get_args(kind)
     if get_origin(kind) is Annotated:
         what = "one printable line of a length" if arguments[0] is str else _name(arguments[0])

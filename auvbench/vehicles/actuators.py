@@ -1,6 +1,8 @@
-"""The kinds of actuators: one class each, with its part of a sheet, its compiled coefficients, units and warnings.
+"""Define the kinds of actuators: one class each, with its part of a sheet, its compiled coefficients, units
+and warnings.
 
-A new kind is a class here, entered in `KINDS`, and its force in `dynamics/appendages.py` (docs/adding-an-actuator.md).
+A new kind needs a class here, an entry in `KINDS`, and its force in `dynamics/appendages.py`
+(docs/adding-an-actuator.md).
 """
 
 from __future__ import annotations
@@ -27,9 +29,9 @@ class Actuator:
     """One actuator of a vehicle, in body FLU."""
 
     kind: ClassVar[str]
-    """the sheet's `type`"""
+    """`type` in a sheet"""
     code: ClassVar[int]
-    """the kind in the compiled functions"""
+    """number of the kind in the compiled functions"""
     output: ClassVar[str]
     """unit of the curve's values"""
 
@@ -37,13 +39,15 @@ class Actuator:
     curve: Curve
     lag: Lag = field(default_factory=Lag.none)
     position: FloatArray
-    """(3,) m from the body origin"""
+    """(3,) position in m from the body origin"""
     direction: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) unit vector: force for a positive command, hinge (positive angles by the right hand), or axis of motion"""
+    """(3,) unit vector: direction of force for a positive command, hinge (positive angles by the right-hand
+    rule), or axis of motion
+    """
     rate: float = 0.0
-    """largest change of a rate-limited actuator per second; 0: unlimited"""
+    """largest change per second of a rate-limited actuator; 0: unlimited"""
     resting: FloatArray | None = None
-    """state at rest where it is not that of the curve at command 0"""
+    """state at rest, if it differs from the curve's value at command 0"""
 
     @classmethod
     def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
@@ -52,7 +56,7 @@ class Actuator:
 
     @property
     def rest(self) -> FloatArray:
-        """State of the actuator's dynamics when its command has been 0 for long; empty if it has none."""
+        """Return the state of the actuator's dynamics after a long time at command 0; empty without dynamics."""
         if self.resting is not None:
             return self.resting
         neutral = float(self.curve(0.0))
@@ -60,40 +64,40 @@ class Actuator:
 
     @property
     def unit(self) -> str:
-        """Unit of what a command stands for."""
+        """Return the unit of a command's physical quantity."""
         return self.output
 
     def force(self, command: ArrayLike) -> FloatArray:
-        """Steady force (...) in N at a command (...) in [-1, 1]; zero for what is no thruster."""
+        """Return the steady force (...) in N at a command (...) in [-1, 1]; zero unless this is a thruster."""
         return np.zeros_like(self.curve(command))
 
     def command(self, force: ArrayLike) -> FloatArray:
-        """Command (...) that gives a steady force (...) in N; zero for what is no thruster."""
+        """Return the command (...) for a steady force (...) in N; zero unless this is a thruster."""
         return np.zeros_like(np.asarray(force, dtype=np.float64))
 
     def coefficients(self) -> dict[int, float]:
-        """Return columns of the compiled table of actuators that only this kind has."""
+        """Return the columns of the compiled table of actuators that only this kind has."""
         return {}
 
     def geometry(self, density: float, gravity: float) -> dict[int, float]:
-        """Return columns of the compiled table of geometry after the first six, in kg/m3 and m/s2."""
+        """Return the columns of the compiled table of geometry after the first six, in kg/m3 and m/s2."""
         return {}
 
     def warnings(self) -> list[str]:
-        """Return what a pilot should know about this actuator, without its name."""
+        """Return warnings about this actuator, without its name."""
         return []
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Thruster(Actuator):
-    """A propeller: its curve gives newtons, or rad/s where `rotor_constant` turns them into newtons."""
+    """A propeller: its curve gives newtons, or rad/s if `rotor_constant` converts them to newtons."""
 
     kind = "thruster"
     code = layout.THRUSTER
     output = "N"
 
     rotor_constant: float = 0.0
-    """k rho D^4 in N s2 of F = k rho D^4 n|n|; 0 where the curve gives newtons"""
+    """k rho D^4 in N s2 of F = k rho D^4 n|n|; 0 if the curve gives newtons"""
     power: Power = field(default_factory=Power)
 
     @classmethod
@@ -226,7 +230,7 @@ class MassShifter(Actuator):
     output = "m"
 
     mass: float
-    """kg"""
+    """mass, kg"""
 
     @classmethod
     def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
@@ -274,14 +278,14 @@ class BuoyancyEngine(Actuator):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DropWeight(Actuator):
-    """A weight that a command above one half releases for good."""
+    """A weight that is released forever by a command above 0.5."""
 
     kind = "drop_weight"
     code = layout.DROP_WEIGHT
     output = "1"
 
     mass: float
-    """kg"""
+    """mass, kg"""
 
     @classmethod
     def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
@@ -291,7 +295,7 @@ class DropWeight(Actuator):
             curve=Curve("linear", (0.0, 1.0)),
             position=document.quantity((*at, "position"), "m", ((3,),)) * turn,
             mass=document.number((*at, "mass"), "kg", above=0.0),
-            resting=np.zeros(1),  # 0 attached, 1 released
+            resting=np.zeros(1),  # 0: attached, 1: released
         )
         return [weight]
 
@@ -302,11 +306,11 @@ class DropWeight(Actuator):
 KINDS: dict[str, type[Actuator]] = {
     cls.kind: cls for cls in (Thruster, Fin, MassShifter, BuoyancyEngine, DropWeight)
 }
-"""by the `type` of a sheet"""
+"""classes by the `type` of a sheet"""
 
 
 def read_actuators(document: Document, turn: FloatArray) -> tuple[Actuator, ...]:
-    """Return all actuators of a sheet, groups in the order written; vectors turned into body FLU by `turn` (3,)."""
+    """Return all actuators of a sheet, groups in the order written; `turn` (3,) turns vectors into body FLU."""
     units: list[Actuator] = []
     for name in document.mapping(("actuators",)):
         at = ("actuators", str(name))
@@ -322,7 +326,7 @@ def read_actuators(document: Document, turn: FloatArray) -> tuple[Actuator, ...]
 
 
 def _placed(document: Document, at: Keys, aim: str, what: str) -> list[tuple[str, FloatArray, FloatArray]]:
-    """Return name, position and direction of each actuator of a group, as the sheet has them."""
+    """Return name, position and direction of each actuator of a group, in the sheet's frame."""
     positions = _vectors(document, (*at, "positions"), "m")
     directions = _directions(document, at, aim)
     if set(positions) != set(directions):
@@ -331,30 +335,32 @@ def _placed(document: Document, at: Keys, aim: str, what: str) -> list[tuple[str
 
 
 def _gains(document: Document, at: Keys, names: Sequence[str]) -> dict[str, float]:
-    """Return the factor on the force of each thruster of a group that the sheet gives one."""
+    """Return the factor on the force of each thruster of a group, for thrusters that have one in the sheet."""
     where = (*at, "gain")
     values = document.sourced(where, "1")
     if not isinstance(values, Mapping):
         document.fail((*where, "value"), f"expected a factor under each thruster's name, got {values!r}")
-    found = {}
+    gains = {}
     for name, value in values.items():
         if name not in names:
             document.fail((*where, "value", str(name)), f"unknown key; {closest(str(name), names)}")
-        found[str(name)] = float(document.numbers((*where, "value", str(name)), value, ((),)))
-        if found[name] <= 0.0:
-            document.fail((*where, "value", str(name)), f"a factor is positive, got {found[name]:g}")
-    return found
+        gains[str(name)] = float(document.numbers((*where, "value", str(name)), value, ((),)))
+        if gains[name] <= 0.0:
+            document.fail((*where, "value", str(name)), f"a factor must be positive, got {gains[name]:g}")
+    return gains
 
 
 def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]:
-    """Return unit vectors, as given or as the x axis of a link with given attitude."""
+    """Return unit vectors: as given, or the x axis of a link with the given attitude."""
     where = (*at, key)
     if key == "angles":
-        found = {}
+        directions = {}
         for name, angles in _vectors(document, where, "deg").items():
             _, pitch, yaw = np.deg2rad(angles)
-            found[name] = np.array([np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)])
-        return found
+            directions[name] = np.array(
+                [np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), -np.sin(pitch)]
+            )
+        return directions
     vectors = _vectors(document, where, "1")
     for name, vector in vectors.items():
         length = float(np.linalg.norm(vector))
@@ -375,7 +381,7 @@ def _vectors(document: Document, at: Keys, unit: str) -> dict[str, FloatArray]:
 
 
 def _thrust_curve(document: Document, at: Keys) -> tuple[Curve, float]:
-    """Return the static curve and the rotor constant k rho D^4 (0 where the curve gives newtons)."""
+    """Return the static curve and the rotor constant k rho D^4 (0 if the curve gives newtons)."""
     document.mapping(at)
     kind = document.text((*at, "kind"), CURVES)
     if kind == "t200_16v":

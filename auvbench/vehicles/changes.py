@@ -1,6 +1,7 @@
-"""Changes to a vehicle sheet: factors on its numbers, net buoyancy, a payload, a lag, and thrusters that keep a share.
+"""Change a vehicle sheet: factors on its numbers, net buoyancy, a payload, a lag, and thrusters with a share
+of their force.
 
-The result is a sheet again, so everything that reads sheets works with it.
+The result is a sheet again, so all code that reads sheets works with it.
 """
 
 from __future__ import annotations
@@ -20,28 +21,28 @@ FloatArray = NDArray[np.float64]
 
 SCALES = ("mass", "inertia", "added_mass", "linear_damping", "quadratic_damping", "thrust")
 SOURCE = "changed"
-"""Source of numbers that are not the sheet's own"""
+"""Source of changed numbers"""
 
 
 @dataclass(frozen=True)
 class Changes:
-    """Changes in the order in which they are applied."""
+    """Changes, in the order of application."""
 
     scale: Mapping[str, float] = field(default_factory=dict)
-    """Factors by the names in `SCALES`; buoyancy follows the mass: net buoyancy stays"""
+    """Factors by the names in `SCALES`; buoyancy changes with the mass, so that the net buoyancy stays"""
     net_buoyancy: float | None = None
     """Buoyancy less weight, N"""
     payload: float = 0.0
-    """Mass of a point without volume, kg"""
+    """Mass in kg of a payload, a point without volume"""
     payload_at: Sequence[float] = (0.0, 0.0, 0.0)
     """Position of the payload in body FLU, m"""
     lag: float | None = None
     """Time constant of every thruster's first-order lag, s"""
     shares: Mapping[int, float] = field(default_factory=dict)
-    """Share of thrust that a thruster keeps, by its number from 1"""
+    """Remaining share of thrust, by the thruster's number from 1"""
 
     def __bool__(self) -> bool:
-        """Return whether there is any change."""
+        """Return whether anything changes."""
         return self != Changes()
 
 
@@ -49,11 +50,11 @@ def changed(values: Mapping[str, Any], changes: Changes) -> dict[str, Any]:
     """Return a sheet with changes.
 
     Args:
-        values: the content of a sheet, without parents.
-        changes: what changes.
+        values: content of a sheet, without parents.
+        changes: changes to apply.
 
     Raises:
-        VehicleError: the sheet is wrong, has no such thruster, or a change leaves it impossible.
+        VehicleError: the sheet is wrong, lacks a thruster, or becomes impossible by a change.
     """
     if not changes:
         return dict(values)
@@ -89,12 +90,12 @@ def _scale(found: dict[str, Any], scale: Mapping[str, float]) -> None:
 
 
 def _float(found: dict[str, Any], net: float) -> None:
-    """Set net buoyancy in N."""
+    """Set the net buoyancy in N."""
     found["buoyancy"] = {"center": found["buoyancy"]["center"], "net": _quantity(net, "N")}
 
 
 def _load(found: dict[str, Any], changes: Changes) -> None:
-    """Add a point mass; the volume stays."""
+    """Add a point mass without changing the volume."""
     vehicle = sheet.load(found)
     body, payload = vehicle.mass, changes.payload
     at = np.array(changes.payload_at, dtype=np.float64)
@@ -115,13 +116,13 @@ def _load(found: dict[str, Any], changes: Changes) -> None:
 
 
 def _thrust(found: dict[str, Any], changes: Changes) -> None:
-    """Set lag and gain of thrusters."""
+    """Set lag and gain of the thrusters."""
     factor = changes.scale.get("thrust", 1.0)
     numbers = dict(enumerate(_thrusters(found), start=1))
     for number in changes.shares:
         if number not in numbers:
             raise VehicleError(
-                f"vehicle {found['name']}: has {len(numbers)} thrusters, not a thruster {number}"
+                f"vehicle {found['name']}: has no thruster {number}; it has {len(numbers)} thrusters"
             )
     gains = {name: factor * changes.shares.get(number, 1.0) for number, name in numbers.items()}
     for group in found["actuators"].values():

@@ -1,4 +1,4 @@
-"""Parts of an actuator: the static curve, the linear lag, and the electrical power of a thruster."""
+"""Define the parts of an actuator: the static curve, the linear lag, and the electrical power of a thruster."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ class Curve:
     kind: str  # linear | table | polynomial
     limits: tuple[float, float]  # value at -1 and at +1
     table: FloatArray = field(default_factory=lambda: np.zeros(0))  # values at equally spaced commands
-    coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))  # of a^0, a^1, ...
+    coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))  # coefficients of a^0, a^1, ...
     neutral: float = 0.0  # value at command 0 of a linear curve
 
     @property
     def code(self) -> int:
-        """Number of the kind in the compiled functions."""
+        """Return the number of the kind in the compiled functions."""
         return {"linear": LINEAR_CURVE, "table": TABLE_CURVE, "polynomial": POLYNOMIAL_CURVE}[self.kind]
 
     @property
     def entries(self) -> FloatArray:
-        """Numbers that a compiled function needs in addition to the limits."""
+        """Return the numbers that a compiled function needs in addition to the limits."""
         return self.coefficients if self.kind == "polynomial" else self.table
 
     def __call__(self, command: ArrayLike) -> FloatArray:
-        """Value at `command` (...), which is clipped to [-1, 1]."""
+        """Return the value at `command` (...), clipped to [-1, 1]."""
         a = np.clip(np.asarray(command, dtype=np.float64), -1.0, 1.0)
         if self.kind == "linear":
             low, high = self.limits
@@ -46,7 +46,7 @@ class Curve:
         return np.asarray(np.polynomial.polynomial.polyval(a, self.coefficients))
 
     def times(self, factor: float) -> Curve:
-        """Return the curve with all its values multiplied."""
+        """Return the curve with all values multiplied by a factor."""
         if factor == 1.0:
             return self
         low, high = self.limits
@@ -59,9 +59,9 @@ class Curve:
         )
 
     def inverse(self, value: ArrayLike) -> FloatArray:
-        """A command (...) that gives `value`, clipped to what the monotone part of the curve reaches.
+        """Return a command (...) for `value`, clipped to the range of the curve's monotone part.
 
-        Inside a dead band the answer is the middle of the band, 0.
+        Inside a dead band it is the middle of the band, 0.
         """
         value = np.asarray(value, dtype=np.float64)
         if self.kind == "linear":
@@ -76,7 +76,7 @@ class Curve:
 
 @lru_cache(maxsize=256)
 def _monotone(curve: Curve) -> tuple[FloatArray, FloatArray]:
-    """Values and commands of the increasing part of a curve that contains command 0."""
+    """Return values and commands of the increasing part of a curve around command 0."""
     commands = np.linspace(-1.0, 1.0, curve.table.size if curve.kind == "table" else 4001)
     values = curve(commands)
     middle = commands.size // 2
@@ -110,10 +110,9 @@ class Lag:
 
     @classmethod
     def transfer_function(cls, numerator: ArrayLike, denominator: ArrayLike) -> Lag:
-        """From polynomials in s, highest power first.
+        """Return the lag of polynomials in s, highest power first.
 
-        The states are scaled by powers of the natural frequency, so that all of them are of the size of the
-        input.
+        The states are scaled by powers of the natural frequency, so that each has the magnitude of the input.
         """
         den = np.asarray(denominator, dtype=np.float64)
         order = den.size - 1
@@ -130,7 +129,7 @@ class Lag:
         return cls(A, B, C)
 
     def discretise(self, duration: float) -> tuple[FloatArray, FloatArray]:
-        """(Ad, Bd) of the exact update x(t + duration) = Ad x(t) + Bd u for constant u."""
+        """Return (Ad, Bd) of the exact update x(t + duration) = Ad x(t) + Bd u for constant u."""
         from scipy.linalg import expm
 
         n = self.order
@@ -141,7 +140,7 @@ class Lag:
         return E[:n, :n], E[:n, n]
 
     def steady(self, value: float) -> FloatArray:
-        """State (order,) in which the output stays at `value`."""
+        """Return the state (order,) in which the output stays at `value`."""
         if self.order == 0:
             return np.zeros(0)
         return np.asarray(-np.linalg.solve(self.A, self.B) * value)
@@ -149,7 +148,7 @@ class Lag:
 
 @cache
 def t200_table() -> dict[str, FloatArray]:
-    """Blue Robotics' public T200 measurements at 16 V (September 2019), by pulse width 1100 .. 1900 us."""
+    """Return Blue Robotics' public T200 measurements at 16 V (September 2019), by pulse width 1100 .. 1900 us."""
     path = resources.files("auvbench.vehicles") / "data" / "t200_16v.csv"
     with path.open(encoding="utf-8") as lines:
         rows = np.loadtxt((line for line in lines if not line.startswith("#")), delimiter=",", skiprows=1)
@@ -165,11 +164,11 @@ def t200_curve() -> Curve:
 
 @cache
 def t200_power() -> tuple[float, FloatArray]:
-    """Electrical power of a T200 at 16 V by force.
+    """Return the electrical power of a T200 at 16 V by force.
 
-    Force is monotone in pulse width outside the dead band, so power is a function of force. Returns the largest
-    force F in N and the power (POWER_POINTS,) in W at equally spaced forces from -F to F, of which the middle one
-    is 0; beyond the strongest reverse thrust power is constant.
+    Force is monotone in pulse width outside the dead band, so power is a function of force. The result has
+    the largest force F in N and the power (POWER_POINTS,) in W at equally spaced forces from -F to F; power
+    is constant beyond the strongest reverse thrust.
     """
     data = t200_table()
     force, first = np.unique(data["force_N"], return_index=True)
@@ -187,7 +186,7 @@ class Power:
     power_scale: float = 1.0
 
     def __call__(self, force: ArrayLike) -> FloatArray:
-        """Power (...) in W of a thruster that gives `force` (...) in N."""
+        """Return the power (...) in W of a thruster at `force` (...) in N."""
         largest, power = t200_power()
         scaled = np.asarray(force, dtype=np.float64) / self.force_scale
         return np.asarray(

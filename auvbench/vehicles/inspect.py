@@ -1,6 +1,7 @@
-"""What a vehicle's numbers imply before anything is simulated: trim, reach, speed, stability, and what looks odd.
+"""Derive properties from a vehicle's numbers without simulating: trim, reach, speed, stability, and odd
+values.
 
-Everything here is closed form or linear algebra on a `VehicleModel`; the simulator is not involved.
+All results are closed forms or linear algebra on a `VehicleModel`; the simulator is not used.
 """
 
 from __future__ import annotations
@@ -27,29 +28,31 @@ DIRECTIONS = (
     ("bow down", "bow up"),
     ("to port", "to starboard"),
 )
-"""What + and - mean along each axis in FLU."""
+"""Names of + and - along each axis in FLU."""
 
 _PRIORITY = (0, 1, 2, 5, 3, 4)
-"""The order in which axes are granted their own actuation: a vehicle that lacks one lacks roll or pitch first."""
+"""Order in which axes count as independently actuated: a vehicle with too few thrusters lacks roll or pitch first."""
 
 
 def net_buoyancy(vehicle: VehicleModel) -> float:
-    """B - W in N: positive rises."""
+    """Return B - W in N; a positive vehicle rises."""
     return float(vehicle.buoyancy - vehicle.weight)
 
 
 def rank(vehicle: VehicleModel) -> int:
-    """Rank of the thruster allocation (6, n_u): how many axes the thrusters can command independently."""
+    """Return the rank of the thruster allocation (6, n_u): the number of axes that the thrusters command
+    independently.
+    """
     return int(np.linalg.matrix_rank(vehicle.allocation))
 
 
 def independent_axes(vehicle: VehicleModel) -> tuple[int, ...]:
-    """Indices of the axes that the thrusters command independently of each other, in ascending order."""
-    kept: list[int] = []
+    """Return the axes that the thrusters command independently of each other, in ascending order."""
+    axes: list[int] = []
     for axis in _PRIORITY:
-        if np.linalg.matrix_rank(vehicle.allocation[[*kept, axis]]) > len(kept):
-            kept.append(axis)
-    return tuple(sorted(kept))
+        if np.linalg.matrix_rank(vehicle.allocation[[*axes, axis]]) > len(axes):
+            axes.append(axis)
+    return tuple(sorted(axes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +61,16 @@ class Trim:
 
     roll: float  # rad
     pitch: float  # rad, positive = bow down
-    moment: float  # N m/rad that bring it back, W BG for a vehicle that is level at rest
+    moment: float  # N m/rad, stiffness that rights the vehicle; W BG if it is level at rest
 
     @property
     def determined(self) -> bool:
-        """False where weight and buoyancy act at one point, so that every attitude is one of rest."""
+        """Return False if weight and buoyancy act at the same point, so that every attitude is an equilibrium."""
         return self.moment > 1e-9
 
 
 def static_trim(vehicle: VehicleModel) -> Trim:
-    """The stable equilibrium of the restoring moment.
+    """Return the stable equilibrium of the restoring moment.
 
     The moment is (W r_g - B r_b) x d, with d the direction of gravity in the body: at rest d is parallel to
     W r_g - B r_b.
@@ -83,44 +86,45 @@ def static_trim(vehicle: VehicleModel) -> Trim:
 
 
 def heel(vehicle: VehicleModel, moment: float) -> float | None:
-    """Angle in rad from trim at which the righting moment balances `moment` in N m; None where none does."""
+    """Return the angle in rad from trim at which the righting moment balances `moment` in N m; None if it cannot."""
     righting = static_trim(vehicle).moment
     return float(np.arcsin(moment / righting)) if moment < righting else None
 
 
 def largest_force(vehicle: VehicleModel, axis: int, sign: float, *, moments: bool = True) -> float:
-    """The most that the thrusters can give along one axis alone, N or N m.
+    """Return the largest force or moment of the thrusters along one axis alone, N or N m.
 
-    The other axes get none, except those that the thrusters cannot command independently: a BlueROV2 cannot
-    surge without a pitching moment. Without `moments` only the other two forces must vanish, as on a bollard.
+    The other axes get zero, except those that the thrusters cannot command independently: a BlueROV2 cannot
+    surge without a pitching moment. Without `moments`, only the other two forces must be zero, as on a
+    bollard.
     """
     from scipy.optimize import linprog
 
     B = vehicle.allocation
     if B.shape[1] == 0:
         return 0.0
-    held = independent_axes(vehicle) if moments else (0, 1, 2)
-    free = [other for other in held if other != axis]
+    axes_held = independent_axes(vehicle) if moments else (0, 1, 2)
+    free = [other for other in axes_held if other != axis]
     limits = [(float(low), float(high)) for low, high in np.sort(vehicle.force_limits, axis=1)]
     solution = linprog(-sign * B[axis], A_eq=B[free], b_eq=np.zeros(len(free)), bounds=limits)
     return float(max(0.0, sign * (B[axis] @ solution.x))) if solution.success else 0.0
 
 
 def terminal_speed(force: float, linear: float, quadratic: float) -> float:
-    """The speed v >= 0 with linear v + quadratic v^2 = force; infinite without damping, zero without force."""
+    """Return the speed v >= 0 with linear v + quadratic v^2 = force; infinite without damping, zero without force."""
     if force <= 0.0:
         return 0.0
     if quadratic == 0.0:
         return force / linear if linear > 0.0 else float("inf")
-    # The form of the root that loses no digits where the linear part dominates.
+    # This form of the root loses no digits if the linear part dominates.
     return 2.0 * force / (linear + float(np.sqrt(linear**2 + 4.0 * quadratic * force)))
 
 
 def rise_time(mass: float, force: float, linear: float, quadratic: float) -> float:
-    """Seconds from rest to 1 - 1/e of the terminal speed under a constant force, in closed form.
+    """Return the seconds from rest to 1 - 1/e of the terminal speed under a constant force, in closed form.
 
-    mass v' = force - linear v - quadratic v^2. For quadratic = 0 this is mass / linear; for linear = 0 it is
-    0.745 mass / sqrt(force quadratic), v being a hyperbolic tangent.
+    The motion is mass v' = force - linear v - quadratic v^2. For quadratic = 0 the result is mass / linear.
+    For linear = 0, v is a hyperbolic tangent and the result is 0.745 mass / sqrt(force quadratic).
     """
     if force <= 0.0 or (linear == 0.0 and quadratic == 0.0):
         return float("inf")
@@ -134,16 +138,16 @@ def rise_time(mass: float, force: float, linear: float, quadratic: float) -> flo
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """What the thrusters achieve along one axis in one direction, level and steady."""
+    """Performance of the thrusters along one axis in one direction, level and steady."""
 
     axis: int
     sign: int  # +1 or -1 along the axis in FLU
-    force: float  # N or N m
-    speed: float  # m/s or rad/s, by thrust alone
-    speed_with_buoyancy: float  # the same with B - W along heave; equal to `speed` elsewhere
+    force: float  # N or N m, largest force or moment
+    speed: float  # m/s or rad/s, terminal speed by thrust alone
+    speed_with_buoyancy: float  # m/s, the same with B - W along heave; equal to `speed` elsewhere
     rise_time: float  # s from rest to 63 % of the speed
     bollard_force: float  # N with moments left unbalanced; `force` for the three rotations
-    bollard_speed: float  # m/s that this force would give to a vehicle held straight
+    bollard_speed: float  # m/s, terminal speed at this force of a vehicle that is held straight
 
     @property
     def direction(self) -> str:
@@ -151,7 +155,7 @@ class Reach:
 
 
 def reach(vehicle: VehicleModel) -> list[Reach]:
-    """Two rows per axis that has any force at all."""
+    """Return two rows for each axis with any force."""
     rows = []
     mass = np.diag(vehicle.M)
     for axis in range(6):
@@ -178,17 +182,18 @@ def reach(vehicle: VehicleModel) -> list[Reach]:
 
 
 def linear_time_constants(vehicle: VehicleModel) -> dict[str, float | None]:
-    """M_ii / D_ii in s of small motions about rest, by axis; None without linear damping."""
+    """Return M_ii / D_ii in s of small motions about rest, by axis; None without linear damping."""
     mass, damping = np.diag(vehicle.M).tolist(), vehicle.linear_damping.tolist()
     return {axis: m / d if d > 0.0 else None for axis, m, d in zip(AXES, mass, damping, strict=True)}
 
 
 def shortest_time_constant(vehicle: VehicleModel) -> float:
-    """Seconds in which damping acts where it is fastest, infinite without damping: what the physics step must resolve.
+    """Return the shortest time constant of damping in s, infinite without damping; the physics step must
+    resolve it.
 
-    One over the largest eigenvalue of M^-1 dF/dnu for the damping force F = (D_l + D_q |nu|) nu, at the speeds nu at
-    which F holds along each axis alone what all thrusters together, the net buoyancy and the largest righting moment
-    give along it.
+    The result is one over the largest eigenvalue of M^-1 dF/dnu for the damping force F = (D_l + D_q |nu|)
+    nu. The speed nu along each axis is the terminal speed under the sum of all thrusters, the net buoyancy
+    and the largest righting moment along that axis.
     """
     return _time_constant(vehicle, 1.0, abs(net_buoyancy(vehicle)), static_trim(vehicle).moment)
 
@@ -196,15 +201,15 @@ def shortest_time_constant(vehicle: VehicleModel) -> float:
 def shortest_drawn_time_constant(
     vehicle: VehicleModel, drawn: Mapping[str, tuple[float, float]], *, keep_trim: bool = False
 ) -> float:
-    """`shortest_time_constant` of the vehicle that reacts fastest among those that a randomisation can draw.
+    """Return `shortest_time_constant` of the fastest vehicle that a randomisation can draw.
 
-    It is shortest where what is accelerated is lightest and what acts is strongest: the eigenvalues fall with every
-    part of the mass and rise with damping and force.
+    The time constant is shortest for the lightest masses and the strongest forces: the eigenvalues fall with
+    every part of the mass and rise with damping and force.
 
     Args:
-        vehicle: the sheet's.
+        vehicle: vehicle of the sheet.
         drawn: lowest and highest factor on mass, buoyancy, inertia, added_mass, damping and thrust.
-        keep_trim: the buoyancy follows the weight before its own factor is applied.
+        keep_trim: whether the buoyancy follows the weight before its own factor is applied.
     """
     (light, heavy), (low, high) = drawn["mass"], drawn["buoyancy"]
     corners = []
@@ -228,27 +233,27 @@ def shortest_drawn_time_constant(
 
 
 def _time_constant(vehicle: VehicleModel, thrust: float, lift: float, righting: float) -> float:
-    """Seconds; thrust is a factor, lift in N, the largest righting moment in N m."""
+    """Return the time constant in s; thrust is a factor, lift in N, the largest righting moment in N m."""
     limits = thrust * np.abs(vehicle.force_limits).max(axis=1)
     largest = np.abs(vehicle.allocation) @ limits
     largest[2] += lift
     largest[3:] += righting
     D_l, D_q = vehicle.linear_damping, vehicle.quadratic_damping
-    # Where damping is linear the speed does not matter, and may be infinite.
+    # For linear damping the speed does not matter, and may be infinite.
     speed = [terminal_speed(f, d, q) if q > 0.0 else 0.0 for f, d, q in zip(largest, D_l, D_q, strict=True)]
     fastest = float(np.abs(np.linalg.eigvals(vehicle.M_inverse * (D_l + 2.0 * D_q * speed))).max())
     return 1.0 / fastest if fastest > 0.0 else float("inf")
 
 
 def free_speed(vehicle: VehicleModel) -> float:
-    """m/s at which the level vehicle rises (positive) or sinks without thrust."""
+    """Return the speed in m/s at which the level vehicle rises (positive) or sinks without thrust."""
     net = net_buoyancy(vehicle)
     speed = terminal_speed(abs(net), float(vehicle.linear_damping[2]), float(vehicle.quadratic_damping[2]))
     return float(np.copysign(speed, net)) if speed else 0.0
 
 
 def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
-    """Jacobian (8, 8) of (roll, pitch, u, v, w, p, q, r) about level flight ahead at `speed`, trimmed."""
+    """Return the Jacobian (8, 8) of (roll, pitch, u, v, w, p, q, r) about level, trimmed flight ahead at `speed`."""
     M_A = vehicle.coriolis_sign * vehicle.M_A
     r_g, r_b = vehicle.center_of_gravity, vehicle.center_of_buoyancy
 
@@ -270,12 +275,12 @@ def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
     x0 = np.zeros(8)
     x0[2] = speed
     J = np.zeros((8, 8))
-    J[0, 5] = J[1, 6] = 1.0  # level: the angles' rates are p and q
+    J[0, 5] = J[1, 6] = 1.0  # level: the rates of the angles are p and q
     h = 1e-6
     for k in range(8):
         step = np.zeros(8)
         step[k] = h
-        # The steady thrust drops out of the difference. |nu| nu is differentiable at 0 with slope 0.
+        # The steady thrust cancels in the difference. |nu| nu is differentiable at 0 with slope 0.
         J[2:, k] = (acceleration(x0 + step) - acceleration(x0 - step)) / (2.0 * h)
     return J
 
@@ -286,16 +291,18 @@ class Instability:
 
     plane: str  # pitch (vertical plane) or yaw (horizontal plane)
     above: float  # m/s
-    growth: float  # 1/s at top speed
+    growth: float  # 1/s at top speed, growth rate of a deviation
     speed: float  # m/s, the top speed
 
 
 _PLANES = {"pitch": [1, 2, 4, 6], "yaw": [0, 3, 5, 7]}
-"""States that move together in a vehicle with a left-right symmetry; each plane alone is looked at."""
+"""States that move together in a vehicle with left-right symmetry; each plane is examined separately."""
 
 
 def instabilities(vehicle: VehicleModel) -> list[Instability]:
-    """Where the Munk moment beats damping and restoring moment, from the eigenvalues of straight flight ahead."""
+    """Return instabilities, where the Munk moment exceeds damping and restoring moment, from the eigenvalues
+    of flight ahead.
+    """
     rows = [row for row in reach(vehicle) if row.axis == 0 and row.sign > 0]
     if not rows or not np.isfinite(rows[0].speed):
         return []
@@ -304,7 +311,7 @@ def instabilities(vehicle: VehicleModel) -> list[Instability]:
     def growth(speed: float, states: list[int]) -> float:
         return float(np.linalg.eigvals(_linearised(vehicle, speed)[np.ix_(states, states)]).real.max())
 
-    found = []
+    cases = []
     for plane, states in _PLANES.items():
         speeds = np.linspace(0.02, 1.0, 50) * top
         unstable = np.array([growth(speed, states) > 1e-6 for speed in speeds])
@@ -315,12 +322,14 @@ def instabilities(vehicle: VehicleModel) -> list[Instability]:
         for _ in range(20):
             middle = (low + high) / 2.0
             low, high = (low, middle) if growth(middle, states) > 1e-6 else (middle, high)
-        found.append(Instability(plane, float(high), growth(top, states), top))
-    return found
+        cases.append(Instability(plane, float(high), growth(top, states), top))
+    return cases
 
 
 def gyration(vehicle: VehicleModel) -> tuple[FloatArray, float]:
-    """Radii of gyration (3,) in m about the centre of gravity, and the distance of the farthest actuator in m."""
+    """Return the radii of gyration (3,) in m about the centre of gravity, and the distance of the farthest
+    actuator in m.
+    """
     radii = np.sqrt(np.diag(vehicle.inertia) / vehicle.mass)
     arms = [np.linalg.norm(unit.position - vehicle.center_of_gravity) for unit in vehicle.units]
     return radii, float(max(arms, default=0.0))

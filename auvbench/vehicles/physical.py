@@ -1,7 +1,7 @@
-"""A vehicle that is told physical quantities, newtons and radians, in the place of commands in [-1, 1].
+"""Command a vehicle with physical quantities (newtons, radians) instead of commands in [-1, 1].
 
-What comes over a wire is a number in N. To turn it into a command of the sheet's curve and that back into newtons
-would change its last bits; a curve that multiplies by a power of two changes none.
+A number from a network is in N. Converting it to a command of the sheet's curve and back to newtons would
+change its last bits; multiplying by a power of two does not.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ FloatArray = NDArray[np.float64]
 
 
 class PhysicalCommands:
-    """From physical quantities to what the vehicle `model` takes.
+    """Converter from physical quantities to the commands of the vehicle `model`.
 
     Attributes:
-        model: the vehicle, with the same motion for the same physical quantity, to the last bit.
-        limits: (n_u, 2) least and most of each: N of a thruster, rad, m or m3 of others.
-        neutral: (n_u,) what a command of 0 stands for.
+        model: vehicle with the same motion for the same physical quantity, to the last bit.
+        limits: (n_u, 2) smallest and largest quantity: N of a thruster, rad, m or m3 of others.
+        neutral: (n_u,) quantity at command 0.
 
     """
 
@@ -34,7 +34,7 @@ class PhysicalCommands:
         for unit in vehicle.units:
             low, high = _reach(unit.curve)
             factor = 2.0 ** math.ceil(math.log2(max(-low, high, 1e-300)))
-            # A polynomial, for a linear curve would have its zero where the sheet's neutral value is.
+            # A polynomial, since the zero of a linear curve would be at the sheet's neutral value.
             plain = Curve(
                 "polynomial",
                 (-factor, factor),
@@ -54,7 +54,7 @@ class PhysicalCommands:
         self.neutral: FloatArray = self.of_action(np.zeros(len(units)))
 
     def __call__(self, quantities: FloatArray) -> FloatArray:
-        """Commands (n, n_u) of `model` for quantities (n, n_u), clipped to the sheet's limits."""
+        """Return commands (n, n_u) of `model` for quantities (n, n_u), clipped to the sheet's limits."""
         values = quantities
         if self._which.size:
             values = quantities.copy()
@@ -63,15 +63,16 @@ class PhysicalCommands:
         return np.asarray(np.clip(values, self._values[:, 0], self._values[:, 1]) / self._factors)
 
     def of_action(self, action: FloatArray) -> FloatArray:
-        """Quantities (n_u,) of an action (n_u,) in [-1, 1] of the sheet's vehicle."""
+        """Return the quantities (n_u,) of an action (n_u,) in [-1, 1] of the sheet's vehicle."""
         values = [float(curve(a)) for curve, a in zip(self._curves, action, strict=True)]
         return np.asarray(self.quantities(np.array([values]))[0])
 
     def quantities(self, values: FloatArray) -> FloatArray:
-        """Quantities (n, n_u) that are turned back into `values` (n, n_u), the curves' own units, without a loss.
+        """Return quantities (n, n_u) that convert back to `values` (n, n_u), in the curves' own units,
+        without loss.
 
-        A rotor's thrust goes with the square of its speed, so that there are more numbers of newtons than speeds; in
-        extended precision both ways are rounded once, and the way back finds the speed to the last bit.
+        A rotor's thrust is quadratic in its speed, so that more numbers in newtons exist than speeds. In
+        extended precision each direction is rounded once, and the way back finds the speed to the last bit.
         """
         out = np.array(values, dtype=np.float64)
         for a in self._which:
@@ -81,16 +82,16 @@ class PhysicalCommands:
 
 
 def _speed(force: FloatArray, constant: float) -> FloatArray:
-    """rad/s (n,) of a rotor whose thrust `constant` n|n| is `force` (n,) in N."""
+    """Return the speed in rad/s (n,) of a rotor whose thrust `constant` n|n| is `force` (n,) in N."""
     exact = np.sqrt(np.abs(force).astype(np.longdouble) / np.longdouble(constant))
     return np.asarray(np.copysign(exact.astype(np.float64), force), dtype=np.float64)
 
 
 def _reach(curve: Curve) -> tuple[float, float]:
-    """The least and the most that a curve gives."""
+    """Return the smallest and the largest value of a curve."""
     if curve.kind == "linear":
         return min(curve.limits), max(curve.limits)
     values = curve.table if curve.kind == "table" else curve(np.linspace(-1.0, 1.0, 4001))
     low, high = float(np.min(values)), float(np.max(values))
-    margin = 1e-6 * (high - low)  # a polynomial's top may lie between two samples
+    margin = 1e-6 * (high - low)  # the top of a polynomial may be between two samples
     return low - margin, high + margin

@@ -1,6 +1,7 @@
-"""Finding and reading vehicle sheets: names, files, and what a sheet inherits.
+"""Find and read vehicle sheets: names, files, and inheritance.
 
-A `Document` is a sheet's content: sourced quantities, and messages that name the file, the key and the rule.
+A `Document` is a sheet's content: quantities with sources, and messages that name the file, the key and the
+rule.
 """
 
 from __future__ import annotations
@@ -24,39 +25,40 @@ if TYPE_CHECKING:  # a composed configuration needs no arrays
     FloatArray = NDArray[np.float64]
 
 LARGEST = 1e15
-"""in any unit of a sheet; products of such numbers are still finite"""
+"""largest number in any unit of a sheet; products of such numbers are still finite"""
 
 Keys = tuple[str, ...]
 
 
 def sheets() -> dict[str, Traversable]:
-    """Vehicle sheets by name: of auvbench, of installed packages, and in `conf/vehicle` of the working directory.
+    """Return the vehicle sheets by name: auvbench's, those of installed packages, and those in `conf/vehicle`
+    of the working directory.
 
-    The latter win, as they do in Hydra's search path.
+    The sheets in the working directory take precedence, as in Hydra's search path.
     """
-    found: dict[str, Traversable] = {}
+    entries: dict[str, Traversable] = {}
     for folder in folders.of_group("vehicle"):
         if folder.is_dir():
             for entry in folder.iterdir():
                 if entry.name.endswith(".yaml"):
-                    found[entry.name.removesuffix(".yaml")] = entry
-    return dict(sorted(found.items()))
+                    entries[entry.name.removesuffix(".yaml")] = entry
+    return dict(sorted(entries.items()))
 
 
 def sheet_names() -> list[str]:
-    """Names of the vehicle sheets that can be loaded by name."""
+    """Return the names of the vehicle sheets that can be loaded by name."""
     return list(sheets())
 
 
 def read(source: str | Path | Mapping[str, Any]) -> Document:
-    """A document from a mapping, the path of a YAML file, or the name of a known sheet."""
+    """Return the document of a mapping, of a YAML file's path, or of a known sheet's name."""
     document = _read(source)
     document.data = _without_nulls(document.data)
     return document
 
 
 def _without_nulls(node: Mapping[str, Any]) -> dict[str, Any]:
-    """The mapping without keys that are null, which is how a sheet drops a key of the one it inherits from."""
+    """Return the mapping without null keys; a sheet drops an inherited key by setting it to null."""
     return {
         key: _without_nulls(value) if isinstance(value, Mapping) else value
         for key, value in node.items()
@@ -82,11 +84,11 @@ def _read(source: str | Path | Mapping[str, Any]) -> Document:
 
 
 def _compose(entry: Traversable, label: str, heirs: tuple[str, ...] = ()) -> Document:
-    """Parse a sheet and merge it over those that its `defaults` name, as Hydra does.
+    """Parse a sheet and merge it over the sheets in its `defaults`, as Hydra does.
 
     Args:
-        entry: the file.
-        label: what messages call it.
+        entry: file of the sheet.
+        label: name of the file in messages.
         heirs: labels of the sheets that inherit from this one, which therefore cannot be its parents.
     """
     document = Document(_parse(entry, label), label)
@@ -100,7 +102,7 @@ def _compose(entry: Traversable, label: str, heirs: tuple[str, ...] = ()) -> Doc
 
 
 def _parent(name: str, heir: Document, heirs: tuple[str, ...]) -> Document:
-    """The sheet `name` that `heir` inherits from."""
+    """Return the sheet `name`, from which `heir` inherits."""
     known = sheets()
     if name not in known:
         heir.fail(("defaults",), f"vehicle {name!r} is not known; {closest(name, known)}")
@@ -116,16 +118,16 @@ def _parse(entry: Traversable, label: str) -> dict[str, Any]:
     try:
         data = reading.content(entry) if isinstance(entry, Path) else entry.read_bytes()
         data.decode("utf-8")
-        found = reading.yaml_value(data)
+        content = reading.yaml_value(data)
     except UnicodeDecodeError:
-        raise VehicleError(f"{label}: is no UTF-8: save the sheet as UTF-8 text") from None
+        raise VehicleError(f"{label}: is not UTF-8: save the sheet as UTF-8 text") from None
     except OSError as error:
         raise VehicleError(f"{label}: cannot be read: {error.strerror}") from None
     except ValueError as error:
         raise VehicleError(f"{label}: not valid YAML: {error}") from None
-    if not isinstance(found, dict):
+    if not isinstance(content, dict):
         raise VehicleError(f"{label}: a vehicle sheet is a mapping of keys")
-    return found
+    return content
 
 
 def _merge(base: dict[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
@@ -178,16 +180,18 @@ class Document:
 
     data: dict[str, Any]
     label: str
-    """the file, or the vehicle of a composed configuration"""
+    """name of the file, or of the vehicle of a composed configuration"""
     used: set[str] = field(default_factory=set)
-    """sources that a quantity named"""
+    """sources that a quantity has named"""
 
     def fail(self, path: Keys, rule: str) -> NoReturn:
         """Raise a `VehicleError` that names `path` and the rule."""
         raise VehicleError(": ".join([self.label, *([".".join(path)] if path else []), rule]))
 
     def section(self, path: Keys, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
-        """The mapping at `path`, which must hold `required` and may hold `optional` keys, no others."""
+        """Return the mapping at `path`, which must have the `required` and may have the `optional` keys, but
+        no others.
+        """
         node = self.mapping(path)
         valid = (*required, *optional)
         for key in node:
@@ -221,7 +225,7 @@ class Document:
         return value
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Return the list of texts under a key at the top; empty without one."""
+        """Return the list of texts under a top-level key; empty without the key."""
         value = self.data.get(key, [])
         if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
             self.fail((key,), f"expected a list of texts, got {value!r}")
@@ -238,13 +242,13 @@ class Document:
         return value
 
     def _check_range(self, path: Keys, value: FloatArray) -> None:
-        """Refuse a range that does not contain the value."""
+        """Raise VehicleError if a range does not contain the value."""
         low, high = self.numbers(path, self.get(path), ((2, *value.shape),))
         if (low > value).any() or (value > high).any():
             self.fail(path, f"{self.get(path)!r} does not contain the value {value.tolist()!r}")
 
     def number(self, path: Keys, unit: str, low: float = -math.inf, above: float = -math.inf) -> float:
-        """A sourced number, at least `low` and greater than `above`."""
+        """Return a sourced number, at least `low` and greater than `above`."""
         value = float(self.quantity(path, unit))
         if value < low:
             self.fail((*path, "value"), f"{value:g} {unit} is out of range: it must be at least {low:g}")
@@ -255,7 +259,7 @@ class Document:
         return value
 
     def sourced(self, path: Keys, unit: str) -> Any:
-        """The value of `{value, unit, source}` after checking unit and source."""
+        """Return the value of `{value, unit, source}` after checking unit and source."""
         node = self.get(path)
         if not isinstance(node, Mapping):
             self.fail(path, f"expected value, unit and source, got {node!r}")
@@ -279,18 +283,18 @@ class Document:
             self.used.add(key)
 
     def sequence(self, path: Keys, unit: str) -> FloatArray:
-        """The numbers of a sourced list of any length but 0."""
+        """Return the numbers of a sourced list, which must not be empty."""
         value = self.sourced(path, unit)
         if not isinstance(value, (list, tuple)) or not value:
             self.fail((*path, "value"), f"expected a list of numbers, got {value!r}")
         return self.numbers((*path, "value"), value, ((len(value),),))
 
     def numbers(self, path: Keys, value: Any, shapes: tuple[tuple[int, ...], ...]) -> FloatArray:
-        """`value` as an array of finite numbers with one of `shapes`."""
+        """Return `value` as an array of finite numbers with one of `shapes`."""
         import numpy as np
 
         try:
-            if isinstance(value, str):  # numpy reads such texts
+            if isinstance(value, str):  # numpy would convert such texts
                 raise TypeError
             array = np.array(value, dtype=np.float64)
         except (TypeError, ValueError):
@@ -299,9 +303,9 @@ class Document:
             wanted = " or ".join("x".join(map(str, shape)) or "one number" for shape in shapes)
             self.fail(path, f"{value!r} has the wrong shape: expected {wanted}")
         if not np.all(np.isfinite(array)):
-            self.fail(path, f"{value!r} holds a number that is not finite")
+            self.fail(path, f"{value!r} contains a number that is not finite")
         if np.any(np.abs(array) > LARGEST):
             self.fail(
-                path, f"{short(repr(value))} holds a number beyond ±{LARGEST:g}, which nothing measures"
+                path, f"{short(repr(value))} contains a number beyond ±{LARGEST:g}, the largest allowed"
             )
         return array

@@ -1,4 +1,4 @@
-"""A vehicle sheet, in which every number names its source, becomes a checked `VehicleModel`."""
+"""Convert a vehicle sheet, in which every number names its source, to a checked `VehicleModel`."""
 
 from __future__ import annotations
 
@@ -21,18 +21,19 @@ FloatArray = NDArray[np.float64]
 _BUOYANCY = ("volume", "force", "net")
 _ASYMMETRY = 1e-9
 _MENDABLE = 0.1
-"""The largest asymmetry of an added-mass matrix that `symmetrise` averages, as a share of sqrt(M_ii M_jj): what
-identification leaves is far smaller (rexrov: 1e-6), and a typing error far larger."""
+"""Largest asymmetry of an added-mass matrix that `symmetrise` averages, as a share of sqrt(M_ii M_jj).
+Identification leaves a far smaller asymmetry (rexrov: 1e-6), and a typing error causes a far larger one.
+"""
 SHORTEST = 1e-5
-"""s of the shortest time constant; those of real vehicles have some milliseconds (docs/physics.md)"""
+"""smallest allowed shortest time constant in s; real vehicles have some milliseconds (docs/physics.md)"""
 
 
 def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
-    """The vehicle that a sheet describes.
+    """Return the vehicle that a sheet describes.
 
     Args:
-        source: the content of a sheet as a mapping, the path of a YAML file, or the name of one of the sheets
-            that come with auvbench.
+        source: content of a sheet as a mapping, path of a YAML file, or name of a sheet that comes with
+            auvbench.
 
     Raises:
         VehicleError: the sheet breaks a rule; the message names file, key and rule.
@@ -85,7 +86,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
 
 
 def _sources(document: Document) -> tuple[tuple[str, str], ...]:
-    """Citations of the sources that a number of the sheet names; inherited ones may have fallen out of use."""
+    """Return the citations of the sources that a number of the sheet names; inherited sources may be unused."""
     citations = []
     for key in document.mapping(("sources",)):
         path = ("sources", str(key))
@@ -122,7 +123,7 @@ def _rigid_body(
     if principal[2] > (principal[0] + principal[1]) * (1.0 + _ASYMMETRY) and smallest > 0.0:
         document.fail(
             where,
-            f"no body has the principal inertias {', '.join(f'{value:g}' for value in principal)}: each is at most"
+            f"no body has the principal inertias {', '.join(f'{value:g}' for value in principal)}: each must be at most"
             " the sum of the other two",
         )
     if smallest <= 0.0:
@@ -205,7 +206,7 @@ def _hydrodynamics(
 
 
 def _coriolis(document: Document, section: Mapping[str, Any], M_A: FloatArray) -> tuple[bool, str]:
-    """Whether added mass has a Coriolis term, and whose if not Fossen's."""
+    """Return whether added mass has a Coriolis term, and the plug-in's release if the term is not Fossen's."""
     at = ("hydrodynamics", "added_mass_coriolis")
     value = section.get("added_mass_coriolis", True)
     if isinstance(value, Mapping):
@@ -213,7 +214,7 @@ def _coriolis(document: Document, section: Mapping[str, Any], M_A: FloatArray) -
     if isinstance(value, bool):
         return value, ""
     if value not in RELEASES:
-        document.fail(at, f"{value!r} is neither true nor false nor {' nor '.join(RELEASES)}")
+        document.fail(at, f"{value!r} must be true, false or {' or '.join(RELEASES)}")
     if np.any(np.diag(np.diag(M_A)) != M_A):
         document.fail(at, f"{value}: the plugin's term is that of a diagonal added mass")
     return True, str(value)
@@ -235,7 +236,7 @@ def _controllable(document: Document) -> tuple[str, ...]:
         if name not in AXES:
             document.fail(
                 ("controllable",),
-                f"{name!r} is no degree of freedom; {closest(str(name), AXES)}",
+                f"{name!r} is not a degree of freedom; {closest(str(name), AXES)}",
             )
     return tuple(declared)
 
@@ -252,18 +253,18 @@ def _check_allocation(document: Document, vehicle: VehicleModel) -> None:
 
 
 def refuse_stiff_vehicle(name: str, shortest: float) -> None:
-    """Refuse a vehicle whose damping acts so fast that the physics step would have to be next to nothing.
+    """Raise VehicleError for a vehicle whose damping is so fast that the physics step would have to be tiny.
 
     Args:
-        name: of the vehicle, for the message.
-        shortest: s, its shortest time constant, or that of the fastest vehicle that may be drawn.
+        name: name of the vehicle, for the message.
+        shortest: shortest time constant in s, of the vehicle or of the fastest one that may be drawn.
 
     Raises:
-        VehicleError: it is shorter than `SHORTEST`, or no number.
+        VehicleError: the time constant is below `SHORTEST`, or NaN.
     """
     if not shortest >= SHORTEST:
         raise VehicleError(
-            f"vehicle {name}: its damping acts within {shortest:.3g} s, so that each second would take more than "
-            f"{1 / SHORTEST:,.0f} physics steps: its damping is too large for its mass (auvbench vehicles {name}); "
-            f"the shortest time constant must be at least {SHORTEST:g} s"
+            f"vehicle {name}: damping too large for its mass: time constant {shortest:.3g} s, must be at "
+            f"least {SHORTEST:g} s "
+            f"(auvbench vehicles {name})"
         )

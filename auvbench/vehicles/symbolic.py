@@ -1,12 +1,14 @@
-"""The equations of `dynamics/equations.py` once more, as CasADi expressions made from a vehicle's sheet.
+"""Build the equations of `dynamics/equations.py` as CasADi expressions from a vehicle's sheet.
 
-For those who need derivatives of the motion: model predictive control and time-optimal bounds. The unit tests
-compare a step of these equations with the compiled kernel's for every vehicle that has thrusters alone.
+These are for methods that need derivatives of the motion: model predictive control and time-optimal bounds.
+The unit tests compare a step of these equations with the compiled kernel's, for every vehicle with only
+thrusters.
 
-State (13 + n_a): x y z (m, world ENU), qw qx qy qz (body to world), u v w p q r (m/s, rad/s, body FLU), then the
-states of the thrusters' lags in the order of the actuators. Input (n_u): steady thrusts in N, also where a rotor stands
-between, since thrust over the speed of rotation has no slope at rest. A lag of higher order is replaced by one of the first
-order with the same mean delay, which acts on the thrust. The current is constant in the world, (3,) m/s.
+State (13 + n_a): x y z (m, world ENU), qw qx qy qz (body to world), u v w p q r (m/s, rad/s, body FLU), then
+the states of the thrusters' lags in the order of the actuators. Input (n_u): steady thrusts in N, even for a
+thruster with a rotor, since the speed of rotation as a function of thrust has no slope at rest. A lag of
+higher order is replaced by a first-order lag with the same mean delay, which acts on the thrust. The current
+is constant in the world, (3,) m/s.
 """
 
 from __future__ import annotations
@@ -26,14 +28,14 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 RIGID = 13
-"""States before those of the actuators."""
+"""Number of states before the states of the actuators."""
 
 
 def require() -> Any:
-    """CasADi.
+    """Return the CasADi module.
 
     Raises:
-        MissingExtraError: it is not installed.
+        MissingExtraError: CasADi is not installed.
     """
     try:
         import casadi
@@ -56,15 +58,17 @@ class SymbolicModel:
     rigid: Any
     """Function (rigid state (13), thrust (n_u) in N, current (3)) -> d rigid state / dt (13)"""
     input_limits: FloatArray
-    """(n_u, 2) of the inputs, N"""
+    """(n_u, 2) limits of the inputs, N"""
     rest: FloatArray
-    """(n_x - 13,) states of the actuators when their commands have been 0 for long"""
+    """(n_x - 13,) states of the actuators after a long time at command 0"""
     longest_step: float
-    """s: twice the shortest time constant of the body (`vehicles.inspect`) and of the lags; RK4 is stable up to 2.8"""
+    """longest step in s: twice the shortest time constant of the body (`vehicles.inspect`) and of the lags;
+    RK4 is stable up to 2.8
+    """
 
     def step(self, duration: float, substeps: int) -> Any:
-        """Function (state, input, current) -> state after `duration` s by RK4, the quaternion renormalised after
-        each substep.
+        """Return the function (state, input, current) -> state after `duration` s by RK4; it normalises the
+        quaternion after each substep.
         """
         ca = require()
         x0, u, c = ca.SX.sym("x", self.n_x), ca.SX.sym("u", self.n_u), ca.SX.sym("c", 3)
@@ -82,10 +86,10 @@ class SymbolicModel:
 
 
 def symbolic(vehicle: VehicleModel) -> SymbolicModel:
-    """The symbolic model of a vehicle.
+    """Return the symbolic model of a vehicle.
 
     Raises:
-        ConfigError: the vehicle has actuators that are no thrusters, or rate-limited ones.
+        ConfigError: an actuator of the vehicle is not a thruster, or is rate-limited.
     """
     ca = require()
     lags = [_first_order(unit.lag) for unit in vehicle.units]
@@ -126,7 +130,7 @@ def symbolic(vehicle: VehicleModel) -> SymbolicModel:
 
 
 def _first_order(lag: Lag) -> Lag:
-    """The lag of first order with the same mean delay, -G'(0) / G(0) of G(s) = C (s - A)^-1 B."""
+    """Return the first-order lag with the same mean delay, -G'(0) / G(0) of G(s) = C (s - A)^-1 B."""
     if lag.order <= 1:
         return lag
     once = np.linalg.solve(lag.A, lag.B)
@@ -134,7 +138,7 @@ def _first_order(lag: Lag) -> Lag:
 
 
 def _rigid(ca: Any, vehicle: VehicleModel, n_u: int) -> Any:
-    """The rigid body's equations, driven by thrusts."""
+    """Return the rigid body's equations, driven by thrusts."""
     x, f, current = ca.SX.sym("x", RIGID), ca.SX.sym("f", n_u), ca.SX.sym("c", 3)
     q, nu = x[3:7], x[7:13]
     nu_dot, R = _acceleration(ca, vehicle, q, nu, ca.DM(vehicle.allocation) @ f, current)
@@ -144,9 +148,11 @@ def _rigid(ca: Any, vehicle: VehicleModel, n_u: int) -> Any:
 
 
 def _acceleration(ca: Any, vehicle: VehicleModel, q: Any, nu: Any, tau: Any, current: Any) -> tuple[Any, Any]:
-    """Acceleration nu' (6) and R(q) (3, 3): M_RB nu' + C_RB nu + M_A (nu' - nu_c') + C_A nu_r + D nu_r + g = tau."""
+    """Return acceleration nu' (6) and R(q) (3, 3): M_RB nu' + C_RB nu + M_A (nu' - nu_c') + C_A nu_r + D nu_r
+    + g = tau.
+    """
     w, x, y, z = q[0], q[1], q[2], q[3]
-    # Fossen 2011, eq. 2.65; not of a unit quaternion's norm, so as the kernel has it.
+    # Fossen 2011, eq. 2.65; without dividing by the quaternion's norm, as in the kernel.
     R = ca.vertcat(
         ca.horzcat(1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         ca.horzcat(2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
@@ -155,7 +161,7 @@ def _acceleration(ca: Any, vehicle: VehicleModel, q: Any, nu: Any, tau: Any, cur
     v_c = R.T @ current
     omega = nu[3:6]
     nu_r = nu - ca.vertcat(v_c, 0, 0, 0)
-    # A current that is constant in the world turns in the body (Fossen 2011, section 8.3).
+    # A current that is constant in the world turns relative to the body (Fossen 2011, section 8.3).
     nu_c_dot = ca.vertcat(-ca.cross(omega, v_c), 0, 0, 0)
     M_RB, M_A = ca.DM(vehicle.M_RB), ca.DM(vehicle.M_A)
     coriolis = _momentum_term(ca, M_RB, nu)
@@ -175,7 +181,7 @@ def _acceleration(ca: Any, vehicle: VehicleModel, q: Any, nu: Any, tau: Any, cur
 
 
 def _momentum_term(ca: Any, M: Any, nu: Any) -> Any:
-    """C(nu) nu = [omega x p; v x p + omega x h] with momenta [p; h] = M nu (Fossen 2011, theorem 3.2)."""
+    """Return C(nu) nu = [omega x p; v x p + omega x h] with momenta [p; h] = M nu (Fossen 2011, theorem 3.2)."""
     momentum = M @ nu
     p, h = momentum[:3], momentum[3:6]
     v, omega = nu[:3], nu[3:6]

@@ -1,4 +1,4 @@
-"""A vehicle as the simulators see it: checked arrays in body FLU at the body origin."""
+"""Define a vehicle for the simulators: checked arrays in body FLU at the body origin."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VehicleModel:
-    """Parameters of a vehicle; built by `auvbench.vehicles.sheet.load`, which checks them.
+    """Parameters of a vehicle; built and checked by `auvbench.vehicles.sheet.load`.
 
-    Matrices are at the body origin CO, axes forward, port, up; positive numbers are the entries of the
-    matrices M_A and D (Fossen's derivatives carry the opposite sign).
+    Matrices are at the body origin CO with axes forward, port, up. Entries are those of the matrices M_A and
+    D; Fossen's derivatives have the opposite sign.
     """
 
     name: str
@@ -32,55 +32,59 @@ class VehicleModel:
     buoyancy: float  # N
     center_of_buoyancy: FloatArray  # (3,) m
     M_A: FloatArray  # (6, 6) added mass, symmetric
-    added_mass_coriolis: bool  # False switches C_A off, as some sources do
+    added_mass_coriolis: bool  # False: no C_A, as in some sources
     linear_damping: FloatArray  # (6,) N s/m, N m s
     quadratic_damping: FloatArray  # (6,) N s2/m2, N m s2
     units: tuple[Actuator, ...]
     controllable: tuple[str, ...] = ()  # degrees of freedom that the allocation must span
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
-    plugin: str = ""  # of `rigid_body.RELEASES` where C_A is not Fossen's but of Gazebo's plugin
+    plugin: str = ""  # release in `rigid_body.RELEASES` if C_A is that of Gazebo's plugin instead of Fossen's
 
     @property
     def coriolis_sign(self) -> float:
-        """1 where the Coriolis term of added mass is Fossen's, 0 where there is none, -1 as Gazebo's plugin applies it."""
+        """Return the sign of the Coriolis term of added mass: 1 for Fossen's, 0 for none, -1 for the term of
+        Gazebo's plugin.
+        """
         if not self.added_mass_coriolis:
             return 0.0
         return -1.0 if self.plugin else 1.0
 
     @property
     def actuators(self) -> tuple[str, ...]:
-        """Names of the actuators, in the order of the action."""
+        """Return the names of the actuators, in the order of the action."""
         return tuple(unit.name for unit in self.units)
 
     @property
     def thrusters(self) -> list[tuple[int, Thruster]]:
-        """The thrusters with their places among the actuators."""
+        """Return the thrusters with their indices among the actuators."""
         return [(i, unit) for i, unit in enumerate(self.units) if isinstance(unit, Thruster)]
 
     @property
     def others(self) -> list[str]:
-        """Names of the actuators that are no thrusters."""
+        """Return the names of the actuators other than thrusters."""
         return [unit.name for unit in self.units if not isinstance(unit, Thruster)]
 
     @property
     def M_RB(self) -> FloatArray:
-        """Rigid-body mass matrix (6, 6) at the body origin."""
+        """Return the rigid-body mass matrix (6, 6) at the body origin."""
         return rigid_body_mass(self.mass, self.center_of_gravity, self.inertia)
 
     @property
     def M(self) -> FloatArray:
-        """M_RB + M_A (6, 6)."""
+        """Return M_RB + M_A (6, 6)."""
         return self.M_RB + self.M_A
 
     @property
     def M_inverse(self) -> FloatArray:
-        """Inverse of M (6, 6)."""
+        """Return the inverse of M (6, 6)."""
         return np.asarray(np.linalg.inv(self.M))
 
     @property
     def allocation(self) -> FloatArray:
-        """Wrench (6, n_u) at the body origin per newton of each thruster; zero columns for other actuators."""
+        """Return the wrench (6, n_u) at the body origin per newton of each thruster; zero columns for other
+        actuators.
+        """
         B = np.zeros((6, len(self.units)))
         for column, unit in self.thrusters:
             B[:3, column] = unit.direction
@@ -89,16 +93,16 @@ class VehicleModel:
 
     @property
     def command_limits(self) -> FloatArray:
-        """Physical command (n_u, 2) at -1 and at +1: N, rad/s, rad, m or m3."""
+        """Return the physical commands (n_u, 2) at -1 and at +1: N, rad/s, rad, m or m3."""
         return np.array([unit.curve.limits for unit in self.units]).reshape(-1, 2)
 
     @property
     def force_limits(self) -> FloatArray:
-        """Force (n_u, 2) in N at command -1 and at +1; zero for what is no thruster."""
+        """Return the forces (n_u, 2) in N at command -1 and at +1; zero for other actuators than thrusters."""
         return self.force(np.array([[-1.0], [1.0]]) * np.ones(len(self.units))).T
 
     def force(self, action: ArrayLike) -> FloatArray:
-        """Steady thruster forces (..., n_u) in N at normalised commands (..., n_u)."""
+        """Return steady thruster forces (..., n_u) in N at normalised commands (..., n_u)."""
         action = np.asarray(action, dtype=np.float64)
         force = np.empty(action.shape)
         for i, unit in enumerate(self.units):
@@ -106,7 +110,7 @@ class VehicleModel:
         return force
 
     def action(self, force: ArrayLike) -> FloatArray:
-        """Normalised commands (..., n_u) that give `force` (..., n_u) in N, clipped to what can be reached."""
+        """Return normalised commands (..., n_u) for `force` (..., n_u) in N, clipped to the reachable range."""
         force = np.asarray(force, dtype=np.float64)
         action = np.empty(force.shape)
         for i, unit in enumerate(self.units):
@@ -114,7 +118,7 @@ class VehicleModel:
         return action
 
     def power(self, action: ArrayLike) -> FloatArray:
-        """Electrical power (...,) in W of all thrusters at normalised commands (..., n_u)."""
+        """Return the electrical power (...,) in W of all thrusters at normalised commands (..., n_u)."""
         force = self.force(action)
         total = np.zeros(force.shape[:-1])
         for i, unit in self.thrusters:

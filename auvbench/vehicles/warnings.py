@@ -1,4 +1,4 @@
-"""What a pilot or a modeller should know about a vehicle's numbers before believing or training on them."""
+"""Warn about numbers of a vehicle that a pilot or modeller should know before relying on them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 
 
 def warnings(vehicle: VehicleModel) -> list[str]:
-    """What a pilot or a modeller should know about these numbers, a sentence each."""
+    """Return the warnings about a vehicle's numbers, one sentence each."""
     return [
         *_buoyancy_warnings(vehicle),
         *_actuation_warnings(vehicle),
@@ -33,28 +33,28 @@ def warnings(vehicle: VehicleModel) -> list[str]:
 
 def _buoyancy_warnings(vehicle: VehicleModel) -> list[str]:
     net, share = net_buoyancy(vehicle), abs(net_buoyancy(vehicle)) / vehicle.weight
-    found = []
+    texts = []
     if share > 1e-9:
         verb = "rises" if net > 0 else "sinks"
         how = "buoyancy exceeds weight" if net > 0 else "weight exceeds buoyancy"
-        found.append(
+        texts.append(
             f"{verb} at {abs(free_speed(vehicle)):.3f} m/s without thrust: {how} by {abs(net):.3g} N"
             f" ({100 * share:.2g} % of the weight)"
         )
     trim = static_trim(vehicle)
     if not trim.determined:
-        found.append(
+        texts.append(
             "no restoring moment: weight and buoyancy act at the same point, nothing brings it level"
         )
     elif max(abs(trim.roll), abs(trim.pitch)) > np.pi / 2:
-        found.append(
+        texts.append(
             "upright is unstable: the centre of gravity lies above the centre of buoyancy, it turns over"
         )
     elif max(abs(trim.roll), abs(trim.pitch)) > np.radians(1.0):
-        found.append(
+        texts.append(
             f"does not rest level: roll {np.degrees(trim.roll):.1f} deg, pitch {np.degrees(trim.pitch):.1f} deg"
         )
-    return found
+    return texts
 
 
 def _and(names: list[str]) -> str:
@@ -65,40 +65,41 @@ def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
     own = independent_axes(vehicle)
     others = vehicle.others
     missing = [axis for axis in range(6) if axis not in own]
-    found = []
+    texts = []
     if missing:
         names = _and([AXES[axis] for axis in missing])
         verb = "is" if len(missing) == 1 else "are"
         text = f"rank {len(own)}: {names} {verb} not independently actuated by the thrusters"
         text += f"; besides them act {', '.join(others)}" if others else ""
-        found.append(text)
-    first: dict[str, str] = {}  # actuators of one kind mostly share their curve: said once
+        texts.append(text)
+    # actuators of one kind mostly share their curve, so its warning is printed once
+    first: dict[str, str] = {}
     for unit in vehicle.units:
         for text in unit.warnings():
             first.setdefault(text, unit.name)
-    found += [f"{name}: {text}" for text, name in first.items()]
-    return found
+    texts += [f"{name}: {text}" for text, name in first.items()]
+    return texts
 
 
 def _stability_warnings(vehicle: VehicleModel) -> list[str]:
-    found = []
+    texts = []
     for case in instabilities(vehicle):
         where = "at any speed" if case.above < 0.01 else f"above {case.above:.2f} m/s"
-        found.append(
+        texts.append(
             f"open loop, straight flight ahead is unstable in {case.plane} {where} (Munk moment; deviations grow by"
             f" {case.growth:.2g} 1/s at {case.speed:.2f} m/s): a controller must hold it"
         )
     linear = [a for a in range(3) if vehicle.quadratic_damping[a] == 0.0 < vehicle.linear_damping[a]]
     top = max((row.speed for row in reach(vehicle) if row.axis in linear), default=0.0)
     if linear and top > 0.0:
-        found.append(
-            f"drag is linear alone in {_and([AXES[a] for a in linear])}: real drag grows with the square of speed, so"
-            f" that up to {top:.1f} m/s at full thrust is more than the vehicle will do"
+        texts.append(
+            f"drag is only linear in {_and([AXES[a] for a in linear])}: real drag grows with the square of speed, so"
+            f" the vehicle will not reach the {top:.1f} m/s computed for full thrust"
         )
     for axis in range(6):
         if vehicle.linear_damping[axis] == 0.0 and vehicle.quadratic_damping[axis] == 0.0:
-            found.append(f"no damping in {AXES[axis]}: what moves there never stops by itself")
-    return found
+            texts.append(f"no damping in {AXES[axis]}: what moves there never stops by itself")
+    return texts
 
 
 def _inertia_warnings(vehicle: VehicleModel) -> list[str]:

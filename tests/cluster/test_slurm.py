@@ -146,7 +146,7 @@ def test_before_its_time_limit_a_run_saves_and_requeues_itself(tmp_path: Path) -
     run = fake_training.make(tmp_path / "long", step_s=0.5, total_steps=100)
 
     def hurry_on() -> None:
-        until(lambda: "goes back into the queue" in log(run), 90)
+        until(lambda: "is requeued" in log(run), 90)
         while run.manifest()["state"] != "complete":
             hurry(run)
             time.sleep(1)

@@ -62,7 +62,7 @@ def call(arguments: Sequence[str]) -> Said:
         cli._save = before
     if defects:
         trace = "".join(traceback.format_exception(defects[0]))
-        raise AssertionError(f"auvbench {list(arguments)!r} met a defect:\n{trace}")
+        raise AssertionError(f"auvbench {list(arguments)!r} with an unexpected error:\n{trace}")
     return Said(code, out.getvalue(), err.getvalue())
 
 

@@ -130,7 +130,7 @@ def test_a_program_that_is_not_there_is_named(name: str, monkeypatch: pytest.Mon
         ("NEVER_ARMS", "the stand-in was told not to arm"),
         ("NO_MODE", "take mode 4"),
         ("ENDS", "exit code 3; it said: PANIC: the stand-in was told to end"),
-        ("COPTER", "is no ArduSub"),
+        ("COPTER", "is not ArduSub"),
         ("DISARMS", "disarmed in the episode"),
     ],
 )

@@ -95,7 +95,7 @@ def test_several_leave_the_choice_to_the_user(runs: list[Path]) -> None:
 def test_a_baseline_that_a_part_of_the_runs_lacks_is_no_error(runs: list[Path]) -> None:
     rows, text = report("--where", "algo!=ppo")
     assert {row["baseline"] for row in rows} == {"PID"}
-    assert "--baseline 'ppo' is not among the agents" in text.replace("\\", "")
+    assert "--baseline 'ppo' is not one of the agents" in text.replace("\\", "")
 
 
 @pytest.mark.slow

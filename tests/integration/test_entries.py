@@ -178,13 +178,13 @@ def _outside(found: dict[str, bytes]) -> None:
         (lambda f: f.update({"../evil": b"x"}), "which entry.json does not name"),
         (
             _outside,
-            "is no name of a file below",
+            "is not a valid name of a file below",
         ),
         (lambda f: f.update({"runs.parquet": f["runs.parquet"] + b"x"}), "bytes instead of"),
         (lambda f: f.pop("episodes.parquet"), "episodes.parquet is missing"),
         (lambda f: _entry(f, trials=-1), "trials is -1"),
         (lambda f: _entry(f, knows=["all"]), "knows"),
-        (lambda f: _entry(f, protocol="../x"), "this auvbench does not have it"),
+        (lambda f: _entry(f, protocol="../x"), "unknown to this version"),
         (lambda f: _entry(f, who="a\x1b[31m"), "who is"),
     ],
 )

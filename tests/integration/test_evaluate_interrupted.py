@@ -56,7 +56,9 @@ def test_it_says_what_is_kept_and_ends_at_once(runs: Path, when: str) -> None:
     said = process.communicate(timeout=LIMIT)[0]
     assert process.returncode == 130, said
     assert "Traceback" not in said
-    kept = re.fullmatch(r"auvbench: interrupted: (\d+) of 8 runs tested and kept.*", said.splitlines()[-1])
+    kept = re.fullmatch(
+        r"auvbench: interrupted: (\d+) of 8 runs are tested and saved.*", said.splitlines()[-1]
+    )
     assert kept is not None, said
     # A worker may have put its last result in place between our last look and its end.
     assert int(kept[1]) <= count_tested(runs) <= int(kept[1]) + 2

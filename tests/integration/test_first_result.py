@@ -191,7 +191,7 @@ def test_a_failed_run_keeps_its_error(folder, monkeypatch, capsys):
         (["train", "seed=abc"], "'abc'"),
         (["train", "--experimental-rerun", "x"], "unknown option '--experimental-rerun' of train"),
         (["evaluate", "nowhere"], "nowhere: no such file or directory"),
-        (["evaluate", "."], "this is no run directory"),
+        (["evaluate", "."], "is not a run directory"),
         (["evaluate", "outputs", "protocol=tests"], "protocol=tests: no such option; did you mean 'test'?"),
         (["evaluate", "outputs", "--frobnicate"], "unknown option '--frobnicate' of evaluate"),
         (["evaluate", "protocol=test"], "name a run directory"),

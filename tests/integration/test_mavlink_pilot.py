@@ -322,7 +322,7 @@ def test_a_peer_that_is_no_submarine(capsys):
     copter.kind = copter.d.MAV_TYPE_QUADROTOR
     with copter:
         line = refused(capsys, "--mavlink", f"udp:127.0.0.1:{port}")
-    assert "is no submarine of ArduPilot (MAV_TYPE 2, must be 12" in line
+    assert "is not an ArduPilot submarine (MAV_TYPE 2, must be 12" in line
     assert copter.heard == []
 
 
@@ -360,7 +360,7 @@ def test_a_vehicle_that_refuses_arming(capsys):
         (["--mavlink", "serial:/dev/ttyACM0"], "must be udp:HOST:PORT"),
         (["--mavlink", "udp:127.0.0.1:70000"], "must be udp:HOST:PORT"),
         (["--mavlink", "udp:127.0.0.1:14550", "--namespace", "alpha"], "--namespace alpha"),
-        (["--mavlink", "udp:127.0.0.1:14550", "--vehicle", "lrauv"], "thrusters alone"),
+        (["--mavlink", "udp:127.0.0.1:14550", "--vehicle", "lrauv"], "only thrusters"),
         (["--mavlink", "udp:127.0.0.1:14550", "--vehicle", "rexrov"], "fit none of ArduSub's frames"),
         (["--mavlink", "udp:127.0.0.1:14550", "--frequency", "0.5"], "must be at least 1 Hz"),
         (["--mavlink", "udp:127.0.0.1:14550", "--goal", "0", "0", "-70"], "must be within -60 .. -1 m"),

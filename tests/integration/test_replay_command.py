@@ -109,7 +109,7 @@ def test_the_film_is_checked_before_anything_is_computed(run, tmp_path, monkeypa
     for name, message in (
         ("film.avi", "must end in .gif"),
         ("film.mp4", "must end in .gif"),
-        ("file/film.gif", "cannot write there"),
+        ("file/film.gif", "cannot be written"),
     ):
         assert main(["replay", str(run), "--video", str(tmp_path / name)]) == 2
         assert message in capsys.readouterr().err
@@ -156,7 +156,7 @@ def test_a_picture_of_the_film_is_the_scene_drawn_anew():
 
 def test_a_folder_of_runs_is_no_run(tmp_path, capsys):
     assert main(["replay", str(tmp_path)]) == 2
-    assert "no run directory" in capsys.readouterr().err
+    assert "not a run directory" in capsys.readouterr().err
 
 
 @pytest.mark.slow

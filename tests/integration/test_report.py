@@ -114,7 +114,7 @@ def test_what_can_be_reported_is_and_the_rest_is_named(
     [
         (("--rank-by", "succes_rate"), "did you mean 'success_rate'?"),
         (("--rankby", "x"), "unknown option '--rankby' of report; did you mean '--rank-by'?"),
-        (("--baseline", "pit"), "is not among the agents; did you mean 'PID'? valid: PID"),
+        (("--baseline", "pit"), "is not one of the agents; did you mean 'PID'? valid: PID"),
         (("--baseline", "ppo"), "PPO K=1"),
         (("--protocol", "robust"), "robust"),
         (("--condition", "nominel"), "did you mean 'nominal'?"),

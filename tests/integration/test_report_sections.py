@@ -72,7 +72,7 @@ def test_a_section_may_lack_the_baseline_but_not_all_of_them(
     fleet: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert report(fleet, "--baseline", "pid", "--format", "terminal") == 0
-    assert "vehicle lrauv: --baseline 'pid' is not among the agents" in " ".join(
+    assert "vehicle lrauv: --baseline 'pid' is not one of the agents" in " ".join(
         capsys.readouterr().out.split()
     )
     assert report(fleet, "--baseline", "sac", "--format", "terminal") == 2

@@ -318,7 +318,7 @@ def test_a_full_disk_is_named_and_costs_nothing(
     strike(500, lambda _: fill(small_disk))
     assert main(["resume", str(run.path)]) == 1
     error = capsys.readouterr().err
-    assert "disk is full; free some space and give the same command again" in error
+    assert "disk is full; free some space and run the same command again" in error
     assert error.count("\n") == 1
     store = CheckpointStore(run.path)
     assert store.peek() is not None
@@ -375,7 +375,7 @@ def test_what_cannot_be_extended_says_why(
     case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     run = frozen(tmp_path, "tried", case, [])
-    with pytest.raises(RunError, match="no checkpoint to go on from"):
+    with pytest.raises(RunError, match="has no checkpoint to extend"):
         prepare(run, 10_000).begin()
     with pytest.raises(ConfigError, match=r"train\.total_steps=10: must be more than"):
         prepare(run, 10).begin()

@@ -178,7 +178,7 @@ def test_the_second_server_of_a_namespace_leaves_and_the_first_stays(server):
         assert second.ends() == 2, second.output
     finally:
         second.stop()
-    assert "/bluerov2/odom: another server publishes it, too" in second.output
+    assert "/bluerov2/odom: another server publishes this topic" in second.output
     assert "--namespace" in second.output
     first.step(STILL, 0.1)
     assert server.process.poll() is None

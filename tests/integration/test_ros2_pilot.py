@@ -461,7 +461,7 @@ def test_a_mission_from_command_to_replay(number, tmp_path, capsys):
     assert main(["replay", str(folder), "--episode", "1"]) == 0
     assert "aborted after" in capsys.readouterr().out
     assert main(["replay", str(folder), "--episode", "2"]) == 2
-    assert "holds missions 0 to 1" in capsys.readouterr().err
+    assert "has missions 0 to 1" in capsys.readouterr().err
 
 
 def test_a_namespace_without_a_vehicle_is_reported_with_those_there_are():

@@ -130,7 +130,7 @@ def test_a_single_run_that_is_held_is_left_alone(
     run.update_manifest(state="interrupted")
     with lock.acquire(run.path):
         assert main(["train", "algo=random", "seed=3"]) == 1
-    assert f"held by {interruption.host()}, pid {os.getpid()}, since" in capsys.readouterr().err
+    assert f"locked by {interruption.host()}, pid {os.getpid()}, since" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -152,4 +152,4 @@ def test_agents_of_two_tasks_are_not_compared(study: Path, capsys: pytest.Captur
 
 def test_bounds_are_of_waypoints_alone(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["bound", "task=docking"]) == 2
-    assert "only the waypoint task has them" in capsys.readouterr().err
+    assert "only for the waypoint task" in capsys.readouterr().err

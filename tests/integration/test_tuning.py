@@ -181,7 +181,7 @@ def test_a_study_of_another_version_is_refused(
     for edited, word in (
         ({**plan, "schema_version": 99}, "schema_version is 99"),
         ({**plan, "seed": "x"}, "damaged"),
-        ({**plan, "protocol": {**plan["protocol"], "scenarios": "test"}}, "scenarios are those of a test"),
+        ({**plan, "protocol": {**plan["protocol"], "scenarios": "test"}}, "uses the scenarios of a test"),
     ):
         study.plan_path.write_text(json.dumps(edited))
         assert tune(tmp_path, *PID) == 2
@@ -198,7 +198,7 @@ def test_no_protocol_of_a_test_is_accepted(
     protocol: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert tune(tmp_path, *PID, f"protocol={protocol}") == 2
-    assert "which no test shares" in capsys.readouterr().err
+    assert "choose settings on other scenarios" in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.json"))
 
 

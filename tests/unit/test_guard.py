@@ -115,7 +115,7 @@ def test_a_defect_that_no_folder_takes_is_still_one_line(
         (OSError(errno.ENOSPC, "No space left on device"), 1, "the disk is full"),
         (OSError(errno.EROFS, "Read-only file system", "x"), 1, "read-only"),
         (OSError(errno.ENAMETOOLONG, "File name too long", "x" * 999), 2, "File name too long"),
-        (MemoryError(), 1, "not enough memory"),
+        (MemoryError(), 1, "out of memory"),
     ],
 )
 def test_what_the_machine_lacks_is_one_line(

@@ -1,1 +1,1 @@
-"""Controllers with nothing to learn: PID, its version for vehicles with fins, the random floor."""
+"""Controllers without learning: PID, its version for vehicles with fins, the random agent."""

@@ -1,18 +1,20 @@
-"""Adaptive line-of-sight guidance (ALOS) along a path, over the PID autopilot.
+"""Guide a vehicle along a path by adaptive line of sight (ALOS), over the PID autopilot.
 
     psi_d   = pi_h - beta_hat  - atan(y_e / Delta_h),   beta_hat'  = gamma_h Delta_h / sqrt(Delta_h^2 + y_e^2) Proj(y_e)
     theta_d = pi_v + alpha_hat + atan(z_e / Delta_v),   alpha_hat' = gamma_v Delta_v / sqrt(Delta_v^2 + z_e^2) Proj(z_e)
 
-after T. I. Fossen and A. P. Aguiar, "A uniform semiglobal exponential stable adaptive line-of-sight (ALOS) guidance law for
-3-D path following", Automatica 163, 111556 (2024); compared with `GNC/ALOS3D.m` of github.com/cybergalactic/MSS, commit
-108ceda48c5f. pi_h and pi_v are azimuth and elevation of the path, y_e and z_e the errors across it, beta_hat and alpha_hat
-what has been learned of the crab angle and the angle of attack. The projection is that of the paper; in the source its
-share c is always 1, that is, an estimate stops at once at its limit.
+after T. I. Fossen and A. P. Aguiar, "A uniform semiglobal exponential stable adaptive line-of-sight (ALOS)
+guidance law for 3-D path following", Automatica 163, 111556 (2024); compared with `GNC/ALOS3D.m` of
+github.com/cybergalactic/MSS, commit 108ceda48c5f. pi_h and pi_v are azimuth and elevation of the path, y_e
+and z_e the errors across it, beta_hat and alpha_hat the learned crab angle and angle of attack. The
+projection follows the paper; in the source its share c is always 1, so that an estimate stops at once at its
+limit.
 
-The source counts azimuths clockwise from north, y_e to starboard and z_e downwards. Here azimuths are counted
-counter-clockwise and y_e to port, which mirrors both sides of the first line; z_e stays positive below the path.
+In the source, azimuths are clockwise from north, y_e is to starboard and z_e downwards. Here azimuths are
+counter-clockwise and y_e is to port, which mirrors the two sides of the first line; z_e stays positive below
+the path.
 
-Thrusters give no sway: with it a vehicle would hold off a current by force, and there would be no crab angle.
+Thrusters give no sway: with sway a vehicle would resist a current by force, and there would be no crab angle.
 """
 
 from __future__ import annotations
@@ -35,9 +37,11 @@ Floats = NDArray[np.float64]
 
 SWAY = 1
 FOLLOWED = 0.5
-"""rad; with a larger yaw error the vehicle is still turning, and an error across the path tells no crab angle"""
+"""yaw error in rad above which the vehicle is still turning, so that an error across the path does not show a
+crab angle
+"""
 BEYOND = 0.001
-"""rad that an estimate may exceed its limit by, as in the source"""
+"""angle in rad by which an estimate may exceed its limit, as in the source"""
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSController | FinALOSController:
@@ -53,7 +57,8 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSControl
     for block in ("velocity_error", "velocity"):
         if block not in blocks(config.task):
             raise ConfigError(
-                f"algo={config.algo.name} reads the path's direction from velocity_error and velocity; task.observation has "
+                f"algo={config.algo.name} needs the path's direction, from velocity_error and velocity; "
+                "task.observation has "
                 f"no {block}"
             )
     fins = any(isinstance(unit, Fin) for unit in vehicle.units)
@@ -61,7 +66,7 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSControl
 
 
 class Guidance(Estimator):
-    """The readings of N vehicles, and the law with what it has learned from them."""
+    """Readings of N vehicles, and the guidance law with its learned angles."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         assert isinstance(config.algo, algorithms.ALOS)
@@ -72,23 +77,24 @@ class Guidance(Estimator):
     def reset(self, n: int) -> None:
         super().reset(n)
         self.crab: Floats = np.zeros(n)
-        """(n,) rad, beta_hat"""
+        """(n,) learned crab angle beta_hat, rad"""
         self.attack: Floats = np.zeros(n)
-        """(n,) rad, alpha_hat"""
+        """(n,) learned angle of attack alpha_hat, rad"""
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """As `Estimator.memory`, with what has been learned."""
+        """Return `Estimator.memory` with the learned angles."""
         return {**super().memory(), "crab": self.crab, "attack": self.attack}
 
     def steer(self) -> tuple[Floats, Floats]:
-        """Return yaw error (n,) and flight-path angle (n,) in rad from the readings, and learn from them.
+        """Return yaw error (n,) and flight-path angle (n,) in rad from the readings, and learn from the
+        readings.
 
         The azimuth of the path less the yaw is the yaw error that the task observes.
         """
         azimuth = self.yaw_error
         x, y, z = self.target.T
         elevation = np.arctan2(z, np.hypot(x, y))
-        # The position error leads from the vehicle to the path.
+        # The position error points from the vehicle to the path.
         x, y, z = self.error.T
         ahead = np.cos(azimuth) * x + np.sin(azimuth) * y
         port = np.sin(azimuth) * x - np.cos(azimuth) * y
@@ -102,15 +108,17 @@ class Guidance(Estimator):
         """Return the turn to port and the climb, (n,) rad each, to add to azimuth and elevation of the path.
 
         Args:
-            port: (n,) m, distance of the vehicle to port of the path.
-            below: (n,) m, its distance below the path.
+            port: (n,) distance of the vehicle to port of the path, m.
+            below: (n,) distance of the vehicle below the path, m.
         """
         g = self.gains
         turn = -self.crab - np.arctan(port / g.look_ahead)
         return turn, self.attack + np.arctan(below / g.look_ahead_vertical)
 
     def learn(self, port: Floats, below: Floats, where: NDArray[np.bool_]) -> None:
-        """Update the estimates by the errors (n,) of one step, for the vehicles `where` (n,) that follow their heading."""
+        """Update the estimates by the errors (n,) of one step, for the vehicles `where` (n,) that follow
+        their heading.
+        """
         g = self.gains
         for estimate, error, distance, gain in (
             (self.crab, port, g.look_ahead, g.adaptation),
@@ -121,7 +129,9 @@ class Guidance(Estimator):
 
 
 def projected(estimate: Floats, error: Floats, limit: float) -> Floats:
-    """Return the error (n,) that updates an estimate (n,); outwards it fades to 0 between limit and limit + BEYOND."""
+    """Return the error (n,) that updates an estimate (n,); outwards it fades to 0 between limit and limit +
+    BEYOND.
+    """
     c = np.minimum(1.0, (estimate**2 - limit**2) / ((limit + BEYOND) ** 2 - limit**2))
     outwards = (np.abs(estimate) > limit) & (estimate * error > 0.0)
     return np.where(outwards, (1.0 - c) * error, error)
@@ -139,7 +149,7 @@ class ALOSController(PIDController):
     def guidance(self) -> Floats:
         self._turn, climb = self.estimate.steer()
         speed = np.linalg.norm(self.estimate.target, axis=1)
-        # The vehicle first turns, then goes.
+        # The vehicle first turns, then moves ahead.
         ahead = speed * np.cos(climb) * np.maximum(np.cos(self._turn), 0.0)
         return np.stack([ahead, np.zeros(len(speed)), speed * np.sin(climb)], axis=1)
 

@@ -1,9 +1,10 @@
-"""A linear-quadratic regulator about the cruise state, with integral action.
+"""Control by a linear-quadratic regulator about the cruise state, with integral action.
 
-The state is what is missing of the wanted velocity (u, v, w), the yaw error, the yaw rate and the integral of the
-velocity's miss; the input is the wrench (X, Y, Z, N) beyond the one that holds the wanted velocity. The plant is the
-sheet's M nu' + C(nu) nu + D(nu) nu = tau, linearised at `cruise_speed` ahead (Fossen 2021, chapter 16); the gain solves
-the discrete algebraic Riccati equation for the agent's step. Guidance, allocation and limits are those of `cascade.py`.
+The state is the missing velocity (u, v, w), the yaw error, the yaw rate and the integral of the missing
+velocity. The input is the wrench (X, Y, Z, N) beyond the one that keeps the commanded velocity. The plant is
+the sheet's M nu' + C(nu) nu + D(nu) nu = tau, linearised at `cruise_speed` ahead (Fossen 2021, chapter 16);
+the gain solves the discrete algebraic Riccati equation for the agent's step. Guidance, allocation and limits
+are in `cascade.py`.
 """
 
 from __future__ import annotations
@@ -45,18 +46,20 @@ class LQRController(Cascade):
         )
         wrench = np.zeros((len(wanted), 6))
         wrench[:, :3] = self._drag(wanted)
-        # Row by row: a matrix product may round differently in a batch of another size.
+        # Row by row, since a matrix product may round differently in a batch of another size.
         for column, gains in enumerate(self.gain.T):
             wrench[:, CONTROLLED] -= state[:, column : column + 1] * gains
         return wrench
 
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
-        # Conditional integration: no wind-up while the thrusters give all they may.
+        # Conditional integration: no wind-up while the thrusters are saturated.
         self.integral -= np.where(free[:, None], self.dt * miss, 0.0)
 
 
 def lqr_gain(vehicle: VehicleModel, gains: algorithms.LQR, dt: float) -> Floats:
-    """Return the gain (4, 8): wrench (X, Y, Z, N) in N, N m from (u, v, w miss; yaw error; yaw rate; integrals of the miss)."""
+    """Return the gain (4, 8): wrench (X, Y, Z, N) in N, N m from (missing u, v, w; yaw error; yaw rate;
+    integrals of the missing velocity).
+    """
     A, B = cruise_plant(vehicle, gains.cruise_speed)
     n, m = B.shape
     block = np.zeros((n + m, n + m))
@@ -80,7 +83,7 @@ def lqr_gain(vehicle: VehicleModel, gains: algorithms.LQR, dt: float) -> Floats:
 
 
 def cruise_plant(vehicle: VehicleModel, speed: float) -> tuple[Floats, Floats]:
-    """Return A (8, 8) and B (8, 4) of the deviations from cruising ahead at `speed` in m/s; roll and pitch are left out."""
+    """Return A (8, 8) and B (8, 4) for deviations from cruising ahead at `speed` in m/s, without roll and pitch."""
     nu = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
     damping = np.diag(vehicle.linear_damping + 2.0 * vehicle.quadratic_damping * np.abs(nu))
     matrices = [vehicle.M_RB]

@@ -1,4 +1,5 @@
-"""Nonlinear model predictive control on the vehicle's own equations: real-time iterations of multiple shooting.
+"""Control by nonlinear model predictive control with the vehicle's own equations: real-time iterations of
+multiple shooting.
 
 At each step one Gauss-Newton iteration (Diehl et al. 2005, "A real-time iteration scheme for nonlinear optimization in
 optimal feedback control") of
@@ -6,12 +7,13 @@ optimal feedback control") of
     min  sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + t |tilt_k|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
     s.t. x_(k+1) = F(x_k, u_k),  u_min <= u_k <= u_max,  depth limits (soft; waypoint task)
 
-over the thrusts u of a horizon, held in blocks that grow with time. States at the nodes are variables of their own
-(multiple shooting); they are condensed out of the quadratic programme, which DAQP solves (Arnström et al. 2022, a dual active-set method). The
-model has the thrusters' lags; the state comes from `observer.Observer`, that is from the noisy readings.
+over the thrusts u of a horizon, constant in blocks that grow with time. States at the nodes are variables
+(multiple shooting); they are condensed out of the quadratic programme, which DAQP solves (Arnström et al.
+2022, a dual active-set method). The model has the thrusters' lags; the state comes from `observer.Observer`,
+that is, from the noisy readings.
 
-A solve that fails keeps the plan of the step before, moved on by one step; failures are counted, and so are solves that
-took longer than the agent's step (a simulation waits for them, a vehicle would not).
+A failed solve keeps the plan of the previous step, advanced by one step. Failures are counted, and so are
+solves that took longer than the agent's step (a simulation waits for them; a vehicle would not).
 """
 
 from __future__ import annotations
@@ -33,21 +35,21 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-# A plan keeps this far from the depth limits, in m.
+# distance in m between a plan and the depth limits
 DEPTH_MARGIN = 0.7
-# Iterations when an episode begins, from a plan of no thrust; later steps take one each.
+# Iterations at the beginning of an episode, from a plan without thrust; later steps take one iteration each.
 FIRST_ITERATIONS = 8
 
 
 PLANNED = ("X", "U", "depth", "applied")
-"""what a plan carries from step to step"""
+"""arrays that a plan carries from step to step"""
 
 
 class MPCController:
-    """A controller of position, and of yaw where the task has one of its own, for vehicles that have thrusters alone.
+    """Controller of position, and of yaw if the task has its own yaw, for vehicles with only thrusters.
 
     Attributes:
-        row_by_row: an action takes as long in a batch as alone, so that a test may be shared among processes.
+        row_by_row: a batch does not speed up an action, so a test may be shared among processes.
 
     Raises:
         ConfigError: the vehicle has other actuators than thrusters.
@@ -65,8 +67,8 @@ class MPCController:
         self.dt = 1.0 / config.step.frequency
         task = config.task
         self.program = Program(model, algo)
-        # Episodes begin at a depth that the task fixes: the first reading so tells the depth of the waypoint.
-        # Elsewhere the depth is not known.
+        # If the task fixes the depth at the start, the first reading gives the depth of the waypoint. Otherwise the
+        # depth is unknown.
         start, far = (task.start[2], 0.0) if isinstance(task, tasks.Waypoint) else (0.0, math.inf)
         low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far
         self.room = np.array([low, high]) - start
@@ -83,8 +85,8 @@ class MPCController:
         self.running = np.arange(n)
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """As `Observer.memory`, with the plans."""
-        # One array for all plans, of which each plan has its row: what is written into it is the plan's.
+        """Return `Observer.memory` with the plans."""
+        # One array for all plans, with a row for each: writing into a row changes the plan.
         planned: dict[str, NDArray[Any]] = {}
         for name in PLANNED:
             rows = np.array([getattr(plan, name) for plan in self.plans])
@@ -94,7 +96,7 @@ class MPCController:
         return {**self.observer.memory(), **planned}
 
     def ended(self, rows: NDArray[np.intp]) -> None:
-        """Stop computing actions for episodes that are over."""
+        """Stop computing actions for episodes that have ended."""
         self.running = np.setdiff1d(self.running, rows)
 
     def act(self, observation: Observations) -> Actions:
@@ -124,7 +126,9 @@ class MPCController:
         return action
 
     def _reference(self, i: int) -> Floats:
-        """Return where the reference of row i will be at the plan's nodes (N, 3) in m: as previewed, then straight on."""
+        """Return the future positions (N, 3) in m of row i's reference at the plan's nodes: previewed, then
+        straight on.
+        """
         points, velocity = self.observer.ahead[i], self.observer.target[i]
         times = self.program.interval * np.arange(1, self.program.N + 1)
         known = self.ahead * np.arange(len(points))
@@ -134,5 +138,7 @@ class MPCController:
         return seen + np.outer(np.maximum(times - known[-1], 0.0), velocity)
 
     def notes(self) -> dict[str, int]:
-        """Counts since it was made: steps that it solved for, solves that failed, steps later than the agent's step."""
+        """Return counters since the creation: steps, failed solves, and steps whose solve took longer than
+        the agent's step.
+        """
         return {"solves": self.solves, "failed_solves": self.failed, "late_solves": self.late}

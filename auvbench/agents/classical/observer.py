@@ -1,12 +1,13 @@
-"""What a model-based controller knows: a steady-state Kalman filter over the vehicle's own equations.
+"""Estimate the state for model-based controllers, by a steady-state Kalman filter over the vehicle's
+equations.
 
-The observation holds the noisy position error and yaw error and the previous action; the filter predicts with the
-sheet's equations and the forces that were commanded, and corrects with the two readings. It so estimates what no
-learner observes: roll, pitch, velocities, and a current that is constant in the world (without which a
-prediction would be wrong for as long as the water moves). Where the task observes velocities or gravity, these are readings,
-too. Positions are relative to the reference, or to the goal of a task that observes it: a dock stands still where the
-reference of docking moves. Its gain is that of the linearisation about rest
-(Kalman 1960; the discrete algebraic Riccati equation by `scipy.linalg.solve_discrete_are`), turned by the yaw.
+The observation has the noisy position error and yaw error and the previous action. The filter predicts with
+the sheet's equations and the commanded forces, and corrects with the two readings. So it estimates what no
+learner observes: roll, pitch, velocities, and a current that is constant in the world (without it,
+predictions would be wrong while the water moves). If the task observes velocities or gravity, these are
+additional readings. Positions are relative to the reference, or to the goal if the task observes it: a dock
+does not move, but the reference of docking does. The gain is that of the linearisation about rest (Kalman
+1960; the discrete algebraic Riccati equation by `scipy.linalg.solve_discrete_are`), turned by the yaw.
 """
 
 from __future__ import annotations
@@ -27,24 +28,25 @@ from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require, symbolic
 
 Floats = NDArray[np.float64]
 
-# Standard deviation of the accelerations that the model does not know, and drift of the current's estimate.
+# Standard deviation of accelerations that the model lacks, and drift of the current's estimate.
 FORCE_NOISE = 0.15  # m/s2 and rad/s2, over one second
 CURRENT_DRIFT = 0.05  # m/s, over one second
-# The speed about which quadratic damping is made linear for the gain: without any damping a current is unobservable.
+# Speed at which quadratic damping is linearised for the gain: without any damping a current would be
+# unobservable.
 TYPICAL_SPEED = 0.5  # m/s
 TYPICAL_RATE = 0.3  # rad/s
-# A reading is never trusted to less than this, even where the configuration has no noise.
+# Smallest assumed noise of a reading, even if the configuration has no noise.
 SMALLEST_NOISE = 0.01  # m, rad, m/s, rad/s
-# No vehicle is so far away or so fast: beyond it the equations have run away from the vehicle, and the filter starts anew.
+# Beyond this no state is plausible: the equations have diverged from the vehicle, and the filter restarts.
 LARGEST_STATE = 1e4  # m, m/s, rad/s
 
-# The blocks of true values that the filter reads, with their places among (position, attitude, velocity).
+# Blocks of true values that the filter reads, with their indices in (position, attitude, velocity).
 MEASURED = {"gravity": (3, 4), "velocity": (6, 7, 8), "angular_velocity": (9, 10, 11)}
 READ = (*MEASURED, "velocity_error", "goal_error", "preview")
 
 
 class Observer:
-    """Estimated states of N vehicles, each row by itself."""
+    """Estimated states of N vehicles, each row independent."""
 
     def __init__(self, model: SymbolicModel, config: schema.TrainConfig) -> None:
         self.model = model
@@ -52,12 +54,12 @@ class Observer:
         self.dt = 1.0 / config.step.frequency
         spec = observation_spec(config.task, self.vehicle.actuators)
         self._columns = spec["yaw_error"], spec["position_error"], spec["previous_action"]
-        # In world axes a reading in body axes would have to be turned by a yaw that is itself an estimate.
+        # In world axes, a reading in body axes would have to be turned by a yaw that is itself an estimate.
         body_frame = spec.blocks["position_error"].axes == BODY
         self._read = {name: spec[name] for name in READ if body_frame and name in spec.blocks}
         measured = [index for name, indices in MEASURED.items() if name in self._read for index in indices]
         self._preview = config.task.preview if "preview" in self._read else None
-        # The reference of a path goes along with the vehicle, that of a curve in time does not.
+        # The reference of a path moves with the vehicle; the reference of a trajectory in time does not.
         self._with_vehicle = config.task.name == "path_following"
         self.body_frame = body_frame
         substeps = max(1, int(np.ceil(self.dt / min(0.1, model.longest_step) - 1e-9)))
@@ -74,28 +76,32 @@ class Observer:
     def reset(self, n: int) -> None:
         """Forget everything: rows at rest, level, in still water."""
         self.first: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
-        """(n,) where no reading has come yet"""
+        """(n,) whether the row has had no reading yet"""
         self.state: Floats = np.zeros((n, self.model.n_x))
-        """(n, n_x) as the model's, with the reference, or the goal, at the origin of the world axes"""
+        """(n, n_x) model states; the reference, or the goal, is the origin of the world axes"""
         self.state[:, 3] = 1.0
         self.state[:, RIGID:] = self.model.rest
         self.current: Floats = np.zeros((n, 3))
-        """(n, 3) m/s, world axes"""
+        """(n, 3) estimated current in m/s, world axes"""
         self.target: Floats = np.zeros((n, 3))
-        """(n, 3) m/s, velocity of the reference, axes of the state, where the task observes it"""
+        """(n, 3) velocity of the reference in m/s, in the axes of the state, if the task observes it"""
         self.ahead: list[Floats] = [np.zeros((1, 3))] * n
-        """n arrays (1 + points, 3) in m: the reference now and at the times of the preview, axes of the state"""
+        """n arrays (1 + points, 3) in m: positions of the reference now and at the times of the preview, in
+        the axes of the state
+        """
         self.yaw_target: Floats = np.zeros(n)
-        """(n,) rad, yaw of the reference, axes of the state"""
+        """(n,) yaw of the reference in rad, in the axes of the state"""
 
     def update(self, observation: Floats, rows: NDArray[np.intp]) -> None:
-        """Take in observations (n, n_obs); read only `rows` (k,)."""
+        """Process observations (n, n_obs); read only `rows` (k,)."""
         for i in rows:
             self._update_row(int(i), observation[i])
             self.first[i] = False
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Return what it carries from reading to reading, by name: its own arrays, a row for each vehicle."""
+        """Return the arrays that the observer carries from reading to reading, by name, with a row for each
+        vehicle.
+        """
         return {name: getattr(self, name) for name in ("first", "state", "current", "target")}
 
     def _update_row(self, i: int, observation: Floats) -> None:
@@ -104,11 +110,11 @@ class Observer:
         if not self.first[i]:
             x[:] = self._step(x, self.vehicle.force(previous), self.current[i]).full()[:, 0]
             x[:3] -= self._moved(i)
-            if not np.abs(x[:RIGID]).max() < LARGEST_STATE:  # NaN is not, either
+            if not np.abs(x[:RIGID]).max() < LARGEST_STATE:  # also true for NaN
                 self._begin(i)
         predicted = float(frames.yaw(x[3:7]))
         if self.body_frame:
-            # The readings say nothing of the yaw in the world: it is only a name for the axes.
+            # The readings do not contain the yaw in the world: its value only names the axes.
             yaw, position = predicted, -turned(error, predicted)
         else:
             yaw, position = float(wrap(np.arctan2(error[1], error[0]) - yaw_error)), -error
@@ -131,7 +137,7 @@ class Observer:
             self.ahead[i] = np.stack([reference, *(position + turned(point, yaw) for point in points)])
 
     def _begin(self, i: int) -> None:
-        """Forget row i: at rest, level, in still water."""
+        """Reset row i: at rest, level, in still water."""
         self.first[i] = True
         self.state[i] = 0.0
         self.state[i, 3] = 1.0
@@ -141,11 +147,11 @@ class Observer:
     def _correct(self, i: int, observation: Floats, position: Floats, yaw: float, predicted: float) -> None:
         """Correct the prediction of row i with the readings."""
         x = self.state[i]
-        # In the level axes that turn with the vehicle the linearisation does not depend on yaw.
+        # In level axes that turn with the vehicle, the linearisation does not depend on yaw.
         innovation = [*turned(position - x[:3], -predicted), float(wrap(np.asarray(yaw - predicted)))]
         if "gravity" in self._read:
             down = -to_world(x[3:7] * [1.0, -1.0, -1.0, -1.0], np.array([0.0, 0.0, 1.0]))
-            # The rotation from the predicted to the measured direction, to first order.
+            # Rotation from the predicted to the measured direction, to first order.
             innovation += list(np.cross(observation[self._read["gravity"]], down)[:2])
         for name, own in (("velocity", slice(7, 10)), ("angular_velocity", slice(10, 13))):
             if name in self._read:
@@ -157,7 +163,7 @@ class Observer:
         self.current[i] += turned(correction[12:15], predicted)
 
     def _moved(self, i: int) -> Floats:
-        """Return the way (3,) in m that the reference of row i has made in one step."""
+        """Return the displacement (3,) in m of row i's reference in one step."""
         way = self.target[i]
         if self._with_vehicle:
             along = way / max(float(np.linalg.norm(way)), 1e-6)
@@ -173,10 +179,11 @@ def kalman_gain(
     yaw_noise: float,
     measured: Sequence[int] = (),
 ) -> Floats:
-    """Return the steady gain (15, 4 + m) from readings (x, y, z, yaw, more) to (position, attitude, velocity, current).
+    """Return the steady gain (15, 4 + m) from readings (x, y, z, yaw, more) to (position, attitude, velocity,
+    current).
 
     Args:
-        measured: m places among the 15 that are read without noise.
+        measured: m indices among the 15 that are read without noise.
     """
     from scipy.linalg import expm, solve_discrete_are
 
@@ -202,10 +209,11 @@ def kalman_gain(
 
 
 def linearised(model: SymbolicModel, velocity: Floats, thrust: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return Jacobians about level attitude, body velocity (6,) and thrust (n_u,), lags left out.
+    """Return Jacobians about level attitude, body velocity (6,) and thrust (n_u,), without the lags.
 
     Returns:
         A (12, 12), B (12, n_u) and E (12, 3) of e' = A e + B f + E c, where e is (position, small rotation,
+            velocity), f the thrusts in N and c the current in m/s.
         velocity), f the thrusts in N and c the current in m/s.
     """
     ca = require()
@@ -227,7 +235,7 @@ def linearised(model: SymbolicModel, velocity: Floats, thrust: Floats) -> tuple[
 
 
 def to_world(q: Floats, vector: Floats) -> Floats:
-    """Return a vector (3,) turned by a quaternion (w, x, y, z) from body to world axes."""
+    """Return a vector (3,) turned from body to world axes by a quaternion (w, x, y, z)."""
     twice = 2.0 * np.cross(q[1:], vector)
     return np.asarray(vector + q[0] * twice + np.cross(q[1:], twice))
 
@@ -254,6 +262,6 @@ def _rotated(q: Floats, rotation: Floats) -> Floats:
 
 
 def _deviation(span: schema.Range, config: schema.TrainConfig) -> float:
-    """Return the standard deviation of uniform noise with magnitudes in [low, high] and either sign."""
+    """Return the standard deviation of uniform noise with magnitudes in [low, high] and random sign."""
     low, high = span.low * config.noise.scale, span.high * config.noise.scale
     return max(float(np.sqrt((low * low + low * high + high * high) / 3.0)), SMALLEST_NOISE)

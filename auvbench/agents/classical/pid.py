@@ -1,8 +1,8 @@
-"""The classical baseline: proportional-integral control of the velocity, proportional-derivative control of the heading,
-and integral action on the heading if asked for.
+"""Control by PID, the classical baseline: proportional-integral for velocity, proportional-derivative for the
+heading, with optional integral action on the heading.
 
-The outer loop, the allocation and the limits are those of `cascade.py`. The drag at the wanted velocity is fed forward;
-gains follow from bandwidths and the masses of the vehicle's sheet.
+The outer loop, the allocation and the limits are in `cascade.py`. The drag at the commanded velocity is fed
+forward; gains follow from bandwidths and the sheet's masses.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-HOLDING = np.radians(30.0)  # yaw error within which the integral of the heading grows
-STEEPEST = np.radians(35.0)  # flight-path angle asked for
+HOLDING = np.radians(30.0)  # largest yaw error at which the integral of the heading grows
+STEEPEST = np.radians(35.0)  # largest commanded flight-path angle
 RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
-TURNING_RADIUS = 14.0  # m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
-MARGIN = 3.0  # m; the goal's radius
+TURNING_RADIUS = 14.0  # turning radius in m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
+MARGIN = 3.0  # m, radius of the goal
 PATH_GAIN = 1.0  # rad of elevator per rad of flight-path error
-LEAD_GAIN = 0.35  # rad of elevator per rad of wanted flight-path angle
+LEAD_GAIN = 0.35  # rad of elevator per rad of commanded flight-path angle
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDController | FinController:
@@ -39,7 +39,7 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDControll
 
 
 class PIDController(Cascade):
-    """PI on velocities, PD or PID on the heading."""
+    """Controller with PI on velocities and PD or PID on the heading."""
 
     carried = ("integral", "heading_integral")
 
@@ -55,7 +55,7 @@ class PIDController(Cascade):
         self.heading_integral: Floats = np.zeros(len(episodes))
 
     def heading_error(self) -> Floats:
-        """Return the yaw error (n,) in rad to turn by."""
+        """Return the yaw error (n,) in rad to correct."""
         return self.estimate.yaw_error
 
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
@@ -71,27 +71,28 @@ class PIDController(Cascade):
         return wrench
 
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
-        # Conditional integration: no wind-up while the thrusters give all they may.
+        # Conditional integration: no wind-up while the thrusters are saturated.
         step = self.gains.bandwidth / self.gains.integral_time * self.dt
         self.integral += np.where(free[:, None], step * miss, 0.0)
         if self.gains.heading_integral_time is not None:
             error = self.heading_error()
-            holds = free & (np.abs(error) < HOLDING)  # nor while it turns to a new heading
+            holds = free & (np.abs(error) < HOLDING)  # nor while the vehicle turns to a new heading
             self.heading_integral += np.where(holds, error * self.dt / self.gains.heading_integral_time, 0.0)
 
 
 class FinController:
-    """The classical baseline for torpedo-shaped vehicles: propeller, rudder, elevator, buoyancy.
+    """Classical baseline for torpedo-shaped vehicles: propeller, rudder, elevator, buoyancy.
 
-    Line-of-sight guidance (Fossen 2021, section 12.3): the rudder turns the bow towards the waypoint, the elevator sets a
-    flight-path angle towards its depth. Where the waypoint lies within the turning circle, the vehicle first runs on until
-    it can be reached. On a path it aims at the point of the tangent that lies `TURNING_RADIUS` ahead, at the path's speed.
+    Line-of-sight guidance (Fossen 2021, section 12.3): the rudder turns the bow towards the waypoint, the
+    elevator sets a flight-path angle towards its depth. If the waypoint is within the turning circle, the
+    vehicle first moves on until it can reach it. On a path it aims at the point of the tangent that is
+    `TURNING_RADIUS` ahead, at the path's speed.
 
-    Signs come from the sheet: with way on, a fin behind the origin that is turned about +z moves the bow to
-    starboard, about +y raises it.
+    Signs come from the sheet: at forward speed, a fin behind the origin turned about +z moves the bow to
+    starboard, and about +y raises it.
 
     Raises:
-        ConfigError: integral action of the heading is asked for.
+        ConfigError: integral action of the heading is configured.
     """
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
@@ -99,8 +100,9 @@ class FinController:
         assert isinstance(gains, algorithms.PID)
         if gains.heading_integral_time is not None:
             raise ConfigError(
-                f"algo.heading_integral_time={gains.heading_integral_time:g}: the fins of vehicle={vehicle.name} hold its "
-                "heading without integral action; use algo.heading_integral_time=null"
+                f"algo.heading_integral_time={gains.heading_integral_time:g}: not available for "
+                f"vehicle={vehicle.name}, whose fins steer "
+                "without integral action; use algo.heading_integral_time=null"
             )
         self.vehicle = vehicle
         self.gains = gains
@@ -110,7 +112,7 @@ class FinController:
         self.estimate = Estimator(1.0 / config.step.frequency, gains.filter_time, spec)
         self.span = vehicle.command_limits
         self.share = np.linalg.pinv(vehicle.allocation[:1])[:, 0]
-        """(n_u,) of a surge force, each thruster's"""
+        """(n_u,) share of each thruster in a surge force"""
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:
@@ -118,7 +120,7 @@ class FinController:
         self.opening = np.zeros(len(episodes), dtype=np.bool_)
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """As `Estimator.memory`, with whether the vehicle runs on until the waypoint can be reached."""
+        """Return `Estimator.memory` with whether the vehicle moves on until it can reach the waypoint."""
         return {**self.estimate.memory(), "opening": self.opening}
 
     def act(self, observation: Observations) -> Actions:
@@ -154,7 +156,7 @@ class FinController:
         return action
 
     def guidance(self) -> tuple[Floats, Floats]:
-        """Return the yaw error (n,) to turn by and the flight-path angle (n,) to take, both in rad."""
+        """Return the yaw error (n,) to correct and the flight-path angle (n,) to take, in rad."""
         now = self.estimate
         aim = now.error
         if self.follows:
@@ -166,7 +168,7 @@ class FinController:
         return turn, climb
 
     def _thrust(self) -> Floats:
-        """Return the thrusters' actions (n, n_u): all that they may give, or what the speed of a path takes."""
+        """Return the thrusters' actions (n, n_u): full thrust, or the thrust for a path's speed."""
         now, g = self.estimate, self.gains
         if not self.follows:
             return np.full((len(now.error), len(self.vehicle.units)), g.effort)
@@ -176,9 +178,11 @@ class FinController:
         return np.clip(vehicle.action(push[:, None] * self.share), -g.effort, g.effort)
 
     def _to_waypoint(self, level: Floats) -> Floats:
-        """Return the yaw error (n,) to steer by; zero while the vehicle leaves a waypoint inside the turning circle."""
+        """Return the yaw error (n,) to steer by; zero while the vehicle moves away from a waypoint inside the
+        turning circle.
+        """
         error = self.estimate.yaw_error
-        # Distance of the waypoint from the centre of the tightest turn to its side.
+        # Distance of the waypoint from the centre of the tightest turn towards it.
         ahead, aside = level * np.cos(error), level * np.abs(np.sin(error))
         off = np.hypot(ahead, aside - TURNING_RADIUS)
         within = (off < TURNING_RADIUS - MARGIN) & (level > MARGIN)

@@ -1,4 +1,4 @@
-"""The floor of every table: actions uniform in [-1, 1]."""
+"""Act randomly, uniform in [-1, 1]: the floor of every table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import uniform
 from auvbench.vehicles.vehicle_model import VehicleModel
 
-# A stream of its own, in addition to those of dynamics/random.py.
+# A separate stream, in addition to those in dynamics/random.py.
 ACTION = 0x80
 
 
@@ -23,7 +23,9 @@ def _draw(seed: int, step: int, episodes: Integers, action: NDArray[np.float64])
 
 
 class RandomAgent:
-    """Episode e at step t draws from (seed, e, t): the same actions at any batch size."""
+    """Agent whose actions in episode e at step t are drawn from (seed, e, t), so that they are the same at
+    any batch size.
+    """
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         self._seed = config.seed

@@ -1,4 +1,6 @@
-"""The optimal control problem of `mpc.py` by multiple shooting: plans, their linearisation, and the quadratic programme."""
+"""Solve the optimal control problem of `mpc.py` by multiple shooting: plans, their linearisation, and the
+quadratic programme.
+"""
 
 from __future__ import annotations
 
@@ -14,18 +16,18 @@ from auvbench.vehicles.symbolic import SymbolicModel, require
 
 Floats = NDArray[np.float64]
 
-# Nodes of the horizon that share one thrust: short blocks first.
+# Numbers of horizon nodes that share one thrust: short blocks first.
 BLOCKS = (1, 1, 1, 1, 2, 2, 4, 4)
 # Cost per m beyond the depth limits.
 DEPTH_PRICE = 1e3
-# s; the prediction is of second order in it.
+# s; the prediction is second-order in it
 LONGEST_SUBSTEP = 0.125
-# Where the nodes of a plan are further apart than this from where its thrusts lead (m, m/s, rad/s), the linearisation is
-# not to be trusted: the plan is simulated anew.
+# Largest gap between the nodes of a plan and the states that its thrusts lead to (m, m/s, rad/s); beyond it
+# the linearisation is not valid, and the plan is simulated anew.
 LARGEST_GAP = 1.0
-# m^2 per rad^2: cost of a yaw error where the task has a yaw of its own.
+# m^2 per rad^2: cost of a yaw error if the task has its own yaw.
 YAW_WEIGHT = 1.0
-# m^2 per squared sine of the tilt: cost of roll and pitch there.
+# m^2 per squared sine of the tilt: cost of roll and pitch if the task has its own yaw.
 TILT_WEIGHT = 5.0
 
 
@@ -36,16 +38,16 @@ class Plan:
         self.X = X
         self.U = U
         self.depth: Floats = np.array([-np.inf, np.inf])
-        """where z is to stay, in m above the waypoint"""
+        """allowed range of z, in m above the waypoint"""
         self.applied: Floats = np.zeros(U.shape[0])
-        """thrust that is being given while the plan is made"""
+        """thrust that acts while the plan is computed"""
         self.reference: Floats = np.zeros((U.shape[1], 3))
-        """(N, 3) m, where the reference will be at the nodes"""
+        """(N, 3) future positions of the reference at the nodes, m"""
         self.yaw: float | None = None
-        """rad, where the bow is to point; None where that is free"""
+        """desired yaw in rad; None if it is free"""
 
     def advance(self, share: float) -> None:
-        """Move on in time by a share of an interval."""
+        """Advance the plan in time by a share of an interval."""
         self.applied[:] = self.U[:, 0]
         share = min(share, 1.0)
         self.X[:, :-1] += share * (self.X[:, 1:] - self.X[:, :-1])
@@ -53,7 +55,7 @@ class Plan:
 
 
 class Program:
-    """The optimal control problem, linearised about a plan and solved once per call."""
+    """Optimal control problem, linearised about a plan and solved once per call."""
 
     def __init__(self, model: SymbolicModel, algo: algorithms.MPC) -> None:
         ca = require()
@@ -67,7 +69,7 @@ class Program:
         self._rate = ca.Function("rates", [x, u, c], [rate, slopes], {"cse": True})
         self._rates = self._rate.map(self.N)
         self.limits = model.input_limits * algo.effort
-        # Variables of the programme are shares of each thruster's range.
+        # The programme's variables are shares of each thruster's range.
         self.scale = np.abs(self.limits).max(axis=1)
         self.position_weight = np.ones(self.N + 1)
         self.position_weight[-1] = np.sqrt(algo.terminal_weight)
@@ -89,14 +91,14 @@ class Program:
         )
 
     def rest(self) -> Plan:
-        """Return a plan of no thrust."""
+        """Return a plan without thrust."""
         X = np.zeros((self.model.n_x, self.N + 1))
         X[3] = 1.0
         X[13:] = self.model.rest[:, None]
         return Plan(X, np.zeros((self.model.n_u, self.N)))
 
     def simulate(self, plan: Plan, state: Floats, current: Floats) -> None:
-        """Put the nodes where the plan's thrusts lead from a state (n_x,)."""
+        """Compute the nodes from a state (n_x,) and the plan's thrusts."""
         plan.X[:, 0] = state
         for k in range(self.N):
             x = plan.X[:, k : k + 1]
@@ -105,11 +107,11 @@ class Program:
             plan.X[:, k + 1] = x[:, 0]
 
     def improve(self, plan: Plan, state: Floats, current: Floats) -> bool:
-        """Do one iteration from an estimated state (n_x,) towards the origin; return False where the solver failed."""
+        """Make one iteration from an estimated state (n_x,) towards the origin; return False if the solver failed."""
         n_u, n_x, N = self.model.n_u, self.model.n_x, self.N
         ends, A, B = self._linearise(plan, current)
         gap = np.abs(ends - plan.X[:, 1:]).max()
-        if not gap <= LARGEST_GAP:  # NaN is not, either
+        if not gap <= LARGEST_GAP:  # also true for NaN
             self.simulate(plan, state, current)
             ends, A, B = self._linearise(plan, current)
         n = len(BLOCKS) * n_u
@@ -143,7 +145,7 @@ class Program:
         return True
 
     def _linearise(self, plan: Plan, current: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return where each interval ends (n_x, N), and its slopes A (N, n_x, n_x) and B (N, n_x, n_u)."""
+        """Return the end state of each interval (n_x, N), and its derivatives A (N, n_x, n_x) and B (N, n_x, n_u)."""
         n_x = self.model.n_x
         c = np.repeat(current[:, None], self.N, axis=1)
         x, slope = plan.X[:, :-1], None
@@ -158,10 +160,12 @@ class Program:
         return x, slope[:, :, :n_x], slope[:, :, n_x:]
 
     def _substep(self, rates: Any, x: Floats, u: Floats, c: Floats) -> tuple[Floats, Floats]:
-        """Do one linearly implicit midpoint step of states (n_x, m); return it with its slopes (m, n_x, n_x + n_u).
+        """Make one linearly implicit midpoint step of states (n_x, m); return it with its derivatives (m,
+        n_x, n_x + n_u).
 
-        x + h (1 - h/2 J)^-1 f(x): of second order, and stable however fast the roll of a light vehicle is damped
-        (Hairer and Wanner 1996, section IV.7). The slopes leave out that J itself changes.
+        The step is x + h (1 - h/2 J)^-1 f(x): second-order, and stable however fast the roll of a light
+        vehicle is damped (Hairer and Wanner 1996, section IV.7). The derivatives ignore that J itself
+        changes.
         """
         n_x = self.model.n_x
         h = self.interval / self.substeps
@@ -179,7 +183,7 @@ class Program:
     def _cost(self, plan: Plan, S: Floats, d: Floats) -> tuple[Floats, Floats]:
         """Return Hessian (n + 1, n + 1) and gradient (n + 1,) in the changes of the blocks and the slack."""
         n_u, n = self.model.n_u, S.shape[2]
-        # Distance itself instead of its square, by iterative reweighting: far and near waypoints pull alike.
+        # Distance instead of its square, by iterative reweighting: far and near waypoints have the same pull.
         ahead = plan.reference.T
         distance = np.linalg.norm(plan.X[:3, 1:] - ahead, axis=0)
         w = (self.position_weight[1:] / np.sqrt(np.maximum(distance, 1.0)))[:, None]
@@ -187,7 +191,8 @@ class Program:
         r = (w * (plan.X[:3, 1:].T - ahead.T + d[1:, :3])).ravel()
         H = np.zeros((n + 1, n + 1))
         g = np.zeros(n + 1)
-        # Roll and pitch rates cost, so that a plan does not tumble through attitudes which the filter would lose.
+        # Roll and pitch rates have a cost, so that a plan does not tumble through attitudes that the filter would
+        # lose.
         spin = np.sqrt(self.spin_weight) * S[1:, 10:12].reshape(-1, n)
         rates = np.sqrt(self.spin_weight) * (plan.X[10:12, 1:].T + d[1:, 10:12]).ravel()
         H[:n, :n] = J.T @ J + spin.T @ spin
@@ -229,12 +234,14 @@ class Program:
 
 
 def _attitude(plan: Plan, S: Floats, d: Floats) -> Iterator[tuple[float, Floats, Floats]]:
-    """Yield weight, values (N,) and slopes (N, n) of the costs of yaw and tilt where the task has a yaw of its own."""
+    """Yield weight, values (N,) and slopes (N, n) of the costs of yaw and tilt, if the task has its own yaw."""
     w, x, y, z = plan.X[3:7, 1:]
     yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y**2 + z**2))
 
     def along(*parts: Floats | float) -> tuple[Floats, Floats]:
-        """Return drift (N,) and slopes (N, n) of a function with these derivatives to w, x, y and z."""
+        """Return the drift (N,) and slopes (N, n) of a function with these derivatives with respect to w, x,
+        y and z.
+        """
         own = np.stack(np.broadcast_arrays(*parts, w)[:4])
         return np.einsum("ck,kc->k", own, d[1:, 3:7]), np.einsum("ck,kcn->kn", own, S[1:, 3:7])
 

@@ -1,14 +1,15 @@
-"""Adaptive integral sliding-mode control of velocity and heading.
+"""Control by adaptive integral sliding modes of velocity and heading.
 
-After X. Wang, Z. Sha and F. Zhang, "Adaptive integral sliding mode control for attitude tracking of underwater robots with
-large range pitch variations in confined space", arXiv:2405.00269 (2024), whose law for the attitude of an ROV is applied
-here to what this task tracks: an integral sliding surface, the model's wrench as equivalent control, and a switching gain
-that grows while the state is off the surface. The sign function is replaced by a saturation within a boundary layer
-(Slotine and Li 1991, section 7.2), and the gain leaks back inside it, so that noise does not raise it for good.
+After X. Wang, Z. Sha and F. Zhang, "Adaptive integral sliding mode control for attitude tracking of
+underwater robots with large range pitch variations in confined space", arXiv:2405.00269 (2024). Their law for
+the attitude of an ROV is applied here to the errors of this task: an integral sliding surface, the model's
+wrench as equivalent control, and a switching gain that grows while the state is off the surface. A saturation
+within a boundary layer replaces the sign function (Slotine and Li 1991, section 7.2). The gain decays inside
+the layer, so that noise does not raise it permanently.
 
     s = e + lambda * integral of e,   tau = M (lambda e + k sat(s / phi)) + D(v) v,   k' = gamma (|s| - phi) , k >= k_0
 
-Guidance, allocation and limits are those of `cascade.py`.
+Guidance, allocation and limits are in `cascade.py`.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 class SMCController(Cascade):
-    """Adaptive integral sliding-mode control."""
+    """Adaptive integral sliding-mode controller."""
 
     carried = ("integral", "switching")
 
@@ -44,7 +45,7 @@ class SMCController(Cascade):
 
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
         g, now = self.gains, self.estimate
-        # The heading has a velocity of its own to follow: turning towards the waypoint.
+        # The heading follows its own velocity: turning towards the waypoint.
         turn = g.heading_bandwidth * now.yaw_error + now.turning - now.yaw_rate
         self._errors = np.column_stack([wanted - velocity, turn])
         surface = self._errors + g.surface * self.integral
@@ -52,13 +53,14 @@ class SMCController(Cascade):
         self._off = np.abs(surface) - g.boundary_layer
         wrench = np.zeros((len(wanted), 6))
         wrench[:, :3] = self.mass[:3] * push[:, :3] + self._drag(wanted)
-        slope = g.surface + g.switching_gain / g.boundary_layer  # of push over the error, within the layer
+        # slope of the force over the error, within the layer
+        slope = g.surface + g.switching_gain / g.boundary_layer
         wrench[:, YAW] = self.turning_mass(slope) * push[:, 3]
         return wrench
 
     def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
         g, still = self.gains, free[:, None]
-        # Nothing winds up while the thrusters give all they may.
+        # No wind-up while the thrusters are saturated.
         self.integral += np.where(still, self.dt * self._errors, 0.0)
         grown = np.clip(self.switching + self.dt * g.adaptation * self._off, g.switching_gain, g.largest_gain)
         self.switching = np.where(still, grown, self.switching)

@@ -1,7 +1,7 @@
-"""SB3's learners: made from the configuration, written as plain files, watched for NaN.
+"""Create SB3's learners from the configuration, write them as plain files, and check them for NaN.
 
-A run that goes on with a NaN wastes its budget and would overwrite its last good checkpoint. The physics is watched
-by the worker.
+A run that continued with a NaN would waste its budget and overwrite its last good checkpoint. The worker
+checks the physics.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from auvbench.errors import ActionError, AuvbenchError, TrainingError
 from auvbench.registry import AGENTS, resolve
 
 WEIGHTS, STATISTICS = "policy.pt", "normalisation.npz"
-"""The files of a trained model."""
+"""Names of the files of a trained model."""
 
 ACTIVATIONS = {
     "tanh": torch.nn.Tanh,
@@ -40,27 +40,27 @@ ACTIVATIONS = {
 
 
 def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
-    """Return the SB3 learner that `config.algo` describes, on an environment. One torch thread."""
+    """Return the SB3 learner for `config.algo` on an environment. One torch thread."""
     torch.set_num_threads(1)
     learner: BaseAlgorithm = algorithm(config.algo)(**arguments(config, environment))
     return learner
 
 
 def algorithm(algo: Any) -> type[BaseAlgorithm]:
-    """Return the class of SB3 that learns, or the one with its updates compiled."""
+    """Return SB3's class of the algorithm, or the class with compiled updates."""
     module, _, name = AGENTS[algo.agent].algorithm.partition(":")
     if getattr(algo, "updates", "sb3") == "compiled":
         module = "auvbench.agents.learned.compiled"
-    found: type[BaseAlgorithm] = resolve(f"{module}:{name}")
-    return found
+    kind: type[BaseAlgorithm] = resolve(f"{module}:{name}")
+    return kind
 
 
 def arguments(config: schema.TrainConfig, environment: VecEnv) -> dict[str, Any]:
-    """Return the arguments of the learner: the keys of `config.algo` that it takes by the same name, and what differs."""
+    """Return the arguments of the learner: the keys of `config.algo` with the same name, and those that differ."""
     algo: Any = config.algo
     taken = inspect.signature(resolve(AGENTS[algo.agent].algorithm)).parameters
-    found = {f.name: getattr(algo, f.name) for f in fields(algo) if f.name in taken}
-    found |= {
+    options = {f.name: getattr(algo, f.name) for f in fields(algo) if f.name in taken}
+    options |= {
         "policy": policy_name(algo),
         "env": environment,
         "gamma": discount(algo, config.step.frequency),
@@ -70,17 +70,17 @@ def arguments(config: schema.TrainConfig, environment: VecEnv) -> dict[str, Any]
         "verbose": 0,
     }
     if algo.learning_rate_schedule == "linear":
-        found["learning_rate"] = LinearSchedule(algo.learning_rate, 0.0, 1.0)
+        options["learning_rate"] = LinearSchedule(algo.learning_rate, 0.0, 1.0)
     if isinstance(algo, algorithms.OffPolicy):
-        found["train_freq"] = (algo.train_freq, "step")
+        options["train_freq"] = (algo.train_freq, "step")
     if isinstance(algo, algorithms.Entropy):
-        found["ent_coef"] = _number_or_auto(algo.ent_coef)
-        found["target_entropy"] = _number_or_auto(algo.target_entropy)
-    if scale := found.pop("action_noise", 0.0):
+        options["ent_coef"] = _number_or_auto(algo.ent_coef)
+        options["target_entropy"] = _number_or_auto(algo.target_entropy)
+    if scale := options.pop("action_noise", 0.0):
         shape = environment.action_space.shape or ()
         noise = NormalActionNoise(np.zeros(shape), np.full(shape, scale))
-        found["action_noise"] = VectorizedActionNoise(noise, environment.num_envs)
-    return found
+        options["action_noise"] = VectorizedActionNoise(noise, environment.num_envs)
+    return options
 
 
 def _number_or_auto(value: str) -> str | float:
@@ -88,7 +88,7 @@ def _number_or_auto(value: str) -> str | float:
 
 
 def policy_name(algo: algorithms.Network) -> str:
-    """Return the name by which SB3's class knows the policy."""
+    """Return SB3's name of the policy."""
     return "MlpLstmPolicy" if isinstance(algo, algorithms.RecurrentPPO) else "MlpPolicy"
 
 
@@ -121,14 +121,16 @@ def policy_arguments(algo: algorithms.Network) -> dict[str, Any]:
 def files(model: BaseAlgorithm, normaliser: VecNormalize) -> dict[str, bytes]:
     """Return a trained model as files by name: a plain dictionary of tensors, and the statistics."""
     weights, arrays = io.BytesIO(), io.BytesIO()
-    # Copies: the tensors may be parts of larger ones, all of which would be written.
+    # Copies, since a tensor may be a view of a larger one, which would be written as a whole.
     torch.save({name: tensor.clone() for name, tensor in model.policy.state_dict().items()}, weights)
     np.savez(arrays, **statistics(normaliser))  # type: ignore[arg-type]
     return {WEIGHTS: weights.getvalue(), STATISTICS: arrays.getvalue()}
 
 
 def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
-    """Return the running statistics of observations and returns as plain arrays; mean 0 and variance 1 where none are kept."""
+    """Return the running statistics of observations and returns as plain arrays; mean 0 and variance 1 if
+    there are none.
+    """
     returns = normaliser.ret_rms
     observations = RunningMeanStd(shape=normaliser.observation_space.shape or ())
     if normaliser.norm_obs:
@@ -148,15 +150,15 @@ def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
 
 
 def check_losses(model: BaseAlgorithm) -> None:
-    """Raise `TrainingError` when a number that the last update logged is not finite."""
+    """Raise `TrainingError` if a number that the last update logged is not finite."""
     for key, value in model.logger.name_to_value.items():
-        # explained_variance is NaN by definition where the returns do not vary.
+        # explained_variance is NaN by definition if the returns do not vary.
         if key.startswith("train/") and key != "train/explained_variance" and not math.isfinite(value):
             raise TrainingError(f"step {model.num_timesteps}: {key} became {value}")
 
 
 def check_parameters(model: BaseAlgorithm) -> None:
-    """Raise `TrainingError` when a weight of the policy or of a target network is not finite."""
+    """Raise `TrainingError` if a weight of the policy or of a target network is not finite."""
     with torch.no_grad():
         named: dict[str, torch.Tensor] = dict(model.policy.named_parameters())
         named |= {n: buffer for n, buffer in model.policy.named_buffers() if buffer.is_floating_point()}
@@ -172,10 +174,10 @@ def check_parameters(model: BaseAlgorithm) -> None:
 
 @contextmanager
 def diagnosed(model: BaseAlgorithm) -> Iterator[None]:
-    """Name the weights as the cause of an error that they have caused.
+    """Report non-finite weights as the cause of an error that they have caused.
 
-    A NaN that appears within an update makes torch's distributions complain about their arguments in many
-    lines before the weights are checked.
+    If a NaN appears within an update, torch's distributions raise an error of many lines before the weights
+    are checked.
     """
     try:
         yield

@@ -1,7 +1,8 @@
 """Write a trained policy as an ONNX file: observations scaled and clipped, the network, actions clipped.
 
-PyTorch's exporter records the deterministic action, so any policy can be written whose action is a function of the
-observation alone. Scaling is done in float64 as the policy itself does it, so that the network gets the same bits.
+PyTorch's exporter records the deterministic action, so any policy can be exported whose action is a function
+of only the observation. Scaling is done in float64, as in the policy itself, so that the network gets the
+same bits.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from auvbench.policies import exported
 from auvbench.untrusted.text import first_line
 
 OPSET = 18
-"""of 2023: runtimes since ONNX Runtime 1.15 read it"""
+"""operator set of 2023, supported since ONNX Runtime 1.15"""
 
 INPUT, OUTPUT = "observation", "action"
 
@@ -36,7 +37,7 @@ NOTES = (
     "denotation",
     "overload",
 )
-"""Fields of onnx.proto without an effect on the numbers"""
+"""Fields of onnx.proto that do not affect the numbers"""
 
 Floats = NDArray[np.float64]
 
@@ -47,16 +48,16 @@ def build(
     scaling: tuple[Floats, Floats, float] | None,
     about: Mapping[str, str],
 ) -> bytes:
-    """Return the ONNX file of a policy; the same bytes for the same policy.
+    """Return the ONNX file of a policy; the same policy gives the same bytes.
 
     Args:
-        policy: out of training mode; its action is `policy._predict(observation, deterministic=True)`.
+        policy: policy in evaluation mode; its action is `policy._predict(observation, deterministic=True)`.
         n_observations: length of an observation.
-        scaling: mean (n,) and scale (n,) by which observations are normalised, and the clip; None without.
+        scaling: mean (n,), scale (n,) and clip of normalised observations; None without normalisation.
         about: readable entries for the file's metadata.
 
     Raises:
-        RunError: the policy keeps a state, or uses an operation that no ONNX operator stands for.
+        RunError: the policy has a state, or uses an operation without an ONNX operator.
         MissingExtraError: the onnx package is not installed.
     """
     name = type(policy).__name__
@@ -77,7 +78,8 @@ def build(
             )
         assert program is not None
         model = program.model_proto
-    except Exception as error:  # PyTorch raises of all kinds for what it cannot record or translate
+    # PyTorch raises exceptions of all kinds for what it cannot record or translate
+    except Exception as error:
         cause = error
         while cause.__cause__ is not None and isinstance(cause.__cause__, Exception):
             cause = cause.__cause__
@@ -90,7 +92,7 @@ def build(
 
 
 def _drop_notes(model: Any) -> None:
-    """Clear the exporter's notes, which name files of this machine, and what it inferred."""
+    """Clear the exporter's notes, which contain paths of this machine, and its inferred values."""
     waiting = [model]
     while waiting:
         message = waiting.pop()
@@ -102,7 +104,7 @@ def _drop_notes(model: Any) -> None:
 
 
 class _Action(torch.nn.Module):
-    """The deterministic action of a policy for raw observations."""
+    """Deterministic action of a policy for raw observations."""
 
     observation_mean: torch.Tensor
     observation_scale: torch.Tensor
@@ -125,12 +127,12 @@ class _Action(torch.nn.Module):
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the exporter's notes from the terminal, and let it record distributions."""
+    """Keep the exporter's notes off the terminal, and allow it to record distributions."""
     distribution = torch.distributions.Distribution
     checked = distribution._validate_args
     log = logging.getLogger("torch.onnx")
     level = log.level
-    # The bounds of a normal distribution are checked in Python, which cannot be recorded.
+    # The bounds of a normal distribution are checked in Python code, which cannot be recorded.
     distribution.set_default_validate_args(False)
     log.setLevel(logging.ERROR)
     try:

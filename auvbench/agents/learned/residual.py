@@ -1,12 +1,12 @@
-"""Residual learning: a policy's action is added to a classical controller's, with a bounded share.
+"""Learn residuals: a policy's action is added to a classical controller's, with a limited share.
 
     action = clip(base + share * residual, -1, 1)
 
-after Johannink et al. 2019 (arXiv:1812.03201) and Silver et al. 2018 (arXiv:1812.06298). The controller gets the same noisy
-observation as every agent. The learner sees that observation and behind it the controller's action of this step, to which
-its own will be added. Without it the same residual would have another effect in each state of the controller's memory, such
-as PID's integral action, which the learner could not see. It is no further sensor: the controller computes it from the
-observations alone.
+after Johannink et al. 2019 (arXiv:1812.03201) and Silver et al. 2018 (arXiv:1812.06298). The controller gets
+the same noisy observation as every agent. The learner gets that observation followed by the controller's
+action of this step, to which the learner's action is added. Without it, the effect of a residual would depend
+on the controller's memory, such as PID's integral action, which the learner could not see. This is not an
+additional sensor: the controller computes its action only from observations.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Arrays = dict[str, NDArray[Any]]
 
 _MEMORY = "residual"
-"""of the controller, in a checkpoint"""
+"""name of the controller in a checkpoint"""
 
 
 class Base:
-    """A controller under N policies: extends their observations by its action, and adds theirs to it.
+    """Controller under N policies: extends their observations by its action, and adds their actions to it.
 
     Raises:
         ConfigError: the controller cannot steer the vehicle, or cannot do the task.
@@ -48,14 +48,14 @@ class Base:
         assert isinstance(algo, algorithms.PPOResidual | algorithms.SACResidual)
         own = dataclasses.replace(config, algo=algo.residual.base)
         self.share = algo.residual.share
-        # Each of them has `memory`, which no other agent needs.
+        # Only these controllers are allowed, since they have `memory`.
         self._controller: Any = make(own, vehicle)
         self._beginner: Any = make(own, vehicle)
         self.action: NDArray[np.float64] = np.empty((0, len(vehicle.actuators)))
-        """(n, n_u) the controller's, of this step"""
+        """(n, n_u) the controller's actions of this step"""
 
     def reset(self, n: int) -> None:
-        """Forget everything: `n` episodes begin."""
+        """Begin `n` new episodes, and forget everything else."""
         self._controller.reset(np.arange(n))
         self.action = np.zeros((n, self.action.shape[1]))
 
@@ -79,12 +79,12 @@ class Base:
         return np.clip(self.action + self.share * bounded, -1.0, 1.0)
 
     def state_dict(self) -> Arrays:
-        """Return copies of what it carries from step to step."""
+        """Return copies of what the controller carries from step to step."""
         memory = {**self._controller.memory(), "action": self.action}
         return {name: array.copy() for name, array in memory.items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Return to the state that `state_dict` gave."""
+        """Restore a state from `state_dict`."""
         self.reset(len(state["action"]))
         for name, array in {**self._controller.memory(), "action": self.action}.items():
             array[...] = state[name]
@@ -95,7 +95,7 @@ def _extended(observation: Observations, action: NDArray[np.float64]) -> Observa
 
 
 class ResidualVecEnv(VecEnvWrapper):
-    """The environments as the learner of a residual sees them."""
+    """Environments as the learner of a residual sees them."""
 
     def __init__(self, face: WaypointVecEnv, base: Base) -> None:
         whole = face.observation_space
@@ -108,7 +108,7 @@ class ResidualVecEnv(VecEnvWrapper):
 
     @property
     def transition(self) -> Transition | None:
-        """What the last step of the vehicles gave."""
+        """Return the result of the vehicles' last step."""
         return self._face.transition
 
     def reset(self) -> VecEnvObs:
@@ -117,7 +117,7 @@ class ResidualVecEnv(VecEnvWrapper):
         return self.begin(observation)
 
     def begin(self, observation: Observations) -> Observations:
-        """Begin episodes everywhere; return the first observations (n, n_obs), extended."""
+        """Begin all episodes; return the first observations (n, n_obs), extended."""
         self.base.reset(self.num_envs)
         return self.base.extend(observation)
 
@@ -130,7 +130,7 @@ class ResidualVecEnv(VecEnvWrapper):
         ended = np.flatnonzero(done)
         if not len(ended):
             return self.base.extend(observation), reward, done, infos
-        # The last observation of an episode belongs to the controller that steered it; the next one begins with a fresh one.
+        # The last observation of an episode belongs to its controller; the next episode begins with a fresh one.
         last = observation.copy()
         last[ended] = [infos[i]["terminal_observation"] for i in ended]
         extended = self.base.extend(last)
@@ -141,7 +141,7 @@ class ResidualVecEnv(VecEnvWrapper):
 
 
 class ResidualAgent:
-    """A controller and a policy of residuals in a test."""
+    """Controller and residual policy in a test."""
 
     def __init__(self, policy: Agent, base: Base) -> None:
         self.policy = policy
@@ -158,7 +158,7 @@ class ResidualAgent:
 
 
 class ResidualLearner(SB3Learner):
-    """One of SB3's algorithms that learns what to add to a controller's action."""
+    """SB3 algorithm that learns an addition to a controller's action."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         super().__init__(config, vehicle)
@@ -170,7 +170,7 @@ class ResidualLearner(SB3Learner):
         return self._seen
 
     def _frozen(self, model: BaseAlgorithm) -> Agent:
-        # With a controller of its own: that of the training goes on after the test.
+        # With a separate controller, because the training's controller continues after the test.
         return ResidualAgent(super()._frozen(model), Base(self._config, self._vehicle))
 
     def load(self, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's algorithms as learners: normalised, watched for NaN, resumed with the same bits."""
+"""Stable-Baselines3's algorithms as learners: normalised, checked for NaN, resumed with the same bits."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class SB3Learner:
     """One of Stable-Baselines3's algorithms behind the contract of `auvbench.agents.base.Learner`.
 
     Attributes:
-        model: SB3's learner while it trains; None in a process that only tests.
+        model: SB3's learner during training; None in a process that only tests.
     """
 
     exact_resume = True
@@ -38,17 +38,17 @@ class SB3Learner:
         self._vehicle = vehicle
         self.model: BaseAlgorithm | None = None
         self._environment: Batch | None = None
-        self._tested: Agent | None = None  # in the tests of now
+        self._tested: Agent | None = None  # agent in the present test
 
     def reset(self, episodes: Integers) -> None:
-        """Begin episodes (n,). During training, the policy of this moment acts in them."""
+        """Begin episodes (n,). During training, the present policy acts in them."""
         if self.model is not None:
             self._tested = self._frozen(self.model)
         assert self._tested is not None, "neither trained nor loaded"
         self._tested.reset(episodes)
 
     def act(self, observation: Observations) -> Actions:
-        """Return deterministic actions (n, n_u) with frozen statistics; no random number is drawn."""
+        """Return deterministic actions (n, n_u) with frozen statistics; draws no random number."""
         assert self._tested is not None, "reset comes first"
         if self.model is None:
             return self._tested.act(observation)
@@ -61,7 +61,7 @@ class SB3Learner:
             policy.set_training_mode(training)
 
     def _frozen(self, model: BaseAlgorithm) -> Agent:
-        """Return the policy that is being trained, frozen for a test."""
+        """Return the policy in training, frozen for a test."""
         normaliser = state.normaliser(model)
         return FrozenPolicy(
             model.policy,
@@ -98,7 +98,8 @@ class SB3Learner:
             model.learn(
                 callbacks.total_steps,
                 callback=Follower(lambda: face.transition, callbacks),
-                log_interval=1 if on_policy else 10,  # every update; off-policy, SB3 counts episodes there
+                # every update; for off-policy algorithms SB3 counts episodes
+                log_interval=1 if on_policy else 10,
             )
 
     def save(self, folder: Path) -> None:
@@ -108,28 +109,30 @@ class SB3Learner:
             (folder / name).write_bytes(data)
 
     def load(self, folder: Path) -> None:
-        """Read both without unpickling.
+        """Read the files of `save` without unpickling.
 
         Raises:
-            RunError: they are missing, damaged, or of another network than the configuration's.
+            RunError: a file is missing, damaged, or of another network than the configuration's.
         """
         self._tested = LearnedPolicy(self._config, folder, self._vehicle)
 
     def network(self) -> Network | None:
-        """Return the loaded policy as a network by itself; None where its actions are more than that (see `FrozenPolicy`)."""
-        found: Callable[[], Network | None] | None = getattr(self._tested, "network", None)
-        return None if found is None else found()
+        """Return the loaded policy as a network; None if its actions need more than the network (see
+        `FrozenPolicy`).
+        """
+        network: Callable[[], Network | None] | None = getattr(self._tested, "network", None)
+        return None if network is None else network()
 
     @property
     def replay(self) -> ReplayBuffer | None:
-        """The replay buffer of an off-policy algorithm."""
+        """Return the replay buffer of an off-policy algorithm."""
         return getattr(self.model, "replay_buffer", None)
 
     def state(self) -> Components:
-        """Networks, optimizers, statistics, counters, generators.
+        """Return networks, optimizers, statistics, counters and generators.
 
         Raises:
-            TrainingError: the weights are not finite, or something else filled the replay buffer.
+            TrainingError: the weights are not finite, or other code has filled the replay buffer.
         """
         model = self.model
         assert model is not None, "nothing is being trained"
@@ -139,21 +142,23 @@ class SB3Learner:
         return state.capture(model)
 
     def restore(self, components: Components) -> None:
-        """Put a checkpoint into the learner, which has begun `learn`.
+        """Restore a checkpoint in a learner that has begun `learn`.
 
         Raises:
-            RunError: it is of another kind of learner or of other networks.
+            RunError: the checkpoint belongs to another kind of learner or to other networks.
         """
         assert self.model is not None, "nothing is being trained"
         state.restore(self.model, components, self._restarted())
 
     def _restarted(self) -> Observations | None:
-        """First observations, as the algorithm sees them, of episodes that a resumed run had to begin again."""
+        """Return the first observations, as the algorithm sees them, of episodes that a resumed run had to
+        restart.
+        """
         return None if self._environment is None else self._environment.restarted
 
 
 class Follower(BaseCallback):
-    """Report to the worker what SB3's loop does."""
+    """Callback that reports the events of SB3's loop to the worker."""
 
     def __init__(self, transition: Callable[[], Any], callbacks: Callbacks) -> None:
         super().__init__()
@@ -161,7 +166,7 @@ class Follower(BaseCallback):
         self._callbacks = callbacks
 
     def _on_training_start(self) -> None:
-        # By now building the learner and `learn` have drawn and set up what a checkpoint replaces.
+        # Building the learner and starting `learn` have by now drawn and set up what a checkpoint replaces.
         if self._callbacks.begin():
             self.num_timesteps = self.model.num_timesteps
 
@@ -169,23 +174,23 @@ class Follower(BaseCallback):
         # The last transition is stored and the networks are updated.
         learners.check_losses(self.model)
         if isinstance(self.model, OnPolicyAlgorithm):
-            # A rollout of many steps follows, so checking every weight costs nothing in comparison.
+            # A long rollout follows, so checking every weight costs little in comparison.
             learners.check_parameters(self.model)
         self._callbacks.checkpoint(self.model.num_timesteps)
 
     def _on_step(self) -> bool:
         spent = self._callbacks.step(self.num_timesteps, self._transition())
-        self.model.start_time += round(spent * 1e9)  # steps per second are those of training alone
+        self.model.start_time += round(spent * 1e9)  # steps per second must count only training
         return True
 
     def _on_training_end(self) -> None:
-        # A callback that returned False ended training in the middle of a step, where nothing is whole.
+        # A callback that returned False would end training in mid-step, with incomplete state.
         if self.model.num_timesteps >= self.model._total_timesteps:
             learners.check_losses(self.model)
 
 
 class Scalars(KVWriter):
-    """An output of SB3's logger that hands every scalar which is not excluded from "tensorboard" to a function."""
+    """Output of SB3's logger that passes every scalar to a function, except those excluded from "tensorboard"."""
 
     def __init__(self, log: Callable[[Mapping[str, float], int], object]) -> None:
         self._log = log
@@ -193,13 +198,13 @@ class Scalars(KVWriter):
     def write(
         self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0
     ) -> None:
-        kept = {
+        scalars = {
             key: float(value)
             for key, value in key_values.items()
             if isinstance(value, (bool, int, float, np.number, np.bool_))
             and "tensorboard" not in (key_excluded.get(key) or ())
         }
-        self._log(kept, step)
+        self._log(scalars, step)
 
     def close(self) -> None:
-        """Do nothing: it owns no file."""
+        """Do nothing: there is no file to close."""

@@ -1,11 +1,11 @@
-"""What of a Stable-Baselines3 learner is saved, so that the restored one continues with the same bits.
+"""Capture and restore a Stable-Baselines3 learner, so that the restored one continues with the same bits.
 
-The moment is the start of a rollout: then the learner has stored its last transition, updated its networks
-and holds nothing in local variables. `restore` works on a learner that was built in the ordinary way and has
-begun `learn`, because both of them draw random numbers and reset what is restored here. The environments are
-not its business: a checkpoint holds them separately.
+The state is captured at the start of a rollout: then the learner has stored its last transition and updated
+its networks, and has nothing in local variables. `restore` needs a learner that was built in the ordinary way
+and has begun `learn`, because building and beginning draw random numbers and reset what is restored here. A
+checkpoint stores the environments separately.
 
-Read against Stable-Baselines3 2.9.2; what it keeps is listed in docs/resume.md.
+Written for Stable-Baselines3 2.9.2; docs/resume.md lists what it stores.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _GENERATORS = "generators"
 
 
 def capture(model: BaseAlgorithm) -> Components:
-    """Return everything of a learner except the replay buffer, which is stored by increments."""
+    """Return everything of a learner except the replay buffer, which is stored incrementally."""
     components = Components()
     components.tensors.update(_networks(model))
     components.arrays["learner"] = _learner_arrays(model)
@@ -55,13 +55,13 @@ def capture(model: BaseAlgorithm) -> Components:
 def restore(
     model: BaseAlgorithm, components: Components, restarted: NDArray[np.float32] | None = None
 ) -> None:
-    """Put `components` into a learner that has begun `learn`.
+    """Restore `components` in a learner that has begun `learn`.
 
     Args:
-        restarted: first observations (n, d) of the episodes that the environments had to begin again.
+        restarted: first observations (n, d) of the episodes that the environments had to restart.
 
     Raises:
-        RunError: the checkpoint is of another kind of learner or of other networks.
+        RunError: the checkpoint belongs to another kind of learner or to other networks.
     """
     values = components.values["learner"]
     if values["class"] != type(model).__name__:
@@ -80,23 +80,23 @@ def restore(
         setattr(model, name, value)
     if model._total_timesteps:
         model._update_current_progress_remaining(model.num_timesteps, model._total_timesteps)
-    # The rate of steps that SB3 logs then goes on as if the process had never stopped.
+    # SB3 then logs the rate of steps as if the process had never stopped.
     model.start_time = time.time_ns() - values["elapsed_ns"]
     _restore_pending(model, values["logger"])
     _restore_generators(components, model)
 
 
 def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
-    """Check that only its learner filled a buffer, whose rows are stored by their number.
+    """Check that only its learner has filled a buffer, whose rows are stored by number.
 
     Raises:
-        TrainingError: something else filled it, too.
+        TrainingError: other code has filled it, too.
     """
     rows = num_timesteps // buffer.n_envs
     if rows % buffer.buffer_size != buffer.pos or (rows >= buffer.buffer_size) != buffer.full:
         raise TrainingError(
             f"the replay buffer is at row {buffer.pos} but {num_timesteps} steps in {buffer.n_envs} "
-            f"environments lead to row {rows % buffer.buffer_size}; it was filled by something else"
+            f"environments lead to row {rows % buffer.buffer_size}; other code has filled it"
         )
 
 
@@ -117,7 +117,7 @@ def _begin_episodes(model: BaseAlgorithm, observation: NDArray[np.float32]) -> N
 
 
 def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
-    """SB3's own list of what `save` would store: policy with targets, optimizers, entropy coefficient."""
+    """Return SB3's own list of what `save` would store: policy with targets, optimizers, entropy coefficient."""
     names, variables = model._get_torch_save_params()
     policy = {
         "modules": {
@@ -134,15 +134,15 @@ def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
 def _plain(node: Any) -> Any:
     """Return the same values with new containers and interned strings.
 
-    What is written then depends on values alone: a pickle refers back to objects that it has met before, and a
-    restored optimizer shares other objects than one that grew by itself.
+    The written bytes then depend only on the values. A pickle refers back to objects that it has met before,
+    and a restored optimizer shares other objects than one that was never saved.
     """
     if isinstance(node, Mapping):
         return {_plain(key): _plain(value) for key, value in node.items()}
     if isinstance(node, (list, tuple)):
         return type(node)([_plain(value) for value in node])
     if isinstance(node, torch.Tensor):
-        return node.detach().clone()  # it may be a part of a larger one, all of which would be written
+        return node.detach().clone()  # it may be a view of a larger tensor, which would be written as a whole
     return sys.intern(node) if isinstance(node, str) else node
 
 
@@ -151,7 +151,7 @@ def _restore_networks(model: BaseAlgorithm, tensors: dict[str, dict[str, Any]]) 
         recursive_getattr(model, name).load_state_dict(state)
     with torch.no_grad():
         for name, value in tensors["policy"]["variables"].items():
-            # In place: the optimizer of the entropy coefficient holds this very tensor.
+            # In place, because the optimizer of the entropy coefficient refers to this tensor.
             recursive_getattr(model, name).copy_(value)
     for name, state in tensors["optimizers"].items():
         recursive_getattr(model, name).load_state_dict(state)
@@ -163,7 +163,7 @@ def _learner_arrays(model: BaseAlgorithm) -> Arrays:
         value = getattr(model, name)
         if value is not None:
             arrays[name] = np.asarray(value)
-    # Arrays keep the types of the numbers, on which SB3's means of them depend.
+    # Arrays keep the types of the numbers, which affect SB3's means.
     infos = list(model.ep_info_buffer or ())
     for key in infos[0] if infos else ():
         arrays[f"ep_info.{key}"] = np.asarray([info[key] for info in infos])
@@ -172,7 +172,9 @@ def _learner_arrays(model: BaseAlgorithm) -> Arrays:
 
 
 def _lstm_states(model: BaseAlgorithm) -> dict[str, torch.Tensor]:
-    """Hidden and cell states (layers, n, width) that a recurrent learner carries into the next rollout, by name."""
+    """Return hidden and cell states (layers, n, width) that a recurrent learner carries into the next
+    rollout, by name.
+    """
     states = getattr(model, "_last_lstm_states", None)
     if states is None:
         return {}
@@ -191,7 +193,7 @@ def _restore_learner_arrays(model: BaseAlgorithm, arrays: Arrays) -> None:
     size = model._stats_window_size
     model.ep_info_buffer = deque((dict(zip(keys, row, strict=True)) for row in rows), maxlen=size)
     model.ep_success_buffer = deque(arrays["ep_success"], maxlen=size)
-    # In place: they are SB3's fresh ones, which nothing else holds.
+    # In place: they are new tensors of SB3, without other references.
     for name, tensor in _lstm_states(model).items():
         tensor.copy_(torch.from_numpy(arrays[name]))
 
@@ -224,13 +226,13 @@ def _statistics(normalize: VecNormalize) -> dict[str, RunningMeanStd]:
 
 
 def _pending(model: BaseAlgorithm) -> list[list[Any]]:
-    """Return what SB3's logger has recorded and not yet written: key, type, value, count, excluded outputs."""
+    """Return what SB3's logger has recorded but not written: key, type, value, count, excluded outputs."""
     logger = model.logger
     rows = []
     for key, value in logger.name_to_value.items():
         kind = value.dtype.str if isinstance(value, np.generic) else type(value).__name__
         if not isinstance(value, (bool, int, float, str, np.generic)):
-            continue  # figures and histograms; no learner of ours records them
+            continue  # figures and histograms, which no learner of auvbench records
         plain = value.item() if isinstance(value, np.generic) else value
         rows.append([key, kind, plain, logger.name_to_count.get(key, 0), list(logger.name_to_excluded[key])])
     return rows
@@ -249,7 +251,9 @@ def _restore_pending(model: BaseAlgorithm, rows: list[list[Any]]) -> None:
 
 
 def _capture_generators(components: Components, model: BaseAlgorithm) -> None:
-    """Add Python's, numpy's and torch's generators, and the action space's, which draws off-policy learners' first actions."""
+    """Add Python's, NumPy's and torch's generators, and the action space's, which draws off-policy learners'
+    first actions.
+    """
     version, words, gauss = random.getstate()
     kind, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002
     components.arrays[_GENERATORS] = {
@@ -260,12 +264,13 @@ def _capture_generators(components: Components, model: BaseAlgorithm) -> None:
     components.values[_GENERATORS] = {
         "python": {"version": version, "gauss": gauss},
         "numpy": {"kind": kind, "position": position, "has_gauss": has_gauss, "cached": float(cached)},
-        "action_space": model.action_space.np_random.bit_generator.state,  # PCG64: whole numbers of up to 128 bits
+        # PCG64: whole numbers of up to 128 bits
+        "action_space": model.action_space.np_random.bit_generator.state,
     }
 
 
 def _restore_generators(components: Components, model: BaseAlgorithm) -> None:
-    """Restore the generators; call it last, since building and loading anything may draw."""
+    """Restore the generators; call it last, since building and loading may draw."""
     arrays, values = components.arrays[_GENERATORS], components.values[_GENERATORS]
     python, legacy = values["python"], values["numpy"]
     random.setstate((python["version"], tuple(int(word) for word in arrays["python"]), python["gauss"]))

@@ -1,7 +1,8 @@
-"""A trained policy in a test: read without unpickling, checked, deterministic, independent of the batch.
+"""Act with a trained policy in a test: read without unpickling, checked, deterministic, independent of the
+batch.
 
-A damaged file may still load: a flipped bit gives an infinite weight, a variance is negative. Every such model would
-drive the vehicle and be scored.
+A damaged file may still load: a flipped bit may give an infinite weight or a negative variance. Without
+checks, such a model would steer the vehicle and be scored.
 """
 
 from __future__ import annotations
@@ -29,18 +30,20 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 ROWS = 64
-"""The pass always runs on this many rows: matrix products of another shape may round differently, and a row of a table
-must not depend on how many episodes were tested together."""
+"""Number of rows of every forward pass: matrix products of another shape may round differently, and a row of
+a table must not depend on how many episodes were tested together.
+"""
 
 ALIGNED = 16
-"""Numbers from one row to the next are a multiple of this. Of rows that begin anywhere, matrix products with fewer than
-twelve columns sum every other row in another order (MKL with AVX-512 on AMD EPYC), so that an episode's place in the
-batch would be seen in its actions."""
+"""Strides between rows are a multiple of this number of floats. With unaligned rows, matrix products with
+fewer than twelve columns sum every second row in a different order (MKL with AVX-512 on AMD EPYC), so that an
+episode's actions would depend on its index in the batch.
+"""
 
 
 @contextmanager
 def aligned(layers: list[torch.nn.Linear]) -> Iterator[None]:
-    """Give the layers their rows as views of longer ones."""
+    """Replace the layers' weights by views with aligned rows."""
     hooks = [layer.register_forward_pre_hook(_spaced) for layer in layers]
     try:
         yield
@@ -56,7 +59,7 @@ def _spaced(layer: torch.nn.Module, inputs: tuple[torch.Tensor, ...]) -> tuple[t
 
 
 class Forward:
-    """A policy that looks at the present observation alone."""
+    """Forward pass of a policy that uses only the present observation."""
 
     def __init__(self, policy: BasePolicy) -> None:
         self._policy = policy
@@ -76,7 +79,7 @@ class Forward:
 
 
 class RecurrentForward(Forward):
-    """A policy with an LSTM: each episode's row keeps the state of its own, zeros at its beginning."""
+    """Forward pass of a policy with an LSTM: each episode's row keeps its own state, zeros at the beginning."""
 
     _policy: Any
 
@@ -84,7 +87,7 @@ class RecurrentForward(Forward):
         lstm = self._policy.lstm_actor
         shape = (lstm.num_layers, ROWS, lstm.hidden_size)
         self._states = [(torch.zeros(shape), torch.zeros(shape)) for _ in range(0, n, ROWS)]
-        self._begins = torch.zeros(ROWS)  # none in the midst of a batch: `reset` begins them all
+        self._begins = torch.zeros(ROWS)  # none within a batch: `reset` begins all of them
 
     def __call__(self, block: int, rows: torch.Tensor) -> torch.Tensor:
         with aligned(self._uneven):
@@ -95,19 +98,19 @@ class RecurrentForward(Forward):
 
 
 def forward_of(policy: BasePolicy) -> Forward:
-    """Return the forward pass of a policy; `reset` must follow."""
+    """Return the forward pass of a policy; call `reset` next."""
     return RecurrentForward(policy) if hasattr(policy, "lstm_actor") else Forward(policy)
 
 
 Scaling = tuple[Floats, Floats, float]
 Network = tuple[BasePolicy, Scaling | None]
-"""A policy, and mean, scale and clip of its observations"""
+"""policy, and mean, scale and clip of its observations"""
 
 
 class FrozenPolicy:
-    """A policy as it is now, in a test: deterministic, with the statistics of its observations frozen.
+    """Present policy in a test: deterministic, with frozen statistics of its observations.
 
-    Draws no random number and changes nothing of the policy, so that one that is being trained may be tested.
+    Draws no random number and does not change the policy, so that a policy in training can be tested.
     """
 
     def __init__(
@@ -125,7 +128,7 @@ class FrozenPolicy:
         self._forward.reset(len(episodes))
 
     def network(self) -> Network | None:
-        """Return the network of `act`; None for a policy that keeps a state."""
+        """Return the network of `act`; None for a policy with a state."""
         if type(self._forward) is not Forward:
             return None
         return self.policy, (self._mean, self._scale, self._clip) if self._normalise else None
@@ -147,20 +150,20 @@ class FrozenPolicy:
 
 
 class LearnedPolicy(FrozenPolicy):
-    """A trained policy in a test: its weights and statistics read without unpickling.
+    """Trained policy in a test: its weights and statistics are read without unpickling.
 
     Raises:
-        RunError: the files are missing, damaged, or of another network than the configuration's.
+        RunError: a file is missing, damaged, or of another network than the configuration's.
     """
 
     def __init__(self, config: schema.TrainConfig, folder: Path, vehicle: VehicleModel) -> None:
         torch.set_num_threads(1)
         policy = _policy(config, vehicle)
         weights = _read_weights(folder / learners.WEIGHTS, policy.state_dict())
-        kept = _read_statistics(folder / learners.STATISTICS, observed(config, vehicle))
+        statistics = _read_statistics(folder / learners.STATISTICS, observed(config, vehicle))
         policy.load_state_dict(weights)
         policy.set_training_mode(False)
-        super().__init__(policy, kept, config.train.normalise_observations, len(vehicle.actuators))
+        super().__init__(policy, statistics, config.train.normalise_observations, len(vehicle.actuators))
 
 
 def _read(path: Path) -> bytes:
@@ -173,7 +176,7 @@ def _read(path: Path) -> bytes:
 
 
 def observed(config: schema.TrainConfig, vehicle: VehicleModel) -> int:
-    """Return how many numbers a learner observes: those of a residual learner's controller, too."""
+    """Return the length of a learner's observation, including the controller's action for a residual learner."""
     residual = isinstance(config.algo, algorithms.PPOResidual | algorithms.SACResidual)
     n_u = len(vehicle.actuators)
     return observation_spec(config.task, vehicle.actuators).size + (n_u if residual else 0)
@@ -197,28 +200,28 @@ def _read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str,
     """Return the tensors of a policy.
 
     Raises:
-        RunError: it cannot be read, is of another network, or holds a number that is not finite.
+        RunError: the file cannot be read, is of another network, or contains a number that is not finite.
     """
     try:
-        found = archives.weights(_read(path))
+        weights = archives.weights(_read(path))
     except ValueError as error:
         raise RunError(f"{path}: the weights cannot be read: {error}") from error
-    for name in [*expected, *(name for name in found if name not in expected)]:
+    for name in [*expected, *(name for name in weights if name not in expected)]:
         wrong = (
-            _fault(found.get(name), expected[name]) if name in expected else "is of no part of the network"
+            _fault(weights.get(name), expected[name]) if name in expected else "is not part of the network"
         )
-        # Running variance of a layer that normalises (CrossQ).
-        if not wrong and name.endswith("ra_var") and bool((found[name] < 0.0).any()):
-            wrong = "holds a negative number"
+        # Running variance of a normalisation layer (CrossQ).
+        if not wrong and name.endswith("ra_var") and bool((weights[name] < 0.0).any()):
+            wrong = "contains a negative number"
         if wrong:
             raise RunError(
                 f"{path}: {name} {wrong}; the weights are not those of this run's network, or damaged"
             )
-    return dict(found)
+    return dict(weights)
 
 
 def _fault(value: Any, like: Any) -> str:
-    """Return what is wrong with an array or tensor that must have the shape and type of another; empty if nothing."""
+    """Return what is wrong with an array or tensor that must have the shape and type of `like`; '' if nothing is."""
     if value is None:
         return "is missing"
     if not isinstance(value, type(like)):
@@ -227,17 +230,20 @@ def _fault(value: Any, like: Any) -> str:
         return f"has shape {tuple(value.shape)}, expected {tuple(like.shape)}"
     if value.dtype != like.dtype or getattr(value, "layout", None) != getattr(like, "layout", None):
         return f"has type {value.dtype}, expected {like.dtype}"
-    return "" if bool(torch.isfinite(torch.as_tensor(value)).all()) else "holds a number that is not finite"
+    return (
+        "" if bool(torch.isfinite(torch.as_tensor(value)).all()) else "contains a number that is not finite"
+    )
 
 
 def _read_statistics(path: Path, size: int) -> dict[str, Floats]:
     """Return the running statistics that scale observations: mean and variance (size,), epsilon and clip ().
 
     Raises:
-        RunError: it cannot be read, lacks an entry, or holds one of another shape or an impossible value.
+        RunError: the file cannot be read, lacks an entry, or an entry has a wrong shape or an impossible
+            value.
     """
     try:
-        found = archives.arrays(_read(path))
+        statistics = archives.arrays(_read(path))
     except ValueError as error:
         raise RunError(f"{path}: the statistics cannot be read: {error}") from error
     shapes: dict[str, tuple[int, ...]] = {
@@ -247,11 +253,11 @@ def _read_statistics(path: Path, size: int) -> dict[str, Floats]:
         "clip_observations": (),
     }
     for name, shape in shapes.items():
-        wrong = _fault(found.get(name), np.zeros(shape))
-        if not wrong and not name.startswith("observation") and not found[name] > 0.0:
+        wrong = _fault(statistics.get(name), np.zeros(shape))
+        if not wrong and not name.startswith("observation") and not statistics[name] > 0.0:
             wrong = "is not positive"
         if wrong:
             raise RunError(f"{path}: {name} {wrong}")
-    if bool((found["observation_variance"] < 0.0).any()):
-        raise RunError(f"{path}: observation_variance holds a negative number")
-    return {name: found[name] for name in shapes}
+    if bool((statistics["observation_variance"] < 0.0).any()):
+        raise RunError(f"{path}: observation_variance contains a negative number")
+    return {name: statistics[name] for name in shapes}

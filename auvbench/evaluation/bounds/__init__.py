@@ -1,5 +1,7 @@
-"""Bounds of the shortest time to the goal, for each scenario of a protocol. docs/bound.md has the method.
+"""Bounds of the shortest time to the goal, for each scenario of a protocol; docs/bound.md describes the
+method.
 
-The upper bound is a trajectory found by optimal control that arrives in the simulator. The lower bound is a time that no
-trajectory can beat, from the energy that the thrusters can give.
+The upper bound is the time of a trajectory that optimal control found and that reaches the goal in the
+simulator. The lower bound is a time that no trajectory can beat; it follows from the energy that the
+thrusters can supply.
 """

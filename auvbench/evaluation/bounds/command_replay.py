@@ -16,23 +16,23 @@ from auvbench.tasks.kernels import F_REFERENCE, F_START_YAW
 Floats = NDArray[np.float64]
 
 UNIT = 127
-"""Commands are stored as multiples of 1/127 of their range, and replayed as they are stored."""
+"""Commands are stored and replayed as multiples of 1/127 of their range."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """Start and waypoint of an episode, in the world."""
+    """Start pose and waypoint of an episode, in the world frame."""
 
     pose: Floats
     """(7,) x, y, z in m, quaternion (w, x, y, z); level"""
     yaw: float
-    """rad"""
+    """heading at the start, rad"""
     waypoint: Floats
-    """(3,) m"""
+    """(3,) waypoint, m"""
 
     @property
     def target(self) -> Floats:
-        """Return the waypoint (3,) seen from the start: x along the first heading, z as in the world."""
+        """Return the waypoint (3,) relative to the start: x along the first heading, z as in the world."""
         east, north = self.waypoint[:2] - self.pose[:2]
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([c * east + s * north, c * north - s * east, self.waypoint[2]])
@@ -40,14 +40,14 @@ class Scenario:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What commands lead to."""
+    """Result of replayed commands."""
 
     record: Record
-    """of the episode; `outcome` is timeout where the commands end before the episode"""
+    """record of the episode; `outcome` is timeout if the commands end before the episode"""
     pose: Floats
-    """(T + 1, 7)"""
+    """(T + 1, 7) poses"""
     velocity: Floats
-    """(T + 1, 6) body axes"""
+    """(T + 1, 6) velocities, body axes"""
 
     @property
     def arrived(self) -> bool:
@@ -66,7 +66,7 @@ class Trial:
         self.vehicle = self.batch.vehicle
 
     def run(self, scenario: Scenario, commands: Commands) -> Outcome:
-        """Apply commands (T, n_u) from the start until they or the episode end."""
+        """Apply commands (T, n_u) from the start until the commands or the episode end."""
         batch = self.batch
         batch.reset(pose=scenario.pose[None], waypoint=scenario.waypoint[None])
         pose, velocity = [batch.simulator.pose[0].copy()], [batch.simulator.velocity[0].copy()]
@@ -86,7 +86,7 @@ def silent(config: schema.TrainConfig) -> schema.TrainConfig:
 
 
 def kept(actions: Floats) -> Commands:
-    """Return actions (T, n_u) in [-1, 1] as they are stored."""
+    """Return actions (T, n_u) in [-1, 1] in their stored form."""
     return np.rint(UNIT * np.clip(actions, -1.0, 1.0)).astype(np.int8)
 
 

@@ -1,4 +1,4 @@
-"""The bounds of each scenario of a protocol, computed by workers; finished searches survive a kill."""
+"""Compute the bounds of each scenario of a protocol with worker processes; finished searches survive a kill."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ from auvbench.vehicles import sheet
 from auvbench.vehicles.symbolic import symbolic
 
 PRELOAD = ("auvbench.evaluation.bounds.compute", "casadi")
-"""Modules that the workers of the pool need."""
+"""Modules that the pool's workers import at the start."""
 
 CONTROLLERS = {"pid": controller, "mpc": MPCController, "mpc_tuned": MPCController}
-"""By name of the algorithm: their commands are where a search starts, and upper bounds themselves."""
+"""Controllers by algorithm: a search starts from their commands, which are upper bounds themselves."""
 
 Job = tuple[schema.TrainConfig, schema.Protocol, int, Scenario]
-"""configuration of the condition, protocol, episode, its scenario"""
+"""configuration of the condition, protocol, number of the episode, its scenario"""
 
 
 def eligible(conditions: Sequence[ResolvedCondition]) -> tuple[list[ResolvedCondition], list[str]]:
-    """Return the conditions that have bounds, and a line for each of the others.
+    """Return the conditions that have bounds, and one line for each of the other conditions.
 
     Raises:
         ConfigError: no condition has bounds.
@@ -71,12 +71,16 @@ def eligible(conditions: Sequence[ResolvedCondition]) -> tuple[list[ResolvedCond
 def _why_not(condition: ResolvedCondition) -> str:
     config = condition.config
     if not isinstance(config.simulator, simulators.Fossen):
-        return f"simulator={config.simulator.name} has other equations than those that are solved; simulator=fossen has them"
+        return f"simulator={config.simulator.name}: bounds use the equations of simulator=fossen; choose simulator=fossen"
     if not condition.fixed_frequency:
-        return "the protocol leaves the frequency to each agent; protocol.frequency=10 fixes one"
+        return (
+            "protocol.frequency is not set, since each agent uses its own; set it, e.g. protocol.frequency=10"
+        )
     batch = Batch(silent(config), 1, seed=0, test=True, autoreset=False)
     if batch.disturbances is not None:
-        return f"disturbance={config.disturbance.name}: bounds hold in still water and for a healthy vehicle"
+        return (
+            f"disturbance={config.disturbance.name}: bounds exist only for still water and a healthy vehicle"
+        )
     return ""
 
 
@@ -90,22 +94,22 @@ def compute(
     """Compute the bounds of a protocol for a vehicle and write them to `<root>/<protocol>-<vehicle>`.
 
     Args:
-        protocol: which scenarios.
-        config: a resolved configuration with the vehicle and the simulator.
-        root: folder of bounds; holds finished searches until all are.
-        pool: workers for the searches; the result does not depend on their number.
-        tell: called with each bound, also with those of an earlier call that was stopped.
+        protocol: protocol that defines the scenarios.
+        config: resolved configuration with the vehicle and the simulator.
+        root: folder of bounds; stores finished searches until all are finished.
+        pool: workers of the searches; the result does not depend on their number.
+        tell: function called with each bound, including bounds of an earlier, interrupted call.
 
     Raises:
         ConfigError: no condition has bounds, or the symbolic equations do not cover the vehicle.
         MissingExtraError: CasADi is not installed.
-        TrainingError: a worker was killed, or the disk is at fault.
-        RunError: another process computes the same.
-        Interrupted: by a signal; finished searches are kept.
+        TrainingError: a worker was killed, or the disk failed.
+        RunError: another process computes the same bounds.
+        Interrupted: a signal arrived; finished searches are saved.
     """
     conditions = resolve_conditions(protocol, config)
     good, left_out = eligible(conditions)
-    for condition in good:  # refuses before anything is written
+    for condition in good:  # raises errors before anything is written
         symbolic(sheet.load(condition.config.vehicle))
     parts = fingerprint_parts(protocol, conditions)
     vehicle = str(config["vehicle"]["name"])
@@ -116,7 +120,7 @@ def compute(
     with lock.acquire(place):
         bounds = []
         for number, condition in enumerate(good):
-            # A search of other scenarios has other names.
+            # Searches of other scenarios have other file names.
             stem = f"{digest_of([VERSION, parts], 16)}-{number}"
             bounds += _bounds(condition, protocol, place, stem, pool, tell)
         about = Summary(protocol.name, vehicle, fingerprint(protocol, conditions), parts, left_out)
@@ -137,39 +141,41 @@ def _bounds(
 ) -> list[Bound]:
     config, frequency = condition.config, condition.config.step.frequency
     energy = Energy(sheet.load(config.vehicle), config.task.goal_radius)
-    there = all_scenarios(condition, protocol)
+    positions = all_scenarios(condition, protocol)
     done: dict[int, Bound] = {}
-    for episode in range(len(there)):
+    for episode in range(len(positions)):
         if (bound := read_finished(place / f"{stem}-{episode}.json")) is not None:
             done[episode] = bound
             tell(bound)
-    jobs = {e: (config, protocol, e, s) for e, s in enumerate(there) if e not in done}
-    for episode, found in _searched(jobs, pool):
+    jobs = {e: (config, protocol, e, s) for e, s in enumerate(positions) if e not in done}
+    for episode, result in _searched(jobs, pool):
         done[episode] = bound = Bound(
             condition.name,
             frequency,
             episode,
-            found.steps,
-            energy.steps(there[episode], frequency),
-            found.start,
-            packed(found.commands),
+            result.steps,
+            energy.steps(positions[episode], frequency),
+            result.start,
+            packed(result.commands),
         )
         with storage(f"cannot write {place}"):
             write_atomic(place / f"{stem}-{episode}.json", line_of(bound))
         tell(bound)
-    return [done[episode] for episode in range(len(there))]
+    return [done[episode] for episode in range(len(positions))]
 
 
 def _searched(jobs: Mapping[int, Job], pool: Pool) -> Iterator[tuple[int, Found]]:
     with interruption.immediate():
-        for episode, found in pool.results(_solve, jobs, "search"):
-            if isinstance(found, WorkerDiedError):
-                raise WorkerDiedError(f"{found}; finished searches are kept: repeat the command to continue")
-            yield episode, found
+        for episode, result in pool.results(_solve, jobs, "search"):
+            if isinstance(result, WorkerDiedError):
+                raise WorkerDiedError(
+                    f"{result}; finished searches are saved: run the command again to continue"
+                )
+            yield episode, result
 
 
 _built: tuple[schema.TrainConfig, Search, dict[str, Agent]] | None = None
-"""Search and controllers of the last job in this process; they take a second to build."""
+"""Search and controllers of the last job in this process; building them takes a second."""
 
 
 def _solve(config: schema.TrainConfig, protocol: schema.Protocol, episode: int, scenario: Scenario) -> Found:
@@ -181,7 +187,7 @@ def _solve(config: schema.TrainConfig, protocol: schema.Protocol, episode: int, 
 
 
 def controllers(config: schema.TrainConfig) -> dict[str, Agent]:
-    """Return the controllers that a search starts from, by name."""
+    """Return the controllers, by name, from whose commands a search starts."""
     vehicle = sheet.load(config.vehicle)
     algos = {name: train_config(compose("train", [f"algo={name}"], folder=None)).algo for name in CONTROLLERS}
     return {name: make(replace(config, algo=algos[name]), vehicle) for name, make in CONTROLLERS.items()}
@@ -192,18 +198,19 @@ def commands(
 ) -> dict[str, Commands]:
     """Return the commands (T, n_u) that reached the actuators until an episode ended, by controller.
 
-    They include the noise of the protocol: replayed without noise they do what the controller did in the test.
+    The commands include the noise of the protocol: replayed without noise, they repeat the controller's
+    motion in the test.
     """
-    found = {}
+    recorded = {}
     vehicle = sheet.load(config.vehicle)
     for name, agent in agents.items():
         path = one_episode(config, agent, protocol, episode).trajectories[episode]
-        found[name] = kept(vehicle.action(np.array(path.command)))
-    return found
+        recorded[name] = kept(vehicle.action(np.array(path.command)))
+    return recorded
 
 
 def all_scenarios(condition: ResolvedCondition, protocol: schema.Protocol) -> list[Scenario]:
-    """Return the scenarios of a protocol's episodes, in their order."""
+    """Return the scenarios of a protocol's episodes, in order."""
     episodes = np.arange(protocol.episodes)
     batch = batch_of(protocol.scenarios, silent(condition.config), episodes, protocol.seed)
     batch.reset()

@@ -1,10 +1,10 @@
-"""Bounds of a protocol's scenarios as files, in the package and next to experiments.
+"""Read and write the bounds of a protocol's scenarios, in the package and next to experiments.
 
     <folder>/<protocol>-<vehicle>/bounds.jsonl   a line per condition and episode
                                  /summary.json   fingerprint, versions, digest of the lines
     <folder>/.<protocol>-<vehicle>/*.json        finished searches of a computation under way, a line each
 
-A line holds the commands that arrive, so that they can be replayed.
+Each line contains the commands that reach the goal, so that they can be replayed.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range
 
 Commands = NDArray[np.int8]
-"""(T, n_u), multiples of 1/127 of an actuator's range"""
+"""(T, n_u) commands, multiples of 1/127 of an actuator's range"""
 
 SCHEMA_VERSION = 2
 LINES = "bounds.jsonl"
 FOLDER = "bounds"
-"""next to the experiments in the folder of results, and in this package"""
+"""folder of bounds, next to the experiments and in this package"""
 LONGEST = 100_000_000
-"""bytes of commands of one scenario"""
+"""largest size in bytes of the commands of one scenario"""
 
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The fewest steps found so far."""
+    """The best result of a search so far."""
 
     commands: Commands
-    """(steps, n_u) that arrive in the simulator"""
+    """(steps, n_u) commands that reach the goal in the simulator"""
     start: str
-    """what the search began from"""
+    """name of the search's starting point"""
 
     @property
     def steps(self) -> int:
@@ -55,25 +55,25 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """One scenario, a line of bounds.jsonl."""
+    """Bounds of one scenario: a line of bounds.jsonl."""
 
     condition: Name
     frequency_hz: Annotated[float, Range(1e-9)]
     episode: Count
     steps: Annotated[int, Range(1)]
-    """fewest found: the optimum needs as many or fewer"""
+    """fewest steps found: an upper bound of the optimum"""
     least_steps: Annotated[int, Range(1)]
-    """no commands arrive in fewer"""
+    """steps that every trajectory needs: a lower bound of the optimum"""
     start: Name
-    """what the search began from"""
+    """name of the search's starting point"""
     commands: Prose
-    """packed, (steps, n_u)"""
+    """packed commands, (steps, n_u)"""
 
     def found(self) -> Found:
         """Return the commands.
 
         Raises:
-            RunError: they are damaged.
+            RunError: the commands are damaged.
         """
         try:
             return Found(_unpacked(self.commands, self.steps), self.start)
@@ -89,14 +89,14 @@ class Summary:
     vehicle: Name
     fingerprint: Name
     fingerprint_parts: dict[str, str]
-    """scenarios and outcomes, as in an evaluation's summary"""
+    """digests of scenarios and outcomes, as in an evaluation's summary"""
     left_out: list[str]
-    """conditions without a bound, and why, a line each"""
+    """conditions without a bound, with the reason, one line each"""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """The bounds of one protocol and vehicle."""
+    """Bounds of one protocol and vehicle."""
 
     about: Summary
     bounds: tuple[Bound, ...]
@@ -105,7 +105,7 @@ class Limits:
         return list(dict.fromkeys(bound.condition for bound in self.bounds))
 
     def condition(self, name: str) -> list[Bound]:
-        """Return the bounds under one condition, in the order of the episodes; empty where it has none."""
+        """Return the bounds of one condition in the order of the episodes; empty if it has none."""
         return [bound for bound in self.bounds if bound.condition == name]
 
 
@@ -123,7 +123,7 @@ def _unpacked(text: str, steps: int) -> Commands:
 
 
 def shipped() -> Path:
-    """Return the folder of the bounds that come with the package."""
+    """Return the folder of the bounds in the package."""
     return Path(str(resources.files("auvbench.evaluation.bounds"))) / "shipped"
 
 
@@ -132,7 +132,7 @@ def folder_of(root: Path, protocol: str, vehicle: str) -> Path:
 
 
 def write(folder: Path, limits: Limits) -> None:
-    """Write both files.
+    """Write summary and bounds.
 
     Raises:
         TrainingError: the disk is full, read-only or failing.
@@ -149,10 +149,10 @@ def write(folder: Path, limits: Limits) -> None:
 
 
 def read(folder: Path) -> Limits | None:
-    """Return the bounds in a folder, checked against their digest; None where the folder is missing.
+    """Return the bounds in a folder, checked against their digest; None if the folder is missing.
 
     Raises:
-        RunError: a file is damaged, missing or of another version.
+        RunError: a file is damaged, missing or of a different version.
     """
     try:
         summary = integrity.read_sealed(folder / "summary.json", SCHEMA_VERSION)
@@ -177,14 +177,15 @@ def read(folder: Path) -> Limits | None:
 def find(
     protocol: str, vehicle: str, fingerprint: str, roots: Sequence[Path]
 ) -> tuple[Limits | None, list[str]]:
-    """Find the bounds of these scenarios.
+    """Return the bounds of these scenarios.
 
     Args:
-        fingerprint: of the scenarios and their physics; bounds of another are never used.
-        roots: folders of bounds that are searched before the package's.
+        fingerprint: fingerprint of the scenarios and their physics; only bounds with the same fingerprint are
+            used.
+        roots: folders of bounds to search before the package's.
 
     Returns:
-        the bounds or None, and a line for each folder that could not be used.
+        Bounds or None, and one line for each folder that could not be used.
     """
     refused = []
     for root in dict.fromkeys((*roots, shipped())):
@@ -199,12 +200,14 @@ def find(
         about = limits.about
         if (about.fingerprint, about.protocol, about.vehicle) == (fingerprint, protocol, vehicle):
             return limits, refused
-        refused.append(f"{folder}: of other scenarios ({short(about.fingerprint, 20)}, not {fingerprint})")
+        refused.append(
+            f"{folder}: has bounds of other scenarios ({short(about.fingerprint, 20)}, not {fingerprint})"
+        )
     return None, refused
 
 
 def is_name(text: str) -> bool:
-    """Return whether a protocol or vehicle of this name can name a folder."""
+    """Return whether the name of a protocol or vehicle is a valid folder name."""
     return bool(text) and Path(text).name == text and not text.startswith(".")
 
 
@@ -214,7 +217,7 @@ def line_of(bound: Bound) -> bytes:
 
 
 def read_finished(path: Path) -> Bound | None:
-    """Return the bound in a file of a finished search; None where it is missing or damaged."""
+    """Return the bound in the file of a finished search; None if the file is missing or damaged."""
     try:
         bound = typed_json.convert(reading.json_value(reading.content(path)), Bound)
         bound.found()

@@ -1,21 +1,23 @@
-"""A proven lower bound of the time to the goal, from the energy that the thrusters can give.
+"""Compute a proven lower bound of the time to the goal from the energy that the thrusters can supply.
 
-Let d be the distance to the edge of the goal, e the unit vector towards it in body axes, v the velocity, nu = (v, omega),
-f the thrusts, B the allocation, D(nu) = sum_i d_i nu_i^2 + q_i |nu_i|^3 what damping takes. Coriolis forces do no work and
-those of weight and buoyancy have a potential V, so with the kinetic energy K of body and added mass
+Let d be the distance to the edge of the goal, e the unit vector towards it in body axes, v the velocity, nu =
+(v, omega), f the thrusts, B the allocation, and D(nu) = sum_i d_i nu_i^2 + q_i |nu_i|^3 the power of damping.
+Coriolis forces do no work, and weight and buoyancy have a potential V. With the kinetic energy K of body and
+added mass
 
     d/dt (K + V) = nu' B f - D(nu).
 
-For every a >= 0 the progress e.v then is at most c(a) - a d/dt (K + V) with
+For every a >= 0 the progress e.v is then at most c(a) - a d/dt (K + V) with
 
     c(a) = max over f within its limits, |e| = 1 and nu of   e.v + a (nu' B f - D(nu)),
 
-and integrated from rest, K being nowhere negative,  d <= c(a) T + a (V(start) - V(end)), that is
+Integrated from rest, with K never negative: d <= c(a) T + a (V(start) - V(end)), that is
 
     T >= (d - a (V(start) - V(end))) / c(a).
 
-The bound is the largest value over some a. It lets the vehicle take any attitude and speed at once, so it is not sharp. It
-holds for the equations of motion, which the simulator integrates in steps of some milliseconds.
+The bound is the largest value over some values of a. It allows the vehicle any attitude and speed at once, so
+it is not sharp. It holds for the equations of motion, which the simulator integrates in steps of some
+milliseconds.
 """
 
 from __future__ import annotations
@@ -37,23 +39,23 @@ PRICES = np.geomspace(5e-4, 5e-2, 17)
 CLOSE = 3e-3
 """relative accuracy of c(a), from above"""
 HALVINGS = 9
-"""of the cells of directions, at most: fewer make c(a) larger but not wrong"""
+"""largest number of halvings of the cells of directions; fewer make c(a) larger but not wrong"""
 MOST_THRUSTERS = 12
-"""the box of thrusts has 2^12 corners"""
+"""largest number of thrusters: the box of thrusts has 2^12 corners"""
 
 
 class Energy:
-    """The bound for one vehicle."""
+    """Lower bound for one vehicle."""
 
     def __init__(self, vehicle: VehicleModel, radius: float) -> None:
         self.radius = radius
         self.lift = vehicle.buoyancy - vehicle.weight  # N
         lever = vehicle.buoyancy * vehicle.center_of_buoyancy - vehicle.weight * vehicle.center_of_gravity
-        # J that the restoring moment gives at most on the way from level to its lowest place.
+        # Largest energy in J that the restoring moment can supply, from level to its lowest position.
         self.righting = float(np.linalg.norm(lever) - lever[2])
         self.pace = np.array([np.inf] * len(PRICES))
         limits = [_reached(*pair) for pair in zip(vehicle.units, vehicle.force_limits, strict=True)]
-        passive = vehicle.plugin != GZ_SIM_8_11  # whose Coriolis term does work
+        passive = vehicle.plugin != GZ_SIM_8_11  # The Coriolis term of this plug-in does work.
         if passive and len(limits) <= MOST_THRUSTERS and np.isfinite(limits).all():
             corners = np.array(list(itertools.product(*limits)))
             wrenches = corners @ vehicle.allocation.T
@@ -61,24 +63,24 @@ class Energy:
             self.pace = np.array([_fastest(wrenches, *damping, a) for a in PRICES.tolist()])
 
     def seconds(self, scenario: Scenario) -> float:
-        """Return the s that every trajectory into the goal takes at least; 0 where no bound is known."""
+        """Return the smallest duration in s of any trajectory into the goal; 0 if no bound is known."""
         line = scenario.waypoint - scenario.pose[:3]
         distance = max(float(np.linalg.norm(line)) - self.radius, 0.0)
-        # The end is anywhere in the goal: where rising gives most.
+        # The trajectory may end anywhere in the goal: take the point where rising gains most.
         rise = line[2] + np.sign(self.lift) * self.radius
         given = self.lift * rise + self.righting
         return float(max(0.0, np.max((distance - PRICES * given) / self.pace)))
 
     def steps(self, scenario: Scenario, frequency: float) -> int:
-        """Return the bound in whole agent steps, at least 1: arrival is judged after a step."""
+        """Return the bound in whole agent steps, at least 1, since arrival is checked after a step."""
         return max(1, int(np.ceil(self.seconds(scenario) * frequency - 1e-9)))
 
 
 def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
-    """Return the range of thrust in N, with the overshoot of the lag; infinite where it is not known.
+    """Return the range of thrust in N, including the overshoot of the lag; infinite if it is not known.
 
-    With the positive and the negative part of the impulse response g, P = int max(g, 0) dt and N = P - 1, an input in
-    [l, h] that holds 0 gives an output in [P l - N h, P h - N l].
+    With the positive and the negative part of the impulse response g, P = int max(g, 0) dt and N = P - 1, an
+    input in [l, h] that contains 0 gives an output in [P l - N h, P h - N l].
     """
     low, high = float(min(limits)), float(max(limits))
     if unit.lag.order <= 1:
@@ -94,22 +96,23 @@ def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
 
 
 def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> float:
-    """Return c(a) from above, by branch and bound over directions e.
+    """Return an upper bound of c(a), by branch and bound over directions e.
 
-    Damping is the same either way, so of e and of the forces only the signless parts matter: one octant of directions.
+    Damping is symmetric, so only the absolute values of e and of the forces matter: one octant of directions
+    suffices.
 
     Args:
-        wrenches: (n, 6) N and N m that the thrusters can give at the corners of their limits.
-        linear: (6,) d_i.
-        quadratic: (6,) q_i.
-        a: m/J.
+        wrenches: (n, 6) wrenches in N and N m at the corners of the thrusters' limits.
+        linear: (6,) coefficients d_i.
+        quadratic: (6,) coefficients q_i.
+        a: price in m/J.
     """
     turning = _gain(a * np.abs(wrenches[:, 3:]), linear[3:], quadratic[3:], a)[0].sum(axis=1)
     corners = _undominated(np.column_stack([a * np.abs(wrenches[:, :3]), turning]))
     forces, turning = corners[:, :3], corners[:, 3]
     if not np.isfinite(turning).all():
         return np.inf
-    half = 0.25 * np.pi  # of a cell of elevation and azimuth
+    half = 0.25 * np.pi  # half the width of a cell of elevation and azimuth
     cells = np.array([[half, half]])
     best, above = 0.0, np.array([np.inf])
     for _ in range(HALVINGS):
@@ -119,28 +122,28 @@ def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> f
         gains = _gain(e[:, None] + forces, linear[:3], quadratic[:3], a)[0]
         value = (gains.sum(axis=2) + turning).max(axis=1)
         best = max(best, float(value.max()))
-        # Within a cell e moves by no more than `reach`, and each metre of that is worth the velocity that gains most.
+        # Within a cell e moves by at most `reach`; each metre is worth the velocity that gains most.
         reach = np.sqrt(2.0) * half
         speeds = _gain(np.minimum(e + reach, 1.0)[:, None] + forces, linear[:3], quadratic[:3], a)[1]
         above = value + reach * np.linalg.norm(speeds, axis=2).max(axis=1)
         if not above.max() > best * (1.0 + CLOSE):
             break
         half *= 0.5
-        kept = cells[above > best]
+        candidates = cells[above > best]
         cells = np.concatenate(
-            [kept + half * np.array(corner) for corner in itertools.product((-1, 1), repeat=2)]
+            [candidates + half * np.array(corner) for corner in itertools.product((-1, 1), repeat=2)]
         )
     return float(above.max()) if np.isfinite(above).all() else np.inf
 
 
 def _undominated(rows: Floats) -> Floats:
-    """Return the rows that no other row exceeds or equals in every column."""
-    kept: list[Floats] = []
+    """Return the rows that no other row equals or exceeds in every column."""
+    best: list[Floats] = []
     for row in np.unique(np.round(rows, 12), axis=0)[::-1]:
-        if not any(np.all(other >= row) for other in kept):
-            kept = [other for other in kept if not np.all(row >= other)]
-            kept.append(row)
-    return np.array(kept)
+        if not any(np.all(other >= row) for other in best):
+            best = [other for other in best if not np.all(row >= other)]
+            best.append(row)
+    return np.array(best)
 
 
 def _gain(force: Floats, linear: Floats, quadratic: Floats, a: float) -> tuple[Floats, Floats]:

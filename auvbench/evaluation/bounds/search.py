@@ -1,4 +1,4 @@
-"""The search for the fewest steps in which a vehicle reaches the goal: two nonlinear programmes, solved by IPOPT.
+"""Search for the fewest steps in which a vehicle reaches the goal: two nonlinear programmes, solved by IPOPT.
 
     x_(k+1) - x_k = h f((x_k + x_(k+1)) / 2, u_k),   u_min <= u_k <= u_max,   z_low <= z_k <= z_high
 
@@ -7,8 +7,8 @@ of the quaternion). `Free` seeks the shortest duration T of N equal intervals. `
 agent, holds thrusts for whole steps as agents do, and seeks the smallest distance to the goal at their end: the fewest
 steps for which that is inside the goal are what is sought in the end.
 
-Everything is written from where the vehicle starts: x along its first heading, z as in the world. Still water looks the
-same from everywhere, so the start enters through its depth alone.
+All coordinates are relative to the vehicle's start: x along its first heading, z as in the world. Still water
+is the same everywhere, so the start enters only through its depth.
 """
 
 from __future__ import annotations
@@ -31,37 +31,41 @@ from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
 Floats = NDArray[np.float64]
 
 ATTEMPTS = 5
-"""numbers of steps tried for one plan"""
+"""numbers of steps to try for one plan"""
 SPEED = 1.0
-"""m/s along a straight line; only the order of magnitude matters"""
+"""speed along a straight line, m/s; only its order of magnitude matters"""
 LEAST_GAIN = 0.7
-"""share of the way of the last step: with less than this to spare, no step can be saved"""
+"""share of the last step's path: a plan with a smaller margin cannot save a step"""
 HOLD = 2
-"""steps for which a thrust is held"""
+"""steps for which a thrust stays constant"""
 VERSION = 3
-"""of the search; a journal of another version is deleted"""
+"""version of the search; a journal of an older version is deleted"""
 INTERVALS = 40
-"""of `Free`"""
+"""number of intervals of `Free`"""
 SIZES = (24, 48, 72, 96, 128, 192, 256, 384)
-"""intervals for which a `Fixed` is built; what is shorter is padded, what is longer shares thrusts among steps"""
+"""numbers of intervals for which a `Fixed` is built; a shorter plan is padded, and steps of a longer one
+share thrusts
+"""
 ROOM = 0.02
-"""m that a plan keeps from the depth limits and from the edge of the goal, for what its grid does not see"""
+"""distance in m between a plan and the depth limits or the goal's edge, as a reserve for motion between its
+grid points
+"""
 ITERATIONS = 100
-"""most of one solution: no limit in seconds, so that a busy machine finds what an idle one finds"""
+"""largest number of iterations of one solution; not a time limit, so that a busy machine finds the same result"""
 LONGEST = 1000.0
-"""s"""
+"""longest duration of a plan, s"""
 
 _IPOPT: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
-    # Else IPOPT would read ipopt.opt of the working directory, which may name libraries to load.
+    # Without this IPOPT would read ipopt.opt in the working directory, which may name libraries to load.
     "option_file_name": os.devnull,
     "linear_solver": "mumps",
-    # A fifth faster here than with the scalings that MUMPS would choose.
+    # A fifth faster than the scalings that MUMPS would choose.
     "mumps_pivot_order": 0,
     "mumps_scaling": 0,
     "mumps_permuting_scaling": 0,
-    # What is found is simulated anyway.
+    # The solution is simulated anyway.
     "tol": 1e-3,
     "acceptable_tol": 1e-2,
     "acceptable_iter": 4,
@@ -74,14 +78,14 @@ class Plan:
     """A trajectory on a grid of N intervals."""
 
     X: Floats
-    """(n_x, N + 1) states at its nodes, in the frame of the start"""
+    """(n_x, N + 1) states at the nodes, in the frame of the start"""
     U: Floats
-    """(n_u, N) thrusts between them, as shares -1 .. 1 of their ranges"""
+    """(n_u, N) thrusts between the nodes, as shares -1 .. 1 of their ranges"""
     T: float
-    """s"""
+    """duration, s"""
 
     def on(self, n: int, duration: float | None = None) -> Plan:
-        """Return the plan on n equal intervals, stretched to another duration in s."""
+        """Return the plan on n equal intervals, stretched to `duration` s if given."""
         N = self.U.shape[1]
         at = np.linspace(0.0, N, n + 1)
         X = np.array([np.interp(at, np.arange(N + 1), row) for row in self.X])
@@ -91,7 +95,7 @@ class Plan:
 
 
 class Programs:
-    """The programmes of one vehicle; built when they are first needed."""
+    """Programmes of one vehicle, built when first needed."""
 
     def __init__(
         self, model: SymbolicModel, depth: tuple[float, float], start_depth: float, radius: float
@@ -107,25 +111,25 @@ class Programs:
 
     @property
     def coasting(self) -> Floats:
-        """(n_u,) shares that mean no thrust."""
+        """Return the (n_u,) shares without thrust."""
         return np.asarray(np.clip(-self.middle / self.half, -1.0, 1.0))
 
     def thrusts(self, U: Floats) -> Floats:
-        """(n_u, N) N from shares."""
+        """Return thrusts (n_u, N) in N from shares."""
         return np.asarray(self.middle[:, None] + self.half[:, None] * U)
 
     def shares(self, thrust: Floats) -> Floats:
-        """(n_u, N) shares from N."""
+        """Return shares (n_u, N) from thrusts in N."""
         return np.asarray(np.clip((thrust - self.middle[:, None]) / self.half[:, None], -1.0, 1.0))
 
     def shortest(self, guess: Plan, waypoint: Floats) -> tuple[Plan, bool]:
-        """Return the shortest way to a waypoint (3,) that is found from a guess, and whether IPOPT calls it a solution."""
+        """Return the quickest plan to a waypoint (3,) from a guess, and whether IPOPT reports a solution."""
         if self._free is None:
             self._free = self._build(INTERVALS, free=True)
         guess = guess.on(INTERVALS)
         low, high = self._bounds(INTERVALS)
         n = self.model.n_x * INTERVALS
-        found = self._free(
+        solution = self._free(
             x0=np.concatenate([guess.X.T.ravel(), guess.U.T.ravel(), [guess.T]]),
             p=waypoint,
             lbx=np.append(low, 0.01),
@@ -133,16 +137,16 @@ class Programs:
             lbg=np.zeros(n + 1),
             ubg=np.append(np.zeros(n), max(self.radius - ROOM, 0.5 * self.radius) ** 2),
         )
-        w = found["x"].full()[:, 0]
+        w = solution["x"].full()[:, 0]
         return self._plan(w[:-1], INTERVALS, w[-1]), bool(self._free.stats()["success"])
 
     def closest(self, guess: Plan, waypoint: Floats, steps: int, duration: float) -> tuple[Plan, Floats]:
-        """Return the plan that ends closest to a waypoint (3,) after so many steps of `duration` s.
+        """Return the plan that ends closest to a waypoint (3,) after `steps` steps of `duration` s.
 
-        Each thrust is held for `HOLD` steps, or more where there are too many of them.
+        Each thrust is constant for `HOLD` steps, or for more if there are too many steps.
 
         Returns:
-            the plan, one interval for each thrust, and its shares (n_u, steps), one for each step.
+            Plan with one interval for each thrust, and its shares (n_u, steps), one for each step.
         """
         hold = max(HOLD, -(-steps // SIZES[-1]))
         n = -(-steps // hold)
@@ -157,7 +161,7 @@ class Programs:
         U = np.concatenate([fitted.U, np.repeat(self.coasting[:, None], size - n, axis=1)], axis=1)
         low, high = self._bounds(size)
         zeros = np.zeros(self.model.n_x * size)
-        found = self._fixed[size](
+        solution = self._fixed[size](
             x0=np.concatenate([X.T.ravel(), U.T.ravel()]),
             p=np.concatenate([waypoint, lengths]),
             lbx=low,
@@ -165,7 +169,7 @@ class Programs:
             lbg=zeros,
             ubg=zeros,
         )
-        plan = self._plan(found["x"].full()[:, 0], size, steps * duration)
+        plan = self._plan(solution["x"].full()[:, 0], size, steps * duration)
         found_plan = Plan(np.asarray(plan.X[:, : n + 1]), np.asarray(plan.U[:, :n]), steps * duration)
         return found_plan, np.repeat(found_plan.U, hold, axis=1)[:, :steps]
 
@@ -194,7 +198,7 @@ class Programs:
             rate = model.derivative(0.5 * (X[:, k] + X[:, k + 1]), thrust, still)
             gaps.append(X[:, k + 1] - X[:, k] - (T / n if free else lengths[k]) * rate)
         away = ca.sumsqr(X[:3, n] - waypoint)
-        # A trifle, where nothing else decides between thrusts.
+        # A tiny cost that decides only between otherwise equal thrusts.
         effort = 1e-3 * ca.sumsqr(U) / n
         states = ca.vertcat(ca.vec(X), ca.vec(U))
         if free:
@@ -206,7 +210,7 @@ class Programs:
                 "p": waypoint,
             }
         else:
-            # From a guess that is nearly there already.
+            # The guess is nearly optimal already.
             ipopt = {**_IPOPT, "mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
             program = {
                 "x": states,
@@ -219,7 +223,7 @@ class Programs:
 
 
 class Search:
-    """The search for one vehicle under one condition.
+    """Search for one vehicle under one condition.
 
     Raises:
         ConfigError: the symbolic equations do not cover the vehicle.
@@ -240,36 +244,36 @@ class Search:
         )
 
     def find(self, scenario: Scenario, starts: Mapping[str, Commands]) -> Found:
-        """Search from commands (T, n_u) of controllers, holding each thrust for `HOLD` steps.
+        """Search from commands (T, n_u) of controllers, with each thrust constant for `HOLD` steps.
 
-        A straight line is the start where that finds nothing better than the commands themselves.
+        If that finds nothing better than the commands themselves, search from a straight line.
 
         Raises:
-            TrainingError: the simulation left the finite numbers.
+            TrainingError: the simulation produced numbers that are not finite.
         """
-        arrived = [found for name in starts if (found := self.replay(scenario, starts[name], name))]
+        arrived = [result for name in starts if (result := self.replay(scenario, starts[name], name))]
         best = min(arrived, key=lambda f: f.steps, default=None)
         if best is not None:
-            plans = [(found.start, self.plan_of(scenario, found.commands)) for found in arrived]
-            found = self._improve(scenario, best, plans)
-            if found.steps < best.steps:
-                return found
+            plans = [(result.start, self.plan_of(scenario, result.commands)) for result in arrived]
+            result = self._improve(scenario, best, plans)
+            if result.steps < best.steps:
+                return result
         return self._improve(scenario, best, [("straight", self._straight(scenario.target))])
 
     def replay(self, scenario: Scenario, commands: Commands, start: str) -> Found | None:
-        """Return commands (T, n_u) as a result; None where they do not arrive."""
+        """Return commands (T, n_u) as a result; None if they do not reach the goal."""
         outcome = self.trial.run(scenario, commands)
         return Found(commands[: outcome.steps], start) if outcome.arrived else None
 
     def plan_of(self, scenario: Scenario, commands: Commands) -> Plan:
-        """Return what commands (T, n_u) do in a scenario, seen from its start."""
+        """Return the trajectory of commands (T, n_u) in a scenario, relative to its start."""
         outcome = self.trial.run(scenario, commands)
         n = len(outcome.pose) - 1
         X = np.zeros((self.programs.model.n_x, n + 1))
         c, s = np.cos(scenario.yaw), np.sin(scenario.yaw)
         east, north = (outcome.pose[:, :2] - scenario.pose[:2]).T
         X[:3] = c * east + s * north, c * north - s * east, outcome.pose[:, 2]
-        # The quaternion of a turn by -yaw about z, times the vehicle's.
+        # Quaternion of a turn by -yaw about z, times the vehicle's quaternion.
         c, s = np.cos(0.5 * scenario.yaw), np.sin(0.5 * scenario.yaw)
         w, x, y, z = outcome.pose[:, 3:].T
         X[3:7] = c * w + s * z, c * x + s * y, c * y - s * x, c * z - s * w
@@ -281,7 +285,7 @@ class Search:
         return Plan(X, self.programs.shares(thrust), n / self.frequency)
 
     def _straight(self, waypoint: Floats) -> Plan:
-        """Return a straight line to the edge of the goal around a waypoint (3,) without turn and thrust."""
+        """Return a straight line to the edge of the goal around a waypoint (3,), without turning or thrust."""
         programs = self.programs
         line = waypoint - programs.start[:3]
         distance = float(np.linalg.norm(line))
@@ -293,26 +297,26 @@ class Search:
         return Plan(X, np.repeat(programs.coasting[:, None], INTERVALS, axis=1), T)
 
     def _improve(self, scenario: Scenario, known: Found | None, guesses: Iterable[tuple[str, Plan]]) -> Found:
-        """Return the best that grows from guesses: the quickest plan of the coarse grid is refined step by step."""
+        """Return the best result from several guesses: refine the quickest plan of the coarse grid step by step."""
         plans = []
         for start, guess in guesses:
             plan, solved = self.programs.shortest(guess, scenario.target)
             if solved:
                 plans.append((plan.T, start, plan))
-        plans.sort(key=lambda entry: entry[0])  # stable: equally quick ones stay in their order
+        plans.sort(key=lambda entry: entry[0])  # stable: equally quick plans keep their order
         if plans and (known is None or plans[0][0] * self.frequency <= known.steps + 1):
             _, start, plan = plans[0]
-            found = self._refine(scenario, plan, start, known)
-            known = found if known is None or (found is not None and found.steps < known.steps) else known
+            result = self._refine(scenario, plan, start, known)
+            known = result if known is None or (result is not None and result.steps < known.steps) else known
         if known is None:
             place = np.round(scenario.waypoint, 2).tolist()
-            raise TrainingError(
-                f"no way to the waypoint at {place} was found, and no controller arrives there"
-            )
+            raise TrainingError(f"found no way to the waypoint at {place}, and no controller reaches it")
         return known
 
     def _refine(self, scenario: Scenario, plan: Plan, start: str, known: Found | None) -> Found | None:
-        """Return the fewest steps in which the neighbourhood of a plan reaches the goal in the simulator, if it does."""
+        """Return the fewest steps in which plans near `plan` reach the goal in the simulator; None if no plan
+        does.
+        """
         steps = max(1, math.ceil(plan.T * self.frequency))
         most = math.inf if known is None else known.steps - 1
         too_few, best = 0, None
@@ -325,7 +329,7 @@ class Search:
             thrusts = self.programs.thrusts(shares).T
             commands = kept(self.vehicle.action(thrusts))
             outcome = self.trial.run(scenario, commands)
-            # How many steps early or late it is, at the speed that it ends with.
+            # Number of steps that the plan is early or late, at its final speed.
             pace = max(float(np.linalg.norm(outcome.velocity[-1, :3])), 0.1) / self.frequency
             distance = float(np.linalg.norm(outcome.pose[-1, :3] - scenario.waypoint))
             if outcome.arrived:

@@ -23,14 +23,14 @@ FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     "validation_success": training.validation,
     "training_curves": training.length_and_return,
 }
-"""by file name, in the order in which they are shown; each function returns None where it has nothing to show"""
+"""figures by file name, in the order of the report; each function returns None if it has nothing to show"""
 
 
 def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list[Figure], list[Problem]]:
-    """Draw every figure that the data allow into `out`/figures; remove stale ones.
+    """Draw every figure that the data allow into `out`/figures, and remove stale ones.
 
     Returns:
-        The figures, PNG and SVG, and the damage found while drawing.
+        Figures as PNG and SVG, and the damage found while drawing.
     """
     shared = scene(agents, ranking)
     drawn = _draw(shared, list(FIGURES), out / "figures")
@@ -41,7 +41,7 @@ def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list
 
 
 def draw(names: Sequence[str], agents: Sequence[Agent], ranking: Ranking, folder: Path) -> list[Figure]:
-    """Draw the named figures into a folder; leave out those that the data do not allow."""
+    """Draw the named figures into a folder, except those that the data do not allow."""
     return _draw(scene(agents, ranking), names, folder)
 
 

@@ -1,4 +1,4 @@
-"""The main figure: each agent's difference from the baseline, with its interval and verdict."""
+"""Draw the main figure: each agent's difference from the baseline, with its interval and verdict."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from auvbench.reporting.figures.scene import Drawing, Scene
 
 
 class Look(NamedTuple):
-    """How a verdict is drawn: colour and shape both tell it."""
+    """Colour and shape of a verdict; each is enough to tell verdicts apart."""
 
     colour: str
     marker: str
@@ -33,20 +33,22 @@ LOOKS = {
     BEHIND: Look("#D55E00", "v"),
     OPEN: Look("#6b6b6b", "o", filled=False),
 }
-"""colours of Okabe and Ito (2008)"""
+"""colours from Okabe and Ito (2008)"""
 
 AXIS, LETTER, LINE = 2.6, 0.075, 0.19
-"""inches of the axis, and of a letter and a line of an agent's name"""
+"""inches: width of the axis, of a letter, and height of a line of an agent's name"""
 LETTERS = 72
-"""of a line"""
+"""letters per line"""
 BAND = "#e4e4e4"
-"""colour of the margin: none of a verdict"""
+"""colour of the margin, which no verdict has"""
 NARROW = 0.04
-"""least share of a linear axis that the margin takes; where it would take less, the axis is logarithmic outside of it"""
+"""smallest share of a linear axis for the margin; if the margin would take less, the axis is logarithmic
+outside it
+"""
 
 
 def difference_from_baseline(scene: Scene) -> Drawing | None:
-    """Draw a line per agent, best first; None where nothing is compared."""
+    """Draw a line per agent, best first; return None if no agent is compared."""
     primary = scene.ranking.primary
     if primary is None:
         return None
@@ -56,7 +58,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     labels = [textwrap.fill(label, LETTERS, break_long_words=False) for label in labels]
     width = AXIS + LETTER * max(len(line) for label in labels for line in label.split("\n"))
     heights = np.array([1 + label.count("\n") for label in labels])
-    places = np.cumsum(heights) - (heights + 1) / 2  # middles of rows, in lines
+    places = np.cumsum(heights) - (heights + 1) / 2  # middles of the rows, in lines
     figure = style.canvas(max(4.55, width), 0.9 + LINE * heights.sum())
     ax = figure.subplots()
     margin = m.scale * primary.margin if math.isfinite(primary.margin) else 0.0
@@ -78,7 +80,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     ax.set_yticks(places, labels)
     ax.set_ylim(heights.sum() - 0.4, -0.6)
     ax.set_xlim(low, high)
-    if logarithmic:  # next to zero the labels of decades would overlap
+    if logarithmic:  # near zero, labels of decades would overlap
         ax.set_xticks([tick for tick in ax.get_xticks() if tick == 0 or abs(tick) >= 2 * margin])
         ax.set_xlim(low, high)
     ax.grid(axis="y", visible=False)
@@ -102,7 +104,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
 
 
 def _of_learners(primary: Primary) -> str:
-    """Return what a learner's row shows, and what verdicts of few trainings assume."""
+    """Return the caption's sentences on the row of a learner, and on verdicts from few trainings."""
     if not any(c.reliability for c in primary.comparisons):
         return ""
     text = " Of learners: the typical training; right: trainings that are not behind."
@@ -142,7 +144,7 @@ def _line(ax: Axes, against: Against, y: float, scale: float, ends: tuple[float,
 
 
 def _axis(primary: Primary, scale: float, margin: float) -> tuple[float, float]:
-    """Return the ends of the axis, which shows zero, the margin and each agent with its interval."""
+    """Return the limits of the axis, which shows zero, the margin and each agent with its interval."""
     ends = np.array([[c.difference.low, c.difference.value, c.difference.high] for c in primary.comparisons])
     ends = scale * ends[np.isfinite(ends)]
     low, high = np.min(ends, initial=-1.5 * margin), np.max(ends, initial=1.5 * margin)

@@ -1,4 +1,4 @@
-"""Input of the figures: agents in the order of the ranking, their looks, records read once; lines over seeds."""
+"""Prepare the input of the figures: ranked agents, their looks, records that are read once, and lines over seeds."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from auvbench.reporting.figures.style import Look, colour_of
 from auvbench.statistics.intervals import FloatArray
 
 MAIN = "difference_from_baseline"
-"""name of the figure that stands with the main table"""
+"""name of the figure next to the main table"""
 MANY = 8
-"""most lines of one panel"""
+"""largest number of lines in a panel"""
 FEWEST_EPISODES = 10
-"""of a training that is drawn"""
+"""smallest number of episodes of a training to draw"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Scene:
     """Data that the figures of one report share."""
 
     agents: tuple[Agent, ...]
-    """in the order of the ranking"""
+    """agents in the order of the ranking"""
     ranking: Ranking
     looks: Mapping[str, Look]
     problems: list[Problem] = field(default_factory=list)
@@ -60,7 +60,7 @@ class Scene:
     _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)
 
     def top(self, k: int, among: Sequence[Agent] | None = None) -> tuple[Agent, ...]:
-        """Return the k best-ranked agents; the baseline takes the last place if it is not among them."""
+        """Return the k best-ranked agents; the baseline replaces the last one if it is not among them."""
         agents = self.agents if among is None else tuple(among)
         chosen = agents[:k]
         primary = self.ranking.primary
@@ -74,7 +74,7 @@ class Scene:
         return tuple(a for a in self.agents if any(has_training(r) for r in a.runs))
 
     def trained(self, agents: Sequence[Agent]) -> tuple[Agent, ...]:
-        """Return the agents with a training that can be drawn."""
+        """Return the agents that have a training to draw."""
         return tuple(a for a in agents if any(self.training(run) is not None for run in a.runs))
 
     def looks_of(self, agents: Sequence[Agent]) -> dict[str, Look]:
@@ -82,7 +82,7 @@ class Scene:
         return {agent.label: self.looks[agent.label] for agent in agents}
 
     def training(self, run: RunRecord) -> pd.DataFrame | None:
-        """Return the training episodes; None where they are absent, too few, or damaged."""
+        """Return the training episodes; None if they are absent, too few, or damaged."""
         if run.id not in self._training:
             frame = None
             try:
@@ -93,9 +93,9 @@ class Scene:
         return self._training[run.id]
 
     def tested(self, agent: Agent, protocol: str) -> tuple[Condition, ...]:
-        """Return an agent's results by condition, of the seeds that met the same scenarios as the first."""
-        found = [here for run in agent.runs if (here := self._evaluation(run, protocol))]
-        same = [here for here in found if here.fingerprint == found[0].fingerprint]
+        """Return an agent's results by condition, for the seeds with the same scenarios as the first."""
+        evaluations = [here for run in agent.runs if (here := self._evaluation(run, protocol))]
+        same = [here for here in evaluations if here.fingerprint == evaluations[0].fingerprint]
         return of_evaluations({agent.label: same}, self.ranking.confidence)
 
     def _evaluation(self, run: RunRecord, protocol: str) -> Evaluation | None:
@@ -110,7 +110,7 @@ class Scene:
             return None
 
     def problem(self, run: RunRecord, damage: Damage) -> None:
-        """Note a damaged file of a run."""
+        """Record damage of a run's file."""
         self.problems.append(Problem(run.id, damage.kind, str(damage)))
 
 
@@ -121,7 +121,7 @@ def scene(agents: Sequence[Agent], ranking: Ranking) -> Scene:
 
 
 def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:
-    """Return the sentence of a caption on agents that are left out, or ''."""
+    """Return the caption's sentence on agents that are left out, or ''."""
     if len(chosen) >= len(of):
         return ""
     return f" Shown: {len(chosen)} of {len(of)} agents, the best-ranked."
@@ -134,32 +134,33 @@ def wants_symlog(values: Sequence[FloatArray]) -> bool:
 
 
 ROBUST = 4
-"""seeds from which the interquartile mean leaves any out"""
+"""number of seeds from which the interquartile mean leaves out seeds"""
 
 Curve = tuple[FloatArray, FloatArray]
-"""x (n,) and y by seed (seeds, n), NaN where a seed has no value"""
+"""x (n,) and y by seed (seeds, n); NaN if a seed has no value"""
 
 
 def middle(y: FloatArray) -> FloatArray:
-    """Return the interquartile mean (n,) over the seeds that have a value (seeds, n); of fewer than four the mean.
+    """Return the interquartile mean (n,) over the seeds with a value (seeds, n); the mean for fewer than four
+    seeds.
 
-    Of n values floor(n/4) are cut at either end (Agarwal et al. 2021, NeurIPS).
+    Of n values, floor(n/4) are left out at each end (Agarwal et al. 2021, NeurIPS).
     """
     ordered = np.sort(y, axis=0)  # NaN last
     count = np.isfinite(y).sum(axis=0)
     place = np.arange(len(y))[:, None]
-    kept = (place >= count // 4) & (place < count - count // 4)
-    total, number = np.where(kept, ordered, 0.0).sum(axis=0), kept.sum(axis=0)
+    inner = (place >= count // 4) & (place < count - count // 4)
+    total, number = np.where(inner, ordered, 0.0).sum(axis=0), inner.sum(axis=0)
     return np.asarray(np.divide(total, number, out=np.full(y.shape[1], np.nan), where=number > 0))
 
 
 def band(ax: Axes, look: Look, curve: Curve, *, dots: bool = False) -> None:
-    """Draw an agent's line over its seeds, their range as a band and, where asked for, a dot per seed."""
+    """Draw an agent's line over its seeds, their range as a band and, with `dots`, a dot per seed."""
     x, y = curve
-    there = np.isfinite(y).any(axis=0)
-    if not there.any():
+    present = np.isfinite(y).any(axis=0)
+    if not present.any():
         return
-    x, y = x[there], y[:, there]
+    x, y = x[present], y[:, present]
     if len(y) > 1:
         ax.fill_between(
             x, np.nanmin(y, axis=0), np.nanmax(y, axis=0), color=look.colour, alpha=0.15, linewidth=0
@@ -171,7 +172,7 @@ def band(ax: Axes, look: Look, curve: Curve, *, dots: bool = False) -> None:
 
 
 def lines_sentence(agents: Sequence[Agent], *, dots: bool = False) -> str:
-    """Return the sentence of a caption on lines, bands and dots."""
+    """Return the caption's sentence on lines, bands and dots."""
     most = max(len(agent.runs) for agent in agents)
     if most < 2:
         return " One training seed per agent."

@@ -1,4 +1,6 @@
-"""Style of the figures: colours for colour-blind readers, markers and line styles for grey print, legends, files."""
+"""Define the style of the figures: colours for colour-blind readers, markers and line styles for
+black-and-white print, legends, files.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ from auvbench.envs import rendering
 from auvbench.runs.atomic_io import write_atomic
 
 COLOURS = rendering.COLOURS
-"""Okabe and Ito (2008) without yellow, which does not show on white; the last from Tol's muted scheme"""
+"""colours from Okabe and Ito (2008) without yellow, which is hard to see on white; the last from Tol's muted
+scheme
+"""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 Linestyle = Literal["-", "--", "-.", ":"]
 LINESTYLES: tuple[Linestyle, ...] = ("-", "--", "-.", ":")
@@ -33,22 +37,22 @@ OUTCOME_LOOK = {
     "timeout": ("#0072B2", "s"),
     "out_of_bounds": ("#CC79A7", "D"),
 }
-"""colour and marker of an outcome in every figure"""
+"""colour and marker of an outcome, the same in every figure"""
 
 DPI = 150
 
 _RC: Any = rendering.LOOK | {
     "legend.frameon": False,
     "lines.markersize": 5,
-    "svg.fonttype": "none",  # text stays text: smaller, searchable
-    "svg.hashsalt": "auvbench",  # the same figure has the same bytes
+    "svg.fonttype": "none",  # keep text as text: smaller files, searchable
+    "svg.hashsalt": "auvbench",  # fixed, so that the same figure has the same bytes
     "path.simplify": True,
-    "text.parse_math": False,  # a label with dollar signs is a label, not a formula
+    "text.parse_math": False,  # a dollar sign in a label does not start a formula
 }
 
 
 class Look(NamedTuple):
-    """How an agent is drawn, in every figure of a report."""
+    """Look of an agent in every figure of a report."""
 
     colour: str
     marker: str
@@ -56,9 +60,9 @@ class Look(NamedTuple):
 
 
 def colour_of(agents: Sequence[Agent]) -> dict[str, Look]:
-    """Return the look of each agent by label; no two agents have one colour.
+    """Return the look of each agent by label; no two agents have the same colour.
 
-    The first eight, usually the best-ranked, have the colours that are easiest to tell apart.
+    The first eight agents, usually the best-ranked, get the colours that are easiest to tell apart.
     """
     return {
         agent.label: Look(
@@ -71,7 +75,7 @@ def colour_of(agents: Sequence[Agent]) -> dict[str, Look]:
 
 
 def palette(n: int) -> tuple[str, ...]:
-    """Return n different colours: `COLOURS`, then hues a golden ratio apart."""
+    """Return n different colours: `COLOURS`, then further hues a golden ratio apart."""
     hues = [
         to_hex(colorsys.hsv_to_rgb(0.618034 * i % 1.0, (0.55, 0.95)[i % 2], (0.75, 0.55, 0.4)[i % 3]))
         for i in range(n - len(COLOURS))
@@ -81,28 +85,29 @@ def palette(n: int) -> tuple[str, ...]:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Apply the style of the figures, and restore that of the caller."""
+    """Apply the style of the figures, and restore the caller's style on exit."""
     with rendering.own_style(_RC):
         yield
 
 
 def canvas(width: float, height: float) -> Canvas:
-    """Return an empty figure, sizes in inches. It is not one of pyplot's, so nothing is kept open."""
+    """Return an empty figure; sizes in inches. Made without pyplot, which would keep it open."""
     figure = Canvas(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def title(ax: Axes, text: str) -> None:
-    """Set a panel's title, wrapped."""
+    """Set a panel's title with line breaks."""
     ax.set_title(textwrap.fill(text, 26, break_long_words=False), loc="left")
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
-    """Write `path`.png and `path`.svg, each whole or not at all; return both. A name may hold dots: current=0.5."""
+    """Write `path`.png and `path`.svg atomically, and return the two paths. A name may contain dots: current=0.5."""
     if engine := figure.get_layout_engine():
-        engine.execute(figure)  # once for both formats
-    figure.set_layout_engine(None)  # with any engine, "none" included, savefig draws everything a second time
+        engine.execute(figure)  # compute the layout once for the two formats
+    # with any layout engine, even "none", savefig draws everything a second time
+    figure.set_layout_engine(None)
     png, svg = (path.with_name(path.name + suffix) for suffix in (".png", ".svg"))
     drawn: dict[str, bytes] = {}
     for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
@@ -115,7 +120,7 @@ def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
 
 
 def legend(figure: Canvas, looks: dict[str, Look], *, lines: bool = True, markers: bool = True) -> None:
-    """Add one legend under the panels, in as many columns as the figure holds."""
+    """Add one legend under the panels, in as many columns as fit."""
     handles = [
         Line2D(
             [],
@@ -130,7 +135,7 @@ def legend(figure: Canvas, looks: dict[str, Look], *, lines: bool = True, marker
     length = max(map(len, looks), default=1)
     columns = max(1, min(len(handles), int(figure.get_figwidth() / (0.08 * length + 0.75))))
     rows = -(-len(handles) // columns)
-    columns = -(-len(handles) // rows)  # even rows: 3 + 3, not 5 + 1
+    columns = -(-len(handles) // rows)  # evenly filled rows: 3 + 3, not 5 + 1
     figure.legend(
         handles=handles, loc="outside lower center", ncols=columns, handlelength=3.2 if lines else 1.5
     )
@@ -142,7 +147,7 @@ def engineering(axis: Any) -> None:
 
 
 def symlog(ax: Axes) -> None:
-    """Scale a return axis for K = 1 and K = 100: linear up to ±1000, logarithmic beyond."""
+    """Scale an axis of returns for K = 1 and K = 100: linear up to ±1000, logarithmic beyond."""
     ax.set_yscale("symlog", linthresh=1000)
     powers = [1e3, 1e4, 1e5, 1e6]
     ax.yaxis.set_major_locator(FixedLocator([*(-p for p in reversed(powers)), 0.0, *powers]))

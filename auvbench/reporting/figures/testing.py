@@ -1,4 +1,6 @@
-"""Figures of the test: success over a grid, under conditions and over time, Gazebo, and steps against deviation."""
+"""Draw the figures of the test: success over a grid, under conditions and over time, Gazebo, and steps
+against deviation.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,13 @@ from auvbench.reporting.figures.scene import (
 from auvbench.statistics.intervals import Estimate, FloatArray
 
 PROTOCOLS = ("robustness", "suite", "transfer", "frequency_sweep")
-"""whose conditions stand side by side"""
+"""protocols whose conditions are drawn side by side"""
 MOST_AGENTS = 40
 MOST_CELLS = 150
-"""of a grid of K and frequency; values drawn at random have more"""
+"""largest number of cells in a grid of K and frequency; randomly drawn values have more"""
 
 MOST_LABELS = 12
-"""most agents in colour"""
+"""largest number of agents in colour"""
 
 
 Curve = Mapping[str, Estimate]
@@ -40,7 +42,9 @@ Curve = Mapping[str, Estimate]
 
 
 def success_over_grid(scene: Scene) -> Drawing | None:
-    """Draw success over K and step frequency, a panel per algorithm; None where neither varies."""
+    """Draw success over K and step frequency, a panel per algorithm; return None if neither K nor frequency
+    varies.
+    """
     rows = [r for r in scene.ranking.rows if {"reward.k", "step.frequency"} <= r.key.keys()]
     algos: dict[str, list[Row]] = {}
     for row in rows:
@@ -65,7 +69,7 @@ def success_over_grid(scene: Scene) -> Drawing | None:
         for row in group:
             where = fs.index(float(row.key["step.frequency"])), ks.index(float(row.key["reward.k"]))
             values[where] = 100 * row.estimates["success_rate"].value
-            texts[where] = rounded(row.estimates["success_rate"], 100)[0]  # as in the table
+            texts[where] = rounded(row.estimates["success_rate"], 100)[0]  # text as in the table
         image = _heat(ax, values, lowest, texts)
         ax.set_title(part("algo", name) if name else "all", loc="left")
         ax.set_xticks(range(len(ks)), [f"{k:g}" for k in ks])
@@ -87,15 +91,15 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     conditions: list[str] = []
     used = []
     for protocol in PROTOCOLS:
-        found = curves(scene, protocol)
-        used += [protocol] if found else []
-        names = list(dict.fromkeys(name for curve in found.values() for name in curve))
-        # The vehicle that all agents were trained on is the undisturbed condition again.
-        own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in found}
+        lines = curves(scene, protocol)
+        used += [protocol] if lines else []
+        names = list(dict.fromkeys(name for curve in lines.values() for name in curve))
+        # The vehicle that all agents were trained on equals the undisturbed condition.
+        own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in lines}
         again = {f"vehicle={vehicle}" for vehicle in own if len(own) == 1 and UNDISTURBED in names}
         new = [name for name in names if name not in again and name not in conditions]
         conditions += new
-        for label, curve in found.items():
+        for label, curve in lines.items():
             here = {name: 100 * curve[name].value for name in new if name in curve}
             values[label] = values.get(label, {}) | here
     tested = [agent for agent in scene.agents if agent.label in values][:MOST_AGENTS]
@@ -129,19 +133,19 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
 
 
 def curves(scene: Scene, protocol: str) -> dict[str, Curve]:
-    """Return success by label and condition, of the best-ranked tested agents."""
-    found: dict[str, Curve] = {}
+    """Return success by label and condition, for the best-ranked tested agents."""
+    rates: dict[str, Curve] = {}
     for agent in scene.agents:
-        if len(found) == MOST_AGENTS:
+        if len(rates) == MOST_AGENTS:
             break
         tested = scene.tested(agent, protocol)
         if curve := {c.name: c.success[agent.label] for c in tested if agent.label in c.success}:
-            found[agent.label] = curve
-    return found
+            rates[agent.label] = curve
+    return rates
 
 
 def _whole(percent: float) -> str:
-    """Return whole percents; only every episode is 100 and only no episode is 0.
+    """Return whole percents; 100 means every episode and 0 means no episode.
 
     >>> _whole(99.97), _whole(100.0), _whole(0.2), _whole(54.5)
     ('99', '100', '1', '54')
@@ -150,7 +154,7 @@ def _whole(percent: float) -> str:
 
 
 def _heat(ax: Axes, values: FloatArray, low: float, texts: NDArray[np.object_]) -> AxesImage:
-    """Draw an image from `low` to 100 with the `texts` written in; NaN cells are crossed out."""
+    """Draw an image from `low` to 100 with `texts` in its cells; NaN cells are crossed out."""
     image = ax.imshow(values, cmap="cividis", vmin=low, vmax=100, aspect="auto")
     ax.grid(visible=False)
     ax.spines[:].set_visible(False)
@@ -241,12 +245,13 @@ def _crosses(ax: Axes, points: Sequence[tuple[Estimate, Estimate]], **style_: An
 
 
 def success_over_time(scene: Scene) -> Drawing | None:
-    """Draw the share of the test episodes that have reached the goal over simulated time."""
+    """Draw the share of test episodes that have reached the goal, over simulated time."""
     chosen = scene.top(MANY)
     arrivals = [a.metrics["duration_s"][a.outcome == 0] for a in chosen]
     if not any(times.size for times in arrivals):
         return None
-    longest = 1.05 * max(float(times.max()) for times in arrivals if times.size)  # after it, nothing happens
+    # the curve is constant after this time
+    longest = 1.05 * max(float(times.max()) for times in arrivals if times.size)
     t = np.linspace(0, longest, 240)
     figure = style.canvas(6.4, 4.2)
     ax = figure.subplots()

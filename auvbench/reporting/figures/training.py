@@ -1,4 +1,4 @@
-"""Figures of training: success, validation, episode length and return over steps."""
+"""Draw the figures of training: success, validation, episode length and return over steps."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ from auvbench.reporting.figures.scene import (
 )
 
 FEW = 4
-"""agents whose lines and bands one panel holds; of more, each has a panel"""
+"""largest number of agents whose lines and bands share a panel; with more, each agent has its own panel"""
 MOST = 12
-"""agents with a panel"""
+"""largest number of agents with a panel"""
 GREY = "#c4c9cc"
 SPANS = 30
-"""of steps, at most"""
+"""largest number of spans of steps"""
 FEWEST_SPANS = 2
 
 
 def success(scene: Scene) -> Drawing | None:
-    """Draw the share of training episodes that reached the goal over environment steps."""
+    """Draw the share of training episodes that reached the goal, over environment steps."""
     caption = f"Share of the training episodes that reached the goal, in up to {SPANS} equal spans of environment steps"
     more = " Training explores: these episodes are not the test."
     rows = {"success": "success (%)"}
@@ -52,14 +52,14 @@ def length_and_return(scene: Scene) -> Drawing | None:
 def _over_steps(
     scene: Scene, rows: Mapping[str, str], title: str, caption: str, more: str, *, dots: bool
 ) -> Drawing | None:
-    """Draw columns of the training records over steps; `rows` holds their axis labels."""
+    """Draw columns of the training records over steps; `rows` has their axis labels."""
     learners = scene.learners()
     wanted = scene.top(MOST, learners)
     chosen = scene.trained(wanted)
     if not chosen:
         return None
-    found = {name: [binned(scene, agent, name) for agent in chosen] for name in rows}
-    log = "return" in found and wants_symlog([y for _, y in found["return"]])
+    curves = {name: [binned(scene, agent, name) for agent in chosen] for name in rows}
+    log = "return" in curves and wants_symlog([y for _, y in curves["return"]])
     together = len(chosen) <= FEW
     columns = 1 if together else _columns(len(chosen))
     height = len(rows) * (1 if together else -(-len(chosen) // columns))
@@ -75,9 +75,9 @@ def _over_steps(
             if ax is not first:
                 ax.sharey(first)
             if not together:
-                for x, y in found[name][:i] + found[name][i + 1 :]:
+                for x, y in curves[name][:i] + curves[name][i + 1 :]:
                     ax.plot(x, middle(y), color=GREY, linewidth=0.9, zorder=1)
-            band(ax, scene.looks[agent.label], found[name][i], dots=dots)
+            band(ax, scene.looks[agent.label], curves[name][i], dots=dots)
             ax.tick_params(labelleft=place % columns == 0, labelbottom=False)
             style.engineering(ax.xaxis)
             if place % columns == 0:
@@ -109,21 +109,22 @@ def _over_steps(
 
 
 def _columns(n: int) -> int:
-    """Return the columns of a grid of n panels whose last row is not nearly empty."""
+    """Return the number of columns for a grid of n panels whose last row is not nearly empty."""
     return 3 if n in (5, 6, 9) else 4
 
 
 def binned(scene: Scene, agent: Agent, column: str) -> Curve:
-    """Return the centres of spans (B,) and the means in them by seed (seeds, B), NaN where no episode ended.
+    """Return the centres of spans (B,) and the means in them by seed (seeds, B); NaN for a span without an
+    ended episode.
 
-    The column `success` is 100 where an episode reached the goal and else 0. A span is as long as the longest episode
-    in all environments at once, if at least `FEWEST_SPANS` remain: environments that begin together end their long
-    episodes together, so a shorter span would hold failures alone, or early ends alone.
+    The column `success` is 100 for an episode that reached the goal, else 0. A span is as long as the longest
+    episode in all environments together, if at least `FEWEST_SPANS` remain. Environments that begin together
+    end their long episodes together, so a shorter span would contain only failures or only early ends.
     """
-    found = [(f, run) for run in agent.runs if (f := scene.training(run)) is not None]
-    frames = [f for f, _ in found]
-    last = min(int(f["step"].iloc[-1]) for f in frames)  # where all seeds have a value
-    longest = max(float(f["steps"].max()) * _environments(run) for f, run in found)
+    with_frames = [(f, run) for run in agent.runs if (f := scene.training(run)) is not None]
+    frames = [f for f, _ in with_frames]
+    last = min(int(f["step"].iloc[-1]) for f in frames)  # last step at which all seeds have a value
+    longest = max(float(f["steps"].max()) * _environments(run) for f, run in with_frames)
     bins = int(np.clip(min(min(len(f) for f in frames) // 5, last // max(longest, 1.0)), FEWEST_SPANS, SPANS))
     edges = np.linspace(0, last, bins + 1)
     rows = []
@@ -145,12 +146,12 @@ def validation(scene: Scene) -> Drawing | None:
     for agent in scene.learners():
         for run in agent.runs:
             try:
-                found = read_validation_curve(run)
+                rows = read_validation_curve(run)
             except Damage as damage:
                 scene.problem(run, damage)
                 continue
-            if found is not None:
-                curves.setdefault(agent.label, []).append(found)
+            if rows is not None:
+                curves.setdefault(agent.label, []).append(rows)
     wanted = [agent for agent in scene.learners() if agent.label in curves]
     if not wanted:
         return None

@@ -1,4 +1,4 @@
-"""The report as one self-contained HTML page: `write` makes `report/index.html`."""
+"""Write the report as one self-contained HTML page, `report/index.html`."""
 
 from auvbench.reporting.page.writer import write
 

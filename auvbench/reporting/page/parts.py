@@ -1,4 +1,6 @@
-"""Parts of the page: tables with links, the table of runs, findings and claims with their runs, methods, figures."""
+"""Build the parts of the page: tables with links, the table of runs, findings and claims with their runs,
+methods, figures.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import quote
 
-from PIL import Image  # matplotlib's own
+from PIL import Image  # a dependency of Matplotlib
 
 from auvbench.analysis.archive import RUNS
 from auvbench.analysis.formatting import NOTHING, fixed
@@ -29,15 +31,15 @@ from auvbench.reporting.tables.table import (
 from auvbench.runs.progress import duration, telling
 
 LARGEST_SVG = 150_000
-"""bytes; the PNG of a larger SVG is shown, because a browser draws thousands of points slowly"""
+"""largest SVG in bytes; for a larger one the page shows the PNG, since a browser draws thousands of points slowly"""
 WIDE = 1200
-"""px of a PNG from which a figure takes the whole width of the page"""
+"""smallest width in px of a PNG that takes the whole width of the page"""
 
 
 class Links:
-    """Relative links from the page's folder to the files of runs, and to their rows in the table of runs.
+    """Relative links from the page's folder to files of runs, and to rows in the table of runs.
 
-    `elsewhere` is the address of the page that has the table of runs, if it is another one.
+    `elsewhere` is the address of the page with the table of runs, if it is a different page.
     """
 
     def __init__(self, page: Path, runs: Sequence[RunRecord], elsewhere: str = "") -> None:
@@ -48,9 +50,9 @@ class Links:
     def to(self, path: Path) -> str:
         """Return a relative URL of a file or folder, percent-encoded; a file: URL on another drive."""
         try:
-            # A leading ./ keeps a name with a colon from being read as a URL's scheme.
+            # A leading ./ keeps a browser from reading a name with a colon as a URL's scheme.
             return "./" + quote(Path(os.path.relpath(path.resolve(), self._folder)).as_posix())
-        except ValueError:  # Windows: no relative path leads to another drive
+        except ValueError:  # on Windows no relative path leads to another drive
             return path.resolve().as_uri()
 
     def row(self, run_id: str) -> str:
@@ -58,7 +60,7 @@ class Links:
         return f"{self._elsewhere}#{self.anchors[run_id]}" if run_id in self.anchors else ""
 
     def files(self, run: RunRecord) -> str:
-        """Return the link to a run's manifest, else to its folder."""
+        """Return the link to a run's manifest, or to its folder if there is no manifest."""
         folder, name = (run.archive.folder, RUNS) if run.archive else (run.directory, "manifest.json")
         return self.to(folder / name if (folder / name).is_file() else folder)
 
@@ -73,10 +75,10 @@ def of_agents(table: Table, ranking: Ranking, colours: Mapping[str, str], links:
 
 
 def metrics_table(ranking: Ranking) -> Table | None:
-    """Return every metric that the main table leaves out; None without any."""
-    there = {heading.metric for heading in main_table(ranking).headings}
-    held = dict.fromkeys(metric for row in ranking.rows for metric in row.estimates)
-    columns = [column_of(metric) for metric in in_order(m for m in held if m not in there)]
+    """Return a table of every metric that the main table leaves out; None without any."""
+    shown = {heading.metric for heading in main_table(ranking).headings}
+    metrics = dict.fromkeys(metric for row in ranking.rows for metric in row.estimates)
+    columns = [column_of(metric) for metric in in_order(m for m in metrics if m not in shown)]
     if not columns:
         return None
     lines = [
@@ -89,7 +91,7 @@ def metrics_table(ranking: Ranking) -> Table | None:
 def runs_table(
     runs: Sequence[RunRecord], agents: Sequence[Agent], colours: Mapping[str, str], links: Links
 ) -> Table:
-    """Return a row per run: the agents' runs in the order of the agents, then every other run that was found."""
+    """Return a table with a row per run: the agents' runs in the order of the agents, then all other runs."""
     headings = (
         Heading("run", words=True),
         Heading("agent", words=True),
@@ -134,7 +136,7 @@ def _training(run: RunRecord) -> tuple[Cell, Cell, Cell]:
     steps, total, success, seconds, episodes = (run.manifest.get(key) for key in keys)
     if success is not None and episodes is not None:
         success = telling(success, episodes)
-    taken = _cell(steps or None, 0)  # a controller has nothing to learn
+    taken = _cell(steps or None, 0)  # a controller has no training
     if steps and total and steps < total:
         taken = replace(taken, value=f"{taken.value} of {fixed(total, 0)}")
     wall = Cell(NOTHING) if seconds is None else Cell(duration(seconds), sort=seconds)
@@ -143,7 +145,7 @@ def _training(run: RunRecord) -> tuple[Cell, Cell, Cell]:
 
 @dataclass(frozen=True, slots=True)
 class Embedded:
-    """A figure as the template draws it."""
+    """A figure in the form that the template needs."""
 
     name: str
     title: str
@@ -153,20 +155,20 @@ class Embedded:
     href: str
     """link to the file of the figure"""
     size: tuple[int, int]
-    """width and height of the PNG, px: the room to keep before the picture is there"""
+    """width and height of the PNG, px, so that the browser reserves space before the picture loads"""
 
     @property
     def wide(self) -> bool:
-        """Whether half the page's width is too little."""
+        """Return whether the figure needs more than half the page's width."""
         return self.size[0] > WIDE
 
 
 def embed(figures: Iterable[Figure], links: Links) -> tuple[list[Embedded], list[Problem]]:
-    """Return the figures in their order, the sharp SVG where it is small and the PNG otherwise.
+    """Return the figures in order, as SVG if it is small, otherwise as PNG.
 
     A figure whose files are missing becomes a `Problem`.
     """
-    found: list[Embedded] = []
+    embedded: list[Embedded] = []
     problems: list[Problem] = []
     for figure in figures:
         try:
@@ -180,5 +182,5 @@ def embed(figures: Iterable[Figure], links: Links) -> tuple[list[Embedded], list
             continue
         kind = "svg+xml" if small else "png"
         data = f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
-        found.append(Embedded(figure.name, figure.title, figure.caption, data, links.to(figure.svg), size))
-    return found, problems
+        embedded.append(Embedded(figure.name, figure.title, figure.caption, data, links.to(figure.svg), size))
+    return embedded, problems

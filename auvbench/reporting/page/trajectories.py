@@ -1,10 +1,10 @@
-"""Trajectories for the 3-D view: read from the runs, thinned, and packed small enough for a page.
+"""Prepare trajectories for the 3-D view: read them from the runs, thin them, and pack them for a page.
 
-A run's `evaluations/<protocol>/trajectories.npz` holds `position_<condition>_<episode>` (T+1, 3) m,
-`time_...` (T+1,) s and `waypoint_...` (3,) m for its first few episodes, `reference_...` (T+1, 3) m where the
-reference moves, and `dock_yaw_...` (1,) rad where there is a dock. Here each path becomes at most
-`POINTS` positions, equally spaced in steps, as little-endian int16 counts of `unit` metres in base64: 1 cm
-where the path stays within 327 m, and the smallest unit that holds it otherwise.
+A run's `evaluations/<protocol>/trajectories.npz` has, for its first few episodes,
+`position_<condition>_<episode>` (T+1, 3) m, `time_...` (T+1,) s and `waypoint_...` (3,) m; if the reference
+moves, `reference_...` (T+1, 3) m; and for a dock, `dock_yaw_...` (1,) rad. The page has at most `POINTS`
+positions of each path, equally spaced in steps, as little-endian int16 counts of `unit` metres in base64. The
+unit is 1 cm if the path stays within 327 m, otherwise the smallest unit that fits.
 """
 
 from __future__ import annotations
@@ -24,42 +24,43 @@ from auvbench.analysis.records import Agent, Problem, RunRecord
 from auvbench.record import OUTCOMES
 
 POINTS = 320
-"""most positions kept of one path"""
+"""largest number of positions of one path"""
 RUNS = 200
-"""most runs whose paths go into a page, best-ranked agents first"""
+"""largest number of runs with paths in a page, best-ranked agents first"""
 EPISODES = 10
-"""most episodes of a run that go into a page"""
+"""largest number of episodes of a run in a page"""
 BUDGET = 3_500_000
-"""characters that all packed paths of a page may take; paths are thinned further to keep to it"""
+"""largest number of characters of all packed paths of a page; paths are thinned further to stay below it"""
 UNIT = 0.01
-"""m per count"""
+"""metres per count"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """The path of one run through one episode."""
+    """Path of one run in one episode."""
 
     agent: int
-    """index into the agents the page was given"""
+    """index into the page's agents"""
     run: RunRecord
     outcome: str
-    """one of `record.OUTCOMES`, or '' where the table of episodes does not say"""
+    """one of `record.OUTCOMES`, or '' if the table of episodes does not say"""
     path: StoredPath
 
 
 def read(
     agents: Sequence[Agent], *, protocol: str, condition: str, runs: int = RUNS
 ) -> tuple[list[Track], list[Problem], int]:
-    """Read the paths of the agents' runs; every agent's first seed comes before any agent's second.
+    """Read the paths of the agents' runs; the first seed of every agent comes before the second seed of any
+    agent.
 
     Args:
-        agents: in the order of the ranking.
-        protocol: the protocol's name, as in `RunRecord.evaluations`.
-        condition: the test condition within the protocol.
-        runs: most runs to read.
+        agents: agents in the order of the ranking.
+        protocol: name of the protocol, as in `RunRecord.evaluations`.
+        condition: test condition within the protocol.
+        runs: largest number of runs to read.
 
     Returns:
-        The tracks by episode, agent and seed; the files that cannot be read; the number of runs that are left out.
+        Tracks by episode, agent and seed; files that cannot be read; number of runs left out.
     """
     candidates = [
         (row, index, run, evaluation)
@@ -81,14 +82,14 @@ def read(
 
 
 def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any]]:
-    """Return the episodes as plain data for JSON, `budget` characters of positions at most (about).
+    """Return the episodes as plain data for JSON, with at most about `budget` characters of positions.
 
-    A track becomes `{agent, seed, run, outcome, dt, end, unit, points}`: `points` is base64 of int16 (n, 3) counts of `unit`
-    metres; point i lies at min(i dt, end) seconds after the start. `reference` holds as many points of a reference that
-    moves.
+    A track becomes `{agent, seed, run, outcome, dt, end, unit, points}`. `points` is base64 of int16 (n, 3)
+    counts of `unit` metres; point i is at min(i dt, end) seconds after the start. `reference` has as many
+    points of a moving reference.
     """
     count = sum(1 + (track.path.reference is not None) for track in tracks)
-    # 6 bytes a point, 4 characters for 3 bytes
+    # 6 bytes per point, 4 characters per 3 bytes
     points = max(24, min(POINTS, budget // max(1, count) // 8))
     episodes: dict[int, dict[str, Any]] = {}
     for track in tracks:
@@ -105,11 +106,11 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
     path = track.path
     steps = len(path.position) - 1
     stride = max(1, math.ceil(steps / (points - 1)))
-    kept = np.minimum(np.arange(0, math.ceil(steps / stride) + 1) * stride, steps)
+    indices = np.minimum(np.arange(0, math.ceil(steps / stride) + 1) * stride, steps)
     duration = float(path.time[-1] - path.time[0])
-    lines = {"points": path.position[kept]}
+    lines = {"points": path.position[indices]}
     if path.reference is not None:
-        lines["reference"] = path.reference[kept]
+        lines["reference"] = path.reference[indices]
     unit = max(UNIT, max(float(np.abs(line).max(initial=0.0)) for line in lines.values()) / 32767.0)
     return {
         "agent": track.agent,

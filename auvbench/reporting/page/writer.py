@@ -1,4 +1,4 @@
-"""Write the page: gather what the template shows, and put style, script and data inside it."""
+"""Write the page: collect what the template shows, and embed style, script and data."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from auvbench.reporting.tables.table import SHOWN_NOTES, Table
 from auvbench.reporting.write import Facts, distinct, facts, overview, text
 
 SCRIPTS = ("tables.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
-"""Joined in this order into the page's one script."""
+"""Source files of the page's script, in the order of concatenation."""
 _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 
 
 def write(
     path: Path, report: Report, figures: Sequence[Figure] = (), *, command: str = "", several: bool = False
 ) -> Path:
-    """Write the report of a section as one HTML file that needs nothing but a browser; return its path.
+    """Write the report of a section as one self-contained HTML file and return its path.
 
-    Everything is inside the file: style, script, figures, trajectories. Links lead by relative paths to the
-    files of the runs, so the page and the runs move together. The same arguments give the same bytes.
+    The file contains everything: style, script, figures, trajectories. Links to the files of the runs are
+    relative, so the page and the runs can move together. The same arguments give the same bytes.
 
     Args:
-        path: the file to write, usually `report/index.html`; folders are made.
-        report: of the section.
-        figures: in the order to show.
-        command: the command line that made the report.
+        path: file to write, usually `report/index.html`; its folders are created.
+        report: report of the section.
+        figures: figures in the order to show.
+        command: command line of the report.
         several: whether the report has several sections; `../index.html` then shows all.
 
     Raises:
@@ -69,7 +69,8 @@ def write(
         title=title_of(runs) + (f", {report.section.title}" if several else ""),
         headline=headline(ranking),
         above="../index.html" if several else "",
-        table=of_page.of_agents(main_table(ranking), ranking, {}, links),  # its colours are those of verdicts
+        # the table's colours are those of verdicts
+        table=of_page.of_agents(main_table(ranking), ranking, {}, links),
         conditions=[linked(table) for table in conditions_tables(ranking)],
         further=linked(of_page.metrics_table(ranking)),
         ranks=linked(ranks_table(ranking)),
@@ -92,9 +93,9 @@ def write(
 
 
 def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
-    """Return the page of some runs as HTML, with the policy that lets only its own script run.
+    """Return the page of some runs as HTML, with a policy that allows only its own script.
 
-    It leaves out what `shown` does not name.
+    Parts that `shown` does not name are left out.
     """
     script = "\n".join(_asset(name) for name in SCRIPTS)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
@@ -102,7 +103,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
         f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
     )
-    # Labels, ids and messages come from foreign files, so everything is escaped.
+    # Labels, ids and messages come from untrusted files, so everything is escaped.
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     return environment.from_string(_asset("page.html")).render(
         style=Markup(_asset("page.css")),
@@ -118,7 +119,7 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
 
 
 def title_of(runs: Sequence[RunRecord]) -> str:
-    """Return the title that names the first experiments of the runs."""
+    """Return a title with the names of the runs' first experiments."""
     names = sorted({str(name) for run in runs if (name := run.config.get("name"))})
     if not names:
         return "auvbench report"
@@ -135,7 +136,7 @@ def _data(
     looks: Mapping[str, Look],
     runs: Sequence[RunRecord],
 ) -> dict[str, Any]:
-    """Return what the 3-D view reads; the template's tojson filter escapes it for a script element."""
+    """Return the data of the 3-D view; the template's tojson filter escapes them for a script element."""
     config: Mapping[str, Any] = runs[0].config if runs else {}
     waypoint = config.get("task.name", "waypoint") == "waypoint"
     return {
@@ -143,7 +144,7 @@ def _data(
             {"label": label, "colour": look.colour, "dash": _DASHES[look.linestyle]}
             for label, look in looks.items()
         ],
-        # The original task has the whole water in its box; other tasks have what their paths need.
+        # The view of the waypoint task shows the whole water; the views of other tasks show what their paths need.
         "goal": "waypoint" if waypoint else "goal",
         "cone": _length(config.get("task.cone"), 0.0),
         "reach": _length(config.get("task.standoff"), 0.0),
@@ -158,7 +159,7 @@ def _length(value: Any, default: float) -> float:
 
 
 def _facts(ranking: Ranking, runs: Sequence[RunRecord], scenarios: bool) -> Facts:
-    """Return the lines of the methods."""
+    """Return the lines of the section on methods."""
     summaries = [e.summary for run in runs if (e := run.evaluations.get(ranking.protocol))]
     seeds = [f"seed {seed}" for seed in distinct(summary["seed"] for summary in summaries)]
     return [
@@ -172,7 +173,7 @@ def _facts(ranking: Ranking, runs: Sequence[RunRecord], scenarios: bool) -> Fact
 def write_overview(
     path: Path, reports: Sequence[Report], command: str = "", score: Scores | None = None
 ) -> Path:
-    """Write the page of all sections; each has its own page at `<folder>/index.html`.
+    """Write the overview page of all sections; each section has its own page at `<folder>/index.html`.
 
     Raises:
         OSError: the file cannot be written.
@@ -202,7 +203,7 @@ def write_overview(
         headline=overview(len(reports), score),
         parts=shown,
         problems=grouped(tuple(problems)),
-        facts=_facts(reports[0].ranking, runs, scenarios=False),  # each section has its own
+        facts=_facts(reports[0].ranking, runs, scenarios=False),  # each section shows its own scenarios
         command=command,
         score=None if score is None else score_table(score),
     )

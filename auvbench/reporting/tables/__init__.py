@@ -1,4 +1,4 @@
-"""The tables of a report in every format. Each function draws what a `Ranking` holds and computes nothing."""
+"""Build the tables of a report in every format, without computing any number: all come from a `Ranking`."""
 
 from auvbench.reporting.tables.appendix import comparison_table, conditions_tables, ranks_table, score_table
 from auvbench.reporting.tables.terminal import TableView, findings_terminal, terminal

@@ -1,4 +1,4 @@
-"""The tables next to the main one: ranks, conditions, the original study's numbers, and scores across tasks."""
+"""Build the tables next to the main one: ranks, conditions, the original study's numbers, and scores across tasks."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from auvbench.statistics.intervals import Estimate
 
 
 def ranks_table(ranking: Ranking) -> Table:
-    """Return rank, the ranks that agree with the data, and the measure ranked by."""
+    """Return the table of ranks: rank, ranks that agree with the data, and the ranking measure."""
     column = column_of(ranking.rank_by)
     reliable = not_behind(ranking)
     lines = [
@@ -61,9 +61,10 @@ def ranks_of(row: Row) -> str:
 
 
 def conditions_tables(ranking: Ranking) -> list[Table]:
-    """Return the tables by condition: success, and the measure that ranks if it has one; none for a single condition.
+    """Return the tables by condition: success, and the ranking measure if it has one; empty for a single
+    condition.
 
-    A dash stands where an agent did not meet a condition.
+    A dash means that the agent was not tested under the condition.
     """
     if not ranking.conditions:
         return []
@@ -83,9 +84,11 @@ def conditions_tables(ranking: Ranking) -> list[Table]:
     if not all(row.compared for row in ranking.rows):
         notes.append(f"{DAGGER} one training seed: the interval covers test episodes only.")
     tables = []
-    for title, scale, found in columns:
+    for title, scale, estimates in columns:
         lines = [
-            Line((Cell(label_of(row)), *(estimate_cell(values.get(row.label), scale) for values in found)))
+            Line(
+                (Cell(label_of(row)), *(estimate_cell(values.get(row.label), scale) for values in estimates))
+            )
             for row in ranking.rows
         ]
         whole = f"{title} under each condition of protocol {ranking.protocol}"
@@ -94,7 +97,9 @@ def conditions_tables(ranking: Ranking) -> list[Table]:
 
 
 def comparison_table(rows: Sequence[ComparisonRow]) -> Table | None:
-    """Return the original study's numbers and ours, an agent per line: "theirs / ours [interval]"; None without any."""
+    """Return the original study's numbers and ours, one agent per line: "theirs / ours [interval]"; None
+    without any.
+    """
     if not rows:
         return None
     measures = [name for name in thesis.TITLES if any(row.measure == name for row in rows)]
@@ -121,7 +126,7 @@ def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
 
 
 def score_table(found: Scores) -> Table:
-    """Return the score of each agent over all tasks, then that of each task; without rows, its notes say why."""
+    """Return the score of each agent over all tasks, then on each task; without rows, the notes give the reason."""
     headings = [Heading("agent", words=True), Heading("seeds"), Heading("score")]
     headings += [Heading(title, weight=1) for title in found.titles]
     lines = tuple(Line(_scores_of(row)) for row in found.rows)

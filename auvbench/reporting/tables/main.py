@@ -1,4 +1,4 @@
-"""The main table: each agent's difference from the baseline, and the notes that a reader needs to judge it."""
+"""Build the main table (each agent's difference from the baseline) and the notes for judging it."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from auvbench.statistics.power import MOST_SEEDS
 from auvbench.statistics.reliability import Reliability
 
 SYMBOLS = {AHEAD: "▲", EQUIVALENT: "■", BEHIND: "▼", OPEN: "○"}
-"""a verdict is told by its shape as well as by its colour"""
+"""shapes of the verdicts, in addition to their colours"""
 BASELINE = "baseline"
 USUAL = {"success_rate": 2, "mean_energy_J": 4, "action_ms": 5}
-"""metrics behind the primary one, with their weight where there is no room for all"""
+"""metrics after the primary one, with their weight in a narrow table"""
 
 LONGEST = 16
-"""characters of a baseline that a heading names"""
+"""largest number of characters of a baseline in a heading"""
 
 KINDS = {
     "failed": "failed",
@@ -45,7 +45,7 @@ KINDS = {
     "foreign": "not comparable",
     "duplicate": "given twice",
 }
-"""titles of the kinds of problems, in the order of a list"""
+"""titles of the kinds of problems, in the order of the list"""
 
 SAME_TEST = (
     "The test fixes task, noise, disturbances and simulator for all agents, also if they were trained with others; protocol=own "
@@ -59,7 +59,7 @@ KNOWS = (
 )
 
 NEAR_AN_END = 0.1
-"""a rate so close to 0 or 1, or closer: seeds that differ strongly are skewed there"""
+"""distance from 0 or 1 below which a rate gets a caution: strongly different seeds are skewed there"""
 FEW_SEEDS = 10
 NOT_BEHIND = "trainings that are not behind the baseline by more than the margin, on these scenarios"
 
@@ -68,7 +68,7 @@ _Column = tuple[Heading, Callable[[Row], Cell]]
 
 
 def main_table(ranking: Ranking) -> Table:
-    """Return the main table; a column that no agent has a number for is left out."""
+    """Return the main table; a column without any number is left out."""
     columns = [*_lead(ranking), *_metric(ranking, ranking.rank_by, 1), *_against(ranking)]
     for metric, weight in (USUAL | dict.fromkeys(ranking.columns, 2)).items():
         if metric != ranking.rank_by:
@@ -84,7 +84,7 @@ def main_table(ranking: Ranking) -> Table:
 
 
 def verdict_of(ranking: Ranking, label: str) -> str:
-    """Return an agent's verdict, 'baseline' for the baseline, '' where nothing is compared."""
+    """Return an agent's verdict, 'baseline' for the baseline, '' if no agent is compared."""
     if ranking.primary is None:
         return ""
     against = ranking.primary.of(label)
@@ -97,7 +97,9 @@ def label_of(row: Row) -> str:
 
 
 def result_of(against: Against) -> tuple[str, str]:
-    """Return the verdict and what an open one lacks: "behind*", "open" and "(5 of 8 trainings)" or "(31 trainings)"."""
+    """Return the verdict and what would decide an open one: "behind*", "open" and "(5 of 8 trainings)" or
+    "(31 trainings)".
+    """
     if against.verdict != OPEN:
         return against.marked, ""
     if against.few:
@@ -106,7 +108,7 @@ def result_of(against: Against) -> tuple[str, str]:
 
 
 def needed_text(needed: Needed | None) -> str:
-    """Return what would decide an open comparison: "(9 trainings)", "(> 128 trainings)"; empty where that is not known."""
+    """Return what would decide an open comparison: "(9 trainings)", "(> 128 trainings)"; '' if it is unknown."""
     if needed is None:
         return ""
     most = MOST_SEEDS if needed.unit == "trainings" else MOST_EPISODES
@@ -124,7 +126,9 @@ def _lead(ranking: Ranking) -> list[_Column]:
 
 
 def _effort(ranking: Ranking) -> list[_Column]:
-    """Return what agents know, and the trials that chose their settings; a column without an entry is left out."""
+    """Return the columns of what agents know, and of the trials that chose their settings; a column without
+    entries is left out.
+    """
     columns: list[_Column] = []
     if any(row.knows for row in ranking.rows):
         heading = Heading("knows", weight=5, words=True, hint=KNOWS)
@@ -147,7 +151,7 @@ def _budget(row: Row) -> Cell:
 
 
 def _trainings(row: Row, confidence: float) -> Cell:
-    """Return "5 of 5 [57, 100]": Wilson's interval of the share of trainings that succeed."""
+    """Return "5 of 5 [57, 100]": the trainings that succeeded, with Wilson's interval of their share."""
     if not row.trained:
         return Cell(NOTHING)
     n = len(row.seeds)
@@ -191,7 +195,7 @@ def _against(ranking: Ranking) -> list[_Column]:
 
 
 def not_behind(ranking: Ranking) -> list[_Column]:
-    """Return the column of trainings that are not behind, which stands next to every verdict; none without a learner."""
+    """Return the column of trainings that are not behind, which is next to every verdict; empty without a learner."""
     primary = ranking.primary
     if primary is None or not any(against.reliability for against in primary.comparisons):
         return []
@@ -204,7 +208,7 @@ def not_behind(ranking: Ranking) -> list[_Column]:
 
 
 def reliability_cell(found: Reliability | None) -> Cell:
-    """Return "19 of 20 [75, 100]": trainings that are not behind, and the share of all trainings in per cent."""
+    """Return "19 of 20 [75, 100]": the trainings that are not behind, and the interval of their share in per cent."""
     if found is None:
         return Cell(NOTHING)
     limits = f"[{100 * found.low:.0f}, {100 * found.high:.0f}]"
@@ -212,7 +216,7 @@ def reliability_cell(found: Reliability | None) -> Cell:
 
 
 def notes(ranking: Ranking) -> list[str]:
-    """Return the sentences below the main table, without markup, the most important first."""
+    """Return the notes below the main table, without markup, the most important first."""
     counts = sorted({row.episodes for row in ranking.rows})
     episodes = " to ".join(str(c) for c in dict.fromkeys((counts[0], counts[-1]))) if counts else "0"
     compared, few, more = ([], [], []) if ranking.primary is None else explained(ranking.primary)
@@ -234,7 +238,7 @@ def notes(ranking: Ranking) -> list[str]:
 
 
 def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
-    """Return what is compared, what too few trainings mean, and how to read the rest."""
+    """Return the notes on what is compared, on too few trainings, and on everything else."""
     m = measure(primary.measure)
     best = " (the best of this table, for lack of a controller)" if primary.chosen_by_rank else ""
     known = primary.margin == primary.margin
@@ -271,10 +275,10 @@ def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
 
 
 def _reliability(primary: Primary, m: Measure) -> str:
-    """Return what the seeds exclude, and the shares of failing trainings at which means would turn."""
+    """Return the notes on the share of failing trainings that the seeds exclude, and that would change a mean."""
     margin = primary.margin if primary.margin == primary.margin else 0.0
-    found = [(c.agent, c.reliability) for c in primary.comparisons if c.reliability]
-    whole = {r.trainings: r.excluded for _, r in found if r.count == r.trainings}
+    reliabilities = [(c.agent, c.reliability) for c in primary.comparisons if c.reliability]
+    whole = {r.trainings: r.excluded for _, r in reliabilities if r.count == r.trainings}
     text = (
         f"Not behind: trainings at most {size(margin, m)} worse than {primary.baseline} on these scenarios; brackets: "
         f"{100 * primary.confidence:g} % interval of the share of all trainings, in per cent."
@@ -282,7 +286,7 @@ def _reliability(primary: Primary, m: Measure) -> str:
     if whole:
         shares = ", ".join(f"{n} trainings {100 * whole[n]:.0f} %" for n in sorted(whole))
         text += f" Where none is behind, a larger share of failing trainings than this is excluded: {shares}."
-    turns = [(agent, r.mean_turns) for agent, r in found if r.mean_turns is not None]
+    turns = [(agent, r.mean_turns) for agent, r in reliabilities if r.mean_turns is not None]
     if turns:
         shares = ", ".join(f"{agent} {100 * q:.2g} %" for agent, q in turns)
         text += f" Verdicts that the mean would lose if so many trainings failed: {shares}."
@@ -290,32 +294,32 @@ def _reliability(primary: Primary, m: Measure) -> str:
 
 
 def remarks(ranking: Ranking) -> list[str]:
-    """Return what a row stands for, which rows are not compared, which trainings failed, and cautions."""
-    found = []
+    """Return notes on the meaning of a row, rows that are not compared, failed trainings, and cautions."""
+    lines = []
     if not all(row.compared for row in ranking.rows):
-        found.append(
+        lines.append(
             f"{DAGGER} one training seed: the row describes this policy and is not compared, because another training may "
             "end elsewhere. Train more seeds: seed=0,1,2,3,4."
         )
     if len({row.budget for row in ranking.rows if row.budget}) > 1:
-        found.append("Budgets differ: an agent with more steps may be ahead for that alone.")
+        lines.append("Budgets differ: an agent with more steps may be ahead for that alone.")
     if ranking.primary is None and any(row.trained and row.compared for row in ranking.rows):
-        found.append(
+        lines.append(
             f"A training succeeded if it reaches at least {100 * SUCCEEDED:.0f} % of the test goals; brackets: "
             f"{100 * ranking.confidence:g} % interval of the share of trainings that succeed."
         )
-    return [*found, *failed_trainings(ranking), *cautions(ranking)]
+    return [*lines, *failed_trainings(ranking), *cautions(ranking)]
 
 
 def limit_lines(ranking: Ranking) -> list[str]:
-    """Return what the shortest known times are, or why there are none."""
+    """Return notes on the best known times, or the reason why there are none."""
     if ranking.limit is None:
         return [ranking.no_limit] if ranking.no_limit else []
     return optional_columns.sentences(ranking.limit)
 
 
 def failed_trainings(ranking: Ranking) -> list[str]:
-    """Return a sentence per agent some of whose trainings failed."""
+    """Return a sentence for each agent with failed trainings."""
     return [
         f"{row.label}: {len(row.failed_seeds)} of {len(row.seeds)} trainings failed (seed "
         f"{', '.join(map(str, row.failed_seeds))}) and count as success 0; --where state=complete leaves them out."
@@ -325,23 +329,25 @@ def failed_trainings(ranking: Ranking) -> list[str]:
 
 
 def cautions(ranking: Ranking) -> list[str]:
-    """Return where the numbers of this table are known to promise too much; docs/statistics.md has the measurements."""
+    """Return cautions where intervals of this table are known to be too narrow; docs/statistics.md has the
+    measurements.
+    """
     several = [row for row in ranking.rows if row.trained and 1 < len(row.seeds) <= FEW_SEEDS]
     rates = [row.estimates["success_rate"].value for row in several if "success_rate" in row.estimates]
-    found = list(ranking.machines)
+    lines = list(ranking.machines)
     if any(0 < rate < NEAR_AN_END or rate > 1 - NEAR_AN_END for rate in rates):
-        found.append(
+        lines.append(
             "Success beyond 90 % (or below 10 %) with few seeds: where trainings differ strongly, 95 % intervals held in 80 "
             "to 90 % of simulated experiments."
         )
     by = measure(ranking.rank_by)
     counted = any(metric.measure == by.name and metric.counts_failures for metric in METRICS)
     if by.name.startswith("mean_") and by.name != "mean_return" and not counted:
-        found.append(
+        lines.append(
             f"{name(by).capitalize()} is over all test episodes, however they ended: a quick failure "
             "looks good. Read it with the success rate."
         )
-    return found
+    return lines
 
 
 def _seeds(ranking: Ranking) -> str:
@@ -357,7 +363,7 @@ def _seeds(ranking: Ranking) -> str:
 
 
 def grouped(problems: tuple[Problem, ...]) -> list[tuple[str, list[Problem]]]:
-    """Return the problems by kind under a title, in a fixed order; what stopped first stands first."""
+    """Return the problems by kind under a title, in a fixed order, the earliest first."""
     order = list(KINDS)
     ordered = sorted(problems, key=lambda p: (order.index(p.kind), p.where))
     return [(KINDS[kind], list(found)) for kind, found in groupby(ordered, key=lambda p: p.kind)]

@@ -1,4 +1,4 @@
-"""A table as data: every format renders the same columns and cells."""
+"""Define a table as data: every format renders the same columns and cells."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ DAGGER = "†"
 
 @dataclass(frozen=True, slots=True)
 class Heading:
-    """The head of one column."""
+    """Heading of one column."""
 
     title: str
     unit: str = ""
     tex: str = ""
-    """the title in LaTeX where it has a symbol"""
+    """title in LaTeX, if it has a symbol"""
     words: bool = False
-    """set to the left, as words are; numbers are set to the right"""
+    """whether the column has words, aligned left; numbers are aligned right"""
     metric: str = ""
-    """key of `Row.estimates`, where the column is one"""
+    """key in `Row.estimates`, if the column is a metric"""
     scale: float = 1.0
-    """from the unit of the metric to that of the column"""
+    """factor from the metric's unit to the column's"""
     hint: str = ""
-    """what the column is"""
+    """explanation of the column"""
     weight: int = 0
-    """columns of greater weight are left out first where there is no room; 0 stays"""
+    """weight; in a narrow table, columns of greater weight are left out first, and 0 always stays"""
 
     @property
     def text(self) -> str:
@@ -38,7 +38,7 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One entry: a value and, below or behind it, its interval or remark."""
+    """One entry: a value, with its interval or remark below or behind it."""
 
     value: str
     more: str = ""
@@ -55,34 +55,34 @@ class Line:
 
     cells: tuple[Cell, ...]
     verdict: str = ""
-    """of the agent against the baseline; '' where it has none"""
+    """verdict on the agent against the baseline; '' without one"""
     colour: str = ""
-    """of the agent, on the page"""
+    """colour of the agent on the page"""
     href: str = ""
-    """where the row's numbers come from, on the page"""
+    """link to the source of the row's numbers, on the page"""
     anchor: str = ""
     """id of the row, on the page"""
 
 
 SHOWN_NOTES = 3
-"""notes below a table; a reader opens the others"""
+"""number of notes that are visible below a table; a click opens the others"""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Headings, rows, and what a reader needs to know of them; the first `lead` columns say what a row is."""
+    """Headings, rows and notes; the first `lead` columns identify a row."""
 
     headings: tuple[Heading, ...]
     lines: tuple[Line, ...]
     title: str = ""
-    """caption in print"""
+    """caption in LaTeX"""
     notes: tuple[str, ...] = ()
-    """sentences without markup, below the table: the first `SHOWN_NOTES` at once, the others on a click"""
+    """notes below the table, without markup: the first `SHOWN_NOTES` are visible, a click opens the others"""
     lead: int = 1
 
 
 def column_of(measure: str, weight: int = 0) -> Heading:
-    """Return the column of a metric; one that auvbench does not know is named after its key.
+    """Return the column of a metric; an unknown metric is named after its key.
 
     >>> column_of("mean_path_length_m").text, column_of("success_rate").text
     ('path length (m)', 'success (%)')
@@ -100,7 +100,7 @@ def in_order(measures: Iterable[str]) -> list[str]:
 
 
 def estimate_cell(estimate: Estimate | None, scale: float = 1.0, *, signed: bool = False) -> Cell:
-    """Return an estimate as a cell: value and interval; a dash where there is none, never zero.
+    """Return an estimate as a cell: value and interval; a dash (never zero) if there is no estimate.
 
     >>> estimate_cell(Estimate(0.98, 0.964, 0.989), 100.0).text
     '98.0 [96.4, 98.9]'

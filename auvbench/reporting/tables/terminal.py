@@ -1,4 +1,4 @@
-"""Tables and findings on a terminal."""
+"""Print tables and findings on a terminal."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from auvbench.reporting.tables.main import grouped, main_table
 from auvbench.reporting.tables.table import SHOWN_NOTES, Cell, Line, Table
 
 MOST_PROBLEMS = 6
-"""per kind on screen; the files list all"""
+"""largest number of problems per kind on the terminal; the files list all"""
 LABEL = 26
 """characters of a label on one line"""
 NARROW = 8
-"""characters of a label at least"""
+"""smallest width of a label in characters"""
 STYLES = {AHEAD: "green", EQUIVALENT: "blue", BEHIND: "red", OPEN: "yellow"}
 
 
 class TableView:
-    """A table with its notes, for rich: columns that do not fit into the terminal are left out and named."""
+    """A table with its notes, for rich; columns that do not fit the terminal are left out and named."""
 
     def __init__(self, table: Table) -> None:
         self.table = table
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         headings = self.table.headings
-        kept, room = set[int](), options.max_width
+        columns, room = set[int](), options.max_width
         always = [i for i, heading in enumerate(headings) if not heading.weight]
         gap = 2 if sum(self._width(i) + 2 for i in always) <= room else 1
         for i in sorted(range(len(headings)), key=lambda i: headings[i].weight):
             room -= self._width(i) + gap
             if room < 0 and headings[i].weight:
                 break
-            kept.add(i)
+            columns.add(i)
         if self.table.lines:
-            others = sum(self._width(i) + gap for i in kept if i >= self.table.lead)
-            yield _rendered(self.table, sorted(kept), max(options.max_width - others - gap, NARROW), gap)
-        if rest := [heading.text for i, heading in enumerate(headings) if i not in kept]:
+            others = sum(self._width(i) + gap for i in columns if i >= self.table.lead)
+            yield _rendered(self.table, sorted(columns), max(options.max_width - others - gap, NARROW), gap)
+        if rest := [heading.text for i, heading in enumerate(headings) if i not in columns]:
             yield Text(f"Not shown for want of width: {', '.join(rest)}.", style="dim")
         for note in self.table.notes[:SHOWN_NOTES]:
             yield Text(note, style="dim")
@@ -53,7 +53,7 @@ class TableView:
             yield Text(f"{counted(more, 'more note')} in report.md and on the page.", style="dim")
 
     def _width(self, i: int) -> int:
-        """Return the width of a column on screen, without its padding."""
+        """Return the width of a column on the terminal, without its padding."""
         heading = self.table.headings[i]
         texts = [text for line in self.table.lines for text in (line.cells[i].value, line.cells[i].more)]
         widest = max(map(cell_len, (heading.title, heading.unit, *texts)))
@@ -64,7 +64,9 @@ class TableView:
 
 
 def _rendered(table: Table, columns: Sequence[int], room: int, gap: int) -> RichTable:
-    """Return the columns of a table, `gap` spaces apart; those that say what a row is fold their words into `room` characters."""
+    """Return the columns of a table, `gap` spaces apart; the columns that identify a row wrap their words at
+    `room` characters.
+    """
     shown = RichTable(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, gap - 1))
     for i in columns:
         heading = table.headings[i]
@@ -83,7 +85,7 @@ def _rendered(table: Table, columns: Sequence[int], room: int, gap: int) -> Rich
 
 
 def _stacked(cell: Cell, line: Line) -> Text:
-    # The verdict's own cell ends in its word; its symbol tells it apart without colour.
+    # The cell of a verdict ends in a word, and its symbol distinguishes it without colour.
     text = Text(
         cell.value,
         style=STYLES.get(line.verdict, "")
@@ -115,11 +117,11 @@ def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
 
 
 def _problems(ranking: Ranking) -> list[RenderableType]:
-    found: list[RenderableType] = []
+    lines_shown: list[RenderableType] = []
     for title, problems in grouped(ranking.problems):
-        found.append(Text(f"\n{title} ({len(problems)})", style="bold yellow"))
+        lines_shown.append(Text(f"\n{title} ({len(problems)})", style="bold yellow"))
         lines = [Text.assemble((p.where, "bold"), f": {p.message}") for p in problems[:MOST_PROBLEMS]]
         if len(problems) > MOST_PROBLEMS:
             lines.append(Text(f"and {len(problems) - MOST_PROBLEMS} more (the written report lists all)"))
-        found += [Padding(line, (0, 0, 0, 2), expand=False) for line in lines]
-    return found
+        lines_shown += [Padding(line, (0, 0, 0, 2), expand=False) for line in lines]
+    return lines_shown

@@ -1,6 +1,6 @@
-"""Tables as text: CSV in full precision, Markdown, and LaTeX for a paper.
+"""Format tables as text: CSV in full precision, Markdown, and LaTeX for a paper.
 
-LaTeX has booktabs, intervals under the values, and is scaled to the width of the text.
+LaTeX uses booktabs, has intervals under the values, and scales tables to the width of the text.
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ _MARKDOWN = str.maketrans(
 
 
 def csv(ranking: Ranking) -> str:
-    """Return a row per agent: the primary analysis, the key, seeds, runs, and every metric (rates from 0 to 1)."""
+    """Return one CSV row per agent: the primary analysis, the key, seeds, runs, and every metric (rates from
+    0 to 1).
+    """
     metrics = list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
     keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
     rows = []
@@ -85,7 +87,9 @@ def csv(ranking: Ranking) -> str:
 
 
 def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
-    """Return baseline, margin, difference with its ends, verdict, what would decide an open one, and its reliability."""
+    """Return baseline, margin, difference with its limits, verdict, what would decide an open one, and
+    reliability.
+    """
     primary = ranking.primary
     against = primary.of(row.label) if primary else None
     needed = against.needed if against else None
@@ -106,7 +110,9 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
 
 
 def _not_behind(name: str, found: Reliability | None) -> dict[str, float | None]:
-    """Return the trainings that are not behind, the limits of their share, and what failing ones could do; empty without."""
+    """Return the trainings that are not behind, the limits of their share, and the effect of failing ones;
+    empty without reliability.
+    """
     shares: dict[str, float | None] = {name: None, f"{name}_low": None, f"{name}_high": None}
     if found is not None:
         shares = {name: found.count, f"{name}_low": found.low, f"{name}_high": found.high}
@@ -119,17 +125,18 @@ def _not_behind(name: str, found: Reliability | None) -> dict[str, float | None]
 
 
 def _with_ends(name: str, estimate: Estimate | None) -> dict[str, float | None]:
-    """Return a value and the ends of its interval as cells; empty without an estimate."""
-    found = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
-    return dict(zip((name, f"{name}_low", f"{name}_high"), found, strict=True))
+    """Return a value and its interval's limits as cells; empty without an estimate."""
+    values = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
+    return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
 
 
 def conditions_csv(ranking: Ranking) -> str:
-    """Return a row per agent and condition of the protocol, with the task; an empty string for one condition.
+    """Return one CSV row per agent and condition of the protocol, with the task; '' for one condition.
 
-    Success from 0 to 1, and the changes of success and of PAR-1 steps against the undisturbed condition, paired by seed and
-    scenario: empty where there is none, where seeds did not meet both, and of steps where frequency or limit differ. The
-    measure that ranks has columns under its name, unless it is a rate or a penalised time.
+    Columns: success from 0 to 1, and the changes of success and of PAR-1 steps from the undisturbed
+    condition, paired by seed and scenario. A change is empty without an undisturbed condition, and if seeds
+    did not meet both conditions; a change of steps also if frequency or limit differ. The ranking measure has
+    its own columns, unless it is a rate or a penalised time.
     """
     measured = any(condition.measured for condition in ranking.conditions)
     return lines(
@@ -150,7 +157,7 @@ def conditions_csv(ranking: Ranking) -> str:
 
 
 def score_csv(found: Scores) -> str:
-    """Return a row per agent in full precision; an empty string without a score."""
+    """Return one CSV row per agent in full precision; '' without a score."""
     keys = list(dict.fromkeys(key for row in found.rows for key in row.key))
     rows = []
     for row in found.rows:
@@ -167,7 +174,7 @@ def score_csv(found: Scores) -> str:
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
-    """Return a row per pair of agents; an empty string without any."""
+    """Return one CSV row per pair of agents; '' without any."""
     return lines(
         {
             "first": x.first,
@@ -189,32 +196,32 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
 
 
 def joined(column: str, parts: Sequence[tuple[str, str]]) -> str:
-    """Return the rows of several CSV texts; the first column has the name of each text. A missing column is empty."""
+    """Join several CSV texts; the first column is the name of each text. A missing column is empty."""
     return lines(
         {column: name, **row} for name, text in parts for row in csv_module.DictReader(io.StringIO(text))
     )
 
 
 def lines(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return rows as CSV, empty without any; a missing value is an empty cell.
+    """Return rows as CSV, '' without any; a missing value is an empty cell.
 
-    Floats are written by repr, so that they read back as the same number; NaN is an empty cell.
+    Floats are written by repr, so that reading them returns the same number; NaN is an empty cell.
     """
-    found = list(rows)
-    if not found:
+    entries = list(rows)
+    if not entries:
         return ""
     buffer = io.StringIO()
-    columns = list(dict.fromkeys(name for row in found for name in row))
+    columns = list(dict.fromkeys(name for row in entries for name in row))
     writer = csv_module.DictWriter(buffer, columns, restval="", lineterminator="\n")
     writer.writeheader()
-    for row in found:
-        # A spreadsheet would take a label that begins with = for a formula.
+    for row in entries:
+        # A spreadsheet would read a label that begins with = as a formula.
         writer.writerow({name: "" if v is None or v != v else cell(v) for name, v in row.items()})
     return buffer.getvalue()
 
 
 def escape(text: str) -> str:
-    r"""Text that Markdown takes literally inside a cell.
+    r"""Escape a text for a cell in Markdown.
 
     >>> print(escape("a|b_c<d>"))
     a\|b\_c&lt;d&gt;
@@ -223,7 +230,7 @@ def escape(text: str) -> str:
 
 
 def pipes(table: Table) -> str:
-    """Return a pipe table with its notes below it; intervals stand behind their values."""
+    """Return a pipe table with its notes below it; intervals follow their values."""
     notes = _notes(table)
     if not table.lines:
         return notes
@@ -255,7 +262,7 @@ def rows(cells: Iterable[Iterable[str]]) -> str:
 
 
 def markdown(ranking: Ranking, figure: str = "") -> str:
-    """Return the headline, `figure` (Markdown), the main table, its notes and the list of what is not in it."""
+    """Return the headline, `figure` (Markdown), the main table, its notes and the list of problems."""
     return f"{answer(ranking, figure)}\n\n{details(ranking)}\n"
 
 
@@ -267,7 +274,7 @@ def answer(ranking: Ranking, figure: str = "") -> str:
 
 
 def details(ranking: Ranking) -> str:
-    """Return the main table, its notes and the list of what is not in it."""
+    """Return the main table, its notes and the list of problems."""
     parts = [pipes(main_table(ranking))]
     for title, problems in grouped(ranking.problems):
         lines = [f"- {escape(p.where)}: {escape(p.message)}" for p in problems]
@@ -276,7 +283,7 @@ def details(ranking: Ranking) -> str:
 
 
 def escape_latex(text: str) -> str:
-    r"""Text that LaTeX sets literally.
+    r"""Escape a text for LaTeX.
 
     >>> print(escape_latex("50 % of a_b & c"))
     50 \% of a\_b \& c
@@ -285,7 +292,10 @@ def escape_latex(text: str) -> str:
 
 
 def latex(ranking: Ranking) -> str:
-    r"""Return the main table to `\input`. Needs booktabs, graphicx, amssymb for the verdicts' symbols, and T1 for `"` and `<`."""
+    r"""Return the main table to `\input`.
+
+    It needs booktabs, graphicx, amssymb for the verdicts' symbols, and T1 for `"` and `<`.
+    """
     table = main_table(ranking)
     notes = [*ranking.notices, *table.notes]
     if n := len(ranking.problems):
@@ -294,7 +304,7 @@ def latex(ranking: Ranking) -> str:
 
 
 def in_print(table: Table | None, label: str) -> str:
-    r"""Return a table to `\input`, scaled to the width of the text where it is wider; empty for none, or one without rows."""
+    r"""Return a table to `\input`, shrunk to the width of the text if needed; '' for None, or without rows."""
     if table is None or not table.lines:
         return ""
     columns = "".join("l" if heading.words else "r" for heading in table.headings)
@@ -311,7 +321,7 @@ def in_print(table: Table | None, label: str) -> str:
         r"\midrule",
     ]
     for line in table.lines:
-        # A bracket at the start of a row would be read as the optional argument of the \\ above it.
+        # LaTeX would read a bracket at the start of a row as the optional argument of the preceding \\.
         lines.append(" & ".join(escape_latex(cell.value) for cell in line.cells) + r" \\[-2pt]")
         lines.append(" & ".join(map(_latex_more, line.cells)) + r" \\[1.5pt]")
     lines.append(r"\bottomrule\end{tabular}}")
@@ -327,6 +337,6 @@ def _latex_more(cell: Cell) -> str:
 
 
 def _latex_heading(heading: Heading) -> str:
-    """Return the heading, its unit below it, so that a column is no wider than its interval."""
+    """Return the heading with its unit below it, so that a column is no wider than its interval."""
     title = heading.tex or escape_latex(heading.title)
     return rf"\shortstack{{{title}\\({escape_latex(heading.unit)})}}" if heading.unit else title

@@ -1,4 +1,4 @@
-"""Load Gazebo's Python bindings when a simulator is made."""
+"""Load Gazebo's Python bindings when a simulator is created."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INSTALL = (
     "on Ubuntu 24.04 with Gazebo's package repository: sudo apt install gz-harmonic python3-gz-sim8, then a virtual"
     " environment that sees it: python3 -m venv --system-site-packages .venv"
 )
-"""How to install the bindings; docs/gazebo.md has more."""
+"""How to install the bindings (docs/gazebo.md has more)."""
 
 _MODULES = (
     "gz.sim8",
@@ -35,16 +35,16 @@ _MODULES = (
 def load() -> SimpleNamespace:
     """Load the bindings and choose a partition for this process.
 
-    Services stay in this process: its own partition keeps concurrent runs apart. The user can set GZ_PARTITION to
-    watch a run.
+    The process has its own partition, so that services of concurrent runs stay apart. The user can set
+    GZ_PARTITION to watch a run.
 
     Raises:
-        ConfigError: as `modules`.
+        ConfigError: see `modules`.
     """
     os.environ.setdefault("GZ_PARTITION", f"auvbench-{os.getpid()}")
     os.environ.setdefault("GZ_IP", "127.0.0.1")
     sim, math, transport, common, *messages = modules()
-    common.set_verbosity(1)  # errors only: Gazebo writes notes for its developers at every reset
+    common.set_verbosity(1)  # errors only: Gazebo logs developers' notes at every reset
     boolean, factories, entity, physics, control = messages
     return SimpleNamespace(
         sim=sim,
@@ -59,10 +59,10 @@ def load() -> SimpleNamespace:
 
 
 def modules() -> list[Any]:
-    """Import the bindings and change nothing else: processes that start later keep partitions of their own.
+    """Import the bindings and change nothing else: processes that start later keep their own partitions.
 
     Raises:
-        ConfigError: they are not installed; the message says how to install them.
+        ConfigError: the bindings are not installed; the message says how to install them.
     """
     try:
         return [import_module(name) for name in _MODULES]
@@ -83,13 +83,13 @@ _LIBRARY = re.compile(r"lib(gz-sim8|gz-physics7|sdformat14|dart)\.so\.([0-9.]+)$
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Gazebo's libraries in this process by name, sorted, from the files that are mapped into it."""
-    found: dict[str, str] = {}
+    """Return the versions of Gazebo's libraries that are mapped into this process, by name, sorted."""
+    libraries: dict[str, str] = {}
     try:
         lines = Path("/proc/self/maps").read_text(encoding="utf-8").splitlines()
     except OSError:  # not Linux
-        return found
+        return libraries
     for line in lines:
-        if match := _LIBRARY.search(line):  # the kernel names the file, not the link that was opened
-            found[match.group(1)] = match.group(2)
-    return dict(sorted(found.items()))
+        if match := _LIBRARY.search(line):  # the kernel lists the file, not the link that was opened
+            libraries[match.group(1)] = match.group(2)
+    return dict(sorted(libraries.items()))

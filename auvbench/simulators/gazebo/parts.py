@@ -1,4 +1,4 @@
-"""Parts of a vehicle's model: mass, displaced water, propellers, publishers and hydrodynamics; and of SDF text in general."""
+"""Write parts of a vehicle's model as SDF: mass, displaced water, propellers, publishers and hydrodynamics."""
 
 from __future__ import annotations
 
@@ -20,21 +20,25 @@ _MOTION = "UVWPQR"
 _REACTION = "xyzkmn"
 
 PROPELLER = 0.01
-"""kg of each propeller link, which a Thruster plugin needs and no sheet has; taken off the hull, inertia included."""
+"""Mass of each propeller link in kg, which a Thruster plugin needs and no sheet has; subtracted from the
+hull, with its inertia.
+"""
 SPIN = 0.4 * PROPELLER * 0.02**2
-"""kg m2, moment of inertia of a propeller link, a sphere of 2 cm radius"""
+"""Moment of inertia of a propeller link in kg m2, a sphere of 2 cm radius"""
 
 
 def inertial(vehicle: VehicleModel, hydrodynamics: str, thrusters: bool) -> list[str]:
-    """Return mass, centre and inertia of the link, and `corrected` added mass."""
+    """Return mass, centre and inertia of the link, and the added mass for `corrected`."""
     mass, r_g, inertia = vehicle.mass, vehicle.center_of_gravity, vehicle.inertia
     if thrusters:
         mass, r_g, inertia = hull(vehicle)
-    note = f"    <!-- The propellers' {len(vehicle.units)} x {PROPELLER:g} kg are taken off. -->"
+    note = (
+        f"    <!-- The propellers' {len(vehicle.units)} x {PROPELLER:g} kg are subtracted from the hull. -->"
+    )
     lines = [note] if thrusters and vehicle.units else []
     lines += [
         "    <inertial>",
-        f"      <pose>{numbers(r_g)} 0 0 0</pose>",
+        f" <pose>{numbers(r_g)} 0 0 0</pose>",
         f"      <mass>{number(mass)}</mass>",
         "      <inertia>",
     ]
@@ -46,7 +50,7 @@ def inertial(vehicle: VehicleModel, hydrodynamics: str, thrusters: bool) -> list
 
 
 def _entries(matrix: FloatArray, axes: str, prefix: str = "") -> list[str]:
-    """Return the upper triangle of a symmetric matrix as elements, a line for each row."""
+    """Return the upper triangle of a symmetric matrix as elements, one line for each row."""
     lines = []
     for i, row in enumerate(axes):
         tags = [f"{prefix}{row}{column}" for column in axes[i:]]
@@ -134,7 +138,7 @@ def publishers(space: str) -> list[str]:
             f"<odom_topic>/model/{escape(space)}/odometry</odom_topic>",
             "<odom_frame>world</odom_frame>",
             f"<robot_base_frame>{LINK}</robot_base_frame>",
-            # Its default topic is that of the poses, which have another type.
+            # The default topic is the topic of the poses, which have another type.
             f"<tf_topic>/model/{escape(space)}/tf</tf_topic>",
             "<dimensions>3</dimensions>",
             "<odom_publish_frequency>100</odom_publish_frequency>",
@@ -143,7 +147,7 @@ def publishers(space: str) -> list[str]:
 
 
 def hydrodynamics_plugin(vehicle: VehicleModel, hydrodynamics: str, current: FloatArray | None) -> str:
-    """Return the Hydrodynamics plugin: damping, and `published` added mass, as derivatives, hence the minus."""
+    """Return the Hydrodynamics plugin: damping, and added mass for `published`, as derivatives and thus negative."""
     body = [f"<link_name>{LINK}</link_name>"]
     for form, values in (
         ("{r}{m}", vehicle.linear_damping),
@@ -172,9 +176,11 @@ def hydrodynamics_plugin(vehicle: VehicleModel, hydrodynamics: str, current: Flo
 
 
 def explicit_growth(vehicle: VehicleModel) -> float:
-    """Return the factor by which an error of the acceleration grows per step if added mass is an explicit force.
+    """Return the factor by which an error of the acceleration grows per step if added mass is an explicit
+    force.
 
-    With M_RB a[k+1] = tau - M_A a[k] an error grows by the largest eigenvalue of M_RB^-1 M_A, at any step.
+    For M_RB a[k+1] = tau - M_A a[k], an error grows by the largest eigenvalue of M_RB^-1 M_A, whatever the
+    step.
     """
     return float(np.abs(np.linalg.eigvals(np.linalg.solve(vehicle.M_RB, vehicle.M_A))).max())
 
@@ -203,7 +209,7 @@ def _parallel(mass: float, r: FloatArray) -> FloatArray:
 
 
 def comment(text: str) -> str:
-    """Return `text` as an XML comment may hold it."""
+    """Escape `text` for an XML comment."""
     return re.sub("-{2,}", "-", text)
 
 
@@ -222,5 +228,5 @@ def number(value: float) -> str:
 
 
 def numbers(values: Any) -> str:
-    """Return numbers with blanks between them."""
+    """Return numbers separated by blanks."""
     return " ".join(number(value) for value in values)

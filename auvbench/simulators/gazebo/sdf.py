@@ -1,9 +1,11 @@
-"""A vehicle's sheet as SDF for Gazebo Harmonic (gz-sim 8, DART): a model, and a world of water around models.
+"""Convert a vehicle's sheet to SDF for Gazebo Harmonic (gz-sim 8, DART): a model, and a world of water around
+models.
 
-Gazebo's axes are auvbench's (world ENU, body FLU), and the link frame is the body origin, so numbers are those of the
-`VehicleModel`. The plugin's tags are Fossen's derivatives and so have a minus.
+Gazebo and auvbench have the same axes (world ENU, body FLU), and the link frame is the body origin, so the
+numbers are those of the `VehicleModel`. The plugin's tags are Fossen's derivatives and thus have a minus
+sign.
 
-`files` are those of `auvbench vehicles NAME --sdf DIR`: model, world, and ROS 2 bridge and launch file.
+`files` returns the files of `auvbench vehicles NAME --sdf DIR`: model, world, ROS 2 bridge and launch file.
 """
 
 from __future__ import annotations
@@ -25,17 +27,17 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 HYDRODYNAMICS = ("corrected", "published")
-"""How added mass acts.
+"""Implementations of added mass.
 
 `corrected`: `<fluid_added_mass>`, which DART adds to the body's inertia, so that the Coriolis term follows.
-`published`: the Hydrodynamics plugin's explicit added mass, as in models with `<xDotU>` tags. Its Coriolis term has the
-wrong sign (measured in gz-sim 8.14.0) or wrong entries (before 8.12.0).
+`published`: the explicit added mass of the Hydrodynamics plugin, as in models with `<xDotU>` tags. Its
+Coriolis term has the wrong sign (measured in gz-sim 8.14.0) or wrong entries (before 8.12.0).
 """
 
 VERSION = "1.11"
 
 WORLD = "ocean"
-"""Name of the world, as for Centrale Nantes' BlueROV2."""
+"""Name of the world, the same as for Centrale Nantes' BlueROV2."""
 
 _MEANING = {
     "corrected": "added mass as <fluid_added_mass>, which DART integrates with its Coriolis term",
@@ -47,8 +49,8 @@ def check_vehicle(vehicle: VehicleModel, hydrodynamics: str) -> None:
     """Check that Gazebo's plugins can simulate a vehicle.
 
     Raises:
-        VehicleError: it has actuators other than thrusters, a weight that is not mass times gravity, a Coriolis term of
-            added mass that DART cannot have, or added mass that diverges when it is explicit.
+        VehicleError: the vehicle has actuators other than thrusters, a weight that is not mass times gravity,
+            a Coriolis term of added mass that DART cannot have, or added mass that diverges when explicit.
     """
     others = [unit for unit in vehicle.units if unit.name in vehicle.others]
     if others:
@@ -62,7 +64,7 @@ def check_vehicle(vehicle: VehicleModel, hydrodynamics: str) -> None:
         )
     if vehicle.plugin:
         raise VehicleError(
-            f"vehicle {vehicle.name}: its added-mass Coriolis term copies that of Gazebo's plugin ({vehicle.plugin}); "
+            f"vehicle {vehicle.name}: its added-mass Coriolis term is a copy of Gazebo's plugin ({vehicle.plugin}); "
             "in Gazebo use the original vehicle with simulator.hydrodynamics=published"
         )
     if hydrodynamics == "corrected":
@@ -91,14 +93,15 @@ def model(
     """Return the `<model>` element.
 
     Args:
-        vehicle: the vehicle.
+        vehicle: vehicle of the model.
         hydrodynamics: one of `HYDRODYNAMICS`.
-        name: of the model; the vehicle's by default.
-        thrusters: with links, joints and Thruster plugins, and with publishers of pose and odometry; else the bare body.
-        current: (3,) m/s, world axes, of the water around the model until a message on `/ocean_current` changes it.
+        name: name of the model; default: the vehicle's.
+        thrusters: whether to add links, joints and Thruster plugins, and publishers of pose and odometry.
+        current: (3,) velocity in m/s, world axes, of the water around the model, until a message on
+            `/ocean_current` changes it.
 
     Raises:
-        VehicleError: as `check_vehicle`.
+        VehicleError: see `check_vehicle`.
     """
     check_vehicle(vehicle, hydrodynamics)
     name = name or vehicle.name
@@ -127,19 +130,19 @@ def world(
 
     Args:
         models: `<model>` elements.
-        vehicle: gives gravity and density.
-        name: of the world.
-        step: s, the physics step.
+        vehicle: vehicle that defines gravity and density.
+        name: name of the world.
+        step: physics step, s.
         real_time_factor: 1 for real time, 0 for as fast as possible.
-        scene: with light and SceneBroadcaster for a window.
-        header: a comment at the top.
+        scene: whether to add light and SceneBroadcaster for a window.
+        header: comment at the top.
     """
     lines = _opening(header)
     lines += [
         f'<sdf version="{VERSION}" xmlns:gz="http://gazebosim.org/schema">',
         f'<world name="{escape(name)}">',
     ]
-    if not scene:  # threads for these systems' last call cost more than the call
+    if not scene:  # threads for these systems' last call would cost more than the call
         lines.append("  <gz:policies><parallel_postupdates>false</parallel_postupdates></gz:policies>")
     lines += [
         '  <physics name="dart" type="dart">',
@@ -153,7 +156,7 @@ def world(
     if scene:
         lines.append(plugin("scene-broadcaster", "SceneBroadcaster"))
     lines += [
-        # One fluid everywhere: the sheets' buoyancy does not end at the surface.
+        # One fluid everywhere, since a sheet's buoyancy does not end at the surface.
         plugin(
             "buoyancy",
             "Buoyancy",
@@ -170,15 +173,15 @@ def world(
 
 
 def files(vehicle: VehicleModel, hydrodynamics: str, step: float) -> dict[str, str]:
-    """Return contents by path below the folder.
+    """Return the contents of the files by path below the folder.
 
     Args:
-        vehicle: the vehicle.
+        vehicle: vehicle of the model.
         hydrodynamics: one of `HYDRODYNAMICS`.
-        step: s, the world's physics step.
+        step: physics step of the world, s.
 
     Raises:
-        VehicleError: as `check_vehicle`.
+        VehicleError: see `check_vehicle`.
     """
     name = vehicle.name
     own = model(vehicle, hydrodynamics)
@@ -211,7 +214,7 @@ def _opening(header: str) -> list[str]:
 
 
 def write(folder: Path, contents: Mapping[str, str]) -> list[Path]:
-    """Write files below `folder`; return their paths."""
+    """Write files below `folder`, and return their paths."""
     paths = []
     for name, text in contents.items():
         path = folder / name

@@ -1,4 +1,4 @@
-"""`simulator=gazebo`: the contract of all simulators, on gz-sim 8 in this process."""
+"""Simulate on gz-sim 8 in this process (`simulator=gazebo`), by the contract of all simulators."""
 
 from __future__ import annotations
 
@@ -21,19 +21,21 @@ IntArray = NDArray[np.integer[Any]]
 _PUBLISHED = "simulator=gazebo with simulator.hydrodynamics=published"
 
 VEHICLES_PER_WORLD = 25
-"""Most vehicles in one world: the time of a step of Gazebo grows faster than their number."""
+"""Largest number of vehicles in one world: the time of a Gazebo step grows faster than their number."""
 
 
 class GazeboSimulator(VehicleBatch):
-    """N copies of a vehicle in Gazebo that do not touch each other; up to `VEHICLES_PER_WORLD` share a world.
+    """N copies of a vehicle in Gazebo that do not collide with each other; up to `VEHICLES_PER_WORLD` share a
+    world.
 
-    Gazebo computes the rigid body, added mass, damping, weight and buoyancy. Thrusters are computed here and act as
-    forces on the body. Vehicles start at rest: a body whose velocity Gazebo's bindings set keeps it.
+    Gazebo computes the rigid body, added mass, damping, weight and buoyancy. Thrusters are computed here and
+    act as forces on the body. Vehicles start at rest, since a body whose velocity was set through Gazebo's
+    bindings keeps that velocity.
 
     Args:
-        vehicle: the model to simulate.
+        vehicle: vehicle to simulate.
         n: number of vehicles.
-        max_step: s, longest physics step; a step of `duration` takes ceil(duration / max_step) equal ones.
+        max_step: longest physics step in s; a step of `duration` takes ceil(duration / max_step) equal ones.
         hydrodynamics: one of `sdf.HYDRODYNAMICS`.
 
     Raises:
@@ -95,7 +97,7 @@ class GazeboSimulator(VehicleBatch):
                 )
 
     def step(self, command: ArrayLike, duration: float) -> None:
-        """Hold normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
+        """Apply normalised commands (n, n_u), clipped to [-1, 1], for `duration` seconds."""
         action = np.clip(np.asarray(command, dtype=np.float64), -1.0, 1.0)
         if action.shape != self.command_force.shape:
             raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
@@ -105,7 +107,7 @@ class GazeboSimulator(VehicleBatch):
         self.power[...] = self.vehicle.power(action)
         forces = self._thrust.forces(action, steps, duration / steps)
         forces *= self.effectiveness * self.scales[:, 5:6]
-        # Not a matrix product: its last bits depend on the number of vehicles.
+        # Not a matrix product, whose last bits would depend on the number of vehicles.
         wrench = np.einsum("sna,ca->snc", forces, self._allocation) + self.external_wrench
         fresh = sorted(self._fresh)
         self._fresh.clear()
@@ -122,10 +124,10 @@ class GazeboSimulator(VehicleBatch):
         return {}
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
-        """Do nothing: a resumed run begins the episodes in flight again."""
+        """Do nothing: a resumed run restarts its present episodes."""
 
     def _set_step(self, step: float) -> None:
-        """Make the worlds if need be, and give them this physics step in s."""
+        """Create the worlds if needed, and set their physics step in s."""
 
         def text(name: str) -> str:
             return sdf.world([], self.vehicle, name=name, step=step, real_time_factor=0.0, scene=False)
@@ -154,7 +156,9 @@ class GazeboSimulator(VehicleBatch):
 
 
 def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:
-    """Return the vehicle with mass, buoyancy, inertia, added mass and damping times the first five of `scales`."""
+    """Return the vehicle with mass, buoyancy, inertia, added mass and damping multiplied by the first five of
+    `scales`.
+    """
     mass, buoyancy, inertia, added, damping = (float(factor) for factor in scales[:5])
     return dataclasses.replace(
         vehicle,
@@ -169,14 +173,14 @@ def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:
 
 
 class Thrust:
-    """Forces of N vehicles' thrusters under a held command.
+    """Thruster forces of N vehicles under a constant command.
 
-    Gazebo's Thruster plugin gives newtons at once, so curves and lags act before it. The linear dynamics are discretised
-    exactly; the force of a physics step is that of its middle.
+    Gazebo's Thruster plugin gives newtons at once, so curves and lags act before it. The linear dynamics are
+    discretised exactly; each physics step uses the force at its middle.
 
     Args:
-        vehicle: whose thrusters.
-        states: (n, n_actuator_states), which `forces` advances.
+        vehicle: vehicle with the thrusters.
+        states: (n, n_actuator_states) states, which `forces` advances.
     """
 
     def __init__(self, vehicle: VehicleModel, states: FloatArray) -> None:
@@ -185,12 +189,13 @@ class Thrust:
         self._exact: dict[float, list[tuple[FloatArray, FloatArray]]] = {}
 
     def forces(self, command: FloatArray, steps: int, step: float) -> FloatArray:
-        """Advance the states; return forces (steps, n, n_u) in N of the next physics steps of `step` seconds.
+        """Advance the states; return forces (steps, n, n_u) in N for the next physics steps of `step`
+        seconds.
 
         Args:
-            command: (n, n_u) in [-1, 1].
+            command: (n, n_u) commands in [-1, 1].
             steps: number of physics steps.
-            step: s.
+            step: physics step, s.
         """
         forces = np.empty((steps, *command.shape))
         exact = self._discretised(step / 2.0)

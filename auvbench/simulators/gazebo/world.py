@@ -1,12 +1,12 @@
-"""A Gazebo world in this process: bodies are exchanged while it is paused, and pushed while it runs.
+"""Run a Gazebo world in this process: exchange bodies while it is paused, and apply forces while it runs.
 
-Written against gz-sim 8.14.0, whose Python bindings have three properties that shape this module:
+Written for gz-sim 8.14.0, whose Python bindings have three properties that shape this module:
 
-* `Link.set_linear_velocity` holds a velocity from then on, and a world's reset loses the Buoyancy system (gz-sim#3333).
-  So a body is reset by removing it and creating another.
-* The UserCommands system removes and creates in paused iterations, too. `Server.run(blocking, k, paused)`, started
-  paused, goes on until a request ends the pause, and counts only the iterations after it. So bodies are exchanged
-  between two physics steps of all others.
+* `Link.set_linear_velocity` keeps the velocity constant from then on, and a world's reset loses the Buoyancy
+  system (gz-sim#3333). So a body is reset by removing it and creating another.
+* The UserCommands system also removes and creates bodies in paused iterations. `Server.run(blocking, k,
+  paused)`, started paused, continues until a request ends the pause, and counts only the iterations after
+  that. So bodies are exchanged between two physics steps of all other bodies.
 * A request to a service of the same process is answered within the call, so timing does not matter.
 """
 
@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 _NUMBERS = itertools.count()
 
 _PATIENCE = 1000
-"""paused iterations in which bodies must appear; fewer than ten are usual"""
+"""largest number of paused iterations until bodies appear; fewer than ten are usual"""
 
 
 class GazeboError(AuvbenchError):
@@ -46,20 +46,21 @@ class GazeboError(AuvbenchError):
 
 @dataclass(frozen=True, slots=True)
 class CurrentForce:
-    """The force that a current v_c adds to the forces that Gazebo computes from the velocity over ground.
+    """Difference between the force of a current v_c and the forces that Gazebo computes from the velocity
+    over ground.
 
-    Damping and the inertia of added mass act on nu_r = nu - R^T v_c, whose derivative is nu' + omega x R^T v_c. With
-    `<fluid_added_mass>` DART computes M_A nu' + C_A(nu) nu, and the Hydrodynamics plugin D(nu) nu; the difference to
-    Fossen's M_A nu_r' + C_A(nu_r) nu_r + D(nu_r) nu_r is added to the thrusters' force. (The plugin's own
-    `<default_current>` omits M_A (omega x R^T v_c).)
+    Damping and the inertia of added mass act on nu_r = nu - R^T v_c, whose derivative is nu' + omega x R^T
+    v_c. With `<fluid_added_mass>` DART computes M_A nu' + C_A(nu) nu, and the Hydrodynamics plugin computes
+    D(nu) nu. The difference to Fossen's M_A nu_r' + C_A(nu_r) nu_r + D(nu_r) nu_r is added to the thrusters'
+    force. (The plugin's own `<default_current>` omits M_A (omega x R^T v_c).)
     """
 
     M_A: FloatArray
-    """(6, 6)"""
+    """(6, 6) added mass"""
     linear: FloatArray
-    """(6,) N s/m, N m s"""
+    """(6,) linear damping, N s/m, N m s"""
     quadratic: FloatArray
-    """(6,) N s2/m2, N m s2"""
+    """(6,) quadratic damping, N s2/m2, N m s2"""
 
     def wrench(self, current: FloatArray, R: FloatArray, nu: FloatArray) -> FloatArray:
         """Return the force (6,) in N and N m, body axes.
@@ -76,7 +77,7 @@ class CurrentForce:
         return np.asarray(self._resistance(nu) - self._resistance(nu_r) - self.M_A @ swept)
 
     def _resistance(self, nu: FloatArray) -> FloatArray:
-        """C_A(nu) nu + D(nu) nu."""
+        """Return C_A(nu) nu + D(nu) nu."""
         return np.asarray(coriolis(self.M_A, nu) @ nu + (self.linear + self.quadratic * np.abs(nu)) * nu)
 
 
@@ -86,21 +87,21 @@ class NewBody:
 
     index: int
     model: str
-    """a `<model>` element; its name `{name}` is filled in"""
+    """`<model>` element with a placeholder `{name}`"""
     pose: FloatArray
     """(7,) x y z qw qx qy qz"""
     drift: CurrentForce | None = None
-    """adds the current's force; None where the plugin does"""
+    """force of the current; None if the plugin computes it"""
 
 
 class World:
-    """N places for bodies in one world.
+    """One Gazebo world with N places for bodies.
 
     Args:
-        text: returns the SDF file of the empty world for a name; each world of a process needs its own, because
-            services are addressed by it.
+        text: function that returns the SDF of the empty world for a name; each world of a process needs its
+            own name, which its services contain.
         n: number of places.
-        step: s, the physics step that `text` states.
+        step: physics step in s that `text` contains.
     """
 
     def __init__(self, text: Callable[[str], str], n: int, step: float) -> None:
@@ -109,9 +110,11 @@ class World:
         self.step = step
         self.pose: FloatArray = np.zeros((n, 7))
         self.velocity: FloatArray = np.zeros((n, 6))
-        """(n, 6) of the body origin over ground, body axes"""
+        """(n, 6) velocity of the body origin over ground, body axes"""
         self.current: FloatArray = np.zeros((n, 8))
-        """(n, 8) velocity at the top (3) in m/s, difference to the bottom (3), z of the top in m, 1 / thickness"""
+        """(n, 8) currents: velocity at the top (3) in m/s, difference to the bottom (3), z of the top in m, 1
+        / thickness
+        """
         self._names: list[str | None] = [None] * n
         self._links: list[Any] = [None] * n
         self._drifts: list[CurrentForce | None] = [None] * n
@@ -137,7 +140,7 @@ class World:
             fixture.on_pre_update(lambda info, ecm: before()(info, ecm))  # type: ignore[misc]
             fixture.on_post_update(lambda info, ecm: after()(info, ecm))  # type: ignore[misc]
             fixture.finalize()
-            # Gazebo's server handles SIGINT and SIGTERM; here the run must, to save and stop.
+            # Gazebo's server would handle SIGINT and SIGTERM; the run must handle them itself, to save and stop.
             for number, handler in handlers.items():
                 signal.signal(number, handler)
         return fixture
@@ -153,8 +156,8 @@ class World:
         """Exchange bodies while paused, then make a physics step for each row of `wrench`.
 
         Args:
-            new_bodies: bodies that replace others first.
-            wrench: (steps, n, 6) N and N m in body axes, at the body origin.
+            new_bodies: bodies that first replace others.
+            wrench: (steps, n, 6) forces and moments, N and N m, in body axes at the body origin.
 
         Raises:
             GazeboError: a body did not appear, or Gazebo refused a request.
@@ -176,7 +179,7 @@ class World:
             old = self._names[new_body.index]
             if old is not None:
                 self._ask("remove", self.gazebo.entity(name=old, type=self.gazebo.entity.MODEL))
-            # A new name each time: the old body still exists while the new one is created.
+            # A new name each time, since the old body still exists while the new one is created.
             name = f"body{new_body.index}-{self._born}"
             self._born += 1
             self._names[new_body.index] = name
@@ -198,7 +201,7 @@ class World:
         if not (done and answer.data):
             raise GazeboError(f"Gazebo refused a request to its service /world/{self._name}/{service}")
 
-    # Gazebo calls these two in every iteration and loses their exceptions, so `advance` raises them.
+    # Gazebo calls these two functions in every iteration and loses their exceptions, so `advance` raises them.
 
     def _before(self, info: Any, ecm: Any) -> None:
         if self._error is not None:
@@ -224,7 +227,9 @@ class World:
             self._error = error
 
     def _await_bodies(self, ecm: Any) -> None:
-        """In a paused iteration, look for the new bodies; end the pause one iteration after the last appeared."""
+        """In a paused iteration, look for the new bodies; end the pause one iteration after the last one has
+        appeared.
+        """
         sim = self.gazebo.sim
         self._patience += 1
         if self._patience > _PATIENCE:
@@ -286,7 +291,7 @@ def _twist(link: Any, turn: Any, ecm: Any) -> FloatArray:
 
 
 def _handlers() -> dict[int, Any]:
-    """Return the handlers of the signals that Gazebo takes over; none outside the main thread."""
+    """Return the handlers of the signals that Gazebo overrides; empty outside the main thread."""
     if threading.current_thread() is not threading.main_thread() or os.name != "posix":
         return {}
     return {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}

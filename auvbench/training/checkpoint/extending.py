@@ -1,4 +1,4 @@
-"""A run with a larger budget that begins where a smaller one ended, with the same bits as one run."""
+"""Extend a run to a larger budget from its last checkpoint, with the same bits as one longer run."""
 
 from __future__ import annotations
 
@@ -26,25 +26,25 @@ from auvbench.vehicles import sheet
 def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
     """Copy a checkpoint, its replay segments and the logs up to it into another run's directory.
 
-    The checkpoint itself arrives last and whole, so a kill leaves a run without a checkpoint, which the next call
-    seeds again. Nothing changes in `source`.
+    The checkpoint itself is moved into place last and atomically. A kill before that leaves a run without a
+    checkpoint, and the next call copies again. Nothing changes in `source`.
 
     Args:
-        source: directory of the run that made the checkpoint.
-        checkpoint: verified, from `CheckpointStore.peek`.
-        target: directory of the run that goes on from there; it has no checkpoint yet.
+        source: directory of the run that has the checkpoint.
+        checkpoint: verified checkpoint from `CheckpointStore.peek`.
+        target: directory of the extended run; it has no checkpoint yet.
 
     Raises:
         TrainingError: the disk is full, read-only or failing.
-        RunError: a link lies in `target`.
+        RunError: `target` contains a link.
     """
     path_safety.refuse_links(target)
-    there, here = CheckpointStore(source), CheckpointStore(target)
+    source_store, here = CheckpointStore(source), CheckpointStore(target)
     with storage(f"cannot copy the checkpoint of step {checkpoint.step} to {target}"):
         for name, mark in checkpoint.logs.items():
             write_atomic(child(target, name), child(source, name).read_bytes()[: mark.bytes])
         for segment in checkpoint.segments:
-            data = (there.replay_folder / segment.name).read_bytes()
+            data = (source_store.replay_folder / segment.name).read_bytes()
             write_atomic(here.replay_folder / segment.name, data)
         files = {path.name: path.read_bytes() for path in checkpoint.path.iterdir()}
         replace_folder(here.folder / str(checkpoint.step), files)
@@ -52,16 +52,16 @@ def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """A run of the same configuration with a larger budget; the run that it extends stays as it is."""
+    """A run of the same configuration with a larger budget; the original run does not change."""
 
     run: RunDirectory
     config: dict[str, Any]
     target: RunDirectory
     checkpoint: Checkpoint | None
-    """where `target` begins; None if it has begun already"""
+    """checkpoint from which `target` begins; None if it has begun already"""
 
     def begin(self, command: str = "") -> RunDirectory:
-        """Make the directory with the newest checkpoint; `command` is the command line for the manifest."""
+        """Create the directory with the newest checkpoint; `command` is the command line for the manifest."""
         if self.checkpoint is not None:
             freeze(self.config, command)
             seed(self.run.path, self.checkpoint, self.target.path)
@@ -73,26 +73,26 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
     """Check whether a run can be extended; write nothing.
 
     Args:
-        run: a run that was trained, at least as far as its first checkpoint.
-        total_steps: the new budget in environment steps.
+        run: trained run with at least one checkpoint.
+        total_steps: new budget in environment steps.
 
     Raises:
         ConfigError: the budget is not larger.
         RunError: the run cannot be extended; the message says why.
     """
     config = run.check()
-    made = typed(OmegaConf.create(config))
-    if total_steps <= made.train.total_steps:
+    config_typed = typed(OmegaConf.create(config))
+    if total_steps <= config_typed.train.total_steps:
         raise ConfigError(
-            f"train.total_steps={total_steps}: must be more than the {made.train.total_steps} of {run.path}"
+            f"train.total_steps={total_steps}: must be more than the {config_typed.train.total_steps} of {run.path}"
         )
-    _check_schedule(run, config, made)
+    _check_schedule(run, config, config_typed)
     now = status.of(run)
     if now.holder is not None:
-        raise RunError(f"{run.path} is held by {now.holder}; extend it when it has ended")
+        raise RunError(f"{run.path} is locked by {now.holder}; extend it when it has ended")
     larger = copy.deepcopy(config)
     larger["train"]["total_steps"] = total_steps
-    # In the run's folder, which may have been moved; neither key is part of the identity.
+    # The run's folder may have been moved; neither key is part of the identity.
     larger["output"], larger["name"] = str(run.path.parent.parent), run.path.parent.name
     typed(OmegaConf.create(larger))
     target = place(larger)
@@ -100,14 +100,12 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
         return Extension(run, larger, target, None)
     checkpoint = CheckpointStore(run.path).peek()
     if checkpoint is None:
-        raise RunError(
-            f"{run.path}: there is no checkpoint to go on from; auvbench resume {run.path} trains it"
-        )
+        raise RunError(f"{run.path}: has no checkpoint to extend; train it with auvbench resume {run.path}")
     return Extension(run, larger, target, checkpoint)
 
 
 def has_begun(run: RunDirectory) -> bool:
-    """Return whether a run needs no checkpoint of another one."""
+    """Return whether a run needs no checkpoint from another run."""
     return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 
@@ -115,14 +113,14 @@ def _check_schedule(run: RunDirectory, config: dict[str, Any], made: TrainConfig
     algo = config["algo"]
     if not learns(algo):
         raise RunError(f"{run.path}: {algo['name']} does not learn, so there is nothing to extend")
-    # Of auvbench's own learners all resume exactly.
+    # All of auvbench's own learners resume exactly.
     if algo.get("package") and not learner_of(made, sheet.load(made.vehicle)).exact_resume:
         raise RunError(
-            f"{run.path} cannot be extended: {algo['name']} does not resume exactly; train it anew"
+            f"{run.path} cannot be extended: {algo['name']} does not resume exactly; train a new run"
         )
     if algo.get("learning_rate_schedule", "constant") != "constant":
         raise RunError(
             f"{run.path} cannot be extended: with algo.learning_rate_schedule={algo['learning_rate_schedule']} the "
-            "learning rate at every step depends on train.total_steps, so a longer run is another run from its "
+            "learning rate at every step depends on train.total_steps, so a longer run differs from its "
             "first step on; train it with auvbench train"
         )

@@ -1,7 +1,7 @@
-"""Files of a run that only grow (episodes.csv, TensorBoard events), cut back to their length at a checkpoint.
+"""Truncate a run's growing files (episodes.csv, TensorBoard events) to their length at a checkpoint.
 
-A checkpoint records the length of each file and the hash of its content. A resume cuts off what was written after
-the checkpoint, because the resumed run writes it again.
+A checkpoint records the length of each file and the hash of its content. A resume cuts off later content,
+because the resumed run writes it again.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ NAME = "events.out.tfevents.auvbench"
 
 
 class EventWriter:
-    """Appends scalars to `folder/events.out.tfevents.auvbench`.
+    """Append scalars to `folder/events.out.tfevents.auvbench`.
 
     Args:
-        folder: where TensorBoard looks.
-        tracker: logs the same scalars elsewhere.
+        folder: folder for TensorBoard.
+        tracker: tracker that logs the same scalars.
 
     Raises:
         OSError: the file cannot be opened.
@@ -47,7 +47,7 @@ class EventWriter:
             self._file.flush()
 
     def write(self, scalars: Mapping[str, float], step: int) -> None:
-        """Appends scalars by name, in the order of their names."""
+        """Append scalars by name, in the order of their names."""
         for key, value in sorted(scalars.items()):
             summary = Summary(value=[Summary.Value(tag=key, simple_value=float(value))])
             self._add(Event(wall_time=time.time(), step=step, summary=summary))
@@ -67,22 +67,22 @@ class EventWriter:
 
 @dataclass(frozen=True, slots=True)
 class LogMark:
-    """The state of one growing file at a checkpoint, as the checkpoint's manifest has it."""
+    """State of one growing file at a checkpoint, as recorded in the checkpoint's manifest."""
 
     bytes: Count
     sha256: str
-    """of these bytes"""
+    """SHA-256 of these bytes"""
 
     def holds(self, path: Path) -> bool:
-        """Whether the file still begins with what the checkpoint saw."""
+        """Return whether the file still begins with the content at the checkpoint."""
         return self.bytes == 0 or sha256_of_prefix(path, self.bytes) == self.sha256
 
 
 class GrowingLog:
-    """Follow one file and hash what is new since the last mark.
+    """Follows one file and hashes what is new since the last mark.
 
     Args:
-        path: the file; it may not exist yet.
+        path: path of the file; it may not exist yet.
     """
 
     def __init__(self, path: Path) -> None:
@@ -92,7 +92,7 @@ class GrowingLog:
         self._named = False
 
     def mark(self) -> LogMark:
-        """Fsync the file and its name and return its mark; the writer must have flushed its buffer."""
+        """Fsync the file and its name and return its mark; the writer must have flushed its buffer first."""
         if not self.path.exists():
             return LogMark(0, hashlib.sha256().hexdigest())
         with self.path.open("rb") as file:
@@ -109,7 +109,7 @@ class GrowingLog:
 
 
 def cut(path: Path, length: int) -> None:
-    """Cut a file to `length` bytes; length 0 removes it, also where it does not exist.
+    """Truncate a file to `length` bytes; length 0 removes it if it exists.
 
     Raises:
         OSError: the file cannot be changed.

@@ -30,11 +30,11 @@ SEGMENT_TRANSITIONS = 16_384  # about 2 MB for the waypoint task
 
 
 class ReplayStore:
-    """Write and read the segments in one folder.
+    """Writes and reads the replay segments in one folder.
 
     Args:
         folder: `checkpoints/replay` of a run.
-        transitions: length of a whole segment in transitions (rows x environments).
+        transitions: length of a full segment in transitions (rows x environments).
     """
 
     def __init__(self, folder: Path, transitions: int = SEGMENT_TRANSITIONS) -> None:
@@ -46,7 +46,7 @@ class ReplayStore:
         """Write what is new up to row `rows`; return all segments of the ring's content.
 
         Raises:
-            OSError: the disk is full or read-only; earlier segments are untouched.
+            OSError: the disk is full or read-only; earlier segments do not change.
         """
         make_folder(self.folder)
         oldest = max(0, rows - buffer.buffer_size)
@@ -60,8 +60,8 @@ class ReplayStore:
         return segments
 
     def _write(self, buffer: Ring, start: int, stop: int, rows: int) -> Segment:
-        # A segment whose head the ring has overwritten and that was never written whole (the cadence was
-        # longer than the ring) begins at the oldest row that is still there.
+        # If the ring has overwritten the head of a segment that was never written (checkpoints further apart than the
+        # ring is long), the segment begins at the oldest remaining row.
         first = max(start, rows - buffer.buffer_size)
         at = np.arange(first, stop) % buffer.buffer_size
         stream = io.BytesIO()
@@ -73,10 +73,10 @@ class ReplayStore:
         return segment
 
     def load(self, buffer: Ring, segments: Iterable[Segment], rows: int) -> None:
-        """Fill a fresh buffer with the ring's content at row `rows`, bit by bit.
+        """Fill a new buffer with the ring's content at row `rows`, bit by bit.
 
         Raises:
-            OSError, ValueError, KeyError: a segment is not readable; `Segment.holds` tells this before.
+            OSError, ValueError, KeyError: a segment is not readable; check with `Segment.holds` first.
         """
         oldest = max(0, rows - buffer.buffer_size)
         length = max(1, self._transitions // buffer.n_envs)
@@ -92,11 +92,11 @@ class ReplayStore:
 
 
 CLOCK = "clock"
-"""The component that holds for how long the run has trained."""
+"""Name of the component with the duration of training."""
 
 
 class Stateful(Protocol):
-    """State of a run other than the learner's: the environments, a recorder."""
+    """State of a run besides the learner's: the environments, a recorder."""
 
     def state_dict(self) -> Mapping[str, NDArray[Any]]: ...
 
@@ -104,9 +104,9 @@ class Stateful(Protocol):
 
 
 class Checkpointer:
-    """Save a run so that it continues with the same bits.
+    """Saves a run so that it continues with the same bits.
 
-    Use it in this order:
+    Call the methods in this order:
 
         checkpointer = Checkpointer(run, logs=[...])
         checkpointer.prepare()              # before anything opens the logs
@@ -116,21 +116,21 @@ class Checkpointer:
         checkpointer.save(learner, steps)   # when its state is complete
 
     Args:
-        run: the run's directory.
-        every_steps: save after this many environment steps, 0 for never.
-        every_seconds: save after this much wall time, 0 for never.
-        keep: complete checkpoints that stay.
-        logs: files that only grow, relative to `run`; cut back on resume.
+        run: directory of the run.
+        every_steps: environment steps between checkpoints, 0 for none.
+        every_seconds: wall time in s between checkpoints, 0 for none.
+        keep: number of complete checkpoints to keep.
+        logs: growing files, relative to `run`; truncated on resume.
 
     Attributes:
-        parts: carriers of state other than the learner, by name.
-        flush: called before the logs are measured; writes what their writers have buffered.
-        saved_hook: called after each checkpoint.
-        resumed: the checkpoint where the run goes on; None for a new run.
-        saved: checkpoints written by this process.
+        parts: other objects with state, by name.
+        flush: function called before the logs are measured; must flush their writers' buffers.
+        saved_hook: function called after each checkpoint.
+        resumed: checkpoint from which the run continues; None for a new run.
+        saved: number of checkpoints that this process has written.
         saved_step: environment steps of the newest checkpoint, 0 before the first.
-        spent: s of wall time for writing them.
-        paused: s of wall time since `restore` that do not count as training.
+        spent: wall time in s spent on writing checkpoints.
+        paused: wall time in s since `restore` that does not count as training.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class Checkpointer:
         self._began, self._earlier = time.monotonic(), 0.0
 
     def prepare(self) -> Checkpoint | None:
-        """Find the newest whole checkpoint and cut the logs back to it; return it, None for a new run.
+        """Find the newest intact checkpoint, truncate the logs to it, and return it; None for a new run.
 
         Raises:
             RunError, TrainingError: see `CheckpointStore.latest_valid`.
@@ -173,7 +173,7 @@ class Checkpointer:
         """Restore the parts and the learner from the checkpoint; return its step, 0 for a new run.
 
         Raises:
-            RunError: the checkpoint is of another learner.
+            RunError: the checkpoint belongs to another learner.
         """
         self._saved_at = self._began = time.monotonic()
         if self.resumed is None:
@@ -181,7 +181,7 @@ class Checkpointer:
         components, step = self.resumed.components, self.resumed.step
         for name, part in self.parts.items():
             part.load_state_dict(components.arrays[f"part-{name}"])
-        learner.restore(components)  # last: it restores generators from which the others may draw
+        learner.restore(components)  # Last, since it restores generators from which the other parts may draw.
         ring = replay(learner)
         if ring is not None:
             self._replay.load(ring, self.resumed.segments, step // ring.n_envs)
@@ -191,11 +191,11 @@ class Checkpointer:
 
     @property
     def elapsed(self) -> float:
-        """Return s of wall time of training, including those before a resume."""
+        """Return the wall time of training in s, including the time before a resume."""
         return self._earlier + time.monotonic() - self._began - self.paused
 
     def save(self, learner: Learner, step: int) -> None:
-        """Write a checkpoint, unless one of this step exists.
+        """Write a checkpoint, unless this step has one.
 
         Raises:
             TrainingError: the learner cannot be saved, or the disk is full or failing.
@@ -218,7 +218,7 @@ class Checkpointer:
                 segments = [] if ring is None else self._replay.save(ring, step // ring.n_envs)
             self.store.save(step, components, tuple(segments), marks)
         except TrainingError:
-            self.store.prune()  # segments that no checkpoint names only fill the disk further
+            self.store.prune()  # segments without a checkpoint only fill the disk
             raise
         with storage(f"cannot note the checkpoint of step {step}"):
             self.saved_hook()
@@ -229,7 +229,7 @@ class Checkpointer:
     def is_due(self, step: int) -> bool:
         """Return whether enough steps or time have passed since the last checkpoint."""
         steps = step - self.saved_step
-        # The monotonic clock: the wall clock may jump, also backwards.
+        # The monotonic clock, because the wall clock may jump, even backwards.
         return 0 < self._every_steps <= steps or (
             0 < self._every_seconds <= time.monotonic() - self._saved_at and steps > 0
         )

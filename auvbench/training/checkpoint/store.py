@@ -1,9 +1,9 @@
-"""Checkpoints on disk: named components and a manifest with sizes and hashes.
+"""Store checkpoints on disk: named components and a manifest with sizes and hashes.
 
-A checkpoint is written under a hidden name, fsynced, and renamed to `<step>`; older ones are deleted after that. So
-there is a whole checkpoint at every instant after the first one, and a directory named after a step is complete
-unless the disk damaged it, which the hashes tell. Nothing is unpickled: tensors are read with `weights_only=True`,
-arrays with `allow_pickle=False`, everything else is JSON.
+A checkpoint is written under a hidden name, fsynced, and renamed to `<step>`; older ones are deleted after
+that. So one complete checkpoint exists at every moment after the first. A directory named after a step is
+complete unless the disk damaged it, which the hashes detect. Nothing is unpickled: tensors are read with
+`weights_only=True`, arrays with `allow_pickle=False`, everything else is JSON.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ REPLAY = "replay"
 
 
 class LogMismatchError(ValueError):
-    """A log of the run is not what the checkpoint saw; the checkpoint itself is whole."""
+    """A log of the run does not match the checkpoint; the checkpoint itself is intact."""
 
 
 class CheckpointWarning(AuvbenchWarning):
-    """A checkpoint could not be used; the message names it and says what is used instead."""
+    """A checkpoint could not be used; the message names it and the checkpoint that is used instead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Manifest:
-    """What manifest.json of a checkpoint holds."""
+    """Content of a checkpoint's manifest.json."""
 
     schema_version: int
     step: Count
@@ -50,21 +50,21 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """One complete checkpoint, verified."""
+    """One complete, verified checkpoint."""
 
     path: Path
     step: int
     components: Components
-    segments: tuple[Segment, ...]  # of the replay buffer
-    logs: dict[str, LogMark]  # path relative to the run -> where it was
+    segments: tuple[Segment, ...]  # segments of the replay buffer
+    logs: dict[str, LogMark]  # path relative to the run -> its length and hash
 
 
 class CheckpointStore:
-    """The folder `checkpoints` of one run, for the process that holds the run's lock.
+    """Folder `checkpoints` of one run, for the process that holds the run's lock.
 
     Args:
-        run: the run's directory.
-        keep: how many complete checkpoints stay, at least 1; 2 survive damage to the newest.
+        run: directory of the run.
+        keep: number of complete checkpoints to keep, at least 1; with 2, a run survives damage to the newest.
     """
 
     def __init__(self, run: Path, keep: int = 2) -> None:
@@ -90,7 +90,8 @@ class CheckpointStore:
         """Write a checkpoint, then delete older ones beyond `keep`; return its directory.
 
         Raises:
-            TrainingError: disk full, read-only or failing; nothing half-written stays, older ones are whole.
+            TrainingError: the disk is full, read-only or failing; nothing half-written remains, and older
+                checkpoints are intact.
         """
         target = self.folder / str(step)
         earlier = self.steps()
@@ -107,36 +108,36 @@ class CheckpointStore:
     def latest_valid(self) -> Checkpoint | None:
         """Return the newest checkpoint whose files, segments and logs all match; None without one.
 
-        Leftovers of a crash are removed. A damaged checkpoint is named in a `CheckpointWarning` and removed; the run
+        Remove leftovers of a crash. Name a damaged checkpoint in a `CheckpointWarning` and remove it; the run
         writes it again.
 
         Raises:
-            RunError: the checkpoints are whole, but a log was changed.
+            RunError: the checkpoints are intact, but a log was changed.
             TrainingError: the directory cannot be read or cleaned.
         """
-        found, damaged = self._find()
+        checkpoint, damaged = self._find()
         with storage(f"cannot clean {self.folder}"):
             self._remove_leftovers()
             for step in damaged:
                 self._remove(self.folder / str(step))
-        return found
+        return checkpoint
 
     def peek(self) -> Checkpoint | None:
-        """As `latest_valid`, but remove nothing."""
+        """Return the same as `latest_valid`, but remove nothing."""
         return self._find()[0]
 
     def _find(self) -> tuple[Checkpoint | None, list[int]]:
-        """Return the newest whole checkpoint and the steps of newer, damaged ones; warn of those."""
+        """Return the newest intact checkpoint and the steps of newer, damaged ones; warn about those."""
         damaged: list[tuple[int, ValueError]] = []
-        found = None
+        checkpoint = None
         for step in self.steps():
             try:
-                found = self.read(step)
+                checkpoint = self.read(step)
                 break
             except ValueError as error:
                 damaged.append((step, error))
         for step, reason in damaged:
-            if found is None and isinstance(reason, LogMismatchError):
+            if checkpoint is None and isinstance(reason, LogMismatchError):
                 # Starting over would discard good training because of an edited table.
                 raise RunError(
                     f"cannot resume {self.run} at step {step}: {reason}; restore that file, or remove "
@@ -144,20 +145,22 @@ class CheckpointStore:
                 )
         for step, reason in damaged:
             instead = (
-                f"the one of step {found.step}" if found else "no older one is whole: starting at step 0"
+                f"the one of step {checkpoint.step}"
+                if checkpoint
+                else "no older one is whole: starting at step 0"
             )
             warnings.warn(
                 f"checkpoint of step {step} in {self.folder} is damaged ({reason}); using {instead}",
                 CheckpointWarning,
                 stacklevel=3,
             )
-        return found, [step for step, _ in damaged]
+        return checkpoint, [step for step, _ in damaged]
 
     def read(self, step: int) -> Checkpoint:
         """Read and verify one checkpoint.
 
         Raises:
-            ValueError: what is damaged; TrainingError: it has another schema version.
+            ValueError: the checkpoint is damaged; TrainingError: it has another schema version.
         """
         path = self.folder / str(step)
         manifest = _manifest(path)
@@ -188,12 +191,12 @@ class CheckpointStore:
             for step in steps[self.keep :]:
                 self._remove(self.folder / str(step))
             if self.replay_folder.is_dir():
-                kept = [_manifest(self.folder / str(step)) for step in steps[: self.keep]]
-                wanted = {segment.name for manifest in kept for segment in manifest.replay}
+                manifests = [_manifest(self.folder / str(step)) for step in steps[: self.keep]]
+                wanted = {segment.name for manifest in manifests for segment in manifest.replay}
                 for path in self.replay_folder.iterdir():
                     if path.name not in wanted:
                         path.unlink(missing_ok=True)
-            self._remove_leftovers()  # of a checkpoint that could not be written, nor taken away at that time
+            self._remove_leftovers()  # left by a checkpoint that could be neither written nor removed
         except (OSError, ValueError) as error:
             warnings.warn(f"cannot delete old checkpoints in {self.folder}: {error}", CheckpointWarning, 2)
 
@@ -205,7 +208,7 @@ class CheckpointStore:
         shutil.rmtree(aside)
 
     def _remove_leftovers(self) -> None:
-        """Remove what an interrupted write or removal left."""
+        """Remove what an interrupted write or removal left behind."""
         if self.folder.is_dir():
             for path in self.folder.glob(".*.*/"):
                 shutil.rmtree(path)
@@ -215,7 +218,7 @@ def _manifest(path: Path) -> Manifest:
     """Read the manifest of a checkpoint.
 
     Raises:
-        ValueError: what is damaged; TrainingError: it has another schema version.
+        ValueError: the manifest is damaged; TrainingError: it has another schema version.
     """
     try:
         return typed_json.convert(integrity.read_sealed(path / MANIFEST, SCHEMA_VERSION), Manifest)
@@ -229,11 +232,11 @@ def _manifest(path: Path) -> Manifest:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One file of rows, as a checkpoint's manifest has it."""
+    """One file of rows, as recorded in a checkpoint's manifest."""
 
     first: Count
     last: Count
-    """one past the last row"""
+    """index after the last row"""
     bytes: Count
     sha256: str
 
@@ -242,7 +245,7 @@ class Segment:
         return f"{self.first:010d}-{self.last:010d}.npz"
 
     def holds(self, folder: Path) -> bool:
-        """Whether the file exists with the recorded size and hash."""
+        """Return whether the file exists with the recorded size and hash."""
         path = folder / self.name
         return (
             path.is_file()

@@ -71,7 +71,7 @@ def test_fins_are_refused_by_name(algo):
 
 @pytest.mark.parametrize(("algo", "task"), [("pid", "waypoint"), ("alos", "path_following")])
 def test_fins_refuse_an_integral_of_the_heading(algo, task):
-    with pytest.raises(ConfigError, match=r"algo.heading_integral_time=5: the fins of vehicle=lrauv"):
+    with pytest.raises(ConfigError, match=r"algo.heading_integral_time=5: not available for vehicle=lrauv"):
         controller(algo, f"task={task}", "vehicle=lrauv", "algo.heading_integral_time=5")
 
 

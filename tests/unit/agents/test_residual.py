@@ -263,7 +263,9 @@ def test_a_new_episode_begins_with_a_fresh_base(base: str) -> None:
 
 
 def test_a_base_that_cannot_do_it_is_refused_before_the_run_starts() -> None:
-    with pytest.raises(ConfigError, match="algo=lqr steers by thrusters alone and vehicle=lrauv has rudder"):
+    with pytest.raises(
+        ConfigError, match="algo=lqr needs a vehicle with only thrusters; vehicle=lrauv also has rudder"
+    ):
         check_runnable(configured("algo.base=lqr", "vehicle=lrauv"))
     with pytest.raises(ConfigError, match="algo=alos follows a path, which task=waypoint does not have"):
         check_runnable(configured("algo.base=alos"))
@@ -276,7 +278,7 @@ def test_a_base_that_cannot_do_it_is_refused_before_the_run_starts() -> None:
         ("algo.residual.share=3", "algo.residual.share=3: must be more than 0 and at most 2"),
         ("algo.residual.pid.bandwidth=-1", "algo.residual.pid.bandwidth=-1: must be more than 0"),
         ("algo.residual.pid.agent=lqr", "algo.residual.pid.agent=lqr: must be pid"),
-        ("algo.residual.pid=null", "algo.residual={}: must hold one controller"),
+        ("algo.residual.pid=null", "algo.residual={}: must have exactly one controller"),
         ("algo.base=lqg", "algo.base=lqg: no such option; did you mean 'lqr'"),
     ],
 )

@@ -61,14 +61,14 @@ def put(name: str, value: Any) -> Callable[[dict[str, Any]], None]:
 
 
 WEIGHTS = [
-    (changed(float("inf")), "action_net.weight holds a number that is not finite"),
-    (changed(float("nan")), "action_net.weight holds a number that is not finite"),
+    (changed(float("inf")), "action_net.weight contains a number that is not finite"),
+    (changed(float("nan")), "action_net.weight contains a number that is not finite"),
     (put("action_net.weight", torch.zeros(())), r"action_net.weight has shape \(\), expected \(6, "),
     (put("action_net.bias", torch.zeros(7)), r"action_net.bias has shape \(7,\), expected \(6,\)"),
     (put("action_net.bias", torch.zeros(6, dtype=torch.float64)), "has type torch.float64, expected"),
     (put("action_net.bias", 3.0), "action_net.bias is a float, not a tensor"),
     (lambda weights: weights.pop("log_std"), "log_std is missing"),
-    (put("more", torch.zeros(1)), "more is of no part of the network"),
+    (put("more", torch.zeros(1)), "more is not part of the network"),
 ]
 
 
@@ -87,10 +87,10 @@ STATISTICS = [
     (put("epsilon", np.full(3, 1e-8)), r"epsilon has shape \(3,\), expected \(\)"),
     (put("observation_mean", np.asarray(1.0)), r"observation_mean has shape \(\), expected \(10,\)"),
     (put("observation_variance", np.ones(9)), r"observation_variance has shape \(9,\)"),
-    (put("observation_variance", -np.ones(10)), "observation_variance holds a negative number"),
-    (put("observation_mean", np.full(10, np.nan)), "observation_mean holds a number that is not finite"),
+    (put("observation_variance", -np.ones(10)), "observation_variance contains a negative number"),
+    (put("observation_mean", np.full(10, np.nan)), "observation_mean contains a number that is not finite"),
     (put("observation_mean", np.zeros(10, dtype=np.int64)), "observation_mean has type int64"),
-    (put("clip_observations", np.asarray(np.inf)), "clip_observations holds a number that is not finite"),
+    (put("clip_observations", np.asarray(np.inf)), "clip_observations contains a number that is not finite"),
 ]
 
 
@@ -124,7 +124,7 @@ def test_a_running_variance_is_not_negative(tmp_path: Path) -> None:
     LearnedPolicy(config, tmp_path, VEHICLE)
     weights["actor.latent_pi.0.ra_var"].view(-1)[3] = -1.0
     written(tmp_path, weights)
-    with pytest.raises(RunError, match=r"actor.latent_pi.0.ra_var holds a negative number"):
+    with pytest.raises(RunError, match=r"actor.latent_pi.0.ra_var contains a negative number"):
         LearnedPolicy(config, tmp_path, VEHICLE)
 
 

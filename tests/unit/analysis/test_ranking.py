@@ -252,7 +252,7 @@ def test_one_agent():
     ("change", "message"),
     [
         ({"rank_by": "sucess_rate"}, "--rank-by 'sucess_rate' .* did you mean 'success_rate'"),
-        ({"baseline": "lqr"}, "--baseline 'lqr' is not among the agents.*PID K=1 10 Hz, PPO K=1 25 Hz"),
+        ({"baseline": "lqr"}, "--baseline 'lqr' is not one of the agents.*PID K=1 10 Hz, PPO K=1 25 Hz"),
         ({"baseline": "sac"}, "--baseline 'sac' is 2 agents.*SAC K=1 25 Hz, SAC K=40 25 Hz"),
         ({"confidence": 95}, "confidence 95 is not in"),
     ],

@@ -154,7 +154,7 @@ def test_fields_of_another_type_are_named(grid: list[Path]) -> None:
         ('{"fingerprint": "f", "conditions": [{"episodes": 12}]}', "conditions[0].name is missing"),
         (
             '{"fingerprint": "f", "conditions": [{"name": "nominal", "episodes": Infinity}]}',
-            "Infinity is no JSON",
+            "Infinity is not JSON",
         ),
         (
             '{"fingerprint": "f", "conditions": '
@@ -213,9 +213,12 @@ def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) 
     [
         ("a: 1", "not that of a run (algo.name is absent, not a name)"),
         ("algo: {name: [1, 2]}", "algo.name is [1, 2], not a name"),
-        ("algo: {name: ppo}\nstep: {frequency: fast}", "has the step.frequency 'fast', which is no number"),
-        ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is no number"),
-        ("algo: &a {name: ppo, again: *a}", "lies inside"),
+        (
+            "algo: {name: ppo}\nstep: {frequency: fast}",
+            "has the step.frequency 'fast', which is not a number",
+        ),
+        ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is not a number"),
+        ("algo: &a {name: ppo, again: *a}", "is inside"),
     ],
 )
 def test_a_configuration_that_no_run_has_is_damage(grid: list[Path], config: str, message: str) -> None:

@@ -39,8 +39,8 @@ def _there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (["protocol=tset"], "did you mean 'test'?"),
         (["vehicle=bluerov"], "did you mean 'bluerov2'?"),
         (["vehicle=lrauv", "protocol.episodes=2"], "cover thrusters"),
-        (["simulator=gazebo", "protocol.episodes=2"], "has other equations"),
-        (["protocol=native", "protocol.episodes=2"], "leaves the frequency to each agent"),
+        (["simulator=gazebo", "protocol.episodes=2"], "bounds use the equations of simulator=fossen"),
+        (["protocol=native", "protocol.episodes=2"], "protocol.frequency is not set"),
     ],
 )
 def test_mistakes_are_one_line(words: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -84,7 +84,7 @@ def test_agents_that_met_other_scenarios_have_no_difference(folder: Path) -> Non
         (["pid", "pdi", "--in", "outputs/made"], "did you mean 'PID'"),
         (["outputs/made", "pid"], "name two of them"),
         (["pid", "ppo", "--in", "output"], "did you mean outputs"),
-        (["outputs/made/pid-*", "ppo", "--in", "output"], "pid-*: is no run or folder"),
+        (["outputs/made/pid-*", "ppo", "--in", "output"], "pid-*: is not a run or folder"),
         (["pid", "ppo", "--confidence", "2"], "from 0.5 to 0.999"),
         (["pid"], "SECOND"),
         (["pid", "pid", "--in", "outputs/made"], "the same runs"),

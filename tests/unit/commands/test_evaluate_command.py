@@ -39,13 +39,13 @@ def test_what_can_be_evaluated_is_and_the_rest_is_one_line(
     # A first use of the machine compiles, and says so.
     told = [line for line in captured.err.splitlines() if "auvbench: compiling" not in line]
     assert told == [
-        "auvbench: 55 runs are not complete and left out (54 pending, 1 failed); "
+        "auvbench: 55 runs are incomplete and left out (54 pending, 1 failed); "
         "finish with auvbench resume outputs/default"
     ]
     assert len(list(outputs.glob("*/*/evaluations/test/summary.json"))) == 2
     assert cli.main(["evaluate", "outputs", FEW]) == 0
     out = capsys.readouterr().out
-    assert out.splitlines()[0].startswith("2 runs are tested already by protocol test")
+    assert out.splitlines()[0].startswith("2 runs are already tested by protocol test")
     assert cli.main(["report", "outputs", "--no-figures"]) == 0, "the two in one line, as the help says"
 
 
@@ -55,7 +55,7 @@ def test_where_nothing_is_complete_it_says_what_finishes(
 ) -> None:
     assert cli.main(["evaluate", "outputs/default/ppo-3"]) == 2
     err = capsys.readouterr().err
-    assert "nothing to evaluate: 1 run is not complete" in err
+    assert "nothing to evaluate: 1 run is incomplete" in err
     assert "finish with auvbench resume outputs/default/ppo-3" in err
 
 
@@ -94,5 +94,5 @@ def test_an_agent_that_swallows_an_interruption_does_not_hide_it(
     for seed in range(2):
         frozen(tmp_path, "algo=random", f"seed={seed}", "task.max_steps=5")
     assert cli.main(["evaluate", str(tmp_path), FEW, "--workers", "1"]) == 128 + signal.SIGINT
-    assert "2 runs tested and kept" in capsys.readouterr().err
+    assert "2 runs are tested and saved" in capsys.readouterr().err
     assert len(list(tmp_path.glob("*/*/evaluations/test"))) == int(swallows)

@@ -198,7 +198,7 @@ def test_help_of_report_explains_every_measure(capsys: pytest.CaptureFixture[str
 @pytest.mark.parametrize("command", ["evaluate", "report", "runs", "resume"])
 def test_a_file_is_no_run(folder: Path, capsys: pytest.CaptureFixture[str], command: str) -> None:
     (folder / "outputs" / "README.md").write_text("nothing")
-    assert "README.md: a file, and no run" in told(capsys, command, "outputs/README.md")
+    assert "README.md: is a file, not a run" in told(capsys, command, "outputs/README.md")
 
 
 def test_a_protocol_nobody_was_tested_by_is_told_from_a_misspelt_one(

@@ -118,7 +118,7 @@ def test_runs_of_one_seed_say_nothing_of_the_spread(
 ) -> None:
     write_experiment(tmp_path, algorithms=("ppo",), seeds=(0,), episodes=20)
     assert cli.main(["plan", "--resolve", "5", str(tmp_path)]) == 2
-    assert "no agent here has several training seeds" in capsys.readouterr().err
+    assert "no agent has several training seeds" in capsys.readouterr().err
 
 
 def test_runs_of_several_tasks_are_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -234,7 +234,7 @@ def test_conditions_of_all_protocols_are_one_table(runs, tmp_path):
 @pytest.mark.slow
 def test_what_a_person_wrote_stays(runs, tmp_path, capsys):
     assert publish("--pictures", "success_over_time") == 0
-    assert "next: write question, answer and caveats" in capsys.readouterr().out
+    assert "next: replace the brackets" in capsys.readouterr().out
     readme = tmp_path / "results/grid/README.md"
     readme.write_text(
         "# Mine\n\nThe answer.\n\n" + readme.read_text().partition("\n")[2].replace("PPO", "XXX")
@@ -276,13 +276,13 @@ def parquet(folder: str) -> dict[str, bytes]:
     ("arguments", "said"),
     [
         (["outputs/grid"], "--to"),
-        (["outputs/grid", "--to", "x", "--out", "y"], "--to DIR is the folder"),
+        (["outputs/grid", "--to", "x", "--out", "y"], "--to DIR names the folder"),
         (["outputs/grid", "--to", "a-file"], "is a file"),
         (["outputs/grid", "--to", "x", "--pictures", "success_over_tim"], "did you mean 'success_over_time'"),
         (["outputs/nothing", "--to", "x"], "no such file or directory"),
         (["outputs/grid", "--to", "x", "--protocol", "thesis"], "robustness, test"),
         (["outputs/grid", "--to", "x", "--also", "transfer"], "evaluated by protocol 'transfer'"),
-        (["outputs/grid", "--to", "x", "--baseline", "pdi"], "--baseline 'pdi' is not among the agents"),
+        (["outputs/grid", "--to", "x", "--baseline", "pdi"], "--baseline 'pdi' is not one of the agents"),
         (["outputs/grid", "--to", "x", "--columns", "energies"], "energies"),
         (["outputs/grid", "--to", "x", "--rank-by", "luck"], "luck"),
     ],

@@ -83,7 +83,7 @@ def test_what_is_there_is_kept_also_without_the_weights(runs, capsys):
         (TO / "policies" / name).unlink()
     assert publish(str(TO), "--policies") == 1
     said = capsys.readouterr().out
-    assert f"no policy of PPO ({runs[1].id}): its weights are not in the given folders" in said
+    assert f"cannot export a policy of PPO ({runs[1].id}): its weights are not in the given folders" in said
     assert "weights are not" in (TO / "README.md").read_text()
     assert there() == []
     assert "## Policies" in readme
@@ -107,7 +107,7 @@ def test_damaged_weights_are_named_and_the_study_is_there(runs, capsys):
     weights = runs[1].model / "policy.pt"
     weights.write_bytes(weights.read_bytes()[:-1])
     assert publish("outputs", "--policies") == 1
-    assert f"no policy of PPO ({runs[1].id}): " in capsys.readouterr().out
+    assert f"cannot export a policy of PPO ({runs[1].id}): " in capsys.readouterr().out
     assert (TO / "table.csv").is_file()
 
 

@@ -19,9 +19,9 @@ ARDUSUB = ("serve", "--face", "ardusub")
     ("arguments", "words"),
     [
         (["--face", "ardusu"], "did you mean 'ardusub'"),
-        (["--face", "ardusub", "--pace", "2"], "--pace: belongs to --face ros2"),
-        (["--port", "9003"], "--port: belongs to --face ardusub"),
-        (["--give-up", "3"], "--give-up: belongs to --face ardusub"),
+        (["--face", "ardusub", "--pace", "2"], "--pace: needs --face ros2"),
+        (["--port", "9003"], "--port: needs --face ardusub"),
+        (["--give-up", "3"], "--give-up: needs --face ardusub"),
         (["--face", "ardusub", "algo=pid"], "serve has no such key"),
         (["--face", "ardusub", "--port", "0"], "from 1 to 65535"),
         (["--face", "ardusub", "--address", ""], "must be an IPv4 address"),

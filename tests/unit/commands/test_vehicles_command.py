@@ -112,7 +112,7 @@ def test_unknown_name(capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("bluerov2", "rexrov"), "vehicles: rexrov: one word too many"),
+        (("bluerov2", "rexrov"), "vehicles: rexrov: unexpected argument"),
         (("--shet",), "unknown option '--shet' of vehicles; did you mean '--sheet'?"),
     ],
 )

@@ -104,7 +104,7 @@ def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
         ("train.total_steps=0", "train.total_steps=0: must be at least 1"),
         ("reward.k=1,2", r"reward.k=1,2: several values make a grid: auvbench train -m reward.k=1,2"),
         ("reward.name=\u00ad3", r"reward.name=.*: contains U\+00AD"),
-        ("nonsense", "'nonsense': an override is written key=value"),
+        ("nonsense", "'nonsense': an override must be key=value"),
         ("train.progress=maybe", "train.progress: .*'maybe'"),
         ("algo.gamma=(1", r"algo.gamma=\(1: the value cannot be read"),
     ],
@@ -124,7 +124,7 @@ def test_a_mistake_is_one_line(override, message):
         ("tqc", "ent_coef=low", "must be auto"),
         ("crossq", "batch_size=1", "must be at least 2 for batch normalisation"),
         ("crossq", "ent_coef=low", "must be auto"),
-        ("crossq", "critic_net_arch=[64,0]", "must hold widths of at least 1"),
+        ("crossq", "critic_net_arch=[64,0]", "must have widths of at least 1"),
         ("crossq", "batch_norm_momentum=0", "must be more than 0 and at most 1"),
         ("crossq", "tau=0.1", "only sac, ddpg, td3, tqc, sac_residual have it"),
         ("trpo", "batch_size=1000", "must divide .* = 4096"),
@@ -157,7 +157,7 @@ def test_a_search_has_the_reward_and_the_measure_of_its_task(task):
 
 
 def test_several_values_of_a_test_are_no_grid():
-    with pytest.raises(ConfigError, match="protocol=thesis,validation: give one value"):
+    with pytest.raises(ConfigError, match="protocol=thesis,validation: takes one value"):
         compose("evaluate", ["protocol=thesis,validation"])
 
 

@@ -43,16 +43,16 @@ def test_the_examples_in_the_documentation(module: object) -> None:
         ("~algo.nope", "there is no such key"),
         ("~seed", "a key cannot be removed; type seed=VALUE"),
         ("~task", "a key cannot be removed; type task=VALUE"),
-        ("+seed=7", "seed has a value already; type seed=7"),
-        ("++algo=sac", "algo has a value already; type algo=sac"),
-        ("+experiment=quickstart", "experiment has a value already; type experiment=quickstart"),
-        ("=3", "an override is written key=value"),
+        ("+seed=7", "seed already has a value; type seed=7"),
+        ("++algo=sac", "algo already has a value; type algo=sac"),
+        ("+experiment=quickstart", "experiment already has a value; type experiment=quickstart"),
+        ("=3", "an override must be key=value"),
         # Groups.
         ("vehicle=/path/x.yaml", "put the file into conf/vehicle/x.yaml, then vehicle=x"),
         ("experiment=mine.yml", "put the file into conf/experiment/mine.yaml, then experiment=mine"),
         ("step=10", "no such option; valid: default, or set one of step.frequency"),
         ("algo=null", "no such option; valid: alos, "),
-        ("algo=[ppo,sac]", "takes one name; several make a grid, auvbench train -m algo=ppo,sac"),
+        ("algo=[ppo,sac]", "takes one name; for several (a grid) type auvbench train -m algo=ppo,sac"),
         ("experiment=[quickstart,nope]", "experiment=nope: no such option"),
         ("analysis=3", "an analysis is declared in the file of an experiment"),
         ("analysis.measure=x", "an analysis is declared in the file of an experiment"),
@@ -82,7 +82,7 @@ def test_several_values_that_are_valid_are_a_grid() -> None:
 
 def test_two_experiments_with_grids_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["train", "experiment=[quickstart,thesis]"]) == 2
-    assert "an experiment with grids is swept alone" in capsys.readouterr().err
+    assert "an experiment with grids must be the only one" in capsys.readouterr().err
 
 
 def test_a_flag_by_the_name_of_another_program(capsys: pytest.CaptureFixture[str]) -> None:

@@ -61,14 +61,16 @@ def test_a_grid_takes_whole_numbers_too(conf: Path) -> None:
 
 def test_a_file_that_ends_in_yml_is_named(conf: Path) -> None:
     (conf / "experiment" / "mine.yml").write_text("seed: 3\n")
-    with pytest.raises(ConfigError, match=r"conf/experiment/mine.yml: is not read; rename it to mine.yaml"):
+    with pytest.raises(
+        ConfigError, match=r"conf/experiment/mine.yml: has the wrong suffix; rename it to mine.yaml"
+    ):
         compose("train", ["experiment=mine"])
 
 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (b"\xff\xfe#\x00", r"conf/experiment/mine.yaml: is no text in UTF-8"),
+        (b"\xff\xfe#\x00", r"conf/experiment/mine.yaml: is not UTF-8 text"),
         (b"- 1\n", r"conf/experiment/mine.yaml: must map keys to values"),
         (b"a: [\n", r"experiment/mine.yaml line 2"),
     ],
@@ -83,7 +85,7 @@ def test_an_unreadable_file_is_named(data: bytes, message: str, conf: Path) -> N
 def test_the_entry_of_another_program_is_passed_over(entry: str, conf: Path) -> None:
     (conf / f"{entry}.yaml").write_text("defaults: [model: resnet]\nlr: 0.1\n")
     with pytest.warns(
-        AuvbenchWarning, match=f"conf/{entry}.yaml is not read: it is no configuration of auvbench"
+        AuvbenchWarning, match=f"conf/{entry}.yaml is ignored: it is not a configuration of auvbench"
     ):
         assert "lr" not in compose(entry)
 

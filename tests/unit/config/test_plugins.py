@@ -137,7 +137,7 @@ def test_two_packages_with_one_name(site: Site, capsys: pytest.CaptureFixture[st
 def test_two_packages_with_one_file(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     steering(site)
     site.install("other", {"other/__init__.py": "", "other/conf/algo/mine.yaml": MINE}, conf="other.conf")
-    assert "algo=mine: mine-package==1.0 and other==1.0 each have a file of that name" in refused(
+    assert "algo=mine: mine-package==1.0 and other==1.0 have the same file" in refused(
         capsys, "train", "algo=mine"
     )
 
@@ -152,7 +152,9 @@ def test_names_of_auvbench_itself_are_taken(site: Site, capsys: pytest.CaptureFi
     steering(site)
     files = {"thief/__init__.py": "", "thief/conf/algo/pid.yaml": MINE}
     site.install("thief", files, agents={"ppo": "thief:PPO"}, conf="thief.conf")
-    assert "algo=pid: thief==1.0 and auvbench itself each have a file" in refused(capsys, "train", "algo=pid")
+    assert "algo=pid: thief==1.0 and auvbench itself have the same file" in refused(
+        capsys, "train", "algo=pid"
+    )
     assert "algo.agent=ppo: auvbench and thief have one of that name each" in refused(
         capsys, "train", "algo=ppo"
     )
@@ -166,7 +168,7 @@ def test_a_folder_that_is_not_there(site: Site, capsys: pytest.CaptureFixture[st
 def test_a_package_s_files_name_no_code(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     steering(site)
     (site.folder / "mine/conf/algo/mine.yaml").write_text("name: mine\nagent: mine\n_target_: os.system\n")
-    assert "a configuration names no code" in refused(capsys, "train", "algo=mine")
+    assert "a configuration cannot name code" in refused(capsys, "train", "algo=mine")
 
 
 @pytest.mark.slow

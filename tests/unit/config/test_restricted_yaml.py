@@ -101,7 +101,7 @@ def test_no_file_outside_of_conf_is_read(
     captured = capsys.readouterr()
     assert "hunter2" not in captured.out + captured.err
     assert captured.err.count("\n") == 1
-    assert "lies outside of conf/" in captured.err
+    assert "is outside conf/" in captured.err
 
 
 def test_help_of_a_folder_is_shown_as_text(somewhere: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -156,7 +156,7 @@ def test_a_frozen_configuration_is_never_resolved(
         assert cli.main([command, str(run.path), *rest]) in (1, 2)
         error = capsys.readouterr().err
         assert "vehicle.title is" in error
-        assert "is resolved when it is made" in error
+        assert "is resolved when the run is created" in error
     assert value in run.config_path.read_text()
 
 

@@ -219,11 +219,11 @@ def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
 @pytest.mark.slow
 def test_what_has_no_limit_is_refused() -> None:
     config = config_of()
-    with pytest.raises(ConfigError, match="leaves the frequency to each agent"):
+    with pytest.raises(ConfigError, match="frequency is not set"):
         eligible(resolve_conditions(protocol_of(frequency=None), config))
     with pytest.raises(ConfigError, match="still water"):
         eligible(resolve_conditions(protocol_of("disturbance=calm"), config))
-    with pytest.raises(ConfigError, match="simulator=gazebo has other equations"):
+    with pytest.raises(ConfigError, match="simulator=gazebo: bounds use the equations"):
         eligible(resolve_conditions(protocol_of(), config_of("simulator=gazebo")))
     robust = configs.protocol("protocol=robustness")
     good, left_out = eligible(resolve_conditions(robust, config))

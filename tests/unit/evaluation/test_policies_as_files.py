@@ -195,13 +195,13 @@ def test_what_is_more_than_a_network_is_not_exported(
 ) -> None:
     run = trained(tmp_path, f"algo={algo}")
     assert cli.main(["export", str(run.path)]) == 2
-    assert f"the actions of {algo} are not those of a network that answers each" in capsys.readouterr().err
+    assert f"{algo} cannot be exported: its actions are not those of a network" in capsys.readouterr().err
     assert exporting.why_no_network(algo, run.config()["algo"]["agent"], True)
 
 
 @pytest.mark.parametrize(
     ("algo", "message"),
-    [("pid", "a controller that auvbench computes"), ("random", "a controller that auvbench computes")],
+    [("pid", "a controller, not a trained network"), ("random", "a controller, not a trained network")],
 )
 def test_what_has_no_network_is_not_exported(
     tmp_path: Path, algo: str, message: str, capsys: pytest.CaptureFixture[str]
@@ -222,7 +222,7 @@ def test_export_of_a_folder_leaves_out_what_has_no_network(
     unfinished = frozen(tmp_path, "algo=td3", state="interrupted")
     assert cli.main(["export", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
     out, err = capsys.readouterr()
-    assert "left out, for they have no trained network: pid-" in out
+    assert "skipped, no trained network: pid-" in out
     assert f"{unfinished.path}: interrupted, not complete" in err
     assert len(list((tmp_path / "out").iterdir())) == 2
 
@@ -407,8 +407,8 @@ def test_a_policy_of_another_task_is_told_and_its_next_command_works(
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: onnx_files.ending("Log"), "an action is a finite number in [-1, 1]"),
-        (lambda: onnx_files.ending("Identity", gain=3.0), "an action is a finite number in [-1, 1]"),
+        (lambda: onnx_files.ending("Log"), "an action must be a finite number in [-1, 1]"),
+        (lambda: onnx_files.ending("Identity", gain=3.0), "an action must be a finite number in [-1, 1]"),
         (lambda: mixing(), "depends on the others in the batch"),
     ],
 )

@@ -235,7 +235,5 @@ def test_a_longer_test_begins_with_the_shorter_one():
 
 def test_a_protocol_of_a_task_that_does_not_supply_what_a_run_observes_names_both():
     run = config("task=docking", "vehicle=bluerov2_heavy")
-    with pytest.raises(
-        ConfigError, match=r"tests task=waypoint, and the run is of task=docking: .*goal_error"
-    ):
+    with pytest.raises(ConfigError, match=r"tests task=waypoint, but the run has task=docking: .*goal_error"):
         resolve_conditions(protocol("protocol=thesis"), run)

@@ -132,7 +132,7 @@ def test_a_thruster_that_a_vehicle_lacks_leaves_the_condition_out(tmp_path: Path
     protocol = sealed.read(written(tmp_path, conditions=entries))
     config = prepare(compose("train", [f"output={tmp_path}", "algo=pid"])).config()
     (reason,) = left_out(protocol, resolve_conditions(protocol, config), config)
-    assert reason == "condition eighth: vehicle bluerov2: has 6 thrusters, not a thruster 8"
+    assert reason == "condition eighth: vehicle bluerov2: has no thruster 8; it has 6 thrusters"
     heavy = prepare(compose("train", [f"output={tmp_path}", "algo=pid", "vehicle=bluerov2_heavy"])).config()
     assert left_out(protocol, resolve_conditions(protocol, heavy), heavy) == []
 
@@ -168,14 +168,14 @@ def test_what_cannot_be_simulated_is_named(tmp_path: Path) -> None:
 def test_a_run_of_another_task_is_refused(tmp_path: Path) -> None:
     protocol = sealed.read(written(tmp_path))
     run = prepare(compose("train", [f"output={tmp_path}", "algo=pid", "task=docking"]))
-    with pytest.raises(ConfigError, match="tests waypoint; the run is of task docking"):
+    with pytest.raises(ConfigError, match="tests waypoint, but the run has task docking"):
         resolve_conditions(protocol, run.config())
 
 
 @pytest.mark.parametrize(
     ("entries", "said"),
     [
-        ({"name": "test"}, "name test is the name of another protocol"),
+        ({"name": "test"}, "name test belongs to another protocol"),
         ({"name": "../x"}, "name must be letters"),
         ({"seed": 5}, "seed: unknown key"),
         ({"episodes": 0}, "episodes is 0"),
@@ -186,8 +186,8 @@ def test_a_run_of_another_task_is_refused(tmp_path: Path) -> None:
         ({"conditions": [{"name": "a", "sea_state": 9}]}, "sea_state is 9"),
         ({"conditions": [{"name": "a", "weak_thrusters": [1], "weak_share": []}]}, "same length"),
         ({"conditions": [{"name": "a", "payload_kg": 1, "payload_at_m": [1]}]}, "must be three numbers"),
-        ({"conditions": [{"name": "a", "vehicle": "../sheet.yaml"}]}, "is no name of a file below"),
-        ({"conditions": [{"name": "a", "vehicle": "/etc/passwd"}]}, "is no name of a file below"),
+        ({"conditions": [{"name": "a", "vehicle": "../sheet.yaml"}]}, "is not a valid name of a file below"),
+        ({"conditions": [{"name": "a", "vehicle": "/etc/passwd"}]}, "is not a valid name of a file below"),
         ({"conditions": [{"name": "a", "vehicle": "missing.yaml"}]}, "put the sheet next to the protocol"),
         ({"conditions": [{"name": "a", "vehicle": "sealed.json"}]}, "must be a YAML file"),
         ({"conditions": [{"name": "a/b"}]}, "must be letters"),
@@ -258,7 +258,7 @@ def test_a_sealed_test_is_marked_and_done_once(
 def test_a_sealed_protocol_is_tested_as_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = written(tmp_path)
     assert main(["evaluate", str(tmp_path), f"protocol={path}", "protocol.episodes=1"]) == 2
-    assert "tested as it is; leave protocol.episodes=1 out" in capsys.readouterr().err
+    assert "cannot be changed; leave protocol.episodes=1 out" in capsys.readouterr().err
     assert main(["evaluate", str(tmp_path), f"protocol={tmp_path}/none.json"]) == 2
     assert "no such file" in capsys.readouterr().err
 

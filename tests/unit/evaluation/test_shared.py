@@ -129,7 +129,7 @@ def test_a_summary_says_how_long_an_action_takes(tmp_path: Path, capsys: pytest.
     )
     capsys.readouterr()
     assert cli.main(["evaluate", str(run.path), "protocol.episodes=4", "--workers", "1"]) == 0
-    assert "tested already" in capsys.readouterr().out
+    assert "already tested" in capsys.readouterr().out
     assert rows(run) == before
 
 

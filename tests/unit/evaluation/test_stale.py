@@ -74,7 +74,7 @@ HARMS = [
     (lambda run: resealed(run, fingerprint_parts=None), "its summary is damaged"),
     (
         lambda run: resealed(run, fingerprint_parts=parts_of(run) | {"outcomes": "0"}),
-        "have other outcomes now",
+        "now have other outcomes",
     ),
 ]
 
@@ -108,7 +108,7 @@ def test_rows_of_another_physics_are_stale(
     monkeypatch.setattr(protocol, "_plays", {})
     monkeypatch.setattr(reference, "digest", lambda *_: "of another physics")
     assert cli.main(["evaluate", str(run.path), *BRIEF]) == 0
-    assert "the same commands have other outcomes now: the simulator or the task has changed" in (
+    assert "the same commands now have other outcomes: the simulator or the task has changed" in (
         capsys.readouterr().out.replace("\n", " ")
     )
 

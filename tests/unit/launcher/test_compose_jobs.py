@@ -81,7 +81,7 @@ def test_an_experiment_with_grids_cannot_be_an_axis(tmp_path: Path, monkeypatch:
     (folder / "study.yaml").write_text("# @package _global_\nhydra: {sweeper: {grids: [{seed: '1,2'}]}}\n")
     monkeypatch.chdir(tmp_path)
     assert [config.seed for config in jobs("experiment=study")] == [1, 2]
-    with pytest.raises(ConfigError, match="an experiment with grids is swept alone"):
+    with pytest.raises(ConfigError, match="an experiment with grids must be the only one"):
         jobs("experiment=study,null")
 
 
@@ -121,8 +121,8 @@ def test_an_option_is_a_name(override: str) -> None:
     [
         (b"name: w\n  foo: [1,2\n", r"w\.yaml.* line 2: "),
         (b"a: 1\n\tb: 2\n", r"w\.yaml.* line 2: "),
-        (b"\xff\xfe\x00", "no text in UTF-8"),
-        (b"defaults: [w, _self_]\n", "in a circle"),
+        (b"\xff\xfe\x00", "not UTF-8 text"),
+        (b"defaults: [w, _self_]\n", "form a circle"),
     ],
 )
 def test_a_broken_file_of_conf_is_one_line(

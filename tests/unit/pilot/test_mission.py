@@ -159,7 +159,7 @@ def test_a_logbook_is_whole_after_each_mission(tmp_path):
     with np.load(tmp_path / "log" / "trajectories.npz") as arrays:
         assert arrays["position_mission_1"].shape == (21, 3)
         assert arrays["command_mission_0"].shape == (20, 6)
-    with pytest.raises(RunError, match="holds missions already"):
+    with pytest.raises(RunError, match="already has missions"):
         Logbook(tmp_path / "log", {"frequency_hz": 10.0})
 
 
@@ -241,7 +241,7 @@ def test_a_policy_of_a_station_is_steered_by_as_its_card_says():
         ("path_following", [], {}, None, "path_following"),
         ("station_keeping", ["task.history=2"], {}, None, "position_error_x_1_steps_ago"),
         ("station_keeping", [], {}, "waypoint", "--task waypoint"),
-        ("station_keeping", [], {"max_steps": "many"}, None, "no valid entry"),
+        ("station_keeping", [], {"max_steps": "many"}, None, "an invalid task entry"),
         ("waypoint", [], {}, None, "goal_radius_m"),
     ],
 )

@@ -110,7 +110,7 @@ REFUSED = [
     (custom, "com.evil:Evil"),
     (lambda: onnx_files.ending("RandomNormalLike"), "answers the same observations differently"),
     (lambda: onnx_files.ending("NoSuchOperator"), "NoSuchOperator"),
-    (lambda: model(opset=9999), "no ONNX file that ONNX Runtime can load"),
+    (lambda: model(opset=9999), "not an ONNX file that ONNX Runtime can load"),
     (lambda: onnx_files.ending("ReduceSum"), r"answers 64 observations with an array of shape \(1, 1\)"),
 ]
 
@@ -149,7 +149,7 @@ def test_external_data_of_an_attribute_is_found_too(tmp_path: Path) -> None:
 )
 def test_what_is_no_onnx_file_says_so(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "x.onnx").write_bytes(data)
-    with pytest.raises(PolicyError, match="no ONNX file that ONNX Runtime can load"):
+    with pytest.raises(PolicyError, match="not an ONNX file that ONNX Runtime can load"):
         load(tmp_path / "x.onnx")
 
 
@@ -237,7 +237,7 @@ def test_a_card_is_read_with_its_file(tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"schema_version": 2}, "schema_version 2, but this auvbench reads 1"),
-        ({"file": {"sha256": "0" * 64}}, "is the card of another file than mine.onnx"),
+        ({"file": {"sha256": "0" * 64}}, "belongs to another file than mine.onnx"),
         ({"file": 3}, "file is 3"),
         ({"file": {}}, "file.sha256 is missing"),
         ({"name": "a\nb"}, r"name is 'a\\nb'"),
@@ -247,7 +247,7 @@ def test_a_card_is_read_with_its_file(tmp_path: Path) -> None:
         ({"action": [{"name": 3}]}, r"action\[0\]"),
         ({"action": []}, "action has 0 entries"),
         ({"action": {}}, "action is {}"),
-        ({"observation": [{"name": "yaw"}]}, "has not the 1 entries that its card names"),
+        ({"observation": [{"name": "yaw"}]}, "must have the 1 entries that its card names"),
     ],
 )
 def test_a_card_that_is_not_right_is_named(tmp_path: Path, change: dict[str, Any], message: str) -> None:
@@ -262,7 +262,7 @@ def test_json_beside_it_that_is_no_card_does_not_matter(tmp_path: Path) -> None:
     path.with_suffix(".json").write_text('{"hyperparameters": 3}')
     assert exported.load(path).card is None
     path.with_suffix(".json").write_text("{")
-    with pytest.raises(PolicyError, match="is no JSON"):
+    with pytest.raises(PolicyError, match="is not JSON"):
         exported.load(path)
 
 

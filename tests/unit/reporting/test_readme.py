@@ -38,7 +38,7 @@ def test_what_the_author_wrote_stays(tmp_path: Path) -> None:
 def test_a_block_without_its_place_is_named(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
     path.write_text(readme.fill(path, "Study", BLOCKS))
-    with pytest.raises(UserError, match="the block policies has no place"):
+    with pytest.raises(UserError, match="the block policies is missing"):
         readme.check(path, [*BLOCKS, "policies"])
     path.write_bytes(b"\xff")
     with pytest.raises(UserError, match="cannot be read"):

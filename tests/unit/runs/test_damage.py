@@ -71,7 +71,7 @@ HARMS = [
     (lambda path: path.write_bytes(b"\x80\x00\xff"), "config.yaml: damaged"),
     (Path.unlink, "config.yaml: missing; restore it"),
     (a_folder, "config.yaml: damaged: Is a directory"),
-    (a_dangling_link, "replace it by what it leads to"),
+    (a_dangling_link, "replace it by its target"),
 ]
 
 

@@ -66,7 +66,7 @@ def test_a_line_that_was_cut_short_costs_no_other(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "text",
     [
-        "no JSON",
+        "not JSON",
         "[" * 100_000,
         '{"time": "x"}',
         '{"time": "x", "event": "won"}',
@@ -139,7 +139,7 @@ def test_without_a_history_the_command_says_so(
     assert main(["runs", "--history"]) == 2
     assert "no history.jsonl here" in capsys.readouterr().err
     assert main(["runs", "--history", "--json"]) == 2
-    assert "leave --where and --json out" in capsys.readouterr().err
+    assert "leave out --where and --json" in capsys.readouterr().err
 
 
 def test_a_study_publishes_the_histories_of_its_experiments(tmp_path: Path) -> None:

@@ -140,7 +140,7 @@ def test_finding_runs(tmp_path):
     with pytest.raises(RunError, match="no such file or directory"):
         find_runs([tmp_path / "nowhere"])
     (tmp_path / "empty").mkdir()
-    with pytest.raises(RunError, match="no run directory"):
+    with pytest.raises(RunError, match="not a run directory"):
         find_runs([tmp_path / "empty"])
 
 

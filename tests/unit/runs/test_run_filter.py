@@ -52,7 +52,7 @@ def test_terms(terms: tuple[str, ...], kept: list[int]) -> None:
         (("zzz=1",), "no run has the key 'zzz'; auvbench runs --json"),
         (("vehicle=rexrv",), "no run has vehicle.name=rexrv; did you mean 'rexrov'"),
         (("reward.k=1,7",), "no run has reward.k=7; .*valid: 1, 100, 40"),
-        (("vehicle=rexrov", "seed=1"), "leaves none of the 3 runs"),
+        (("vehicle=rexrov", "seed=1"), "matches none of the 3 runs"),
         (("reward.k",), "must be KEY=VALUE"),
         (("reward.k=",), "must be KEY=VALUE"),
         (("=3",), "must be KEY=VALUE"),

@@ -251,7 +251,7 @@ def test_cancelling_asks_the_worker_first(cluster: Cluster, run: RunDirectory) -
 
 def test_a_machine_without_slurm_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda program: None)
-    with pytest.raises(UserError, match=r"launcher=slurm: there is no sbatch"):
+    with pytest.raises(UserError, match=r"launcher=slurm: sbatch not found"):
         backend()
 
 
@@ -274,7 +274,7 @@ def test_every_key_is_explained() -> None:
 
 @pytest.mark.parametrize("option", ["--array=0-3", "-Q", "--parsable", "--wrap=ls"])
 def test_an_option_that_sbatch_would_answer_otherwise(cluster: Cluster, option: str) -> None:
-    with pytest.raises(UserError, match=rf"launcher\.sbatch={option}: auvbench needs that option itself"):
+    with pytest.raises(UserError, match=rf"launcher\.sbatch={option}: auvbench sets this option itself"):
         backend(f"launcher.sbatch=['{option}']")
 
 

@@ -137,7 +137,7 @@ def test_currents_that_change_with_time_and_depth(bluerov2):
             simulator.step(action, 0.1)
         states.append(same_attitude(np.column_stack([simulator.pose, simulator.velocity])))
     assert np.abs(states[0] - states[1]).max() < 0.01
-    with pytest.raises(ConfigError, match="the second must be deeper"):
+    with pytest.raises(ConfigError, match="the second depth must be larger"):
         simulator.set_current([0.1, 0.0, 0.0], [0.0, 0.0, 0.0], (3.0, 2.0))
 
 

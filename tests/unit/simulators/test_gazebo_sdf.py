@@ -127,7 +127,7 @@ def test_published_gives_added_mass_to_the_plugin_and_none_to_dart():
     [
         ("lrauv", "corrected", "rudder is a fin"),
         ("bluerov2_heavy", "published", r"largest eigenvalue of M_RB\^-1 M_A is 1.38"),
-        ("bluerov2_gz_sim_8_12", "corrected", r"copies that of Gazebo's plugin \(gz-sim-8.12\)"),
+        ("bluerov2_gz_sim_8_12", "corrected", r"is a copy of Gazebo's plugin \(gz-sim-8.12\)"),
         (
             "bluerov2_gz_sim_8_11",
             "published",

@@ -500,7 +500,7 @@ def test_a_task_asks_no_more_of_a_simulator_than_gazebo_gives(
         (["task=docking", "reward=gym_auv_path"], "no reward for task=docking; use reward=goal"),
         (
             ["disturbance=waves", "disturbance.waves=null"],
-            "disturbance.waves=null: disturbance.waves has keys of its own",
+            "disturbance.waves=null: disturbance.waves is a group of keys",
         ),
         (["task=docking", "reward=gym_dockauv", "reward.near=20"], "reward.near.*reward.far"),
         (["task=station_keepin"], "did you mean.*station_keeping"),

@@ -144,7 +144,7 @@ def test_what_is_not_the_settings_fault_stops_the_study_and_it_goes_on_later(tmp
     def behave(number, run):
         return ("TrainingError", "cannot write: the disk is full", 1) if number == 3 else None
 
-    with pytest.raises(TrainingError, match=r"disk is full.*the same command goes on"):
+    with pytest.raises(TrainingError, match=r"disk is full.*run the same command to continue"):
         carry_out(tmp_path, Backend(behave=behave), monkeypatch)
     search, _ = carry_out(tmp_path, Backend(), monkeypatch)
     assert not errors(search)

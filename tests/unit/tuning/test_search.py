@@ -184,6 +184,6 @@ def test_operations_that_make_no_study_are_refused_in_one_line(
     assert step is not None
     search.report(step, Score(1.0, 1.0, 1.0, 1.0, 1.0))
     Journal(path).append_logs([log])
-    with pytest.raises(RunError, match="make no study") as caught:
+    with pytest.raises(RunError, match="do not form a study") as caught:
         open_study(study, path)
     assert "\n" not in str(caught.value)

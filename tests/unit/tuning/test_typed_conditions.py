@@ -82,7 +82,7 @@ def test_a_value_that_no_test_and_no_training_uses_is_refused(
     assert cli.main(["tune", "algo=pid", "protocol=validation", word, f"output={tmp_path}"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert f"{word}: has no effect, since protocol=validation tests with another {group}" in error
+    assert f"{word}: has no effect, because protocol=validation sets its own {group}" in error
     assert list(tmp_path.iterdir()) == []
 
 

@@ -62,7 +62,7 @@ def test_what_the_page_says_of_its_sheet(capsys: pytest.CaptureFixture[str]) -> 
     assert main(["vehicles", "polyu"]) == 0
     out = capsys.readouterr().out
     assert "12.393 m/s" in out
-    assert "drag is linear alone in surge, sway and heave" in out
+    assert "drag is only linear in surge, sway and heave" in out
 
 
 def test_a_printed_sheet_is_a_sheet(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def test_damping_that_no_step_resolves_is_refused_before_a_run_is_made(
     assert cli.main(["train", "vehicle=w", "algo=random"]) == 2
     error = capsys.readouterr().err
     assert error.count("\n") == 1
-    assert "shortest time constant must be at least" in error
+    assert "s, must be at least" in error
     assert not (tmp_path / "outputs").exists()
 
 

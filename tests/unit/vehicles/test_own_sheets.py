@@ -62,7 +62,7 @@ def test_files_that_cannot_be_read_do_not_hide_the_others(capsys: pytest.Capture
     Path("conf/vehicle/latin.yaml").write_bytes("name: latin\ntitle: Système\n".encode("latin-1"))
     Path("conf/vehicle/folder.yaml").mkdir()
     Path("conf/vehicle/dangling.yaml").symlink_to("nowhere.yaml")
-    latin = "conf/vehicle/latin.yaml: is no UTF-8: save the sheet as UTF-8 text"
+    latin = "conf/vehicle/latin.yaml: is not UTF-8: save the sheet as UTF-8 text"
     folder = "conf/vehicle/folder.yaml: cannot be read: Is a directory"
     dangling = "conf/vehicle/dangling.yaml: cannot be read: No such file or directory"
     out = " ".join(listed(capsys).split())

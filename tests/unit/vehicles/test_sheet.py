@@ -173,7 +173,7 @@ DIRECTION = "thruster1: [0.70710678, 0.70710678, 0.0]"
 BROKEN = {
     "asymmetric inertia": (INERTIA, INERTIA.replace("[[5.2539, 0.0144", "[[5.2539, 0.9"), "not symmetric"),
     "indefinite inertia": (INERTIA, INERTIA.replace("6.9123", "-6.9123"), "not positive definite"),
-    "no body's inertia": (INERTIA, "value: [1.0, 1.0, 10.0]", "each is at most the sum of the other two"),
+    "no body's inertia": (INERTIA, "value: [1.0, 1.0, 10.0]", "each must be at most the sum of the other two"),
     "far from symmetric": (
         "  added_mass:\n    value: [5.5, 12.7, 14.57, 0.12, 0.12, 0.12]",
         "  symmetrise: true\n  added_mass:\n    value: [[9, 0, 0, 0, 0, 0], [0, 9, 0, 0, 0, 0], [0, 0, 9, 0, 0, 5], "
@@ -183,7 +183,7 @@ BROKEN = {
     "a release that is not known": (
         "hydrodynamics:\n",
         "hydrodynamics:\n  added_mass_coriolis: gz-sim-8.13\n",
-        "added_mass_coriolis.*'gz-sim-8.13' is neither true nor false nor gz-sim-8.11 nor gz-sim-8.12",
+        "added_mass_coriolis.*'gz-sim-8.13' must be true, false or gz-sim-8.11 or gz-sim-8.12",
     ),
     "a plugin's term of a full matrix": (
         "  added_mass:\n    value: [5.5, 12.7, 14.57, 0.12, 0.12, 0.12]",

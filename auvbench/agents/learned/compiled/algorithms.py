@@ -1,4 +1,4 @@
-"""The updates of `stable_baselines3.SAC`, `TD3` and `DDPG`, and of `sb3_contrib.TQC` and `CrossQ`."""
+"""Define the compiled updates of `stable_baselines3.SAC`, `TD3` and `DDPG`, and of `sb3_contrib.TQC` and `CrossQ`."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Floats = NDArray[np.float32]
 
 
 class Temperature:
-    """The entropy coefficient: learned, or a constant."""
+    """Entropy coefficient: learned, or constant."""
 
     def __init__(self, model: Any) -> None:
         self._model = model
@@ -29,13 +29,15 @@ class Temperature:
 
     @property
     def value(self) -> float:
-        """The coefficient."""
+        """Return the coefficient."""
         if self._learned is None:
             return float(self._model.ent_coef_tensor)
         return float(np.exp(self._learned.values[0, 0]))
 
     def update(self, density: Floats) -> dict[str, float]:
-        """Move it towards the target entropy for actions of log-densities (n,); return its loss by name."""
+        """Update the coefficient towards the target entropy for actions of log-densities (n,); return its
+        loss by name.
+        """
         if self._learned is None:
             return {}
         slope = -(float(density.mean()) + self._model.target_entropy)
@@ -53,7 +55,7 @@ class Policy(memory.Networks):
         self._n_u: int = actor.mu.out_features
 
     def sample(self, observation: Floats, training: bool = False) -> Sample:
-        """Draw actions for observations (n, d) with normal numbers of torch's generator, from which SB3 draws."""
+        """Draw actions for observations (n, d), with normal numbers from torch's generator, as SB3 does."""
         noise: Floats = torch.randn(len(observation), self._n_u).numpy()
         gradient, out = self.forward(observation, training)
         return Sample(self, observation, gradient, out[0], noise, *squash(out[0], noise))
@@ -71,7 +73,7 @@ class Sample:
     action: Floats
     """(n, n_u)"""
     density: Floats
-    """(n,) logarithms"""
+    """(n,) log-densities"""
 
     def climb(
         self, critic: memory.Networks, objective: Callable[[Floats], tuple[float, Floats]], temperature: float
@@ -79,8 +81,9 @@ class Sample:
         """Update the policy once towards actions of higher value and entropy; return its loss.
 
         Args:
-            critic: of observations and actions.
-            objective: returns a value and minus its gradient, for outputs (K, n, o) of the critic.
+            critic: critic of observations and actions.
+            objective: function that returns a value and its negative gradient, for outputs (K, n, o) of the
+                critic.
             temperature: weight of the entropy.
         """
         n = len(self.observation)
@@ -94,14 +97,14 @@ class Sample:
 
 
 class Compiled:
-    """An algorithm whose `train`, in front of that of SB3's class, calls `_update`.
+    """Algorithm whose `train`, which overrides that of SB3's class, calls `_update`.
 
-    `_update(step, observation, action, following, reward, discount)` updates once with a batch and returns its losses by name;
-    `step` counts within a call of `train`.
+    `_update(step, observation, action, following, reward, discount)` updates once with a batch and returns
+    its losses by name; `step` counts within a call of `train`.
     """
 
     counts_batches = True
-    """whether SB3's own passes of a training may move the statistics of layers that normalise"""
+    """whether SB3's own training passes may update the statistics of normalisation layers"""
 
     def train(self: Any, gradient_steps: int, batch_size: int = 64) -> None:
         """Update `gradient_steps` times, and log the means of the losses as SB3 does."""
@@ -123,8 +126,8 @@ def squared_error(q: Floats, targets: Floats, factor: float) -> tuple[float, Flo
 
     Args:
         q: values (K, n, 1).
-        targets: (n, 1).
-        factor: of each critic's error.
+        targets: target values (n, 1).
+        factor: factor on each critic's error.
     """
     error = q - targets
     return factor * float(np.square(error).sum()) / len(targets), error * np.float32(
@@ -133,13 +136,13 @@ def squared_error(q: Floats, targets: Floats, factor: float) -> tuple[float, Flo
 
 
 def least_value(q: Floats) -> tuple[float, Floats]:
-    """Return the mean over rows of the least of the critics' values (K, n, 1), and minus its gradient."""
+    """Return the mean over rows of the smallest of the critics' values (K, n, 1), and its negative gradient."""
     chosen = np.arange(len(q))[:, None, None] == q.argmin(axis=0)
     return float(q.min(axis=0).mean()), chosen * np.float32(-1.0 / q.shape[1])
 
 
 class Soft(Compiled):
-    """What SAC and TQC share."""
+    """Common part of SAC and TQC."""
 
     def _setup_model(self: Any) -> None:
         super()._setup_model()  # type: ignore[misc]
@@ -180,7 +183,7 @@ class SAC(Soft, stable_baselines3.SAC):
     """Soft actor-critic (Haarnoja et al. 2018)."""
 
     def _value(self, q: Floats) -> Floats:
-        """Return the values (n, t) that targets are made of, from outputs (K, n, o) of the target networks."""
+        """Return the values (n, t) for the targets, from outputs (K, n, o) of the target networks."""
         least: Floats = q.min(axis=0)
         return least
 
@@ -189,7 +192,7 @@ class SAC(Soft, stable_baselines3.SAC):
         return squared_error(q, targets, 0.5)
 
     def _objective(self, q: Floats) -> tuple[float, Floats]:
-        """Return the mean value that the actor climbs, and minus its gradient, for outputs (K, n, o)."""
+        """Return the mean value that the actor maximises, and its negative gradient, for outputs (K, n, o)."""
         return least_value(q)
 
 
@@ -198,9 +201,9 @@ class TQC(Soft, sb3_contrib.TQC):
 
     def _value(self, q: Floats) -> Floats:
         critics, n, quantiles = q.shape
-        kept = (quantiles - self.top_quantiles_to_drop_per_net) * critics
+        quantiles_used = (quantiles - self.top_quantiles_to_drop_per_net) * critics
         together = np.moveaxis(q, 0, 1).reshape(n, -1)
-        lowest: Floats = np.sort(together, axis=1)[:, :kept]
+        lowest: Floats = np.sort(together, axis=1)[:, :quantiles_used]
         return lowest
 
     def _loss(self, q: Floats, targets: Floats) -> tuple[float, Floats]:
@@ -214,7 +217,7 @@ class TQC(Soft, sb3_contrib.TQC):
 class CrossQ(Compiled, sb3_contrib.CrossQ):
     """SAC without target networks, with batch renormalisation (Bhatt et al. 2024)."""
 
-    counts_batches = False  # layers count their batches in `_update`
+    counts_batches = False  # `_update` counts the layers' batches
 
     def _setup_model(self) -> None:
         super()._setup_model()
@@ -262,7 +265,7 @@ class CrossQ(Compiled, sb3_contrib.CrossQ):
 
 
 class Delayed(Compiled):
-    """What TD3 and DDPG share."""
+    """Common part of TD3 and DDPG."""
 
     def _setup_model(self: Any) -> None:
         super()._setup_model()  # type: ignore[misc]
@@ -296,7 +299,7 @@ class Delayed(Compiled):
         return loss
 
     def _update_actor(self: Any, observation: Floats) -> float:
-        """Update the actor once, which climbs the first critic; return its loss."""
+        """Update the actor once to maximise the first critic; return its loss."""
         actor_gradient, out = self._actor.forward(observation)
         action = np.tanh(out[0])
         gradient, q = self._critic.forward(np.concatenate([observation, action], axis=1), first=1)

@@ -1,4 +1,6 @@
-"""Element-wise arithmetic of updates: Adam, Polyak averaging, the squashed Gaussian, the quantile loss."""
+"""Implement the updates' element-wise arithmetic: Adam, Polyak averaging, the squashed Gaussian, the quantile
+loss.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ Floats = NDArray[np.float32]
 LOG_STD = -20.0, 2.0
 """Range to which SB3 clips the logarithm of the standard deviation."""
 EPSILON = 1e-6
-"""SB3's guard of the logarithm in the squashed Gaussian's density."""
+"""Constant that SB3 adds inside the logarithm of the squashed Gaussian's density."""
 
 
 @compiled(error_model="numpy")
@@ -44,7 +46,7 @@ def adam(
 
 @compiled(error_model="numpy")
 def average(target: Floats, values: Floats, tau: float) -> None:
-    """Move parameters (K, P) of target networks by a share `tau` towards those of the networks."""
+    """Move parameters (K, P) of target networks by a share `tau` towards the networks' parameters."""
     keep, new = np.float32(1.0 - tau), np.float32(tau)
     for k in range(len(target)):
         for j in range(target.shape[1]):
@@ -79,12 +81,13 @@ def squash(out: Floats, noise: Floats) -> tuple[Floats, Floats]:
 def squash_gradient(
     out: Floats, noise: Floats, action: Floats, upstream: Floats, temperature: float
 ) -> Floats:
-    """Return the gradient (n, 2 n_u) of `out` for a loss whose gradient is known.
+    """Return the gradient (n, 2 n_u) with respect to `out`, for a loss with known gradients of actions and
+    log-densities.
 
     Args:
-        out, noise, action: of `squash`.
-        upstream: gradient of the actions (n, n_u).
-        temperature: gradient of each log-density.
+        out, noise, action: see `squash`.
+        upstream: gradient with respect to the actions (n, n_u).
+        temperature: gradient with respect to each log-density.
     """
     n, n_u = noise.shape
     gradient = np.empty((n, 2 * n_u), np.float32)
@@ -106,8 +109,8 @@ def quantile_loss(quantiles: Floats, targets: Floats) -> tuple[Any, Floats]:
     """Return the quantile Huber loss (Kuznetsov et al. 2020, eq. 10), as a mean over all pairs, and its gradient.
 
     Args:
-        quantiles: of the critics (K, n, q).
-        targets: (n, t).
+        quantiles: quantiles of the critics (K, n, q).
+        targets: target values (n, t).
     """
     critics, n, q = quantiles.shape
     t = targets.shape[1]

@@ -1,4 +1,6 @@
-"""Parameters of SB3's networks and states of its optimizers in flat arrays, and batches of a replay buffer."""
+"""Keep parameters of SB3's networks and states of its optimizers in flat arrays, and draw batches from a
+replay buffer.
+"""
 
 from __future__ import annotations
 
@@ -18,13 +20,16 @@ Floats = NDArray[np.float32]
 
 
 def rows(networks: Sequence[Sequence[torch.Tensor]]) -> torch.Tensor:
-    """Move parameters of K networks of one shape into an array (K, P), which is their memory from now on; return it."""
+    """Move parameters of K networks of one shape into an array (K, P), which becomes their memory; return it."""
     none = torch.empty(0)  # there may be no parameter
     flat = torch.stack(
-        [torch.cat([none, *(tensor.detach().reshape(-1) for tensor in one)]) for one in networks]
+        [
+            torch.cat([none, *(tensor.detach().reshape(-1) for tensor in parameters)])
+            for parameters in networks
+        ]
     )
-    for k, one in enumerate(networks):
-        for tensor, view in zip(one, _views(flat[k], one), strict=True):
+    for k, parameters in enumerate(networks):
+        for tensor, view in zip(parameters, _views(flat[k], parameters), strict=True):
             tensor.data = view
     return flat
 
@@ -35,11 +40,12 @@ def _views(flat: torch.Tensor, like: Sequence[torch.Tensor]) -> list[torch.Tenso
 
 
 class Trained:
-    """Parameters of K networks with their gradient and an optimizer of SB3, whose state lies in the same kind of array.
+    """Parameters of K networks with their gradient and an optimizer of SB3, whose state is in the same kind
+    of array.
 
     Args:
-        networks: parameters of each.
-        optimizer: of these parameters; None where nothing but `forward` moves them.
+        networks: parameters of each network.
+        optimizer: optimizer of these parameters; None if they are never updated by gradients.
 
     Attributes:
         values, gradient: (K, P).
@@ -58,7 +64,7 @@ class Trained:
             self._adopt()
 
     def _adopt(self, *_: Any) -> None:
-        """Take over the state that the optimizer has: none at first, copies after `load_state_dict`."""
+        """Take over the optimizer's state: none at first, copies after `load_state_dict`."""
         state = self._optimizer.state
         self._step.zero_()
         self._moments.zero_()
@@ -81,17 +87,20 @@ class Trained:
 
 
 Gradient = Callable[[Floats, bool], Floats]
-"""Takes the gradient of the outputs (K, n, o). With True it stores that of the parameters, otherwise it returns that of the
-inputs (n, d), summed over networks."""
+"""Function of the gradient of the outputs (K, n, o). With True it stores the gradient of the parameters;
+otherwise it returns the gradient of the inputs (n, d), summed over networks.
+"""
 
 
 class Networks(Trained):
-    """Networks of one shape: linear layers with ReLU between them, some with batch renormalisation of their inputs.
+    """Networks of one shape: linear layers with ReLU between them, some with batch renormalisation of their
+    inputs.
 
     Args:
-        networks: modules of each.
-        optimizer: of their parameters; None for target networks.
-        heads: linear layers of each that share its last inputs, in place of a last layer among the modules.
+        networks: modules of each network.
+        optimizer: optimizer of their parameters; None for target networks.
+        heads: linear layers of each network that share its last inputs and replace a last layer among the
+            modules.
     """
 
     def __init__(
@@ -102,26 +111,30 @@ class Networks(Trained):
     ) -> None:
         modules: list[list[Any]] = [list(network) for network in networks]
         self._renorms: list[list[Any]] = [
-            [one for one in network if isinstance(one, BatchRenorm1d)] for network in modules
+            [module for module in network if isinstance(module, BatchRenorm1d)] for network in modules
         ]
         head = [head.weight for head in heads] + [head.bias for head in heads]
         super().__init__([[*_parameters(network), *head] for network in modules], optimizer)
-        linear = [one for one in modules[0] if isinstance(one, torch.nn.Linear)]
+        linear = [module for module in modules[0] if isinstance(module, torch.nn.Linear)]
         widths = [layer.out_features for layer in linear]
         if heads:
             widths.append(sum(head.out_features for head in heads))
         self._sizes = np.array([[*linear, *heads][0].in_features, *widths])
         self._normalised = np.arange(len(widths)) < len(self._renorms[0])
-        self._running_mean = rows([[one.ra_mean for one in network] for network in self._renorms]).numpy()
-        self._running_variance = rows([[one.ra_var for one in network] for network in self._renorms]).numpy()
+        self._running_mean = rows(
+            [[module.ra_mean for module in network] for network in self._renorms]
+        ).numpy()
+        self._running_variance = rows(
+            [[module.ra_var for module in network] for network in self._renorms]
+        ).numpy()
 
     def forward(self, x: Floats, training: bool = False, first: int | None = None) -> tuple[Gradient, Floats]:
         """Return a function of the outputs' gradient, and the outputs (K, n, o), for inputs (n, d).
 
         Args:
-            x: inputs.
-            training: normalise by the batch and count it; otherwise by the running statistics.
-            first: use the first networks alone, so many; not while training.
+            x: inputs (n, d).
+            training: whether to normalise by the batch and count it; otherwise use the running statistics.
+            first: number of networks to use, from the first on; not while training.
         """
         mode, momentum = RUNNING, 0.0
         if training and self._renorms[0]:
@@ -142,20 +155,21 @@ class Networks(Trained):
 
 
 def _parameters(network: Sequence[Any]) -> list[torch.Tensor]:
-    found: list[torch.Tensor] = []
+    parameters: list[torch.Tensor] = []
     for module in network:
         if isinstance(module, BatchRenorm1d):
-            found += [module.scale, module.bias]
+            parameters += [module.scale, module.bias]
         elif isinstance(module, torch.nn.Linear):
-            found += [module.weight, module.bias]
-    return found
+            parameters += [module.weight, module.bias]
+    return parameters
 
 
 def batch(model: OffPolicyAlgorithm, n: int) -> tuple[Floats, ...]:
     """Draw n transitions as SB3 does, each of `model.n_steps` steps or fewer where the episode ended.
 
     Returns:
-        Observation (n, d), action (n, n_u), following observation (n, d), reward (n, 1) and discount (n, 1), which is 0 where the
+        Observation (n, d), action (n, n_u), following observation (n, d), reward (n, 1) and discount (n, 1),
+            which is 0 if the episode ended for another reason than its time limit.
         episode ended otherwise than by its time limit.
     """
     assert model.replay_buffer is not None

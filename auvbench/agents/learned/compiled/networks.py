@@ -1,8 +1,8 @@
-"""Forward and backward passes of networks with ReLU, several of one shape at once.
+"""Compute forward and backward passes of ReLU networks, several of one shape at once.
 
-A layer may begin with batch renormalisation (Ioffe 2017), as CrossQ's do. The parameters of K networks are the rows of an array
-(K, P): for each layer scale and shift of its inputs, where it normalises them, then its weights (outputs, inputs), then its
-biases. Running means and variances are the rows of two arrays (K, S).
+A layer may begin with batch renormalisation (Ioffe 2017), as CrossQ's layers do. The parameters of K networks
+are the rows of an array (K, P): for each layer, scale and shift of its inputs (if it normalises them), then
+its weights (outputs, inputs), then its biases. Running means and variances are the rows of two arrays (K, S).
 """
 
 from __future__ import annotations
@@ -18,14 +18,18 @@ Sizes = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 RUNNING, BATCH, RENORM = 0, 1, 2
-"""What normalises: running statistics; those of the batch, during the warm-up; those of the batch, corrected towards them."""
+"""Statistics for normalising: running; the batch's, during the warm-up; the batch's, corrected towards the
+running ones.
+"""
 SMALL = 1e-3
 """sb3-contrib's epsilon of the variance."""
 R_MAX, D_MAX = 3.0, 5.0
 """sb3-contrib's limits of the correction."""
 CENTRE, INVERSE, MEAN, SHARE, PULL = range(5)
-"""Rows of what a normalisation keeps: subtracted mean; reciprocal deviation; batch mean; derivatives of the variance by that of
-the batch, and of minus the subtracted mean by the same."""
+"""Rows of a normalisation's stored values: subtracted mean; reciprocal deviation; batch mean; derivative of
+the variance with respect to the batch variance; derivative of the negative subtracted mean with respect to
+the batch mean.
+"""
 
 
 @compiled(error_model="numpy")
@@ -40,15 +44,15 @@ def normalise(
     mode: int,
     momentum: float,
 ) -> None:
-    """Store in the flat `y` (n, d) the scaled rows of the flat `x` (n, d), and move the running statistics.
+    """Store the scaled rows of the flat `x` (n, d) in the flat `y` (n, d), and update the running statistics.
 
     Args:
         x, y, n: inputs, outputs, rows.
         affine: scales (d,), then shifts (d,).
-        mean, variance: running statistics (d,), moved unless `mode` is RUNNING.
+        mean, variance: running statistics (d,), updated unless `mode` is RUNNING.
         kept: (5, d), overwritten with what `normalise_gradient` needs.
         mode: RUNNING, BATCH or RENORM.
-        momentum: share by which the running statistics move.
+        momentum: share by which the running statistics are updated.
     """
     d = len(mean)
     small, one, half = np.float32(SMALL), np.float32(1.0), np.float32(0.5)
@@ -92,12 +96,12 @@ def normalise(
 def normalise_gradient(
     x: Floats, slope: Floats, n: int, affine: Floats, kept: Floats, gradient: Floats, mode: int
 ) -> None:
-    """Turn the gradient of the outputs, the flat `slope` (n, d), into that of the inputs.
+    """Replace the gradient of the outputs, the flat `slope` (n, d), by the gradient of the inputs.
 
     Args:
-        x, n, affine, kept, mode: of `normalise`.
+        x, n, affine, kept, mode: see `normalise`.
         slope: overwritten.
-        gradient: that of scales (d,) and shifts (d,), overwritten; () where it is not wanted.
+        gradient: gradient of scales (d,) and shifts (d,), overwritten; () if it is not needed.
     """
     d = kept.shape[1]
     factor = affine[:d] * kept[INVERSE]
@@ -137,21 +141,22 @@ def forward(
     mode: int,
     momentum: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return what `backward` needs (hidden outputs, scaled inputs, kept statistics), and the outputs (K, n, o).
+    """Return what `backward` needs (hidden outputs, scaled inputs, stored statistics), and the outputs (K, n,
+    o).
 
     Args:
         values: parameters (K, P).
         sizes: widths of inputs, hidden layers, outputs.
         normalised: for each layer, whether it normalises its inputs.
-        mean, variance: running statistics (K, S), moved unless `mode` is RUNNING.
+        mean, variance: running statistics (K, S), updated unless `mode` is RUNNING.
         x: inputs (n, d).
         mode: RUNNING, BATCH or RENORM.
-        momentum: share by which the running statistics move.
+        momentum: share by which the running statistics are updated.
     """
     n, layers = len(x), len(sizes) - 1
     hidden = np.empty((len(values), n * sizes[1:-1].sum()), np.float32)
     scaled = np.empty((len(values), n * sizes[:-1][normalised].sum()), np.float32)
-    kept = np.empty((len(values), mean.shape[1], 5), np.float32)
+    stored = np.empty((len(values), mean.shape[1], 5), np.float32)
     out = np.empty((len(values), n, sizes[-1]), np.float32)
     for network in range(len(values)):
         source, place, at, before, seen = x.reshape(-1), 0, 0, 0, 0
@@ -167,7 +172,7 @@ def forward(
                     values[network, place : place + 2 * d],
                     mean[network, seen : seen + d],
                     variance[network, seen : seen + d],
-                    kept[network, seen : seen + d].reshape(5, d),
+                    stored[network, seen : seen + d].reshape(5, d),
                     mode,
                     momentum,
                 )
@@ -180,7 +185,7 @@ def forward(
                 for j in range(o):
                     target[i * o + j] = max(target[i * o + j] + bias[j], least)
             source, place, at = target, place + o * d + o, at + n * o
-    return hidden, scaled, kept, out
+    return hidden, scaled, stored, out
 
 
 @compiled(error_model="numpy")
@@ -197,14 +202,15 @@ def backward(
     mode: int,
     inputs: bool,
 ) -> Floats:
-    """Return the gradient of the inputs (n, d), summed over networks, and store that of the parameters.
+    """Return the gradient of the inputs (n, d), summed over networks, and store the gradient of the
+    parameters.
 
     Args:
-        values, sizes, normalised, x, mode: of `forward`.
-        hidden, scaled, kept: what it returned.
+        values, sizes, normalised, x, mode: see `forward`.
+        hidden, scaled, kept: results of `forward`.
         upstream: gradient of the outputs (K, n, o).
-        gradient: (K, P), overwritten; (K, 0) where it is not wanted.
-        inputs: whether that of the inputs is wanted; otherwise zeros come back.
+        gradient: gradient of the parameters (K, P), overwritten; (K, 0) if it is not needed.
+        inputs: whether to compute the gradient of the inputs; otherwise the result is zeros.
     """
     n = len(x)
     weights = gradient.shape[1] > 0

@@ -1,4 +1,4 @@
-"""Matrix products in float32 on one core.
+"""Compute matrix products in float32 on one core.
 
 The products of an update are small: a batch of 256 with layers of 128. With AVX-512 on an AMD EPYC this kernel computes them at
 twice the rate of MKL. It follows Goto and van de Geijn 2008, Anatomy of high-performance matrix multiplication: a panel of the
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 _FEATURES = llvm.get_host_cpu_features()
 WIDTH = 16 if _FEATURES.get("avx512f") else 8 if _FEATURES.get("avx2") else 4
-"""Floats in a vector register of this machine."""
+"""Number of floats in a vector register of this machine."""
 WIDE, NARROW = (6, 2), (12, 1)
-"""Tiles of the result, in rows and vectors: the 12 vectors of either fit into the 16 registers of AVX2."""
+"""Sizes of the result's tiles, in rows and vectors: 12 vectors fit into the 16 registers of AVX2."""
 
 _INDEX, _VECTOR = ir.IntType(64), ir.VectorType(ir.FloatType(), WIDTH)
 
@@ -31,8 +31,8 @@ Vector = NDArray[np.float32]
 def _tile(rows: int, vectors: int) -> Any:
     """Return a function for compiled code that computes `rows` x `vectors * WIDTH` of a product.
 
-    Its arguments: left matrix, place of the tile's first row, strides of rows and columns; packed panel; length of the sums;
-    result, place of the tile, stride of rows. Matrices are flat arrays.
+    Its arguments: left matrix, offset of the tile's first row, strides of rows and columns; packed panel;
+    length of the sums; result, offset of the tile, stride of rows. Matrices are flat arrays.
     """
 
     @intrinsic
@@ -76,8 +76,8 @@ def _generate(rows: int, vectors: int, context: Any, builder: Any, signature: An
     zero = ir.Constant(_VECTOR, [0.0] * WIDTH)
     allocate: Any = cgutils.alloca_once
     sums = [[allocate(builder, _VECTOR) for _ in range(vectors)] for _ in range(rows)]
-    for one in (one for line in sums for one in line):
-        builder.store(zero, one)
+    for register in (register for line in sums for register in line):
+        builder.store(zero, register)
     with cgutils.for_range(builder, length) as loop:
         line = builder.gep(packed, [builder.mul(loop.index, _INDEX(vectors * WIDTH))])
         right = [builder.load(vector(line, v), align=4) for v in range(vectors)]
@@ -103,7 +103,7 @@ def _generate(rows: int, vectors: int, context: Any, builder: Any, signature: An
 def _columns(rows: int, vectors: int) -> Any:
     """Return a compiled function for `vectors * WIDTH` columns of a product, or fewer at its right edge."""
     columns = vectors * WIDTH
-    many, one = _tile(rows, vectors), _tile(1, vectors)
+    many, single = _tile(rows, vectors), _tile(1, vectors)
 
     @njit(nogil=True, error_model="numpy")
     def multiply(
@@ -135,7 +135,7 @@ def _columns(rows: int, vectors: int) -> Any:
             for i in range(0, whole, rows):
                 many(a, i * a_row, a_row, a_column, panel, k, c, i * n + start, n)
             for i in range(whole, m):
-                one(a, i * a_row, a_row, a_column, panel, k, c, i * n + start, n)
+                single(a, i * a_row, a_row, a_column, panel, k, c, i * n + start, n)
             return
         for i in range(0, whole, rows):
             many(a, i * a_row, a_row, a_column, panel, k, edge, 0, columns)
@@ -143,7 +143,7 @@ def _columns(rows: int, vectors: int) -> Any:
                 for q in range(width):
                     c[(i + r) * n + start + q] = edge[r * columns + q]
         for i in range(whole, m):
-            one(a, i * a_row, a_row, a_column, panel, k, edge, 0, columns)
+            single(a, i * a_row, a_row, a_column, panel, k, edge, 0, columns)
             for q in range(width):
                 c[i * n + start + q] = edge[q]
 
@@ -166,7 +166,10 @@ def product(
     n: int,
     k: int,
 ) -> None:
-    """Store A (m, k) times B (k, n) in the contiguous C (m, n). Flat arrays; A and B with their strides in numbers."""
+    """Store A (m, k) times B (k, n) in the contiguous C (m, n).
+
+    Arrays are flat; strides of A and B are in numbers.
+    """
     if m == 1 and b_column == 1:  # the gradient of a single output: packing would take longer
         c[:n] = 0.0
         for p in range(k):

@@ -121,5 +121,5 @@ def test_a_kill_while_segments_are_written_costs_nothing(tmp_path: Path) -> None
 def test_a_buffer_that_something_else_filled_is_refused() -> None:
     buffer = new(10, 1)
     fill(buffer, 3, np.random.default_rng(0))
-    with pytest.raises(TrainingError, match="filled by something else"):
+    with pytest.raises(TrainingError, match="other code has filled it"):
         check_replay(buffer, 5)
