@@ -87,7 +87,9 @@ def few_trainings(agents: Sequence[Agent], levels: tuple[float, float]) -> str:
     """Return the assumption of an interval from fewer trainings than it needs; '' if there are enough."""
     fewest, needed = min(len(agent.outcome) for agent in agents), trainings_needed(1, 1 - levels[0])
     return (
-        f" (fewer than {needed} trainings: if they cluster around the typical one)" if fewest < needed else ""
+        f" (fewer than {needed} trainings: assumes that they cluster around the typical one)"
+        if fewest < needed
+        else ""
     )
 
 
@@ -160,7 +162,10 @@ def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
     judged = [run for run in e.sac if e.attainable(run.limit)]
     ids = tuple(run.run.id for run in judged)
     tests = []
-    for own, what in ((False, "converges sooner in"), (True, "converges sooner within its own limit in")):
+    for own, what in (
+        (False, "converges sooner within one time limit in"),
+        (True, "converges sooner within its own limit in"),
+    ):
         result = trend(_dates(judged, own), e.seed)
         if result is not None:
             tests.append(by_trend(result, f"the lower frequency {what}", e.levels(1), ids))
@@ -305,11 +310,12 @@ def straightness_and_steps(e: Evidence) -> list[Part]:
     rho = partial_rank_correlation(deviation, steps, failing, n, e.confidence)
     inside = rho.low > -WEAK and rho.high < WEAK
     verdict = HOLDS if inside else FAILS if rho.low > 0 or rho.high < 0 else OPEN
+    shared = f", of which {n} are independent (they share settings)" if n < len(agents) else ""
     statistic = (
         f"Spearman's rho given the failure rate {rho.value:.2f} [{rho.low:.2f}, {rho.high:.2f}] over {len(agents)} "
-        f"agents that count as {n} independent ones, none means within ±{WEAK:g}"
+        f"agents{shared}; no correlation means within ±{WEAK:g}"
     )
-    missing = "more agents: the interval is wider than what counts as none" if verdict == OPEN else ""
+    missing = f"more agents: the interval is wider than ±{WEAK:g}" if verdict == OPEN else ""
     return [Part(verdict, statistic, missing, run_ids(agents))]
 
 

@@ -236,7 +236,7 @@ def together(text: str, parts: Sequence[Part]) -> ClaimVerdict:
     for letter, part in zip("abc", parts, strict=False):
         several = len(parts) > 1
         if part.statistic:
-            statistics.append(f"({letter}) {part.statistic}: {part.verdict}" if several else part.statistic)
+            statistics.append(f"({letter}) {part.verdict}: {part.statistic}" if several else part.statistic)
         if part.missing:
             missing.append(f"({letter}) {part.missing}" if several else part.missing)
     runs = tuple(dict.fromkeys(run for part in parts for run in part.run_ids))

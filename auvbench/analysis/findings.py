@@ -137,8 +137,8 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
     low, high = (f"{100 * x:.1f}" if m.rate else f"{x:.4g}" for x in (means.min(), means.max()))
     share = "> 99" if shares[i] > 0.99 else f"{100 * shares[i]:.0f}"
     text = (
-        f"Trainings of {agent.label} differ most in {name(m)}: {low} to {high}{unit(m)}. {share} % of "
-        "its variance is between seeds, so more seeds tell more than more episodes."
+        f"Trainings of {agent.label} have the largest standard deviation in {name(m)}, with values from {low} to {high}{unit(m)}. "
+        f"{share} % of its variance is between seeds, so more seeds tell more than more episodes."
     )
     return Finding("seed_variance", text, (agent.label,), run_ids=run_ids([agent]))
 
@@ -239,5 +239,6 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
 
 def _level(factor: str, level: Any, levels: Sequence[Any]) -> str:
     if factor == OBSERVATION:
-        return part("unobserved", unobserved(level, levels) or "none")
+        missing = unobserved(level, levels).replace("_", " ")
+        return f"policies without {missing}" if missing else "policies with all observations"
     return part(factor, level)

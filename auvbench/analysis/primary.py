@@ -30,7 +30,7 @@ from auvbench.analysis.typical import Typical
 from auvbench.errors import ReportError, closest
 from auvbench.statistics.intervals import BoolArray, Estimate
 from auvbench.statistics.reliability import Reliability, reliability
-from auvbench.statistics.typical import trainings_needed
+from auvbench.statistics.typical import FEWEST, trainings_needed
 
 AHEAD, EQUIVALENT, BEHIND, OPEN = VERDICTS = ("ahead", "equivalent", "behind", "open")
 
@@ -221,6 +221,8 @@ def headline(ranking: Ranking) -> str:
         if len(ranking.rows) == 1:
             return f"{row.label} is the only agent: {name(m)} {amount(row.estimates[m.name], m)}."
         return f"None of {len(ranking.rows)} agents is compared: each has one training seed."
+    if not any(math.isfinite(c.difference.low) for c in primary.comparisons):
+        return f"No agent can be compared with {primary.baseline}: a verdict needs at least {FEWEST} trainings of each learner."
     ahead = primary.having(AHEAD)
     first = (
         _lead(max(ahead, key=lambda c: m.sign * c.difference.value), primary, m, ranking.task)
@@ -259,6 +261,6 @@ def _counts(primary: Primary, m: Measure) -> str:
         if n > 0:
             noun = "" if parts else " agent" if n == 1 else " agents"
             few = sum(c.few for c in comparisons) if verdict != OPEN else 0
-            stars = f" ({few} with *)" if few else ""
+            stars = f" ({few} from few trainings, marked *)" if few else ""
             parts.append(f"{n}{noun} {'is' if n == 1 else 'are'} {words}{stars}")
     return ", ".join(parts)

@@ -146,7 +146,11 @@ def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options,
     files.if_any(
         folder / "score.csv", tables.joined("protocol", [(n, tables.score_csv(s)) for n, s in scores])
     )
-    return [f"### Score across tasks: {n}\n\n{tables.pipes(tables.score_table(s))}" for n, s in scores]
+    return [
+        f"### Score across tasks, {'all conditions of ' if s.cells > len(s.titles) else 'undisturbed, '}protocol {n}\n\n"
+        f"{tables.pipes(tables.score_table(s))}"
+        for n, s in scores
+    ]
 
 
 def _stored(options: Options) -> Declared:

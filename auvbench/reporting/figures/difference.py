@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.ticker import NullLocator
 
-from auvbench.analysis.formatting import listed, name, size, unit_of_difference
+from auvbench.analysis.formatting import name, size, unit_of_difference
 from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import Against, Primary
@@ -54,7 +54,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
         return None
     m = measure(primary.measure)
     rows = [primary.of(row.label) or row.label for row in scene.ranking.rows]
-    labels = [row.agent if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
+    labels = [_label(row) if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
     labels = [textwrap.fill(label, LETTERS, break_long_words=False) for label in labels]
     width = AXIS + LETTER * max(len(line) for label in labels for line in label.split("\n"))
     heights = np.array([1 + label.count("\n") for label in labels])
@@ -92,12 +92,17 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
         if primary.having(verdict)
     ]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), handlelength=2.2)
-    caption = (
-        f"Differences in {name(m)} from {primary.baseline} with intervals that hold together with "
-        f"{100 * primary.confidence:g} %.{_of_learners(primary)}"
-    )
-    if margin:
-        caption += f" Grey: smaller than the margin of {size(primary.margin, m)}."
+    some = any(math.isfinite(c.difference.low) for c in primary.comparisons)
+    covers = f"with intervals that hold together with {100 * primary.confidence:g} %"
+    covers = covers if some else "of too few trainings for intervals"
+    caption = f"Differences in {name(m)} from {primary.baseline} {covers}.{_of_learners(primary)}"
+    if margin and not some:
+        caption += f" Grey: the margin, ±{size(primary.margin, m)}."
+    elif margin:
+        caption += (
+            f" Grey: the margin, ±{size(primary.margin, m)}. Equivalent: the interval lies within the margin. Ahead or behind: it "
+            "excludes zero and reaches beyond the margin."
+        )
     if logarithmic:
         caption += f" The axis is linear to {size(2 * primary.margin, m)} and logarithmic beyond."
     return Drawing(figure, f"Difference from {primary.baseline}", caption)
@@ -107,9 +112,15 @@ def _of_learners(primary: Primary) -> str:
     """Return the caption's sentences on the row of a learner, and on verdicts from few trainings."""
     if not any(c.reliability for c in primary.comparisons):
         return ""
-    text = " Of learners: the typical training; right: trainings that are not behind."
-    few = [c.agent for c in primary.comparisons if c.few and c.verdict != OPEN]
-    return f"{text} {listed(few, 4)}: only if trainings cluster around the typical one." if few else text
+    text = " Learners: the typical training; on the right, the trainings that are not behind."
+    if any(c.marked.endswith("*") for c in primary.comparisons):
+        text += " * From few trainings: the verdict assumes that trainings cluster around the typical one."
+    return text
+
+
+def _label(against: Against) -> str:
+    """Return the agent, with a star where its verdict has fewer trainings than it needs."""
+    return f"{against.agent} *" if against.marked.endswith("*") else against.agent
 
 
 def _face(look: Look) -> str:

@@ -33,6 +33,9 @@ MOST_AGENTS = 40
 MOST_CELLS = 150
 """largest number of cells in a grid of K and frequency; randomly drawn values have more"""
 
+GAZEBO = {"simulator=gazebo": "corrected Gazebo", "simulator=gazebo-published": "published Gazebo"}
+"""conditions of protocol gazebo in words"""
+
 MOST_LABELS = 12
 """largest number of agents in colour"""
 
@@ -121,7 +124,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
     few = len(tested) < len(scene.agents)
     caption = (
         f"Test success of the same policies under each condition of {listed(used)}, agents in the order of the ranking; 100 is "
-        "every episode. Intervals are in conditions.csv."
+        "every episode. These tests may have fewer trainings and episodes than the main table. Intervals are in conditions.csv."
         + (" A cross: not tested." if np.isnan(cells).any() else "")
         + (
             f" Shown: {len(tested)} of {len(scene.agents)} agents, the best-ranked that were tested."
@@ -174,7 +177,8 @@ def gazebo(scene: Scene) -> Drawing | None:
     if not tested:
         return None
     conditions = [c.name for c in tested[0][1] if c.par1_change]
-    figure = style.canvas(7.0, 1.4 + 0.3 * len(tested))
+    names = [agent.label for agent, _ in tested]
+    figure = style.canvas(3.6 + 0.075 * max(map(len, names)), 1.6 + 0.3 * len(tested))
     ax = figure.subplots()
     ax.axvline(0.0, color="#444444", linewidth=0.9)
     for place, name in enumerate(conditions):
@@ -185,15 +189,15 @@ def gazebo(scene: Scene) -> Drawing | None:
                 if change is not None:
                     ax.hlines(y + offset, change.low, change.high, color=colour, linewidth=1.2)
                     ax.plot(change.value, y + offset, color=colour, marker=marker, markersize=4)
-        ax.plot([], [], color=colour, marker=marker, linestyle="", label=name.partition("=")[2] or name)
+        ax.plot([], [], color=colour, marker=marker, linestyle="", label=GAZEBO.get(name, name))
     ax.grid(visible=False, axis="y")
-    ax.set_yticks(range(len(tested)), [agent.label for agent, _ in tested])
+    ax.set_yticks(range(len(tested)), names)
     ax.set_ylim(len(tested) - 0.5, -0.5)
-    ax.set_xlabel("change of PAR-1 steps against the embedded simulator")
-    ax.legend(loc="best")
+    ax.set_xlabel("PAR-1 steps: in Gazebo less embedded\nleft: sooner in Gazebo")
+    figure.legend(loc="outside upper right", ncols=len(conditions))
     caption = (
         "PAR-1 steps (a failure counts as the limit) of the same policies in Gazebo less those in the embedded simulator, paired by "
-        "seed and scenario (protocol gazebo); left of the line an agent is sooner there."
+        "seed and scenario (protocol gazebo); left of the line an agent is sooner in Gazebo."
         f" Bars: {100 * scene.ranking.confidence:g} % intervals."
     )
     return Drawing(figure, "In Gazebo", caption)

@@ -111,7 +111,10 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> Table | None:
         label = next((row.label for row in mine.values()), "") or f"K={k:g} {frequency:g} Hz, not run"
         cells = [_theirs_and_ours(mine.get(name)) for name in measures]
         lines.append(Line((Cell(f"{agent} ({label})"), *cells)))
-    note = "The original study (200 episodes, one training seed) / ours with its interval. r: restored from the row's sums."
+    note = (
+        "The original study (200 episodes, one training seed) / ours with its interval. r: restored from the row's sums; text: "
+        "from the study's text. The study has no numbers for the other cells."
+    )
     return Table((Heading("agent", words=True), *titles), tuple(lines), "The study's table and ours", (note,))
 
 
@@ -159,9 +162,9 @@ def _score_notes(found: Scores) -> list[str]:
     over = "seeds, tasks and conditions" if several else "seeds and tasks"
     notes = [
         f"Score: random is 0, PID is 1, linear between them in the measure of each task ({by}), on protocol "
-        f"{found.protocol}. The first column is the interquartile mean over {over}, which leaves out the lowest and the highest "
-        "quarter: an agent that fails at one task of five may still score 1. The others are means. It is a description: agents "
-        "are tested against PID in the section of each task.",
+        f"{found.protocol}. The first column is the mean of the middle half of the scores over {over} (interquartile mean): an "
+        "agent that fails at one task of five may still score 1. The other columns are means of all scores. Scores describe, and "
+        "their order is not a test: each agent is tested against PID in the section of its task.",
         f"Brackets: {100 * found.confidence:g} % bootstrap intervals over training seeds and test scenarios, drawn task by task; "
         "with few seeds they hold less often than they say.",
     ]

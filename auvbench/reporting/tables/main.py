@@ -97,22 +97,21 @@ def label_of(row: Row) -> str:
 
 
 def result_of(against: Against) -> tuple[str, str]:
-    """Return the verdict and what would decide an open one: "behind*", "open" and "(5 of 8 trainings)" or
-    "(31 trainings)".
-    """
+    """Return the verdict and what an open one lacks: "behind*", "open" and "(5 trainings; 8 needed)"."""
     if against.verdict != OPEN:
         return against.marked, ""
     if against.few:
-        return OPEN, f"({against.trainings} of {against.enough} trainings)"
+        return OPEN, f"({against.trainings} trainings; {against.enough} needed)"
     return OPEN, needed_text(against.needed)
 
 
 def needed_text(needed: Needed | None) -> str:
-    """Return what would decide an open comparison: "(9 trainings)", "(> 128 trainings)"; '' if it is unknown."""
+    """Return what would decide an open comparison: "(about 9 trainings would decide)"; '' if it is unknown."""
     if needed is None:
         return ""
     most = MOST_SEEDS if needed.unit == "trainings" else MOST_EPISODES
-    return f"(> {most} {needed.unit})" if needed.count is None else f"({needed.count} {needed.unit})"
+    count = f"more than {most}" if needed.count is None else f"about {needed.count}"
+    return f"({count} {needed.unit} would decide)"
 
 
 def _lead(ranking: Ranking) -> list[_Column]:
@@ -204,7 +203,12 @@ def not_behind(ranking: Ranking) -> list[_Column]:
         against = primary.of(row.label)
         return reliability_cell(against.reliability if against else None)
 
-    return [(Heading("not behind", "trainings", hint=NOT_BEHIND), reliable)]
+    return [(Heading(not_behind_title(primary.baseline), "trainings", hint=NOT_BEHIND), reliable)]
+
+
+def not_behind_title(baseline: str) -> str:
+    """Return the heading of the trainings that are not behind; a long name of the baseline is left out."""
+    return f"not behind {baseline}" if len(baseline) <= LONGEST else "not behind"
 
 
 def reliability_cell(found: Reliability | None) -> Cell:
@@ -240,7 +244,11 @@ def notes(ranking: Ranking) -> list[str]:
 def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
     """Return the notes on what is compared, on too few trainings, and on everything else."""
     m = measure(primary.measure)
-    best = " (the best of this table, for lack of a controller)" if primary.chosen_by_rank else ""
+    best = (
+        " (the best agent with several trainings, as the table has no controller)"
+        if primary.chosen_by_rank
+        else ""
+    )
     known = primary.margin == primary.margin
     within = (
         f"within ±{size(primary.margin, m)} equivalent" if known else "without a margin none is equivalent"
@@ -259,17 +267,18 @@ def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
     few = []
     if any(c.verdict != OPEN for c in some):
         few.append(
-            f"* fewer than {some[0].enough} trainings: holds if trainings cluster around the typical one."
+            f"* fewer than {some[0].enough} trainings: the verdict assumes that trainings cluster around the typical one."
         )
     if any(c.verdict == OPEN for c in some):
         few.append(
-            f"Open with fewer than {some[0].enough} trainings: {some[0].enough} on one side, less the scenarios' error, decide."
+            f"Open with fewer than {some[0].enough} trainings: {some[0].enough} trainings that are all clearly better, or all "
+            f"clearly worse, than {primary.baseline} would decide."
         )
     more = [_reliability(primary, m)] if learner else []
     if any(c.verdict == OPEN and c.needed for c in primary.comparisons):
         more.append(
-            "Open, with a number of trainings or episodes: so many would decide it with 80 % power, if further ones are like "
-            "these. Plan them before adding seeds (auvbench plan)."
+            "Open, with a number of trainings or episodes: this number decides with 80 % power if further ones are like these. "
+            "Plan them before adding seeds (auvbench plan)."
         )
     return [compared], [" ".join(few)] if few else [], more
 
@@ -284,12 +293,18 @@ def _reliability(primary: Primary, m: Measure) -> str:
         f"{100 * primary.confidence:g} % interval of the share of all trainings, in per cent."
     )
     if whole:
-        shares = ", ".join(f"{n} trainings {100 * whole[n]:.0f} %" for n in sorted(whole))
-        text += f" Where none is behind, a larger share of failing trainings than this is excluded: {shares}."
+        shares = [f"{n} trainings, none of them behind, {100 * whole[n]:.0f} %" for n in sorted(whole)]
+        text += (
+            f" Upper limit of the share of all trainings that are behind ({100 * primary.confidence:g} %, one-sided): "
+            f"{'; '.join(shares)}."
+        )
     turns = [(agent, r.mean_turns) for agent, r in reliabilities if r.mean_turns is not None]
     if turns:
-        shares = ", ".join(f"{agent} {100 * q:.2g} %" for agent, q in turns)
-        text += f" Verdicts that the mean would lose if so many trainings failed: {shares}."
+        shares = [f"{agent} {100 * q:.2g} %" for agent, q in turns]
+        text += (
+            " A verdict about the mean would be lost if this share of trainings failed in every episode: "
+            f"{'; '.join(shares)}."
+        )
     return text
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 
 from rich.cells import cell_len
@@ -21,6 +22,8 @@ MOST_PROBLEMS = 6
 """largest number of problems per kind on the terminal; the files list all"""
 LABEL = 26
 """characters of a label on one line"""
+REMARK = 14
+"""characters of a remark below a word on one line"""
 NARROW = 8
 """smallest width of a label in characters"""
 STYLES = {AHEAD: "green", EQUIVALENT: "blue", BEHIND: "red", OPEN: "yellow"}
@@ -55,7 +58,7 @@ class TableView:
     def _width(self, i: int) -> int:
         """Return the width of a column on the terminal, without its padding."""
         heading = self.table.headings[i]
-        texts = [text for line in self.table.lines for text in (line.cells[i].value, line.cells[i].more)]
+        texts = [text for line in self.table.lines for text in (line.cells[i].value, *_below(line.cells[i]))]
         widest = max(map(cell_len, (heading.title, heading.unit, *texts)))
         if i < self.table.lead:
             words = max((len(word) for text in texts for word in text.split()), default=0)
@@ -92,9 +95,14 @@ def _stacked(cell: Cell, line: Line) -> Text:
         if line.verdict and cell.value.rstrip("*").endswith(line.verdict)
         else "",
     )
-    if cell.more:
-        text.append(f"\n{cell.more}", style="dim")
+    for below in _below(cell):
+        text.append(f"\n{below}", style="dim")
     return text
+
+
+def _below(cell: Cell) -> list[str]:
+    """Return the lines below a value: an interval on one line, a remark of several words folded."""
+    return [cell.more] if cell.more.startswith("[") else textwrap.wrap(cell.more, REMARK)
 
 
 def terminal(ranking: Ranking) -> RenderableType:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -68,3 +69,20 @@ def test_a_table_of_one_agent() -> None:
 def test_trainings_that_are_not_compared() -> None:
     text = headline(rank([agent("sac", seeds=1), agent("ppo", seeds=1)]))
     assert text == "None of 2 agents is compared: each has one training seed."
+
+
+def test_too_few_trainings_for_any_comparison() -> None:
+    ranking = ranking_with("success_rate", ("open", -0.1))
+    assert ranking.primary is not None
+    (only,) = ranking.primary.comparisons
+    nothing = replace(only, difference=replace(only.difference, low=math.nan, high=math.nan))
+    text = headline(replace(ranking, primary=replace(ranking.primary, comparisons=(nothing,))))
+    assert text == "No agent can be compared with PID: a verdict needs at least 5 trainings of each learner."
+
+
+def test_the_headline_counts_verdicts_from_few_trainings() -> None:
+    ranking = ranking_with("success_rate", ("behind", -0.5), margin=0.02)
+    assert ranking.primary is not None
+    few = tuple(replace(c, trainings=5, enough=8) for c in ranking.primary.comparisons)
+    text = headline(replace(ranking, primary=replace(ranking.primary, comparisons=few)))
+    assert text.endswith("1 agent is behind (1 from few trainings, marked *).")

@@ -440,9 +440,12 @@ def test_gazebo_has_the_changes_of_every_agent_in_both_hydrodynamics(small: Scen
     assert canvas is not None
     (ax,) = canvas.axes
     assert [text.get_text() for text in ax.get_yticklabels()] == [agent.label for agent in small.agents]
-    (legend,) = [ax.get_legend()]
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["gazebo", "gazebo-published"]
+    (legend,) = canvas.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["corrected Gazebo", "published Gazebo"]
+    canvas.draw_without_rendering()
+    box = ax.xaxis.label.get_window_extent()
+    assert canvas.bbox.x0 <= box.x0
+    assert box.x1 <= canvas.bbox.x1, "the label of the axis is cut off"
     drawn = sorted(
         float(line.get_xdata()[0])
         for line in ax.lines
@@ -486,6 +489,30 @@ def test_the_main_figure_has_the_reliability_of_learners_next_to_their_verdicts(
     ]
     assert expected
     assert shown == expected
+
+
+def test_the_main_figure_marks_verdicts_from_few_trainings_and_says_when_an_agent_is_ahead(
+    small: Scene,
+) -> None:
+    assert small.ranking.primary is not None
+    first, *rest = small.ranking.primary.comparisons
+    ends = Estimate(0.01, 0.005, 0.03)
+    few = replace(first, difference=ends, verdict="ahead", trainings=5, enough=8)
+    primary = replace(small.ranking.primary, comparisons=(few, *rest), margin=0.02)
+    drawing = FIGURES["difference_from_baseline"](
+        scene(small.agents, replace(small.ranking, primary=primary))
+    )
+    assert drawing is not None
+    labels = [label.get_text() for label in drawing.canvas.axes[0].get_yticklabels()]
+    assert [label for label in labels if label.endswith("*")] == [f"{few.agent} *"]
+    assert "* From few trainings: the verdict assumes" in drawing.caption
+    assert "Grey: the margin, ±2 points. Equivalent: the interval lies within the margin." in drawing.caption
+    assert "Ahead or behind: it excludes zero and reaches beyond the margin." in drawing.caption
+    nothing = replace(few, difference=replace(ends, low=math.nan, high=math.nan), verdict="open")
+    lone = replace(primary, comparisons=(nothing,))
+    drawing = FIGURES["difference_from_baseline"](scene(small.agents, replace(small.ranking, primary=lone)))
+    assert drawing is not None
+    assert "of too few trainings for intervals." in drawing.caption
 
 
 @pytest.mark.parametrize("far", [30.0, 1e4])

@@ -18,6 +18,7 @@ from auvbench.analysis.score import Scored, Scores
 from auvbench.reporting import tables
 from auvbench.reporting.tables.appendix import ranks_table, score_table
 from auvbench.reporting.tables.main import cautions, main_table, needed_text, notes
+from auvbench.reporting.tables.table import Cell, Heading, Line, Table
 from auvbench.reporting.tables.terminal import TableView
 from auvbench.reporting.write import findings_in_markdown
 from auvbench.statistics.intervals import Estimate
@@ -79,7 +80,7 @@ def cells(ranking: Ranking) -> dict[str, Mapping[str, str]]:
 
 def test_the_columns_of_the_main_table(ranking: Ranking) -> None:
     titles = [heading.title for heading in main_table(ranking).headings]
-    assert titles == ["agent", "budget", "success", "from PID", "result", "not behind", "energy"]
+    assert titles == ["agent", "budget", "success", "from PID", "result", "not behind PID", "energy"]
     by_time = [h.title for h in main_table(replace(ranking, rank_by="par1_steps")).headings]
     assert by_time == [
         "agent",
@@ -87,7 +88,7 @@ def test_the_columns_of_the_main_table(ranking: Ranking) -> None:
         "PAR-1 steps",
         "from PID",
         "result",
-        "not behind",
+        "not behind PID",
         "success",
         "energy",
     ]
@@ -96,10 +97,10 @@ def test_the_columns_of_the_main_table(ranking: Ranking) -> None:
 def test_the_baseline_has_no_difference_and_controllers_no_budget(ranking: Ranking) -> None:
     shown = cells(ranking)
     assert shown["PID"]["result"] == "baseline"
-    assert shown["PID"]["from PID"] == shown["PID"]["budget"] == shown["PID"]["not behind"] == "–"
+    assert shown["PID"]["from PID"] == shown["PID"]["budget"] == shown["PID"]["not behind PID"] == "–"
     assert shown["random"]["result"].startswith("▼ behind")
-    assert shown["random"]["not behind"] == "–"
-    assert re.fullmatch(r"\d of 6 \[\d+, \d+\]", shown["SAC"]["not behind"])
+    assert shown["random"]["not behind PID"] == "–"
+    assert re.fullmatch(r"\d of 6 \[\d+, \d+\]", shown["SAC"]["not behind PID"])
     assert shown["SAC"]["budget"] != "–"
     assert ranking.primary is not None
     assert {line.verdict for line in main_table(ranking).lines} == {
@@ -110,7 +111,7 @@ def test_the_baseline_has_no_difference_and_controllers_no_budget(ranking: Ranki
 
 def test_a_heading_names_no_long_baseline(ranking: Ranking) -> None:
     titles = [h.title for h in main_table(relabelled(ranking, ", trained at 25 Hz with sign=both")).headings]
-    assert "difference" in titles
+    assert {"difference", "not behind"} <= set(titles)
     assert not any("trained at" in title for title in titles)
 
 
@@ -127,8 +128,24 @@ def test_one_training_has_no_difference(grouped: list[Agent]) -> None:
 
 def test_what_decides_an_open_comparison() -> None:
     assert needed_text(None) == ""
-    assert needed_text(Needed("trainings", 12)) == "(12 trainings)"
-    assert needed_text(Needed("episodes", None)) == "(> 100000 episodes)"
+    assert needed_text(Needed("trainings", 12)) == "(about 12 trainings would decide)"
+    assert needed_text(Needed("episodes", None)) == "(more than 100000 episodes would decide)"
+
+
+def test_a_remark_below_a_verdict_is_folded_and_an_interval_is_not() -> None:
+    cells = (
+        Cell("PPO"),
+        Cell("○ open", "(about 104 trainings would decide)"),
+        Cell("0.1", "[-100.5, 100.5]"),
+    )
+    table = Table(tuple(map(Heading, ("agent", "result", "difference"))), (Line(cells),))
+    console = Console(width=60, file=io.StringIO(), force_terminal=False)
+    console.print(TableView(table))
+    assert isinstance(console.file, io.StringIO)
+    shown = console.file.getvalue()
+    for words in ("(about 104", "trainings", "would decide)", "[-100.5, 100.5]"):
+        assert words in shown
+    assert "104 trainings" not in shown
 
 
 @pytest.mark.parametrize("width", [60, 80, 120, 250])
@@ -169,7 +186,8 @@ def test_verdict_and_reliability_are_shown_whole_and_so_is_the_measure_where_the
     for line in main_table(by).lines:
         for cell in line.cells[3 - (width >= 80) : 6]:
             assert cell.value in text
-            assert cell.more in text
+            folded = [cell.more] if cell.more.startswith("[") else cell.more.split()
+            assert all(part in text for part in folded), cell
     assert "…" not in text
 
 
@@ -310,9 +328,14 @@ def test_the_notes_say_what_a_verdict_of_a_learner_is_and_what_its_seeds_leave_o
     ahead = Against("SAC", Estimate(0.1, 0.05, 0.2), "ahead", None, 10, 8, held)
     few = Against("PPO", Estimate(0.1, 0.05, 0.2), "ahead", None, 5, 8, replace(held, mean_turns=None))
     told = " ".join(notes(replace(ranking, primary=replace(primary, comparisons=(ahead, few)))))
-    assert "a larger share of failing trainings than this is excluded: 10 trainings 26 %" in told
-    assert "Verdicts that the mean would lose if so many trainings failed: SAC 1.2 %." in told
-    assert "* fewer than 8 trainings: holds if trainings cluster around the typical one." in told
+    assert "behind (95 %, one-sided): 10 trainings, none of them behind, 26 %." in told
+    assert "would be lost if this share of trainings failed in every episode: SAC 1.2 %." in told
+    assert (
+        "* fewer than 8 trainings: the verdict assumes that trainings cluster around the typical one." in told
+    )
+    open_ = replace(few, verdict="open")
+    told = " ".join(notes(replace(ranking, primary=replace(primary, comparisons=(ahead, open_)))))
+    assert "8 trainings that are all clearly better, or all clearly worse, than PID would decide." in told
     controllers = replace(ranking, primary=replace(primary, comparisons=()))
     assert "ypical training" not in " ".join(notes(controllers))
 
@@ -329,7 +352,7 @@ def test_no_verdict_of_a_learner_goes_without_its_reliability(ranking: Ranking) 
     found = tuple(made.get(c.agent, c) for c in primary.comparisons)
     shown = replace(ranking, primary=replace(primary, comparisons=found))
     assert cells(shown)["SAC"]["result"] == "▼ behind*"
-    assert cells(shown)["PPO"]["result"] == "○ open (5 of 8 trainings)"
+    assert cells(shown)["PPO"]["result"] == "○ open (5 trainings; 8 needed)"
     for text in (on_screen(shown, 80), tables.markdown(shown), tables.latex(shown)):
         assert text.count("19 of 20") == 2
         assert "behind*" in text.replace("\\", "")
