@@ -14,15 +14,16 @@ from pathlib import Path
 NO_BREAK = "\u00a0"
 """a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
-LEADERBOARD, ROBUST, STATION, SUITE = (
-    ROOT / "results" / name for name in ("leaderboard", "robust", "station", "suite")
+LEADERBOARD, ROBUST, STATION, SUITE, TUNING = (
+    ROOT / "results" / name for name in ("leaderboard", "robust", "station", "suite", "tuning")
 )
+SEARCHED = {"pid": "PID", "lqr": "LQR", "smc": "SMC", "mpc": "MPC"}
 AGENTS = ("MPC", "PPO added to PID", "PID", "PPO", "SAC")
 MORE_AGENTS = ("MPC, tuned", "MPC", "PID", "LQR", "SMC", "PPO added to PID", "PPO", "SAC", "TD3")
 CONDITIONS = {
     "1 m/s current": "current=1",
-    "realistic inertia": "vehicle=bluerov2-realistic-inertia",
-    "other hydrodynamics": "vehicle=bluerov2-wu2018",
+    "real inertia": "vehicle=bluerov2-realistic-inertia",
+    "`bluerov2_wu2018`": "vehicle=bluerov2-wu2018",
 }
 VEHICLES = {
     name: f"vehicle={name.replace('_', '-')}"
@@ -35,14 +36,23 @@ TASKS = {  # title, measure, unit and its factor
     "path_following": ("paths, RMS distance", "mean_cross_track_rms_m", "cm", 100.0),
     "docking": ("docking, PAR-1 time", "par1_time_s", "s", 1.0),
 }
+TASK_WORDS = {
+    "waypoint": "waypoints",
+    "station_keeping": "stations",
+    "trajectory_tracking": "trajectories",
+    "path_following": "paths",
+    "docking": "docks",
+}
+CURRENTS = {f"{speed} m/s": f"current={speed}" for speed in ("0.25", "0.5", "0.75", "1")}
+IN_CURRENTS = ("PID", "PID, per task", "PPO 1M steps")
 SIGNS = {"ahead": "▲", "equivalent": "■", "behind": "▼", "open": "○", "baseline": ""}
 SEA = {  # title, condition
-    "trained round": "nominal",
+    "training vehicle": "nominal",
     "`bluerov2_wu2018`": "vehicle=bluerov2-wu2018",
     "0.5 m/s current": "current=0.5",
 }
 MODELS = {
-    "trained round": "nominal",
+    "training vehicle": "nominal",
     "`bluerov2`": "vehicle=bluerov2",
     "`bluerov2_wu2018`": "vehicle=bluerov2-wu2018",
     "`gz_sim_8_11`": "vehicle=bluerov2-gz-sim-8-11",
@@ -71,6 +81,7 @@ def vehicles() -> str:
 def robust() -> str:
     """Return the success of controllers, and of PPO without each ingredient, on each model of the vehicle."""
     ranked = [row for row in _rows(ROBUST, "table.csv") if row["agent"] != "random"]
+    ranked.sort(key=lambda row: float(row["par1_time_s"]))
     agents = [row["agent"] for row in ranked]
     times = [_time(row, row is ranked[0]) for row in ranked]
     columns = [times, *(_success(ROBUST, agents, condition) for condition in MODELS.values())]
@@ -79,7 +90,8 @@ def robust() -> str:
 
 def station() -> str:
     """Return how near agents stay to a station in sea state 3 on models of the vehicle, and how many stations they hold."""
-    agents = [row["agent"] for row in _rows(STATION, "table.csv") if row["agent"] != "random"]
+    ranked = [row for row in _rows(STATION, "table.csv") if row["agent"] != "random"]
+    agents = [row["agent"] for row in sorted(ranked, key=lambda row: float(row["mean_position_error_rms_m"]))]
     rows = _rows(STATION, "conditions.csv")
     errors = [
         {row["agent"]: 100 * float(row["mean_position_error_rms_m"]) for row in rows if row["condition"] == c}
@@ -96,20 +108,80 @@ def station() -> str:
 
 
 def suite() -> str:
-    """Return what each agent reaches on each task, with a sign of its verdict against PID."""
+    """Return what the typical training of each agent reaches on each task, with a sign of its verdict against PID."""
     rows = _rows(SUITE, "table.csv")
     agents = list(dict.fromkeys(row["agent"] for row in rows if row["agent"] not in ("ALOS", "random")))
     columns = []
     for task, (_, measure, unit, scale) in TASKS.items():
         section = "bluerov2_heavy" + (f", task {task}" if task else "")
         found = {row["agent"]: row for row in rows if row["vehicle"] == section}
-        columns.append(
-            [
-                f"{_digits(scale * float(found[a][measure]))} {unit} {SIGNS[found[a]['verdict']]}".strip()
-                for a in agents
-            ]
-        )
+        columns.append([_typical(found[a], found["PID"], measure, unit, scale) for a in agents])
     return _table(("agent", *(title for title, *_ in TASKS.values())), agents, columns)
+
+
+def _under_disturbances() -> dict[tuple[str, str, str], dict[str, str]]:
+    rows = _rows(SUITE, "conditions.csv")
+    return {(r["task"], r["agent"], r["condition"]): r for r in rows if r["protocol"] == "suite"}
+
+
+def cases() -> str:
+    """Return per task how many disturbances leave PPO fewer goals than PID, or more: intervals that do not overlap."""
+    found = _under_disturbances()
+    columns: list[list[str]] = [[], [], []]
+    for task in TASK_WORDS:
+        words = []
+        for (here, agent, condition), row in found.items():
+            if (here, agent) == (task, "PPO 1M steps") and condition != "nominal":
+                pid = found[task, "PID", condition]
+                fewer = float(row["success_rate_high"]) < float(pid["success_rate_low"])
+                more = float(row["success_rate_low"]) > float(pid["success_rate_high"])
+                words.append("fewer" if fewer else "more" if more else "")
+        for column, word in zip(columns, ("fewer", "more", ""), strict=True):
+            column.append(str(words.count(word)))
+    for column in columns:
+        column.append(str(sum(map(int, column))))
+    heads = ("task", "PPO reaches fewer goals", "PPO reaches more", "intervals overlap")
+    return _table(heads, [*TASK_WORDS.values(), "all"], columns)
+
+
+def currents() -> str:
+    """Return how many docks and stations PID and PPO reach in each current, in per cent."""
+    found = _under_disturbances()
+    pairs = [(task, agent) for task in ("docking", "station_keeping") for agent in IN_CURRENTS]
+    columns = [
+        [_digits(100 * float(found[task, agent, condition]["success_rate"])) for task, agent in pairs]
+        for condition in CURRENTS.values()
+    ]
+    return _table(("agent", *CURRENTS), [f"{TASK_WORDS[task]}: {agent}" for task, agent in pairs], columns)
+
+
+def elsewhere() -> str:
+    """Return what untuned and tuned controllers reach on other vehicles, as the search's tests have it."""
+    found = {
+        (row["vehicle"], row["algo"]): row
+        for row in _rows(TUNING, "tests.csv")
+        if row["test"] == "elsewhere" and float(row["frequency_hz"]) == 10.0
+    }
+    vehicles = dict.fromkeys(vehicle for vehicle, _ in found)
+    pairs = [
+        (v, a) for v in sorted(vehicles) for a in SEARCHED if (v, a) in found and (v, f"{a}_tuned") in found
+    ]
+    columns = [[SEARCHED[agent] for _, agent in pairs]]
+    for suffix in ("", "_tuned"):
+        here = [found[vehicle, agent + suffix] for vehicle, agent in pairs]
+        columns.append([f"{row['successes']} of {row['episodes']}" for row in here])
+        columns.append([f"{float(row['par1_steps']):.0f}" for row in here])
+    heads = ("vehicle", "agent", "untuned: reached", "PAR-1 steps", "tuned: reached", "PAR-1 steps")
+    return _table(heads, [f"`{vehicle}`" for vehicle, _ in pairs], columns)
+
+
+def _typical(row: dict[str, str], pid: dict[str, str], measure: str, unit: str, scale: float) -> str:
+    """Return the typical training and its verdict; in brackets the mean where it is more than a tenth, or a point, away."""
+    mean = float(row[measure])
+    value = float(pid[measure]) + float(row["difference"] or 0.0)  # a controller's typical value is its mean
+    cell = f"{_digits(scale * value)} {unit} {SIGNS[row['verdict']]}".strip()
+    apart = abs(mean - value) > (0.01 if measure == "success_rate" else 0.1 * value)
+    return f"{cell} (mean {_digits(scale * mean)})" if apart else cell
 
 
 TABLES: dict[str, Callable[[], str]] = {
@@ -118,6 +190,9 @@ TABLES: dict[str, Callable[[], str]] = {
     "robust": robust,
     "station": station,
     "suite": suite,
+    "cases": cases,
+    "currents": currents,
+    "elsewhere": elsewhere,
 }
 LANGUAGES = {".py": "python", ".toml": "toml", ".yaml": "yaml"}
 EXAMPLE = "examples/auvbench-example"
@@ -142,7 +217,8 @@ PAGES = {
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
     "results/station/README.md": ("station",),
-    "results/suite/README.md": ("suite",),
+    "results/suite/README.md": ("suite", "cases", "currents"),
+    "results/tuning/README.md": ("elsewhere",),
 }
 
 

@@ -63,7 +63,7 @@ def test_a_published_study_of_several_tasks_starts_with_the_score(study: Path) -
     readme = Path("results/two/README.md").read_text()
     assert "figures/difference_from_baseline.png" in readme
     assert "## Figures" not in readme
-    scores = readme.index("### Score across tasks: test")
+    scores = readme.index("### Score across tasks, undisturbed, protocol test")
     assert scores < readme.index("### Vehicle bluerov2_heavy, task station_keeping")
     with open("results/two/score.csv", newline="") as file:
         rows = {(row["protocol"], row["agent"]): float(row["score"]) for row in csv.DictReader(file)}
