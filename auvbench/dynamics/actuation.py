@@ -1,9 +1,11 @@
-# ruff: noqa: E741  (l is the lane, as in the layout)
 """Compiled actuators: static curve once per step, exact linear dynamics per half substep, wrench.
 
 A command passes: normalised command -> static curve -> linear dynamics (exactly discretised for half a
 substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor (k rho D^4 n|n|) or identity
--> effectiveness -> wrench through the allocation.
+-> effectiveness -> wrench [e; r x e] per newton (tau = T f, Fossen 2011, section 12.3).
+
+Tables (n_u, LANES) have a row for each actuator: `value`, what the static curve makes of the command; `output`, after the
+dynamics; `thrust`, effectiveness times thrust scale. `inner` (states, LANES) are the states of all dynamics.
 """
 
 from __future__ import annotations
@@ -12,145 +14,133 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from auvbench.dynamics.compiled import inline
 from auvbench.dynamics.layout import (
-    CURVE,
-    DISCRETE_B,
-    DISCRETE_C,
     DROP_WEIGHT,
-    EXTERNAL,
-    FIRST_STATE,
-    FORCE,
-    FORCE_SCALE,
-    HALF_STEP,
-    HIGH,
-    KIND,
     LANES,
     LINEAR_CURVE,
-    LOW,
-    NEUTRAL,
-    ORDER,
     POWER_POINTS,
-    POWER_SCALE,
-    RATE,
-    ROTOR,
-    TABLE,
     TABLE_CURVE,
-    TAU,
-    THRUST,
     THRUSTER,
+    Record,
+    add3,
+    order_1,
+    order_2,
+    order_3,
+    put3,
+    three,
+    vector,
 )
+from auvbench.dynamics.vectors import add, dot, product, scale
 
 FloatArray = NDArray[np.float64]
-L = LANES
+
+
+@inline
+def interpolated(tables: FloatArray, row: int, points: int, position: float) -> float:
+    """Return the value of a row of equally spaced points at `position`, 0 at the first and points - 1 at the last."""
+    k = max(min(int(position), points - 2), 0)
+    left: float = tables[row, k]
+    right: float = tables[row, k + 1]
+    return left + (position - k) * (right - left)
+
+
+@inline
+def polynomial(tables: FloatArray, row: int, points: int, x: float) -> float:
+    """Return the polynomial whose coefficients of x^0, x^1, ... are a row, by Horner's rule."""
+    total: float = tables[row, points - 1]
+    for k in range(points - 2, -1, -1):
+        total = total * x + tables[row, k]
+    return total
 
 
 @njit(nogil=True)
-def static_curves(units: FloatArray, tables: FloatArray, value: FloatArray) -> None:
+def static_curves(actuators: Record, tables: FloatArray, value: FloatArray) -> None:
     """Replace commands (n_u, LANES), clipped to [-1, 1], by what the static curves make of them."""
-    for a in range(units.shape[0]):
-        for l in range(L):
-            value[a, l] = min(max(value[a, l], -1.0), 1.0)
-        if units[a, CURVE] == LINEAR_CURVE:
-            neutral = units[a, NEUTRAL]
-            below = neutral - units[a, LOW]
-            above = units[a, HIGH] - neutral
-            for l in range(L):
-                x = value[a, l]
-                value[a, l] = neutral + x * (below if x < 0.0 else above)
+    for a in range(actuators.shape[0]):
+        actuator = actuators[a]
+        for lane in range(LANES):
+            value[a, lane] = min(max(value[a, lane], -1.0), 1.0)
+        if actuator.curve == LINEAR_CURVE:
+            neutral = actuator.neutral
+            below, above = neutral - actuator.low, actuator.high - neutral
+            for lane in range(LANES):
+                x = value[a, lane]
+                value[a, lane] = neutral + x * (below if x < 0.0 else above)
             continue
-        row = int(units[a, TABLE])
-        points = int(tables[row, 0])
-        if units[a, CURVE] == TABLE_CURVE:
-            for l in range(L):
-                position = 0.5 * (value[a, l] + 1.0) * (points - 1)
-                k = max(min(int(position), points - 2), 0)
-                low = tables[row, 1 + k]
-                value[a, l] = low + (position - k) * (tables[row, 2 + k] - low)
+        row, points = actuator.table, actuator.entries
+        if actuator.curve == TABLE_CURVE:
+            for lane in range(LANES):
+                position = 0.5 * (value[a, lane] + 1.0) * (points - 1)
+                value[a, lane] = interpolated(tables, row, points, position)
         else:
-            for l in range(L):
-                x = value[a, l]
-                total = tables[row, points]
-                for k in range(points - 1, 0, -1):
-                    total = total * x + tables[row, k]
-                value[a, l] = total
+            for lane in range(LANES):
+                value[a, lane] = polynomial(tables, row, points, value[a, lane])
 
 
 @njit(nogil=True)
 def report(
     first: int,
-    units: FloatArray,
+    actuators: Record,
     tables: FloatArray,
     value: FloatArray,
     force: FloatArray,
     power: FloatArray,
 ) -> None:
-    """Forces that the commands stand for, and the electrical power they take."""
-    points = POWER_POINTS
-    middle = 0.5 * (points - 1)
-    per_newton = middle / tables[0, 0]
-    for l in range(min(L, force.shape[0] - first)):
+    """Write the forces that the commands stand for, and the electrical power that they take."""
+    middle = 0.5 * (POWER_POINTS - 1)
+    for lane in range(min(LANES, force.shape[0] - first)):
         watts = 0.0
-        for a in range(units.shape[0]):
-            if units[a, KIND] != THRUSTER:
-                force[first + l, a] = 0.0
+        for a in range(actuators.shape[0]):
+            actuator = actuators[a]
+            if actuator.kind != THRUSTER:
+                force[first + lane, a] = 0.0
                 continue
-            newtons = value[a, l]
-            if units[a, ROTOR] != 0.0:
-                newtons = units[a, ROTOR] * newtons * abs(newtons)
-            force[first + l, a] = newtons
-            position = newtons * units[a, FORCE_SCALE] * per_newton + middle
-            position = min(max(position, 0.0), points - 1.0)
-            k = max(min(int(position), points - 2), 0)
-            left = tables[0, 1 + k]
-            watts += (left + (position - k) * (tables[0, 2 + k] - left)) * units[a, POWER_SCALE]
-        power[first + l] = watts
+            newtons = value[a, lane]
+            if actuator.rotor != 0.0:
+                newtons = actuator.rotor * newtons * abs(newtons)
+            force[first + lane, a] = newtons
+            position = newtons * actuator.force_scale * actuator.points_per_newton + middle
+            position = min(max(position, 0.0), POWER_POINTS - 1.0)
+            watts += interpolated(tables, actuator.power_table, POWER_POINTS, position) * actuator.power_scale
+        power[first + lane] = watts
 
 
 @njit(nogil=True)
-def apply_thrust(
-    ws: FloatArray, units: FloatArray, geometry: FloatArray, output: FloatArray, thrust: FloatArray
-) -> None:
-    """TAU = external wrench + allocation of the present outputs; `thrust` is what multiplies each of them."""
-    for l in range(6 * L):
-        ws[TAU * L + l] = ws[EXTERNAL * L + l]
-    for a in range(units.shape[0]):
-        if units[a, KIND] != THRUSTER:
+def apply_thrust(ws: Record, actuators: Record, output: FloatArray, thrust: FloatArray) -> None:
+    """Set tau to the external wrench plus that of all thrusters; `thrust` is what multiplies each of their outputs."""
+    tau, external, force = ws.tau, ws.external, ws.force
+    for lane in range(LANES):
+        put3(tau.force, lane, three(external.force, lane))
+        put3(tau.torque, lane, three(external.torque, lane))
+    for a in range(actuators.shape[0]):
+        actuator = actuators[a]
+        if actuator.kind != THRUSTER:
             continue
-        rotor = units[a, ROTOR]
+        rotor = actuator.rotor
         if rotor == 0.0:
-            for l in range(L):
-                ws[FORCE * L + l] = output[a, l] * thrust[a, l]
+            for lane in range(LANES):
+                force[lane] = output[a, lane] * thrust[a, lane]
         else:
-            for l in range(L):
-                ws[FORCE * L + l] = rotor * output[a, l] * abs(output[a, l]) * thrust[a, l]
-        b0 = geometry[a, 0]
-        b1 = geometry[a, 1]
-        b2 = geometry[a, 2]
-        b3 = geometry[a, 3]
-        b4 = geometry[a, 4]
-        b5 = geometry[a, 5]
-        for l in range(L):
-            f = ws[FORCE * L + l]
-            ws[TAU * L + l] += b0 * f
-            ws[(TAU + 1) * L + l] += b1 * f
-            ws[(TAU + 2) * L + l] += b2 * f
-            ws[(TAU + 3) * L + l] += b3 * f
-            ws[(TAU + 4) * L + l] += b4 * f
-            ws[(TAU + 5) * L + l] += b5 * f
+            for lane in range(LANES):
+                force[lane] = rotor * output[a, lane] * abs(output[a, lane]) * thrust[a, lane]
+        e, r_x_e = vector(actuator.per_newton.force), vector(actuator.per_newton.torque)
+        for lane in range(LANES):
+            add3(tau.force, lane, scale(force[lane], e))
+            add3(tau.torque, lane, scale(force[lane], r_x_e))
 
 
 @njit(nogil=True)
 def hold_commands(
-    ws: FloatArray,
+    ws: Record,
     block: int,
     states: FloatArray,
     command: FloatArray,
     effectiveness: FloatArray,
     force: FloatArray,
     power: FloatArray,
-    units: FloatArray,
-    geometry: FloatArray,
-    discrete: FloatArray,
+    actuators: Record,
+    discrete: Record,
     tables: FloatArray,
     value: FloatArray,
     output: FloatArray,
@@ -159,123 +149,114 @@ def hold_commands(
 ) -> None:
     """Start a step: static curves, commanded forces and power, present outputs, first wrench."""
     last = command.shape[0] - 1
-    for l in range(L):
-        i = min(block * L + l, last)
-        for a in range(units.shape[0]):
-            value[a, l] = command[i, a]
-            thrust[a, l] = effectiveness[i, a]
+    for lane in range(LANES):
+        i = min(block * LANES + lane, last)
+        for a in range(actuators.shape[0]):
+            value[a, lane] = command[i, a]
+            thrust[a, lane] = effectiveness[i, a]
         for j in range(states.shape[1]):
-            inner[j, l] = states[i, j]
-    for a in range(units.shape[0]):
-        for l in range(L):
-            thrust[a, l] *= ws[THRUST * L + l]
-    static_curves(units, tables, value)
-    for a in range(units.shape[0]):
-        if units[a, KIND] == DROP_WEIGHT:
-            first = int(units[a, FIRST_STATE])
-            for l in range(L):
+            inner[j, lane] = states[i, j]
+    for a in range(actuators.shape[0]):
+        for lane in range(LANES):
+            thrust[a, lane] *= ws.vehicle.thrust[lane]
+    static_curves(actuators, tables, value)
+    for a in range(actuators.shape[0]):
+        if actuators[a].kind == DROP_WEIGHT:
+            first = actuators[a].first_state
+            for lane in range(LANES):
                 # Released for good by a command above one half.
-                if value[a, l] > 0.5:
-                    inner[first, l] = 1.0
-    report(block * L, units, tables, value, force, power)
-    _outputs(units, value, output, inner, discrete)
-    apply_thrust(ws, units, geometry, output, thrust)
+                if value[a, lane] > 0.5:
+                    inner[first, lane] = 1.0
+    report(block * LANES, actuators, tables, value, force, power)
+    _outputs(actuators, discrete, value, output, inner)
+    apply_thrust(ws, actuators, output, thrust)
 
 
 @njit(nogil=True)
 def _outputs(
-    units: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray, discrete: FloatArray
+    actuators: Record, discrete: Record, value: FloatArray, output: FloatArray, inner: FloatArray
 ) -> None:
-    """Output of each actuator's dynamics in its present state."""
-    for a in range(units.shape[0]):
-        order = int(units[a, ORDER])
-        first = int(units[a, FIRST_STATE])
+    """Write the output of each actuator's dynamics in its present state, y = C x."""
+    for a in range(actuators.shape[0]):
+        order, first, C = actuators[a].order, actuators[a].first_state, discrete[a].C
         if order == 0:
-            for l in range(L):
-                output[a, l] = value[a, l]
+            for lane in range(LANES):
+                output[a, lane] = value[a, lane]
             continue
-        for l in range(L):
-            output[a, l] = 0.0
+        for lane in range(LANES):
+            output[a, lane] = 0.0
         for j in range(order):
-            c = discrete[a, DISCRETE_C + j]
-            for l in range(L):
-                output[a, l] += c * inner[first + j, l]
+            c = C[j]
+            for lane in range(LANES):
+                output[a, lane] += c * inner[first + j, lane]
 
 
-# The updates below take whole tables and an index, not rows: a view costs more than the arithmetic. Coefficients
-# are read into locals first, so that the compiler knows that no store can change them.
+# One function for each order of x' = A x + B u, y = C x: in loops over the order the state would go through memory. Each takes
+# whole tables and an index, because a view costs more than the arithmetic, and reads the coefficients before the loop, so that the
+# compiler knows that no store can change them.
 
 
 @njit(nogil=True)
 def _advance_first(
-    a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
+    a: int, first: int, D: Record, value: FloatArray, output: FloatArray, inner: FloatArray
 ) -> None:
-    decay, b, c = D[a, 0], D[a, DISCRETE_B], D[a, DISCRETE_C]
-    for l in range(L):
-        x0 = decay * inner[first, l] + b * value[a, l]
-        inner[first, l] = x0
-        output[a, l] = c * x0
+    A, B, C = order_1(D[a])
+    for lane in range(LANES):
+        x = A * inner[first, lane] + B * value[a, lane]
+        inner[first, lane] = x
+        output[a, lane] = C * x
 
 
 @njit(nogil=True)
 def _advance_second(
-    a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
+    a: int, first: int, D: Record, value: FloatArray, output: FloatArray, inner: FloatArray
 ) -> None:
-    a00, a01, a10, a11 = D[a, 0], D[a, 1], D[a, 3], D[a, 4]
-    b0, b1 = D[a, DISCRETE_B], D[a, DISCRETE_B + 1]
-    c0, c1 = D[a, DISCRETE_C], D[a, DISCRETE_C + 1]
-    for l in range(L):
-        s0, s1, u = inner[first, l], inner[first + 1, l], value[a, l]
+    ((a00, a01), (a10, a11)), (b0, b1), (c0, c1) = order_2(D[a])
+    second = first + 1
+    for lane in range(LANES):
+        s0, s1, u = inner[first, lane], inner[second, lane], value[a, lane]
         x0 = a00 * s0 + a01 * s1 + b0 * u
         x1 = a10 * s0 + a11 * s1 + b1 * u
-        inner[first, l] = x0
-        inner[first + 1, l] = x1
-        output[a, l] = c0 * x0 + c1 * x1
+        inner[first, lane] = x0
+        inner[second, lane] = x1
+        output[a, lane] = c0 * x0 + c1 * x1
 
 
 @njit(nogil=True)
 def _advance_third(
-    a: int, first: int, D: FloatArray, value: FloatArray, output: FloatArray, inner: FloatArray
+    a: int, first: int, D: Record, value: FloatArray, output: FloatArray, inner: FloatArray
 ) -> None:
-    a00, a01, a02 = D[a, 0], D[a, 1], D[a, 2]
-    a10, a11, a12 = D[a, 3], D[a, 4], D[a, 5]
-    a20, a21, a22 = D[a, 6], D[a, 7], D[a, 8]
-    b0, b1, b2 = D[a, DISCRETE_B], D[a, DISCRETE_B + 1], D[a, DISCRETE_B + 2]
-    c0, c1, c2 = D[a, DISCRETE_C], D[a, DISCRETE_C + 1], D[a, DISCRETE_C + 2]
-    for l in range(L):
-        s0, s1, s2, u = inner[first, l], inner[first + 1, l], inner[first + 2, l], value[a, l]
-        x0 = a00 * s0 + a01 * s1 + a02 * s2 + b0 * u
-        x1 = a10 * s0 + a11 * s1 + a12 * s2 + b1 * u
-        x2 = a20 * s0 + a21 * s1 + a22 * s2 + b2 * u
-        inner[first, l] = x0
-        inner[first + 1, l] = x1
-        inner[first + 2, l] = x2
-        output[a, l] = c0 * x0 + c1 * x1 + c2 * x2
+    A, B, C = order_3(D[a])
+    second, third = first + 1, first + 2
+    for lane in range(LANES):
+        s = (inner[first, lane], inner[second, lane], inner[third, lane])
+        x = add(product(A, s), scale(value[a, lane], B))
+        inner[first, lane], inner[second, lane], inner[third, lane] = x
+        output[a, lane] = dot(C, x)
 
 
 @njit(nogil=True)
 def advance_actuators(
-    ws: FloatArray,
-    units: FloatArray,
-    geometry: FloatArray,
-    discrete: FloatArray,
+    ws: Record,
+    actuators: Record,
+    discrete: Record,
     value: FloatArray,
     output: FloatArray,
     thrust: FloatArray,
     inner: FloatArray,
 ) -> None:
     """Advance the actuator states by half a substep, exactly, and renew the wrench."""
-    for a in range(units.shape[0]):
-        order = int(units[a, ORDER])
+    for a in range(actuators.shape[0]):
+        actuator = actuators[a]
+        order, first = actuator.order, actuator.first_state
         if order == 0:
             continue
-        first = int(units[a, FIRST_STATE])
-        if units[a, RATE] > 0.0:
-            reach = units[a, RATE] * discrete[a, HALF_STEP]
-            for l in range(L):
-                inner[first, l] += min(max(value[a, l] - inner[first, l], -reach), reach)
-                output[a, l] = inner[first, l]
-        elif units[a, KIND] == DROP_WEIGHT:
+        if actuator.rate > 0.0:
+            reach = actuator.rate * discrete[a].half_step
+            for lane in range(LANES):
+                inner[first, lane] += min(max(value[a, lane] - inner[first, lane], -reach), reach)
+                output[a, lane] = inner[first, lane]
+        elif actuator.kind == DROP_WEIGHT:
             continue
         elif order == 1:
             _advance_first(a, first, discrete, value, output, inner)
@@ -283,4 +264,4 @@ def advance_actuators(
             _advance_second(a, first, discrete, value, output, inner)
         else:
             _advance_third(a, first, discrete, value, output, inner)
-    apply_thrust(ws, units, geometry, output, thrust)
+    apply_thrust(ws, actuators, output, thrust)

@@ -1,5 +1,4 @@
-# ruff: noqa: E741  (l is the lane, as in the layout)
-"""Compiled actuators that are no thrusters: fins, mass shifter, buoyancy engine, drop weight.
+"""Compiled actuators that are not thrusters: fins, mass shifter, buoyancy engine, drop weight.
 
 Only vehicles that have any of them come here; it is called before every Runge-Kutta stage, because a fin's force
 depends on the flow at that stage.
@@ -21,103 +20,75 @@ from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.dynamics.layout import (
-    AREA,
-    AXIS,
-    DENSITY,
-    DRAG_SLOPE,
-    DRAG_SLOPE_STALL,
     FIN,
-    KIND,
     LANES,
-    LIFT_SLOPE,
-    LIFT_SLOPE_STALL,
     MASS_SHIFTER,
-    NEUTRAL,
-    STALL_ANGLE,
-    TAU,
     THRUSTER,
-    UPWARD,
-    Y,
+    Record,
+    Vector,
+    add3,
+    subtract3,
+    three,
+    vector,
 )
-from auvbench.dynamics.water import relative_velocity
+from auvbench.dynamics.vectors import cross, dot, plus_cross, scale, subtract, up_axis
+from auvbench.dynamics.water import through_water
 
 FloatArray = NDArray[np.float64]
-L = LANES
 
 
 @njit(nogil=True)
-def lift_and_drag(
-    vx: float, vy: float, vz: float, angle: float, fin: FloatArray
-) -> tuple[float, float, float]:
-    """Force (3) on a fin turned by `angle` about its hinge that moves at (vx, vy, vz) through the water.
+def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
+    """Return the force on a fin turned by `angle` about its hinge that moves at `v` through the water.
 
-    At angle 0 the chord points along the body's x axis; `fin` is a row of the table of geometry.
+    At angle 0 the chord points along the body's x axis; `fin` is an `ACTUATOR`.
     """
-    ax, ay, az = fin[AXIS], fin[AXIS + 1], fin[AXIS + 2]
-    c, s = math.cos(angle), math.sin(angle)
-    # Chord, turned about the hinge a: f = c x + s (a x x); normal: n = a x f.
-    fx, fy, fz = c, s * az, -s * ay
-    nx, ny, nz = ay * fz - az * fy, az * fx - ax * fz, ax * fy - ay * fx
-    spanwise = vx * ax + vy * ay + vz * az
-    px, py, pz = vx - spanwise * ax, vy - spanwise * ay, vz - spanwise * az
-    square = px * px + py * py + pz * pz
+    hinge = vector(fin.axis)
+    _, hinge_y, hinge_z = hinge
+    # The chord, x turned about the hinge: cos x + sin (hinge x x).
+    chord = (math.cos(angle), math.sin(angle) * hinge_z, -math.sin(angle) * hinge_y)
+    normal = cross(hinge, chord)
+    spanwise = dot(v, hinge)
+    across = subtract(v, scale(spanwise, hinge))
+    square = dot(across, across)
     if square == 0.0:
         return 0.0, 0.0, 0.0
-    speed = math.sqrt(square)
-    attack = math.atan2(-(px * nx + py * ny + pz * nz), px * fx + py * fy + pz * fz)
+    attack = math.atan2(-dot(across, normal), dot(across, chord))
     # The same from both sides of the chord: fold into a quarter turn.
     if attack > 0.5 * math.pi:
         attack -= math.pi
     elif attack < -0.5 * math.pi:
         attack += math.pi
-    size = abs(attack)
-    within = min(size, fin[STALL_ANGLE])
-    beyond = max(size - fin[STALL_ANGLE], 0.0)
-    lift = max(fin[LIFT_SLOPE] * within + fin[LIFT_SLOPE_STALL] * beyond, 0.0)
-    lift = math.copysign(lift, attack)
-    drag = abs(fin[DRAG_SLOPE] * within + fin[DRAG_SLOPE_STALL] * beyond)
-    sweep = square / (square + spanwise * spanwise)
-    pressure = 0.5 * fin[DENSITY] * square * fin[AREA] * sweep
-    lift *= pressure / speed
-    drag *= pressure / speed
-    return (
-        lift * (ay * pz - az * py) - drag * px,
-        lift * (az * px - ax * pz) - drag * py,
-        lift * (ax * py - ay * px) - drag * pz,
-    )
+    within = min(abs(attack), fin.stall_angle)
+    beyond = max(abs(attack) - fin.stall_angle, 0.0)
+    C_L = math.copysign(max(fin.lift_slope * within + fin.lift_slope_stall * beyond, 0.0), attack)
+    C_D = abs(fin.drag_slope * within + fin.drag_slope_stall * beyond)
+    cos2_sweep = square / (square + spanwise * spanwise)
+    # Dynamic pressure times area, per m/s: what it multiplies below has the length of `across`.
+    pressure = 0.5 * fin.density * square * fin.area * cos2_sweep / math.sqrt(square)
+    return subtract(scale(C_L * pressure, cross(hinge, across)), scale(C_D * pressure, across))
 
 
 @njit(nogil=True)
-def add_appendages(ws: FloatArray, units: FloatArray, geometry: FloatArray, output: FloatArray) -> None:
-    """Add to TAU what the appendages do at the present stage."""
-    for l in range(L):
-        u, v, w, zx, zy, zz = relative_velocity(ws, l)
-        p = ws[(Y + 10) * L + l]
-        q = ws[(Y + 11) * L + l]
-        r = ws[(Y + 12) * L + l]
-        for a in range(units.shape[0]):
-            kind = units[a, KIND]
-            if kind == THRUSTER:
+def add_appendages(ws: Record, actuators: Record, output: FloatArray) -> None:
+    """Add to tau what the appendages do at the present stage."""
+    force, torque = ws.tau.force, ws.tau.torque
+    for lane in range(LANES):
+        R, _, v_r = through_water(ws, lane)
+        omega, up = three(ws.y.rates, lane), up_axis(R)
+        for a in range(actuators.shape[0]):
+            actuator = actuators[a]
+            if actuator.kind == THRUSTER:
                 continue
-            row = geometry[a]
-            rx, ry, rz = row[0], row[1], row[2]
-            if kind == FIN:
-                fx, fy, fz = lift_and_drag(
-                    u + q * rz - r * ry, v + r * rx - p * rz, w + p * ry - q * rx, output[a, l], row
-                )
-            elif kind == MASS_SHIFTER:
+            r = vector(actuator.position)
+            if actuator.kind == FIN:
+                f = lift_and_drag(plus_cross(v_r, omega, r), output[a, lane], actuator)
+            elif actuator.kind == MASS_SHIFTER:
                 # A couple: the weight m g leaves its place and comes back at `output` along the axis.
-                arm = row[UPWARD] * output[a, l]
-                ws[(TAU + 3) * L + l] -= arm * (row[AXIS + 1] * zz - row[AXIS + 2] * zy)
-                ws[(TAU + 4) * L + l] -= arm * (row[AXIS + 2] * zx - row[AXIS] * zz)
-                ws[(TAU + 5) * L + l] -= arm * (row[AXIS] * zy - row[AXIS + 1] * zx)
+                arm = actuator.upward * output[a, lane]
+                subtract3(torque, lane, scale(arm, cross(vector(actuator.axis), up)))
                 continue
             else:
-                upward = row[UPWARD] * (output[a, l] - units[a, NEUTRAL])
-                fx, fy, fz = upward * zx, upward * zy, upward * zz
-            ws[TAU * L + l] += fx
-            ws[(TAU + 1) * L + l] += fy
-            ws[(TAU + 2) * L + l] += fz
-            ws[(TAU + 3) * L + l] += ry * fz - rz * fy
-            ws[(TAU + 4) * L + l] += rz * fx - rx * fz
-            ws[(TAU + 5) * L + l] += rx * fy - ry * fx
+                f = scale(actuator.upward * (output[a, lane] - actuator.neutral), up)
+            add3(force, lane, f)
+            add3(torque, lane, cross(r, f))

@@ -13,11 +13,18 @@ import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from numba import njit
 
 PACKAGE = Path(__file__).parent.parent
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def inline(function: F) -> F:
+    """Compile a small function of a kernel into its callers, so that its tuples cost nothing and their loops stay vectorised."""
+    return cast(F, njit(nogil=True, forceinline=True)(function))
 
 
 def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], Any]:

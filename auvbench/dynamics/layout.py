@@ -1,92 +1,287 @@
-"""Rows of the kernel's workspace and columns of its tables.
+"""Records that the compiled physics reads, and access to the vehicles of a block.
 
-The kernel works on blocks of `LANES` vehicles. Everything a vehicle needs for a step lies in one workspace of
-rows of `LANES` numbers, so that the innermost loops run over vehicles with constant trip count and constant
-offsets from one base pointer; LLVM then turns each loop into vector instructions without run-time checks.
+The kernel works on blocks of `LANES` vehicles. Everything that a vehicle needs for a step is in one record, `WORKSPACE`, with the
+same number of 16 vehicles side by side: `ws.y.velocity[axis, lane]`. The innermost loops then run over vehicles, with a constant
+number of turns and constant offsets from one pointer. LLVM turns each of them into vector instructions without checks at run time.
+
+Symbols are Fossen's (2011). All vectors are in body axes from the body origin CO unless a field says otherwise.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics.compiled import inline
+
 LANES = 16
 
-# State, stage state and Runge-Kutta sum: x y z qw qx qy qz u v w p q r.
-STATE_ROWS = 13
-X = 0
-Y = X + STATE_ROWS
-S = Y + STATE_ROWS
-# Wrench of everything but water and weight, body axes at the body origin.
-TAU = S + STATE_ROWS
+Record = Any
+"""One record of a structured array; its dtype is below."""
+Rows = NDArray[np.float64]
+"""One field of a block: (..., LANES)."""
+Pair = tuple[float, float]
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
 
-# Parameters of each vehicle (a block of these rows is stored per block of vehicles).
-PARAMETERS = TAU + 6
-MASS = PARAMETERS  # m
-MOMENT = MASS + 1  # m r_g (3)
-INERTIA = MOMENT + 3  # I_o: xx yy zz xy xz yz
-ADDED = INERTIA + 6  # diagonal of M_A
-CORIOLIS = ADDED + 6  # diagonal of M_A as C_A uses it: zero where C_A is switched off
-LINEAR = CORIOLIS + 6
-QUADRATIC = LINEAR + 6
-NET = QUADRATIC + 6  # B - W
-LEVER = NET + 1  # B r_b - W r_g (3)
-INVERSE = LEVER + 3  # upper triangle of (M_RB + M_A)^-1, row by row (21)
-ADDED_OFF = INVERSE + 21  # strict upper triangle of M_A, row by row (15)
-CORIOLIS_OFF = ADDED_OFF + 15  # the same as C_A uses it (15)
-THRUST = CORIOLIS_OFF + 15  # scale of all thrust
-DISPLACED = THRUST + 1  # mass of the displaced water rho V, and rho V r_b (3)
-PARAMETERS_END = DISPLACED + 4
 
-# Current of each vehicle: velocity at the top depth (3), difference to the bottom (3), z of the top, 1/thickness.
-CURRENT = PARAMETERS_END
-CURRENT_COLUMNS = 8
+def record(**fields: Any) -> np.dtype[Any]:
+    """Return a record of `fields`: each a shape of floats, a type, or another record."""
+    return np.dtype(
+        (np.record, [(n, t) if not isinstance(t, tuple) else (n, np.float64, t) for n, t in fields.items()])
+    )
 
-# Scratch of the full added-mass path: momentum (6) and current terms (6) from off-diagonal entries.
-EXTRA = CURRENT + CURRENT_COLUMNS
-# External wrench (6), and the force of the actuator at hand.
-EXTERNAL = EXTRA + 12
-FORCE = EXTERNAL + 6
-# Waves: where and when they act (x, y, depth, time), and the acceleration of the water in world axes (3).
-PLACE = FORCE + 1
-WATER = PLACE + 4
-ROWS = WATER + 3
 
-# Columns of the table of actuators (n_u, ACTUATOR_COLUMNS).
-KIND = 0
-CURVE = 1
-LOW = 2
-HIGH = 3
-NEUTRAL = 4
-TABLE = 5  # row of the table of curves
-ORDER = 6
-FIRST_STATE = 7  # first column of this actuator in the actuator states
-ROTOR = 8
-FORCE_SCALE = 9
-POWER_SCALE = 10
-RATE = 11  # largest rate of a rate-limited actuator, per second; 0 = none
-ACTUATOR_COLUMNS = 12
+def side_by_side(one: np.dtype[Any]) -> np.dtype[Any]:
+    """Return the record `one` of LANES vehicles: each number of it becomes a row of LANES."""
+    fields: dict[str, Any] = {}
+    for name in one.names or ():
+        kind = one[name]
+        fields[name] = side_by_side(kind) if kind.names else (*kind.shape, LANES)
+    return record(**fields)
 
-# Points of the table of electrical power over force; odd, so that force 0 is one of them.
-POWER_POINTS = 1025
 
+# --- Rows of the arrays of a batch ------------------------------------------------------------------------------------------------
+POSE = record(position=(3,), attitude=(4,))  # world axes; quaternion (w, x, y, z), body to world
+VELOCITY = record(linear=(3,), angular=(3,))  # nu = [v; omega], m/s and rad/s
+WRENCH = record(force=(3,), torque=(3,))  # N, N m
+CURRENT = record(
+    velocity=(3,),  # world axes, m/s, at depths above `top`
+    change=(3,),  # from there to the bottom of the profile, m/s
+    top=(),  # z, m
+    per_thickness=(),  # 1/m; 0: uniform
+)
+CURRENT_COLUMNS = CURRENT.itemsize // 8
+
+# --- One vehicle ------------------------------------------------------------------------------------------------------------------
+STATE = record(  # eta = [position; attitude], nu = [velocity; rates] = [v; omega]
+    position=(3,), attitude=(4,), velocity=(3,), rates=(3,)
+)
+# A symmetric matrix of 3 x 3: xx yy zz xy xz yz. One of 6 x 6 in blocks: M = [M11 M12; M12^T M22] (theorem 3.2).
+SYMMETRIC = (6,)
+SYMMETRIC_6 = record(M11=SYMMETRIC, M12=(3, 3), M22=SYMMETRIC)
+VEHICLE = record(
+    m=(),  # kg
+    m_r_g=(3,),  # m r_g, kg m
+    I_o=SYMMETRIC,  # kg m2
+    M_A=SYMMETRIC_6,
+    C_A=SYMMETRIC_6,  # M_A as C_A(nu_r) nu_r uses it: zero where the sheet switches this term off
+    D=VELOCITY,  # linear damping of v_r (N s/m) and omega (N m s)
+    D_n=VELOCITY,  # quadratic damping (N s2/m2, N m s2)
+    B_minus_W=(),  # N
+    lever=(3,),  # B r_b - W r_g, N m
+    M_inverse=SYMMETRIC_6,  # (M_RB + M_A)^-1
+    thrust=(),  # scale of all thrust
+    displaced=(),  # mass of the displaced water rho V, kg
+    displaced_r_b=(3,),  # rho V r_b, kg m
+)
+PARAMETER_ROWS = VEHICLE.itemsize // 8
+
+# --- A block of vehicles ----------------------------------------------------------------------------------------------------------
+WORKSPACE = side_by_side(
+    record(
+        vehicle=VEHICLE,
+        x=STATE,  # at the start of a substep
+        y=STATE,  # at the present stage
+        s=STATE,  # sum of the stages
+        tau=WRENCH,  # of everything but water and weight
+        external=WRENCH,
+        current=CURRENT,
+        # What the plain added mass lacks: momenta of entries off the diagonal, and a wrench to subtract.
+        extra=record(p=(3,), h=(3,), force=(3,), torque=(3,)),
+        force=(),  # N of the thruster at hand
+        # Waves: where and when they act, and the acceleration of the water, world axes.
+        waves=record(x=(), y=(), depth=(), time=(), acceleration=(3,)),
+    )
+)
+ROWS = WORKSPACE.itemsize // 8 // LANES
+
+# --- Actuators --------------------------------------------------------------------------------------------------------------------
 THRUSTER, FIN, MASS_SHIFTER, BUOYANCY_ENGINE, DROP_WEIGHT = range(5)
 LINEAR_CURVE, TABLE_CURVE, POLYNOMIAL_CURVE = range(3)
+POWER_POINTS = 1025
+"""points of the table of electrical power over force; odd, so that force 0 is one of them"""
+ACTUATOR = record(
+    kind=np.int64,  # THRUSTER, ...
+    # Static curve.
+    curve=np.int64,  # LINEAR_CURVE, ...
+    low=(),
+    high=(),
+    neutral=(),
+    table=np.int64,  # row of the table of curves
+    entries=np.int64,  # of that row
+    # Dynamics.
+    order=np.int64,
+    first_state=np.int64,  # of this actuator in the states of all
+    rate=(),  # largest rate of a rate-limited actuator, per second; 0: none
+    # Thruster.
+    rotor=(),  # k rho D^4, N s2; 0 where the curve gives newtons
+    per_newton=WRENCH,  # wrench [e; r x e]
+    force_scale=(),  # of the electrical power, and the row of its table
+    power_scale=(),
+    power_table=np.int64,
+    points_per_newton=(),  # of that table
+    # All others.
+    position=(3,),  # m
+    axis=(3,),
+    upward=(),  # mass shifter: N m per m; buoyancy engine: N per m3; drop weight: N when released
+    # Fin.
+    area=(),  # m2
+    lift_slope=(),  # 1/rad
+    lift_slope_stall=(),
+    drag_slope=(),
+    drag_slope_stall=(),
+    stall_angle=(),  # rad
+    density=(),  # kg/m3
+)
+# Exact discretisation of an actuator's dynamics for half a substep: x' = A x + B u, y = C x.
+DISCRETE = record(A=(3, 3), B=(3,), C=(3,), half_step=())
 
-# Columns of the table of geometry (n_u, GEOMETRY_COLUMNS): wrench per newton (6) of a thruster; position (3) and
-# axis (3) of everything else, then what its kind needs.
-POSITION = 0
-AXIS = 3
-AREA = 6  # fin: m2
-LIFT_SLOPE = 7  # 1/rad
-LIFT_SLOPE_STALL = 8
-DRAG_SLOPE = 9
-DRAG_SLOPE_STALL = 10
-STALL_ANGLE = 11  # rad
-DENSITY = 12
-UPWARD = 6  # mass shifter: N m per m; buoyancy engine: N per m3; drop weight: N when released
-GEOMETRY_COLUMNS = 13
+# --- Waves ------------------------------------------------------------------------------------------------------------------------
+COMPONENT = record(turns=(), frequency=(), speed=())  # 1/m, Hz, m/s
+RAY = record(cosine=(LANES,), sine=(LANES,), phase=(LANES,))  # of a component in a block: direction, turns
 
-# Columns of the table of exact discretisations (n_u, DISCRETE_COLUMNS) for half a substep: Ad (9), Bd (3), C (3),
-# and the half substep itself.
-DISCRETE_B = 9
-DISCRETE_C = 12
-HALF_STEP = 15
-DISCRETE_COLUMNS = 16
+
+# --- Access to one lane of a block ------------------------------------------------------------------------------------------------
+@inline
+def three(rows: Rows, lane: int) -> Vector:
+    """Return the vector (3, LANES) of one vehicle."""
+    return rows[0, lane], rows[1, lane], rows[2, lane]
+
+
+@inline
+def four(rows: Rows, lane: int) -> Quaternion:
+    """Return the quaternion (4, LANES) of one vehicle."""
+    return rows[0, lane], rows[1, lane], rows[2, lane], rows[3, lane]
+
+
+@inline
+def matrix(rows: Rows, lane: int) -> Matrix:
+    """Return the matrix (3, 3, LANES) of one vehicle."""
+    return (
+        (rows[0, 0, lane], rows[0, 1, lane], rows[0, 2, lane]),
+        (rows[1, 0, lane], rows[1, 1, lane], rows[1, 2, lane]),
+        (rows[2, 0, lane], rows[2, 1, lane], rows[2, 2, lane]),
+    )
+
+
+@inline
+def diagonal(rows: Rows, lane: int) -> Vector:
+    """Return xx yy zz of the symmetric matrix (6, LANES) of one vehicle."""
+    return rows[0, lane], rows[1, lane], rows[2, lane]
+
+
+@inline
+def off_diagonal(rows: Rows, lane: int) -> Vector:
+    """Return xy xz yz of the symmetric matrix (6, LANES) of one vehicle."""
+    return rows[3, lane], rows[4, lane], rows[5, lane]
+
+
+@inline
+def symmetric_of(diagonal: Vector, off_diagonal: Vector) -> Matrix:
+    """Return the symmetric matrix of its diagonal xx yy zz and xy xz yz."""
+    xx, yy, zz = diagonal
+    xy, xz, yz = off_diagonal
+    return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
+
+
+@inline
+def symmetric(rows: Rows, lane: int) -> Matrix:
+    """Return the symmetric matrix (6, LANES) of one vehicle."""
+    return symmetric_of(diagonal(rows, lane), off_diagonal(rows, lane))
+
+
+@inline
+def put3(rows: Rows, lane: int, a: Vector) -> None:
+    """Write the vector (3, LANES) of one vehicle."""
+    rows[0, lane] = a[0]
+    rows[1, lane] = a[1]
+    rows[2, lane] = a[2]
+
+
+@inline
+def put4(rows: Rows, lane: int, q: Quaternion) -> None:
+    """Write the quaternion (4, LANES) of one vehicle."""
+    rows[0, lane] = q[0]
+    rows[1, lane] = q[1]
+    rows[2, lane] = q[2]
+    rows[3, lane] = q[3]
+
+
+@inline
+def add3(rows: Rows, lane: int, a: Vector) -> None:
+    """Add to the vector (3, LANES) of one vehicle."""
+    rows[0, lane] += a[0]
+    rows[1, lane] += a[1]
+    rows[2, lane] += a[2]
+
+
+@inline
+def add4(rows: Rows, lane: int, q: Quaternion) -> None:
+    """Add to the quaternion (4, LANES) of one vehicle."""
+    rows[0, lane] += q[0]
+    rows[1, lane] += q[1]
+    rows[2, lane] += q[2]
+    rows[3, lane] += q[3]
+
+
+@inline
+def subtract3(rows: Rows, lane: int, a: Vector) -> None:
+    """Subtract from the vector (3, LANES) of one vehicle."""
+    rows[0, lane] -= a[0]
+    rows[1, lane] -= a[1]
+    rows[2, lane] -= a[2]
+
+
+@inline
+def vector(a: Rows) -> Vector:
+    """Return the numbers of a field (3,)."""
+    return a[0], a[1], a[2]
+
+
+@inline
+def quaternion(a: Rows) -> Quaternion:
+    """Return the numbers of a field (4,)."""
+    return a[0], a[1], a[2], a[3]
+
+
+@inline
+def set3(field: Rows, a: Vector) -> None:
+    """Write a field (3,)."""
+    field[0] = a[0]
+    field[1] = a[1]
+    field[2] = a[2]
+
+
+@inline
+def set4(field: Rows, q: Quaternion) -> None:
+    """Write a field (4,)."""
+    field[0] = q[0]
+    field[1] = q[1]
+    field[2] = q[2]
+    field[3] = q[3]
+
+
+# --- Access to a discretisation -------------------------------------------------------------------------------------------------
+@inline
+def order_1(D: Record) -> Vector:
+    """Return A, B and C of a `DISCRETE` of order 1."""
+    return D.A[0, 0], D.B[0], D.C[0]
+
+
+@inline
+def order_2(D: Record) -> tuple[tuple[Pair, Pair], Pair, Pair]:
+    """Return A, B and C of a `DISCRETE` of order 2."""
+    A, B, C = D.A, D.B, D.C
+    return ((A[0, 0], A[0, 1]), (A[1, 0], A[1, 1])), (B[0], B[1]), (C[0], C[1])
+
+
+@inline
+def order_3(D: Record) -> tuple[Matrix, Vector, Vector]:
+    """Return A, B and C of a `DISCRETE` of order 3."""
+    A = D.A
+    rows = (A[0, 0], A[0, 1], A[0, 2]), (A[1, 0], A[1, 1], A[1, 2]), (A[2, 0], A[2, 1], A[2, 2])
+    return rows, vector(D.B), vector(D.C)

@@ -1,4 +1,3 @@
-# ruff: noqa: E741  (l is the lane, as in the layout)
 """Linear (Airy) waves on deep water: their spectrum as components, and what they do to a block of vehicles, compiled.
 
 At depth d, a component of amplitude a, wave number k, frequency w (w^2 = g k) and direction (c, s) moves the water with
@@ -23,21 +22,34 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from auvbench.dynamics.compiled import inline
 from auvbench.dynamics.layout import (
-    ADDED,
-    ADDED_OFF,
-    CURRENT,
-    DISPLACED,
-    EXTRA,
+    COMPONENT,
     LANES,
-    PLACE,
-    WATER,
-    X,
-    Y,
+    RAY,
+    Record,
+    add3,
+    diagonal,
+    four,
+    matrix,
+    off_diagonal,
+    put3,
+    subtract3,
+    symmetric_of,
+    three,
+    vector,
+)
+from auvbench.dynamics.vectors import (
+    ZERO,
+    add,
+    plus_cross,
+    product,
+    rotation_matrix,
+    scale,
+    transposed_product,
 )
 
 FloatArray = NDArray[np.float64]
-L = LANES
 
 COMPONENTS = 32
 GAMMA = {"jonswap": 3.3, "pierson_moskowitz": 1.0}
@@ -73,7 +85,7 @@ def still(n: int) -> Waves:
 
 def on(components: FloatArray, n: int) -> Waves:
     """Return waves of `components` (m, 3) on n vehicles, their rays still to be written."""
-    return Waves(components, np.zeros((-(-n // L), len(components), 3, L)), np.zeros(n))
+    return Waves(components, np.zeros((-(-n // LANES), len(components), 3, LANES)), np.zeros(n))
 
 
 def density(frequency: FloatArray, height: float, period: float, spectrum: str) -> FloatArray:
@@ -117,9 +129,9 @@ def components(height: float, period: float, spectrum: str, gravity: float) -> F
     return np.column_stack([wave_number / (2.0 * math.pi), frequency / (2.0 * math.pi), speed])
 
 
-@njit(nogil=True)
+@inline
 def sine_cosine(turns: float) -> tuple[float, float]:
-    """Sine and cosine of an angle in turns, within 3e-9: in vector instructions, and the same bits on any machine."""
+    """Return sine and cosine of an angle in turns, within 3e-9: in vector instructions, and the same bits on any machine."""
     half = math.pi * (turns - np.floor(turns + 0.5))
     q = half * half
     s = half * (1.0 + q * (S3 + q * (S5 + q * (S7 + q * (S9 + q * (S11 + q * S13))))))
@@ -127,9 +139,9 @@ def sine_cosine(turns: float) -> tuple[float, float]:
     return 2.0 * s * c, 1.0 - 2.0 * s * s
 
 
-@njit(nogil=True)
+@inline
 def decay(depth: float) -> float:
-    """exp(-depth) for a depth of at least 0 in units of 1/k, within 1e-9 of its value; the same advantages."""
+    """Return exp(-depth) for a depth of at least 0 in units of 1/k, within 1e-9 of its value; the same advantages."""
     x = 0.5 - min(depth, DEEPEST) * (1.0 / DEEPEST)
     e = E0 + x * (
         E1 + x * (E2 + x * (E3 + x * (E4 + x * (E5 + x * (E6 + x * (E7 + x * (E8 + x * (E9 + x * E10))))))))
@@ -143,9 +155,9 @@ def decay(depth: float) -> float:
 
 @njit(nogil=True)
 def move_water(
-    ws: FloatArray,
+    ws: Record,
     block: int,
-    current: FloatArray,
+    currents: Record,
     components: FloatArray,
     rays: FloatArray,
     time: FloatArray,
@@ -154,115 +166,43 @@ def move_water(
 ) -> None:
     """Set the water's velocity and acceleration for the substep that begins `begin` s into the step and lasts 2 `half` s."""
     last = time.shape[0] - 1
-    for l in range(L):
-        i = min(block * L + l, last)
-        qw = ws[(X + 3) * L + l]
-        qx = ws[(X + 4) * L + l]
-        qy = ws[(X + 5) * L + l]
-        qz = ws[(X + 6) * L + l]
-        u = ws[(X + 7) * L + l]
-        v = ws[(X + 8) * L + l]
-        w = ws[(X + 9) * L + l]
-        ws[PLACE * L + l] = ws[X * L + l] + half * (
-            (1.0 - 2.0 * (qy * qy + qz * qz)) * u + 2.0 * (qx * qy - qw * qz) * v + 2.0 * (qx * qz + qw * qy) * w
-        )  # fmt: skip
-        ws[(PLACE + 1) * L + l] = ws[(X + 1) * L + l] + half * (
-            2.0 * (qx * qy + qw * qz) * u + (1.0 - 2.0 * (qx * qx + qz * qz)) * v + 2.0 * (qy * qz - qw * qx) * w
-        )  # fmt: skip
-        z = ws[(X + 2) * L + l] + half * (
-            2.0 * (qx * qz - qw * qy) * u + 2.0 * (qy * qz + qw * qx) * v + (1.0 - 2.0 * (qx * qx + qy * qy)) * w
-        )  # fmt: skip
-        ws[(PLACE + 2) * L + l] = max(-z, 0.0)  # above the mean surface the water moves as at it
-        ws[(PLACE + 3) * L + l] = time[i] + begin + half
-        for j in range(3):
-            ws[(CURRENT + j) * L + l] = current[i, j]
-            ws[(WATER + j) * L + l] = 0.0
-    for m in range(components.shape[0]):
-        turns = components[m, TURNS]
-        frequency = components[m, FREQUENCY]
-        speed = components[m, SPEED]
-        k = 2.0 * math.pi * turns
-        rate = 2.0 * math.pi * frequency
-        for l in range(L):
-            c = rays[block, m, COSINE, l]
-            s = rays[block, m, SINE, l]
-            along = c * ws[PLACE * L + l] + s * ws[(PLACE + 1) * L + l]
-            sine, cosine = sine_cosine(
-                turns * along - frequency * ws[(PLACE + 3) * L + l] + rays[block, m, PHASE, l]
-            )
-            size = speed * decay(k * ws[(PLACE + 2) * L + l])
+    x, current, waves = ws.x, ws.current, ws.waves
+    for lane in range(LANES):
+        i = min(block * LANES + lane, last)
+        eta_dot = product(rotation_matrix(four(x.attitude, lane)), three(x.velocity, lane))
+        waves.x[lane], waves.y[lane], z = add(three(x.position, lane), scale(half, eta_dot))
+        waves.depth[lane] = max(-z, 0.0)  # above the mean surface the water moves as at it
+        waves.time[lane] = time[i] + begin + half
+        put3(current.velocity, lane, vector(currents[i].velocity))
+        put3(waves.acceleration, lane, ZERO)
+    sea, beams = components.reshape(-1).view(COMPONENT), rays[block].reshape(-1).view(RAY)
+    for m in range(sea.shape[0]):
+        ray = beams[m]
+        turns, frequency, speed = sea[m].turns, sea[m].frequency, sea[m].speed
+        k, omega = 2.0 * math.pi * turns, 2.0 * math.pi * frequency
+        for lane in range(LANES):
+            c, s = ray.cosine[lane], ray.sine[lane]
+            along = c * waves.x[lane] + s * waves.y[lane]
+            theta = turns * along - frequency * waves.time[lane] + ray.phase[lane]
+            sine, cosine = sine_cosine(theta)
+            size = speed * decay(k * waves.depth[lane])
             sine *= size
             cosine *= size
-            ws[CURRENT * L + l] += c * cosine
-            ws[(CURRENT + 1) * L + l] += s * cosine
-            ws[(CURRENT + 2) * L + l] += sine
-            sine *= rate
-            ws[WATER * L + l] += c * sine
-            ws[(WATER + 1) * L + l] += s * sine
-            ws[(WATER + 2) * L + l] -= rate * cosine
+            add3(current.velocity, lane, (c * cosine, s * cosine, sine))
+            sine *= omega
+            add3(waves.acceleration, lane, (c * sine, s * sine, -(omega * cosine)))
 
 
 @njit(nogil=True)
-def clear_extra(ws: FloatArray) -> None:
-    """Zero the terms that `add_inertia` adds to, for vehicles without off-diagonal added mass."""
-    for l in range(6 * L):
-        ws[(EXTRA + 6) * L + l] = 0.0
-
-
-@njit(nogil=True)
-def add_inertia(ws: FloatArray) -> None:
-    """Add the inertia force of the accelerated water at the present stage; what is taken from `EXTRA` is subtracted."""
-    for l in range(L):
-        qw = ws[(Y + 3) * L + l]
-        qx = ws[(Y + 4) * L + l]
-        qy = ws[(Y + 5) * L + l]
-        qz = ws[(Y + 6) * L + l]
-        wx = ws[WATER * L + l]
-        wy = ws[(WATER + 1) * L + l]
-        wz = ws[(WATER + 2) * L + l]
-        ax = (
-            (1.0 - 2.0 * (qy * qy + qz * qz)) * wx
-            + 2.0 * (qx * qy + qw * qz) * wy
-            + 2.0 * (qx * qz - qw * qy) * wz
-        )
-        ay = (
-            2.0 * (qx * qy - qw * qz) * wx
-            + (1.0 - 2.0 * (qx * qx + qz * qz)) * wy
-            + 2.0 * (qy * qz + qw * qx) * wz
-        )
-        az = (
-            2.0 * (qx * qz + qw * qy) * wx
-            + 2.0 * (qy * qz - qw * qx) * wy
-            + (1.0 - 2.0 * (qx * qx + qy * qy)) * wz
-        )
-        mass = ws[DISPLACED * L + l]
-        bx = ws[(DISPLACED + 1) * L + l]
-        by = ws[(DISPLACED + 2) * L + l]
-        bz = ws[(DISPLACED + 3) * L + l]
-        A = ADDED_OFF
-        ws[(EXTRA + 6) * L + l] -= (
-            (ws[ADDED * L + l] + mass) * ax + ws[A * L + l] * ay + ws[(A + 1) * L + l] * az
-        )
-        ws[(EXTRA + 7) * L + l] -= (
-            ws[A * L + l] * ax + (ws[(ADDED + 1) * L + l] + mass) * ay + ws[(A + 5) * L + l] * az
-        )
-        ws[(EXTRA + 8) * L + l] -= (
-            ws[(A + 1) * L + l] * ax + ws[(A + 5) * L + l] * ay + (ws[(ADDED + 2) * L + l] + mass) * az
-        )
-        ws[(EXTRA + 9) * L + l] -= (
-            ws[(A + 2) * L + l] * ax + ws[(A + 6) * L + l] * ay + ws[(A + 9) * L + l] * az + by * az - bz * ay
-        )
-        ws[(EXTRA + 10) * L + l] -= (
-            ws[(A + 3) * L + l] * ax
-            + ws[(A + 7) * L + l] * ay
-            + ws[(A + 10) * L + l] * az
-            + bz * ax
-            - bx * az
-        )
-        ws[(EXTRA + 11) * L + l] -= (
-            ws[(A + 4) * L + l] * ax
-            + ws[(A + 8) * L + l] * ay
-            + ws[(A + 11) * L + l] * az
-            + bx * ay
-            - by * ax
-        )
+def add_water_inertia(ws: Record) -> None:
+    """Take (M_A + rho V) v' of the accelerated water at the present stage from the wrench that is subtracted."""
+    vehicle, y, extra = ws.vehicle, ws.y, ws.extra
+    M_A = vehicle.M_A
+    for lane in range(LANES):
+        R = rotation_matrix(four(y.attitude, lane))
+        v_dot = transposed_product(R, three(ws.waves.acceleration, lane))
+        mass = vehicle.displaced[lane]
+        A11 = symmetric_of(add(diagonal(M_A.M11, lane), (mass, mass, mass)), off_diagonal(M_A.M11, lane))
+        subtract3(extra.force, lane, product(A11, v_dot))
+        torque = transposed_product(matrix(M_A.M12, lane), v_dot)
+        subtract3(extra.torque, lane, plus_cross(torque, three(vehicle.displaced_r_b, lane), v_dot))

@@ -15,11 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 from auvbench.config import simulators
 from auvbench.config.schema import SCALES
 from auvbench.dynamics import layout
-from auvbench.dynamics.kernel import PARAMETER_ROWS, advance
+from auvbench.dynamics.kernel import advance
 from auvbench.dynamics.rigid_body import GZ_SIM_8_11, rigid_body_mass
 from auvbench.dynamics.waves import Waves, still
 from auvbench.simulators.base import VehicleBatch
-from auvbench.vehicles.actuators import Thruster
 from auvbench.vehicles.curves import Lag, t200_power
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -71,15 +70,15 @@ class FossenSimulator(VehicleBatch):
 
     def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01, threads: int = 1) -> None:
         super().__init__(vehicle, n, max_step)
-        self._table, self._curves = unit_table(vehicle)
-        self._geometry = geometry_table(vehicle)
+        self._actuators, self._curves = actuator_table(vehicle)
+        self._actuators_as_floats = self._actuators.view(np.float64)
         self._flags = (
             bool(np.any(np.diag(np.diag(vehicle.M_A)) != vehicle.M_A)),
             any(unit.rest.size > 0 for unit in vehicle.units),
             bool(vehicle.others),
             vehicle.added_mass_coriolis and vehicle.plugin == GZ_SIM_8_11,
         )
-        self._plans: dict[float, tuple[int, float, FloatArray]] = {}
+        self._plans: dict[float, tuple[int, float, NDArray[Any]]] = {}
         """by duration of a step in s: substeps, their length in s, and the actuators' discretisation for half
         a substep
         """
@@ -137,7 +136,7 @@ class FossenSimulator(VehicleBatch):
                 self._plans.clear()
             substeps = self.substeps(duration)
             h = duration / substeps
-            plan = self._plans[duration] = substeps, h, discretise(self.vehicle, h / 2.0)
+            plan = self._plans[duration] = substeps, h, discretise(self.vehicle, h / 2.0).view(np.float64)
         substeps, h, discrete = plan
         advance(
             self.pose,
@@ -151,8 +150,7 @@ class FossenSimulator(VehicleBatch):
             self.external_wrench,
             self._wave_arguments,
             self._parameters,
-            self._table,
-            self._geometry,
+            self._actuators_as_floats,
             discrete,
             self._curves,
             self._flags,
@@ -177,7 +175,7 @@ class FossenSimulator(VehicleBatch):
         if not self._scaled:
             self._scaled = True
             self._parameters = np.repeat(self._parameters, self._n_blocks, axis=0)
-        blocks = self._parameters.reshape(self._n_blocks, PARAMETER_ROWS, layout.LANES)
+        blocks = self._parameters.reshape(self._n_blocks, layout.PARAMETER_ROWS, layout.LANES)
         rows = parameter_rows(self.vehicle, self.scales[lanes])
         blocks[lanes // layout.LANES, :, lanes % layout.LANES] = rows
 
@@ -196,94 +194,79 @@ def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
     M_inertia = rigid_body_mass(0.0, r_g, vehicle.inertia)
     M_RB = mass[..., None] * M_mass + inertia[..., None] * M_inertia
     M_A = added[..., None] * vehicle.M_A
-    rows = np.zeros((scales.shape[0], PARAMETER_ROWS))
-
-    def put(row: int, values: NDArray[np.floating[Any]]) -> None:
-        first = row - layout.PARAMETERS
-        rows[:, first : first + values.shape[1]] = values
-
-    upper = np.triu_indices(6)
-    strict = np.triu_indices(6, 1)
-    angular = M_RB[:, 3:, 3:]
-    coriolis = vehicle.coriolis_sign * M_A
-    put(layout.MASS, M_RB[:, :1, 0])
-    put(layout.MOMENT, mass * (vehicle.mass * r_g))
-    put(layout.INERTIA, angular[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
-    put(layout.ADDED, np.diagonal(M_A, axis1=1, axis2=2))
-    put(layout.CORIOLIS, np.diagonal(coriolis, axis1=1, axis2=2))
-    put(layout.LINEAR, damping * vehicle.linear_damping)
-    put(layout.QUADRATIC, damping * vehicle.quadratic_damping)
+    rows = np.zeros(scales.shape[0], layout.VEHICLE)
+    rows["m"] = M_RB[:, 0, 0]
+    rows["m_r_g"] = mass * (vehicle.mass * r_g)
+    rows["I_o"] = _symmetric(M_RB[:, 3:, 3:])
+    _put_symmetric_6(rows["M_A"], M_A)
+    _put_symmetric_6(rows["C_A"], vehicle.coriolis_sign * M_A)
+    _put_symmetric_6(rows["M_inverse"], np.linalg.inv(M_RB + M_A))
+    for name, coefficients in (("D", vehicle.linear_damping), ("D_n", vehicle.quadratic_damping)):
+        rows[name]["linear"], rows[name]["angular"] = np.split(damping * coefficients, 2, axis=1)
     weight, lift = mass * vehicle.weight, buoyancy * vehicle.buoyancy
-    put(layout.NET, lift - weight)
-    put(layout.LEVER, lift * vehicle.center_of_buoyancy - weight * r_g)
-    put(layout.INVERSE, np.linalg.inv(M_RB + M_A)[:, upper[0], upper[1]])
-    put(layout.ADDED_OFF, M_A[:, strict[0], strict[1]])
-    put(layout.CORIOLIS_OFF, coriolis[:, strict[0], strict[1]])
-    put(layout.THRUST, thrust)
+    rows["B_minus_W"] = (lift - weight)[:, 0]
+    rows["lever"] = lift * vehicle.center_of_buoyancy - weight * r_g
+    rows["thrust"] = thrust[:, 0]
     displaced = lift / vehicle.gravity
-    put(layout.DISPLACED, np.hstack([displaced, displaced * vehicle.center_of_buoyancy]))
-    return rows
+    rows["displaced"] = displaced[:, 0]
+    rows["displaced_r_b"] = displaced * vehicle.center_of_buoyancy
+    return rows.view(np.float64).reshape(-1, layout.PARAMETER_ROWS)
 
 
-def unit_table(vehicle: VehicleModel) -> tuple[FloatArray, FloatArray]:
-    """Return the table of actuators (n_u, ACTUATOR_COLUMNS) and the table of curves (1 + curves, points).
+def _symmetric(M: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
+    """Return xx yy zz xy xz yz (k, 6) of symmetric matrices (k, 3, 3), from their upper triangles."""
+    return M[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
 
-    Row 0 of the curves is electrical power over force: the largest force F, then powers at equally spaced
-    forces from -F to F. Each other row starts with its number of entries.
+
+def _put_symmetric_6(rows: NDArray[Any], M: NDArray[np.floating[Any]]) -> None:
+    """Write symmetric matrices (k, 6, 6) to records of `layout.SYMMETRIC_6`, from their upper triangles."""
+    rows["M11"], rows["M12"], rows["M22"] = _symmetric(M[:, :3, :3]), M[:, :3, 3:], _symmetric(M[:, 3:, 3:])
+
+
+def actuator_table(vehicle: VehicleModel) -> tuple[NDArray[Any], FloatArray]:
+    """Return the actuators (n_u,), records of `layout.ACTUATOR`, and the table of curves (1 + curves, points).
+
+    Row 0 of the curves is electrical power at equally spaced forces from -F to F, with F the largest force of a T200.
     """
-    table = np.zeros((len(vehicle.units), layout.ACTUATOR_COLUMNS))
+    table = np.zeros(len(vehicle.units), layout.ACTUATOR)
     largest, power = t200_power()
-    curves = [np.concatenate(([largest], power))]
+    table["points_per_newton"] = 0.5 * (layout.POWER_POINTS - 1) / largest
+    table["per_newton"]["force"], table["per_newton"]["torque"] = np.split(vehicle.allocation.T, 2, axis=1)
+    curves = [power]
     state = 0
     for row, unit in zip(table, vehicle.units, strict=True):
-        row[layout.KIND] = unit.code
-        row[layout.CURVE] = unit.curve.code
-        row[layout.LOW], row[layout.HIGH] = unit.curve.limits
-        row[layout.NEUTRAL] = unit.curve.neutral
+        row["kind"], row["curve"] = unit.code, unit.curve.code
+        row["low"], row["high"] = unit.curve.limits
+        row["neutral"] = unit.curve.neutral
         if (values := unit.curve.entries).size:
-            row[layout.TABLE] = len(curves)
-            curves.append(np.concatenate(([values.size], values)))
-        row[layout.ORDER] = unit.rest.size
-        row[layout.FIRST_STATE] = state
+            row["table"], row["entries"] = len(curves), values.size
+            curves.append(values)
+        row["order"], row["first_state"] = unit.rest.size, state
         state += unit.rest.size
-        row[layout.RATE] = unit.rate
-        for column, value in unit.coefficients().items():
-            row[column] = value
+        row["rate"] = unit.rate
+        row["position"], row["axis"] = unit.position, unit.direction
+        for field, value in unit.coefficients(vehicle.density, vehicle.gravity).items():
+            row[field] = value
     packed = np.zeros((len(curves), max(curve.size for curve in curves)))
     for target, curve in zip(packed, curves, strict=True):
         target[: curve.size] = curve
     return table, packed
 
 
-def geometry_table(vehicle: VehicleModel) -> FloatArray:
-    """Return the table of geometry (n_u, GEOMETRY_COLUMNS)."""
-    table = np.zeros((len(vehicle.units), layout.GEOMETRY_COLUMNS))
-    table[:, :6] = vehicle.allocation.T
-    for row, unit in zip(table, vehicle.units, strict=True):
-        if not isinstance(unit, Thruster):
-            row[layout.POSITION : layout.POSITION + 3] = unit.position
-            row[layout.AXIS : layout.AXIS + 3] = unit.direction
-        for column, value in unit.geometry(vehicle.density, vehicle.gravity).items():
-            row[column] = value
-    return table
-
-
-def discretise(vehicle: VehicleModel, duration: float) -> FloatArray:
-    """Return the exact discretisations (n_u, DISCRETE_COLUMNS) of all actuators for a duration in s."""
-    table = np.zeros((len(vehicle.units), layout.DISCRETE_COLUMNS))
-    table[:, layout.HALF_STEP] = duration
+def discretise(vehicle: VehicleModel, duration: float) -> NDArray[Any]:
+    """Return exact discretisations (n_u,) of all actuators for one duration in s, records of `layout.DISCRETE`."""
+    table = np.zeros(len(vehicle.units), layout.DISCRETE)
+    table["half_step"] = duration
     done: dict[Lag, tuple[FloatArray, FloatArray]] = {}  # a group of thrusters shares its lag
     for row, unit in zip(table, vehicle.units, strict=True):
         order = unit.lag.order
         if order == 0:
-            row[layout.DISCRETE_C] = 1.0  # a rate-limited actuator's state is its output
+            row["C"][0] = 1.0  # a rate-limited actuator's state is its output
             continue
         if unit.lag not in done:
             done[unit.lag] = unit.lag.discretise(duration)
         A, B = done[unit.lag]
-        square = np.zeros((3, 3))
-        square[:order, :order] = A
-        row[:9] = square.ravel()
-        row[layout.DISCRETE_B : layout.DISCRETE_B + order] = B
-        row[layout.DISCRETE_C : layout.DISCRETE_C + order] = unit.lag.C
+        row["A"][:order, :order] = A
+        row["B"][:order] = B
+        row["C"][:order] = unit.lag.C
     return table

@@ -16,7 +16,7 @@ from auvbench.config.schema import SCALES
 from auvbench.dynamics.kernel import commanded
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.ros2.connection import Connection
-from auvbench.simulators.fossen import unit_table
+from auvbench.simulators.fossen import actuator_table
 from auvbench.vehicles.physical import PhysicalCommands
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -115,7 +115,7 @@ class Ros2Simulator:
         self.command_force = np.zeros((n, n_u))
         self.power = np.zeros(n)
         self.effectiveness = np.ones((n, n_u))
-        self._table, self._curves = unit_table(vehicle)
+        self._table, self._curves = actuator_table(vehicle)
         self._thrusters = np.isin(vehicle.actuators, vehicle.others, invert=True)
         self._physical = PhysicalCommands(vehicle)
         # Lock-step also needs commands to the server's other vehicles.

@@ -75,12 +75,8 @@ class Actuator:
         """Return the command (...) for a steady force (...) in N; zero unless this is a thruster."""
         return np.zeros_like(np.asarray(force, dtype=np.float64))
 
-    def coefficients(self) -> dict[int, float]:
-        """Return the columns of the compiled table of actuators that only this kind has."""
-        return {}
-
-    def geometry(self, density: float, gravity: float) -> dict[int, float]:
-        """Return the columns of the compiled table of geometry after the first six, in kg/m3 and m/s2."""
+    def coefficients(self, density: float, gravity: float) -> dict[str, float]:
+        """Return the fields of `dynamics.layout.ACTUATOR` that only this kind has; kg/m3 and m/s2."""
         return {}
 
     def warnings(self) -> list[str]:
@@ -146,11 +142,11 @@ class Thruster(Actuator):
             force = np.sign(force) * np.sqrt(np.abs(force) / self.rotor_constant)
         return self.curve.inverse(force)
 
-    def coefficients(self) -> dict[int, float]:
+    def coefficients(self, density: float, gravity: float) -> dict[str, float]:
         return {
-            layout.ROTOR: self.rotor_constant,
-            layout.FORCE_SCALE: 1.0 / self.power.force_scale,
-            layout.POWER_SCALE: self.power.power_scale,
+            "rotor": self.rotor_constant,
+            "force_scale": 1.0 / self.power.force_scale,
+            "power_scale": self.power.power_scale,
         }
 
     def warnings(self) -> list[str]:
@@ -209,16 +205,8 @@ class Fin(Actuator):
             for name, position, hinge in _placed(document, at, "hinges", "fins")
         ]
 
-    def geometry(self, density: float, gravity: float) -> dict[int, float]:
-        return {
-            layout.AREA: self.area,
-            layout.LIFT_SLOPE: self.lift_slope,
-            layout.LIFT_SLOPE_STALL: self.lift_slope_stall,
-            layout.DRAG_SLOPE: self.drag_slope,
-            layout.DRAG_SLOPE_STALL: self.drag_slope_stall,
-            layout.STALL_ANGLE: self.stall_angle,
-            layout.DENSITY: density,
-        }
+    def coefficients(self, density: float, gravity: float) -> dict[str, float]:
+        return {name: getattr(self, name) for name in self.UNITS} | {"density": density}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -248,8 +236,8 @@ class MassShifter(Actuator):
         )
         return [shifter]
 
-    def geometry(self, density: float, gravity: float) -> dict[int, float]:
-        return {layout.UPWARD: self.mass * gravity}
+    def coefficients(self, density: float, gravity: float) -> dict[str, float]:
+        return {"upward": self.mass * gravity}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -272,8 +260,8 @@ class BuoyancyEngine(Actuator):
         )
         return [engine]
 
-    def geometry(self, density: float, gravity: float) -> dict[int, float]:
-        return {layout.UPWARD: density * gravity}
+    def coefficients(self, density: float, gravity: float) -> dict[str, float]:
+        return {"upward": density * gravity}
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -299,8 +287,8 @@ class DropWeight(Actuator):
         )
         return [weight]
 
-    def geometry(self, density: float, gravity: float) -> dict[int, float]:
-        return {layout.UPWARD: self.mass * gravity}
+    def coefficients(self, density: float, gravity: float) -> dict[str, float]:
+        return {"upward": self.mass * gravity}
 
 
 KINDS: dict[str, type[Actuator]] = {

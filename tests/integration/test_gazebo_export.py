@@ -72,10 +72,11 @@ def test_thruster_messages_move_it_as_the_embedded_simulator(tmp_path, hydrodyna
     vehicle = load("bluerov2")
     simulator = FossenSimulator(vehicle, 1, max_step=0.001)
     if hydrodynamics == "published":
-        from auvbench.dynamics.layout import CORIOLIS, LANES, PARAMETERS
+        from auvbench.dynamics.layout import VEHICLE, side_by_side
 
-        first = (CORIOLIS - PARAMETERS) * LANES
-        simulator._parameters[:, first : first + 6 * LANES] *= -1.0
+        C_A = simulator._parameters.view(side_by_side(VEHICLE))["C_A"]
+        C_A["M11"] *= -1.0
+        C_A["M22"] *= -1.0
     simulator.step(vehicle.action(np.array([NEWTONS])), 6.0)
     way = np.linalg.norm(simulator.pose[0, :3])
     assert way > 2.0

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lti, step
 
 from auvbench.dynamics.appendages import lift_and_drag
-from auvbench.simulators.fossen import FossenSimulator, geometry_table
+from auvbench.simulators.fossen import FossenSimulator, actuator_table
 from auvbench.vehicles.curves import Curve, Lag, t200_table
 from auvbench.vehicles.sheet import load
 from tests.reference.actuators import TETHYS
@@ -146,7 +146,7 @@ def test_inverse_of_von_benzons_curve_stays_on_its_rising_part():
 
 @pytest.mark.parametrize("angle", [0.0, 0.1, -0.26, 0.5])
 def test_fins_against_the_reference(lrauv, angle):
-    rows = geometry_table(lrauv)
+    rows, _ = actuator_table(lrauv)
     rng = np.random.default_rng(2)
     c, s = np.cos(angle), np.sin(angle)
     axes = {
@@ -156,8 +156,10 @@ def test_fins_against_the_reference(lrauv, angle):
     for velocity in rng.normal(size=(50, 3)):
         for unit, (forward, upward) in axes.items():
             expected = reference_lift_and_drag(velocity, forward, upward, **TETHYS)
-            np.testing.assert_allclose(lift_and_drag(*velocity, angle, rows[unit]), expected, atol=1e-12)
-    assert lift_and_drag(0.0, 0.0, 0.0, angle, rows[1]) == (0.0, 0.0, 0.0)
+            np.testing.assert_allclose(
+                lift_and_drag(tuple(velocity), angle, rows[unit]), expected, atol=1e-12
+            )
+    assert lift_and_drag((0.0, 0.0, 0.0), angle, rows[1]) == (0.0, 0.0, 0.0)
 
 
 def test_fin_only_sees_flow_through_the_water(lrauv):

@@ -103,10 +103,10 @@ def test_the_cache_looks_wherever_the_code_came_from():
         p: [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)] for p, tree in sources.items()
     }
     for path, functions in defined.items():
-        inner = [f for f in functions if decorations(f, "njit") or decorations(f, "compiled")]
+        inner = [f for f in functions if any(decorations(f, name) for name in ("njit", "inline", "compiled"))]
         plain[path.parent] = plain.get(path.parent, set()) | rooms_used(sources[path], inner)
     for path, functions in defined.items():
-        inner = [f for f in functions if decorations(f, "njit")]
+        inner = [f for f in functions if decorations(f, "njit") or decorations(f, "inline")]
         for function in functions:
             for decoration in decorations(function, "compiled"):
                 assert isinstance(decoration, ast.Call)

@@ -66,7 +66,7 @@ def test_it_is_the_same_interpreted_and_compiled(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "old", "new"),
     [
-        ("dynamics/equations.py", "ws[QUADRATIC * L + l] *", "2.0 * ws[QUADRATIC * L + l] *"),
+        ("dynamics/equations.py", "absolute(v)", "scale(2.0, absolute(v))"),
         ("tasks/rewards.py", "return float(P[p + 2])", "return float(2 * P[p + 2])"),
     ],
 )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from auvbench.dynamics.kernel import commanded
-from auvbench.simulators.fossen import FossenSimulator, unit_table
+from auvbench.simulators.fossen import FossenSimulator, actuator_table
 from auvbench.vehicles.physical import PhysicalCommands
 from auvbench.vehicles.reader import sheet_names
 from auvbench.vehicles.sheet import load
@@ -14,7 +14,7 @@ N = 20  # more than one block of the kernel
 
 def computed(vehicle, action):
     """What the curves make of actions, and the force and power that come with it."""
-    table, curves = unit_table(vehicle)
+    table, curves = actuator_table(vehicle)
     value, force, power = np.zeros_like(action), np.zeros_like(action), np.zeros(len(action))
     commanded(action, table, curves, value, force, power)
     return value, force, power
