@@ -42,7 +42,7 @@ from auvbench.dynamics.layout import (
     vector,
 )
 from auvbench.dynamics.vectors import unit
-from auvbench.dynamics.water import clear_extra, put_early
+from auvbench.dynamics.water import clear_momenta, clear_wrench, put_early
 from auvbench.dynamics.waves import add_water_inertia, move_water
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +59,7 @@ def copy_state(source: Record, target: Record, lane: int) -> None:
 
 @njit(nogil=True)
 def _begin(ws: Record) -> None:
-    """Y = s = x."""
+    """Set y and s to x."""
     x, y, s = ws.x, ws.y, ws.s
     for lane in range(LANES):
         copy_state(x, y, lane)
@@ -68,7 +68,7 @@ def _begin(ws: Record) -> None:
 
 @njit(nogil=True)
 def _finish(ws: Record) -> None:
-    """X = s with a unit quaternion."""
+    """Set x to s, with a unit quaternion."""
     x, s = ws.x, ws.s
     for lane in range(LANES):
         copy_state(s, x, lane)
@@ -149,6 +149,7 @@ def advance(
     output = table[ROWS + n_u : ROWS + 2 * n_u]  # after the dynamics
     thrust = table[ROWS + 2 * n_u : ROWS + 3 * n_u]  # effectiveness times thrust scale
     inner = table[ROWS + 3 * n_u :]
+    clear_momenta(ws)
     first, end = blocks
     for block in range(first, end):
         if parameters.shape[0] > 1 or block == first:
@@ -175,8 +176,8 @@ def advance(
                     continue
                 if full:
                     put_off_diagonal(ws)
-                elif early or wavy:
-                    clear_extra(ws)
+                elif wavy:
+                    clear_wrench(ws)
                 if early:
                     put_early(ws)
                 if special:

@@ -27,14 +27,21 @@ def through_water(ws: Record, lane: int) -> tuple[Matrix, Vector, Vector]:
 
 
 @njit(nogil=True)
-def clear_extra(ws: Record) -> None:
-    """Zero what adds to the plain terms of the added mass, for vehicles with a diagonal one."""
-    extra = ws.extra
+def clear_momenta(ws: Record) -> None:
+    """Zero the momenta of entries of M_A off its diagonal, for vehicles without any."""
+    p, h = ws.extra.p, ws.extra.h
     for lane in range(LANES):
-        put3(extra.p, lane, ZERO)
-        put3(extra.h, lane, ZERO)
-        put3(extra.force, lane, ZERO)
-        put3(extra.torque, lane, ZERO)
+        put3(p, lane, ZERO)
+        put3(h, lane, ZERO)
+
+
+@njit(nogil=True)
+def clear_wrench(ws: Record) -> None:
+    """Zero the wrench that `runge_kutta_stage` subtracts."""
+    force, torque = ws.extra.force, ws.extra.torque
+    for lane in range(LANES):
+        put3(force, lane, ZERO)
+        put3(torque, lane, ZERO)
 
 
 @njit(nogil=True)
