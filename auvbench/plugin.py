@@ -1,8 +1,10 @@
-"""What a package imports to bring agents, tasks, rewards, simulators, launchers, trackers or commands to auvbench.
+"""Public names for packages that add agents, tasks, rewards, simulators, launchers, trackers or commands to
+auvbench.
 
-An agent is made by `factory(config, vehicle)` from the whole configuration; the entry point names the
-factory, and its attribute `Config` is the dataclass of what its YAML file says. A task is a `TaskSpec`, a reward a
-`RewardSpec`, and so on (docs/adding-a-package.md); the code of tasks and rewards takes `auvbench.tasks.base` and `auvbench.tasks.kernels` too.
+The entry point of an agent names a function `factory(config, vehicle)`, which gets the whole configuration.
+Its attribute `Config` is the dataclass of the agent's YAML file. A task is a `TaskSpec`, a reward a
+`RewardSpec`, and so on (docs/adding-a-package.md); the code of tasks and rewards takes `auvbench.tasks.base`
+and `auvbench.tasks.kernels` too.
 """
 
 from auvbench.agents.base import Agent, Callbacks, Components, Learner

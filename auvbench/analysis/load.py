@@ -237,7 +237,7 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
     if release := flat.get("task.package"):
-        try:  # any release of the package says what its metrics are
+        try:  # Any release of the package describes its metrics.
             name = str(flat.get("task.name"))
             if TASKS.find(name) is None:
                 raise TASKS.missing(name, str(release))

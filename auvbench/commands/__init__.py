@@ -1,1 +1,1 @@
-"""One short file per command: reads the command line and calls the other packages."""
+"""Commands: one short file each, which reads the command line and calls the other packages."""

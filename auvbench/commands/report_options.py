@@ -180,7 +180,7 @@ def parser() -> Parser:
     add(
         "--log",
         metavar="SERVICE",
-        help=f"log the ranked table and the files there too: {', '.join(TRACKERS.names())}",
+        help=f"also log the ranked table and the files to: {', '.join(TRACKERS.names())}",
     )
     add("--out", metavar="DIR", help="folder of the report; default <experiment>/report")
     add("--study", metavar="NAME", help=f"test the claims of a study: {', '.join(STUDIES)}")

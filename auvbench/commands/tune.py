@@ -32,7 +32,9 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> None:
-    """Not every algorithm has a file of ranges, so Hydra passes over one that is not there; one that was typed is meant."""
+    """Raise ConfigError for a typed search file that does not exist: Hydra ignores it, since not every
+    algorithm has one.
+    """
     from auvbench.config import folders
 
     for word in arguments:

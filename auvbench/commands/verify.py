@@ -60,7 +60,7 @@ def main(arguments: Sequence[str]) -> int:
         folder.mkdir()
         entry = unpack(given.entry, folder)
         if entry.protocol not in folders.options("protocol"):
-            raise UserError(f"{given.entry}: protocol {entry.protocol}: this auvbench does not have it")
+            raise UserError(f"{given.entry}: protocol {entry.protocol}: unknown to this version of auvbench")
         protocol = evaluate_config(compose("evaluate", [f"protocol={entry.protocol}"])).protocol
         print(f"{entry.name} by {entry.who}: {entry.task}, {entry.vehicle}, {entry.scenarios}", flush=True)
         with Pool(given.workers, PRELOAD) as pool:

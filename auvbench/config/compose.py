@@ -107,7 +107,7 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
     if folder is not None and folder.is_dir():
         path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
     path.append("hydra", f"{restricted_yaml.PACKAGE}://hydra.conf")
-    # Before "main": a file that both have is found there, and refused.
+    # Searched before "main": a file that both folders have is found here and rejected.
     for release, installed_folder in folders.packages():
         path.append(release, f"{restricted_yaml.INSTALLED}://{installed_folder}")
     path.append("main", f"{restricted_yaml.PACKAGE}://{CONFIG_MODULE}")
@@ -217,7 +217,7 @@ def once_for_all_seeds(
         put: function that returns a copy of the result with these values of `OWN`.
     """
     own = {name: values.get(name) for name in OWN}
-    # Another version of a package may be installed by the next call.
+    # The next call may find another version of a package installed.
     if complete.releases(values) or not _is_valid(own):
         return make()
     key = what, repr({name: value for name, value in values.items() if name not in OWN})
@@ -311,7 +311,7 @@ def run(
     experiment that sets `hydra.mode: MULTIRUN`.
 
     Raises:
-        ConfigError: as `compose`.
+        ConfigError: see `compose`.
     """
     try:
         parsed = _parse(entry, arguments)

@@ -33,7 +33,7 @@ def explain(overrides: Iterable[str], config: Mapping[str, Any]) -> str:
     """Return what is wrong with the first override that does not fit; '' if all fit.
 
     Args:
-        overrides: in Hydra's grammar.
+        overrides: overrides in Hydra's grammar.
         config: plain values of the command's configuration, with the files that the overrides choose.
 
     >>> explain(["seed=3", "seed=[1,2]"], {"seed": 42})

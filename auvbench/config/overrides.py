@@ -157,7 +157,9 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     if isinstance(error, MissingConfigException) and error.options:
         group, _, wanted = str(error.missing_cfg_file).rpartition("/")
         if misnamed := folders.misnamed(group, wanted):
-            return ConfigError(f"{misnamed}: is not read; rename it to {misnamed.with_suffix('.yaml').name}")
+            return ConfigError(
+                f"{misnamed}: has the wrong suffix; rename it to {misnamed.with_suffix('.yaml').name}"
+            )
         options = [name for name in error.options if not name.endswith("_schema")]
         path = f"; put your own file into ./conf/{group}" if wanted.endswith(".yaml") else ""
         return ConfigError(
@@ -187,7 +189,7 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
             return ConfigError(f"{key}={values}: takes one value; grids are for auvbench train -m")
         if reason := _first_wrong(key, values, compose, overrides):
             return ConfigError(reason)
-        as_list = "" if folders.options(key) else f"; a list is written [{values}]"
+        as_list = "" if folders.options(key) else f"; write a list as [{values}]"
         return ConfigError(
             f"{key}={values}: several values make a grid: auvbench {entry} -m {key}={values}{as_list}"
         )

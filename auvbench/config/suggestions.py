@@ -35,7 +35,8 @@ def owners(key: str) -> list[str]:
     >>> owners("algo.residual.share"), owners("algo.base")
     (['ppo_residual', 'sac_residual'], ['ppo_residual', 'sac_residual'])
     """
-    key = "algo.residual" if key == "algo.base" else key  # a choice of a file, which no configuration holds
+    # algo.base chooses a file and is not a key of a configuration.
+    key = "algo.residual" if key == "algo.base" else key
     return [name for name in AGENTS.own if key in schema.keys(AGENTS[name].schema, "algo.")]
 
 
@@ -89,7 +90,8 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
     shows = f"{program} --cfg job shows all keys"
     of_algorithms: set[str] = set()
-    if any(name.startswith("algo.") for name in known):  # a command without an algorithm has none of its keys
+    # A command without an algorithm has no algorithm keys.
+    if any(name.startswith("algo.") for name in known):
         of_algorithms = {name for agent in AGENTS.own for name in schema.keys(AGENTS[agent].schema, "algo.")}
     near = nearest(key, {*known, *of_algorithms})
     if near is None:

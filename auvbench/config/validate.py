@@ -49,7 +49,7 @@ def check_value(key: str, value: Any, rule: Mapping[str, Any]) -> None:
     """Check a value against the metadata of its field.
 
     Raises:
-        ConfigError: as `validate_fields`.
+        ConfigError: see `validate_fields`.
     """
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{key}={value}: must be a finite number")
@@ -162,7 +162,7 @@ def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
 
 
 def evaluate_protocol(protocol: schema.Protocol) -> None:
-    """Checks a protocol and its conditions.
+    """Check a protocol and its conditions.
 
     Raises:
         ConfigError: a value is out of range, the protocol has no condition, or two conditions have the same
@@ -222,7 +222,7 @@ def check_across(config: schema.TrainConfig) -> None:
         _below(f"{key}.low", scale.low, f"{key}.high", scale.high)
     simulators.check_disturbance(config.simulator, config.disturbance)
     alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
-    what = f"be 0 with simulator={config.simulator.name}: a test would take the server's vehicles away from the episodes in flight"
+    what = f"be 0 with simulator={config.simulator.name}: a validation during training would take the server's vehicles from its episodes"
     require(alone, "train.evaluate_every", config.train.evaluate_every, what)
     _algorithm(config.algo)
 

@@ -272,8 +272,8 @@ def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | Non
         agent = make_agent(run, config.step.frequency)
         # An agent with its own simulator computes outside its actions, so they are not timed.
         return None if hasattr(agent, "simulator") else time_actions(agent, config)
-    except Exception as error:  # an installed agent may raise any of them
-        reason = f"{run.id}: the time of an action is missing: {registry.describe_error(error)}"
+    except Exception as error:  # an installed agent may raise any exception
+        reason = f"{run.id}: could not time the agent's actions: {registry.describe_error(error)}"
         warnings.warn(AuvbenchWarning(reason), stacklevel=2)
         return None
 

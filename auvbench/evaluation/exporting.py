@@ -136,7 +136,7 @@ def why_no_network(name: str, agent: str, learner: bool) -> str:
     A plug-in's learner is checked when it is exported.
     """
     if not learner:
-        return f"{name} is a controller that auvbench computes, not a trained network; there is nothing to export"
+        return f"{name} is a controller, not a trained network; there is nothing to export"
     return "" if agent not in AGENTS.own or AGENTS[agent].exportable else NO_NETWORK.format(name=name)
 
 

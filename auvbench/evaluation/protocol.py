@@ -63,7 +63,7 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
 
 def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[ResolvedCondition]:
     trained = sheet.load(config["vehicle"])
-    # Its packages must be there before their options are.
+    # The options need their packages first.
     complete.complete(OmegaConf.create(config), frozen=True)
     if isinstance(protocol, sealed.Protocol):
         protocol.refuse_task(str(config["task"]["name"]))

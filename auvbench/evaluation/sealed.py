@@ -136,7 +136,7 @@ def read(path: Path) -> Protocol:
             f"protocol={path}: name {content.name} belongs to another protocol; choose another name"
         )
     digests = {path.name: hashlib.sha256(data).hexdigest()}
-    missing = [f"task {name}: this version does not have it" for name in content.tasks if name not in TASKS]
+    missing = [f"task {name}: unknown to this version" for name in content.tasks if name not in TASKS]
     conditions = []
     for entry in content.conditions:
         if keys := [key for key in NOT_YET if getattr(entry, key) is not None]:

@@ -203,7 +203,7 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
     options = OmegaConf.to_object(launcher)
     if not isinstance(options, Launcher):
         raise ConfigError("launcher: its file must start from a schema (see conf/launcher)")
-    # Imported when chosen: each backend has needs of its own.
+    # Imported late: each backend has its own requirements.
     spec = LAUNCHERS.choose(options.name)
     if not isinstance(options, LauncherConfig):
         own: Backend = resolve(spec.code)(options, target, learning)

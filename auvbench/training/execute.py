@@ -124,7 +124,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
 
 def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity.Entry]:
-    """Tries an agent that came from elsewhere and learns nothing here; returns the files that the manifest is to vouch for."""
+    """Try an agent from elsewhere that does not learn here; return the files to record in the manifest."""
     if any(isinstance(part, complete.CONFIGS) for part in (config.algo, config.task, config.reward)):
         _try(config)
     if isinstance(config.algo, algorithms.ArduSub):
