@@ -1,6 +1,7 @@
-"""The metrics of agents: one entry each, from which records, tables, page, LaTeX, docs and completion are made.
+"""Define the metrics of agents, one entry each; records, tables, page, LaTeX, docs and completion use them.
 
-A new metric is one entry here (docs/adding-a-metric.md). Nothing heavy is imported: shell completion reads this file.
+A new metric is one entry here (docs/adding-a-metric.md). This module imports nothing heavy, because shell
+completion reads it.
 """
 
 from __future__ import annotations
@@ -12,37 +13,37 @@ from typing import Any, Literal, NamedTuple
 
 
 class Totals(NamedTuple):
-    """What a task keeps of an episode; sums run over its steps."""
+    """What a task accumulates over an episode; sums are over its steps."""
 
     episode: int
     environment: int
     outcome: str
     steps: int
     step_s: float
-    """s of an agent step"""
+    """duration of an agent step, s"""
     reward: float
     initial_distance: float
-    """m"""
+    """distance to the reference at the start, m"""
     distance: float
-    """m, at the end"""
+    """distance to the reference at the end, m"""
     deviation: float
-    """sum of m"""
+    """sum of deviations, m"""
     deviation_squared: float
-    """sum of m^2"""
+    """sum of squared deviations, m^2"""
     command_norm: float
-    """sum of N"""
+    """sum of command norms, N"""
     energy: float
-    """J"""
+    """energy, J"""
     path: float
-    """m"""
+    """length of the path, m"""
     change: float
     """sum of norms of the change of the normalised action"""
     depth_margin: float
-    """m, smallest"""
+    """smallest distance to a depth limit, m"""
     start_yaw: float
-    """rad"""
+    """yaw at the start, rad"""
     own: Mapping[str, float]
-    """what the task measures by itself, by column"""
+    """values that only this task measures, by column"""
 
     @property
     def mean_deviation(self) -> float:
@@ -50,14 +51,17 @@ class Totals(NamedTuple):
 
 
 Kind = Literal["rate", "penalised", "derived", "key", "scenario", "episode", "agent"]
-"""rate, penalised: of an agent, from outcomes and steps (`analysis.measures`)
-derived: per episode, computed from other columns where a test is read
-key, scenario, episode: a column of the records; what identifies a row, what every agent meets, what an agent did
-agent: an optional column of a report (`analysis.optional_columns`)"""
+"""rate, penalised: a number per agent, from outcomes and steps (`analysis.measures`); derived: per episode,
+computed from other columns when a test is read; key, scenario, episode: a column of the records (what
+identifies a row, what is the same for every agent, what an agent did); agent: an optional column of a report
+(`analysis.optional_columns`)
+"""
 
 
 Failed = Literal["", "high", "bounds", "time"]
-"""what a failed episode counts as: what the task computes, the metric's `high`, the task's bounds (m) or its time limit (s)"""
+"""value of a failed episode: the task's own value, the metric's `high`, the task's bounds (m) or its time
+limit (s)
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,28 +69,28 @@ class Metric:
     """One metric."""
 
     name: str
-    """of the column of episodes.csv, or of the measure"""
+    """name of the column of episodes.csv, or of the measure"""
     unit: str
-    """in files"""
+    """unit in files"""
     title: str
     definition: str
     value: Callable[[Totals], float | int | str] | None = None
-    """the column of a record from the totals of an episode"""
+    """function that returns a record's value from the totals of an episode"""
     kind: Kind = "episode"
     better: Literal["higher", "lower", ""] = "lower"
     latex: str = ""
-    """title in LaTeX where it has a symbol"""
+    """title in LaTeX, if it has a symbol"""
     shown_unit: str | None = None
-    """in tables, where it is another one"""
+    """unit in tables, if it differs"""
     scale: float = 1.0
-    """from the unit in files to that in tables"""
+    """factor from the unit in files to the unit in tables"""
     low: float = 0.0
     high: float = math.inf
-    """the range of possible values: no interval leaves it"""
+    """largest possible value; intervals stay within `low` and `high`"""
     tasks: tuple[str, ...] = ()
-    """that have it; empty: all"""
+    """tasks that have the metric; empty: all"""
     counts_failures: bool = False
-    """whether a failed episode counts as the worst value, not as the value that it measured"""
+    """whether a failed episode counts as the worst value, not as the measured one"""
     failed: Failed = ""
 
     def is_of(self, task: str) -> bool:
@@ -95,7 +99,7 @@ class Metric:
 
     @property
     def measure(self) -> str:
-        """The name by which agents are compared: a column is compared by its mean."""
+        """Return the name by which agents are compared: a column is compared by its mean."""
         return f"mean_{self.name}" if self.kind in ("episode", "derived", "scenario") else self.name
 
     @property
@@ -140,16 +144,16 @@ def column(
     """Return a column whose value the task computes: `own_metrics()[name]`.
 
     Args:
-        name: of the column, with its unit: `pole_distance_m`.
-        unit: in files.
-        title: in tables.
-        definition: in tables and docs.
-        better: empty for a column of the scenario.
-        low: least possible value.
+        name: name of the column, with its unit: `pole_distance_m`.
+        unit: unit in files.
+        title: title in tables.
+        definition: definition in tables and docs.
+        better: direction of better values; empty for a column of the scenario.
+        low: smallest possible value.
         high: largest possible value.
-        tasks: that have it; `add` sets that of an installed package.
-        counts_failures: whether a failed episode counts as the worst value, not as the value that it measured.
-        failed: what it counts as where the task does not compute it.
+        tasks: tasks that have it; `add` sets the task of an installed package.
+        counts_failures: whether a failed episode counts as the worst value, not as the measured one.
+        failed: value of a failed episode, if the task does not compute it.
     """
     return Metric(
         name,
@@ -412,15 +416,15 @@ METRICS: list[Metric] = [
         kind="agent",
     ),
 ]
-"""auvbench's own, and those of tasks of installed packages (`add`)"""
+"""auvbench's own metrics, and those of tasks of installed packages (`add`)"""
 
 
 def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a failed episode counts as, by column, for those of `names` where a bound says it.
+    """Return the value of a failed episode by column, for the columns in `names` with a bound.
 
     Args:
         names: columns.
-        limits: the bounds (m) and the time limit (s) of the task, as far as they are known, by `Metric.failed`.
+        limits: known bounds (m) and time limit (s) of the task, by `Metric.failed`.
     """
     known = {**limits, "": None}
     found = {
@@ -436,14 +440,14 @@ SHARED = (
     "yaw_error_rms_rad",
     *(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz"),
 )
-"""columns that every task of an installed package has: what `TrackingTask.errors` returns"""
+"""columns of every task of an installed package, from `TrackingTask.errors`"""
 
 
 def add(task: str, own: Iterable[Metric]) -> None:
     """Add the columns of a task of an installed package.
 
     Raises:
-        ValueError: a metric has the name of another one.
+        ValueError: a metric's name is already taken.
     """
     drop(task)
     for metric in own:

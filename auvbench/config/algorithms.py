@@ -1,6 +1,6 @@
-"""The schemas of the `algo` group, who learns or controls and how, and the specs of auvbench's own agents.
+"""Define the schemas of the `algo` group and the specs of auvbench's own agents.
 
-Each agent has one `AgentSpec`. Importing it imports no agent.
+Each agent has one `AgentSpec`. Importing this module imports no agent.
 """
 
 from __future__ import annotations
@@ -16,31 +16,31 @@ from auvbench.registry import AGENTS, Declared, Spec, schema_fault
 
 @dataclass(kw_only=True)
 class Tuned:
-    """How the values of a preset were chosen: `auvbench tune` writes it, reports read it."""
+    """How the values of a preset were chosen; `auvbench tune` writes it, and reports read it."""
 
     study: str = name()
     protocol: str = name()
     scenarios: str = choice("validation")
-    seed: int = number(0, (1 << 32) - 1)  # of the protocol's scenarios
+    seed: int = number(0, (1 << 32) - 1)  # seed of the protocol's scenarios
     trials: int = number(1, 1 << 31)
-    steps: int = number(0, 1 << 62)  # of training, over all trials
+    steps: int = number(0, 1 << 62)  # environment steps of training over all trials
     version: str
     date: str
 
 
 @dataclass(kw_only=True)
 class Algorithm:
-    """What every `algo/*.yaml` has: which agent it is and how many environments it drives."""
+    """Keys of every `algo/*.yaml`: the agent's name and its number of environments."""
 
     name: str = name()
     agent: str = choice_of(lambda: AGENTS.own)
     n_envs: int = number(1, 65_536)
-    tuned: Tuned | None = None  # where its values were searched for
+    tuned: Tuned | None = None  # search that chose the values
 
 
 @dataclass(kw_only=True)
 class Network:
-    """What the learners share."""
+    """Keys that all learners share."""
 
     net_arch: list[int]
     activation: str = choice("tanh", "relu", "elu", "silu")
@@ -98,14 +98,14 @@ class OffPolicy(Network, Algorithm):
 
 @dataclass(kw_only=True)
 class Targets(OffPolicy):
-    """Those with target networks."""
+    """Keys of algorithms with target networks."""
 
     tau: float = number(0.0, 1.0, open_low=True)
 
 
 @dataclass(kw_only=True)
 class Entropy:
-    """Those that are rewarded for entropy."""
+    """Keys of algorithms with an entropy reward."""
 
     ent_coef: str
     target_entropy: str
@@ -147,7 +147,7 @@ class TD3(Targets):
 
 @dataclass(kw_only=True)
 class Cascade(Algorithm):
-    """What the controllers that steer by velocity share."""
+    """Keys of the controllers that steer by velocity."""
 
     cruise_speed: float = number(0.0, 100.0, open_low=True)  # m/s
     approach: float = number(0.0, 100.0, open_low=True)  # 1/s
@@ -203,12 +203,12 @@ class MPC(Algorithm):
 
 
 BASES = ("pid", "lqr", "smc", "mpc", "alos")
-"""Controllers to which a residual learner may add"""
+"""Controllers whose action a residual learner may correct"""
 
 
 @dataclass(kw_only=True)
 class Residual:
-    """A learner's action on top of that of one controller; the others are null."""
+    """A learner's action added to one controller's; the other controllers are null."""
 
     share: float = number(0.0, 2.0, open_low=True)
     pid: PID | None = None
@@ -219,13 +219,13 @@ class Residual:
 
     @property
     def base(self) -> Algorithm:
-        """The controller's values."""
+        """Return the controller's values."""
         (values,) = self.bases.values()
         return values
 
     @property
     def bases(self) -> dict[str, Algorithm]:
-        """Values of the controllers that are not null, by name."""
+        """Return the values of the controllers that are not null, by name."""
         values = {name: getattr(self, name) for name in BASES}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -267,19 +267,19 @@ _SHEET = ("sheet",)
 
 @dataclass(kw_only=True)
 class AgentConfig:
-    """The `algo` configuration of an agent of an installed package; a subclass has keys of its own."""
+    """The `algo` configuration of a package's agent; a subclass adds its own keys."""
 
     name: str = plain_name()
     agent: str = plain_name()
     n_envs: int = number(1, 65_536)
     package: str
     learns: bool
-    tuned: Tuned | None = None  # where its values were searched for
+    tuned: Tuned | None = None  # search that chose the values
 
 
 @dataclass(frozen=True, slots=True)
 class AgentSpec(Spec):
-    """Everything that auvbench knows of one value of `algo.agent`."""
+    """Description of one value of `algo.agent`."""
 
     base: ClassVar[type] = AgentConfig
 
@@ -290,21 +290,23 @@ class AgentSpec(Spec):
     schema: type
     """Keys of `algo` with their types and ranges."""
     factory: str
-    """`module:callable` that makes the agent from a configuration and a vehicle."""
+    """`module:callable` that creates the agent from a configuration and a vehicle."""
     algorithm: str = ""
     """`module:class` of the Stable-Baselines3 algorithm; empty for a controller."""
     exportable: bool = False
     """Whether a feed-forward network maps each observation to the action, so that ONNX can hold the policy."""
     knows: tuple[str, ...] = ()
-    """What it is given in addition to the observation: `sheet` (the vehicle's data) or `model` (a simulation of it)."""
+    """What the agent knows in addition to the observation: `sheet` (the vehicle's data) or `model` (a
+    simulation of it).
+    """
     observes: bool = True
-    """Whether it reads the observation at all."""
+    """Whether the agent reads the observation."""
     trained: bool = False
     """Whether the agent of an installed package has a training."""
 
     @property
     def code(self) -> str:
-        """`module:callable`."""
+        """Return `module:callable` of the agent."""
         return self.factory
 
     @property
@@ -317,7 +319,8 @@ class AgentSpec(Spec):
         """Return the spec of a package's agent, whose entry point names the factory itself.
 
         Raises:
-            ConfigError: it cannot be called, its `Config` is no schema, or it learns and lacks what a learner needs.
+            ConfigError: the entry point is not callable, its `Config` is not a schema, or a learner lacks a
+                required attribute.
         """
         schema = getattr(thing, "Config", AgentConfig)
         if fault := schema_fault(schema, AgentConfig, "Config"):
@@ -365,8 +368,8 @@ def learns(algo: Any, *, unknown: bool = False) -> bool:
     """Return whether the agent of an `algo` configuration learns.
 
     Args:
-        algo: typed or plain.
-        unknown: the answer for an agent that neither the registry nor the configuration describes.
+        algo: typed or plain configuration.
+        unknown: result for an agent that neither the registry nor the configuration describes.
 
     >>> learns({"agent": "ppo"}), learns({"agent": "pid"})
     (True, False)
@@ -374,6 +377,6 @@ def learns(algo: Any, *, unknown: bool = False) -> bool:
     agent = algo.get("agent") if isinstance(algo, Mapping) else getattr(algo, "agent", None)
     if agent in AGENTS.own:
         return AGENTS[str(agent)].learns
-    # A plug-in agent's configuration holds the answer, so the package need not be installed.
+    # A plug-in agent's configuration has the answer, so the package need not be installed.
     declared = algo.get("learns") if isinstance(algo, Mapping) else getattr(algo, "learns", None)
     return declared if isinstance(declared, bool) else unknown

@@ -1,8 +1,10 @@
-"""The types of what a composed configuration chose by name, and the keys that say which package brought it.
+"""Complete a composed configuration: add the types of what it chose by name, and the keys that name its
+packages.
 
-The YAML files of auvbench's own start from a schema. What they do not (a package's `algo/NAME.yaml` holds values and the
-comments that explain them) is typed here, by the schema of its spec. A package's parts get the key `package`, name and version
-of the installed package, and agents `learns`. They are part of a run's identity: another version is another run.
+The YAML files of auvbench start from a schema. A package's `algo/NAME.yaml` has only values and comments; its
+values are typed here, by the schema of its spec. A package's parts get the key `package` (name and version of
+the installed package), and agents the key `learns`. The keys are part of a run's identity: another version is
+another run.
 """
 
 from __future__ import annotations
@@ -18,28 +20,29 @@ from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kin
 from auvbench.untrusted.text import short
 
 COMPUTE: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS)
-"""The kinds that are a group of a configuration and change what a run computes."""
+"""Kinds that are a group of a configuration and change the result of a run."""
 CONFIGS = (
     algorithms.AgentConfig,
     tasks.TaskConfig,
     rewards.RewardConfig,
     simulators.SimulatorConfig,
 )
-"""The classes of what packages bring, as far as it computes a run."""
+"""Configuration classes of packages' parts that change the result of a run."""
 
 
 def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
     """Return a composed configuration with the types and the added keys of installed packages.
 
     Args:
-        config: composed; what is of auvbench itself is left as it is.
-        frozen: it is that of a run: the package must be installed in the version that it names.
+        config: composed configuration; auvbench's own parts do not change.
+        frozen: whether it belongs to an existing run, whose packages must be installed in the recorded
+            version.
 
     Raises:
         ConfigError: a key is unknown or missing, a type is wrong, or the package cannot be used.
-        OmegaConfBaseException: as above, for `compose.translate`.
+        OmegaConfBaseException: the same mistakes, for `compose.translate`.
     """
-    # A run that is read does not need the launcher that started it.
+    # Reading a run does not need the launcher that started it.
     for kind in COMPUTE if frozen else (*COMPUTE, LAUNCHERS):
         key, _, named_by = kind.key.partition(".")
         node = config.get(key)
@@ -81,7 +84,7 @@ def _typed(kind: type, key: str, node: DictConfig, added: Mapping[str, Any]) -> 
 
 
 def releases(config: Any) -> dict[str, str]:
-    """Return the versions of the packages behind a configuration, typed or plain, by name, for a manifest."""
+    """Return the versions of the packages of a configuration (typed or plain) by name, for a manifest."""
     found = {}
     for kind in COMPUTE:
         group = kind.key.partition(".")[0]

@@ -1,4 +1,4 @@
-"""The folders in which Hydra finds options: auvbench's `conf/`, those of installed packages, and `./conf`."""
+"""Find the folders with Hydra's options: auvbench's `conf/`, those of installed packages, and `./conf`."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from auvbench import registry
 from auvbench.errors import ConfigError
 
 GROUP = "auvbench.conf"
-"""The group of entry points that are the dotted path of a folder."""
+"""Group of entry points, each the dotted path of a folder."""
 
 
 @cache
 def packages() -> tuple[tuple[str, Path], ...]:
-    """Return release and path of the folders of `auvbench.conf` entry points; no package is imported.
+    """Return release and path of the folders of `auvbench.conf` entry points, without importing a package.
 
     Raises:
         ConfigError: a folder does not exist.
@@ -31,7 +31,7 @@ def packages() -> tuple[tuple[str, Path], ...]:
         path = next((place for place in places if place.is_dir()), None)
         if path is None:
             raise ConfigError(
-                f"auvbench.conf: {one.value} of {one.release} is no folder of an installed package; "
+                f"auvbench.conf: {one.value} of {one.release} is not a folder of an installed package; "
                 f"pip uninstall {one.package}, or install one that has it"
             )
         found.append((one.release, path))
@@ -49,7 +49,7 @@ def of_group(group: str) -> list[Traversable]:
 
 
 def options(group: str) -> list[str]:
-    """Return the names that `group=NAME` takes, without waiting for Hydra.
+    """Return the names that `group=NAME` takes, quickly, without Hydra.
 
     >>> "thesis" in options("protocol")
     True

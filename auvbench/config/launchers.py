@@ -1,4 +1,7 @@
-"""The schemas of the `launcher` group, and the specs of auvbench's own launchers. Importing it imports no launcher."""
+"""Define the schemas of the `launcher` group, and the specs of auvbench's own launchers.
+
+Importing this module imports no launcher.
+"""
 
 from __future__ import annotations
 
@@ -12,14 +15,14 @@ from auvbench.registry import LAUNCHERS, Spec
 
 @dataclass(kw_only=True)
 class Launcher:
-    """Where the runs of a grid are carried out; neutral for their results."""
+    """Where the runs of a grid are trained; has no effect on their results."""
 
     name: str = choice_of(lambda: LAUNCHERS.own)
 
 
 @dataclass(kw_only=True)
 class Local(Launcher):
-    """Processes of this machine."""
+    """Processes on this machine."""
 
     workers: int = number(0, 100_000)
 
@@ -34,7 +37,7 @@ class Slurm(Launcher):
     time: str | None
     mem: str | None
     cpus: int = number(1, 4096)
-    signal_before: int = number(1, 65_535)  # s; sbatch takes no more
+    signal_before: int = number(1, 65_535)  # s; the largest value of sbatch
     poll: float = number(0.1, 3600.0)  # s
     grace: float = number(0.0, 3600.0)  # s
     setup: list[str]
@@ -53,7 +56,7 @@ class Ray(Launcher):
 
 @dataclass(kw_only=True)
 class LauncherConfig(Launcher):
-    """The `launcher` configuration of an installed package; a subclass has keys of its own."""
+    """The `launcher` configuration of an installed package; a subclass adds its own keys."""
 
     name: str = plain_name()
     package: str
@@ -61,21 +64,23 @@ class LauncherConfig(Launcher):
 
 @dataclass(frozen=True, slots=True)
 class LauncherSpec(Spec):
-    """Everything that auvbench knows of one value of `launcher.name` without importing its code."""
+    """Description of one value of `launcher.name`, available without importing its code."""
 
     base: ClassVar[type] = LauncherConfig
 
     name: str
     """Value of `launcher.name`."""
     factory: str
-    """`module:callable`: called with the options (of the schema), what a worker calls with a run directory (`module:function`)
-    and whether any run learns, it returns a `scheduling.loop.Backend`."""
+    """`module:callable` that returns a `scheduling.loop.Backend`; its arguments are the options (of the
+    schema), the function that a worker calls with a run directory (`module:function`), and whether any run
+    learns.
+    """
     schema: type = LauncherConfig
-    """Keys of `launcher` with their types and ranges; below `LauncherConfig` in a package."""
+    """Keys of `launcher` with their types and ranges; in a package, derived from `LauncherConfig`."""
 
     @property
     def code(self) -> str:
-        """`module:callable`."""
+        """Return `module:callable` of the launcher."""
         return self.factory
 
 

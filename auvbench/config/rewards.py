@@ -1,4 +1,7 @@
-"""The schemas of the `reward` group. Their fields, in order, are the parameters of the compiled rewards (`tasks.rewards`)."""
+"""Define the schemas of the `reward` group.
+
+Their fields, in order, are the parameters of the compiled rewards (`tasks.rewards`).
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ from auvbench.registry import REWARDS, TASKS, Spec
 
 @dataclass(kw_only=True)
 class Reward:
-    """The keys of every reward."""
+    """Keys of every reward."""
 
     name: str = choice_of(lambda: REWARDS.own)
     k: float = number(0.0, 1e6)
@@ -22,20 +25,20 @@ class Reward:
 
 @dataclass(kw_only=True)
 class RewardConfig(Reward):
-    """A reward of an installed package; a subclass has keys of its own, all of them numbers."""
+    """Reward of an installed package; a subclass adds its own keys, all of them numbers."""
 
     name: str = plain_name()
     package: str
 
 
 def parameters(reward: Reward) -> list[float]:
-    """Return the parameters of a reward: the values of its schema's fields, in their order; k is the first."""
+    """Return the parameters of a reward: the values of its schema's fields, in order; k is the first."""
     return [value for key, value in vars(reward).items() if key not in ("name", "package")]
 
 
 @dataclass(kw_only=True)
 class Thesis(Reward):
-    """Equation 2.1 of the thesis."""
+    """Equation 2.1 of the original study."""
 
     length: float = number(0.0, 1e6, open_low=True)  # m
     success: float = number(-1e9, 1e9)
@@ -45,7 +48,7 @@ class Thesis(Reward):
 
 @dataclass(kw_only=True)
 class Tracking(Reward):
-    """Small errors, little effort; path is the same formula with other values."""
+    """Small errors and little effort; the path reward is the same formula with other values."""
 
     length: float = number(0.0, 1e6, open_low=True)  # m
     yaw: float = number(0.0, 1e6)
@@ -68,7 +71,7 @@ class Goal(Tracking):
 
 @dataclass(kw_only=True)
 class Exponential(Reward):
-    """Small position errors alone."""
+    """Small position errors only."""
 
     rate: float = number(0.0, 1e6)  # 1/m
     failure: float = number(-1e9, 1e9)
@@ -117,7 +120,7 @@ PARAMETERS = 15
 
 @dataclass(frozen=True, slots=True)
 class RewardSpec(Spec):
-    """Everything that auvbench knows of one value of `reward.name` without importing its code."""
+    """Description of one value of `reward.name`, available without importing its code."""
 
     base: ClassVar[type] = RewardConfig
 
@@ -126,21 +129,21 @@ class RewardSpec(Spec):
     function: str
     """`module:function`, the reward of a step (`tasks.rewards.hook_of`)"""
     schema: type
-    """of its configuration; that of an installed package is below `RewardConfig`"""
+    """schema of its configuration; in a package, derived from `RewardConfig`"""
     tasks: tuple[str, ...] = ()
-    """for which it makes sense, in addition to the tasks that name it"""
+    """tasks that it suits, in addition to the tasks that name it"""
 
     @property
     def code(self) -> str:
-        """`module:function`."""
+        """Return `module:function` of the reward."""
         return self.function
 
     def fault(self) -> str:
         keys = {key: hint for key, hint in schema_keys(self.schema).items() if key not in ("name", "package")}
         for key, hint in keys.items():
             if hint not in (int, float):
-                return f"has the parameter {key}, which is no number: int or float"
-        return f"has {len(keys)} parameters; at most {PARAMETERS} fit" if len(keys) > PARAMETERS else ""
+                return f"has the parameter {key}, which is not a number: int or float"
+        return f"has {len(keys)} parameters; the most is {PARAMETERS}" if len(keys) > PARAMETERS else ""
 
 
 _ROW = "auvbench.tasks.rewards:reward_row"
@@ -155,13 +158,13 @@ path = RewardSpec("path", _ROW, Tracking)
 
 
 def check_reward(task: str, reward: str) -> None:
-    """Refuse a reward that is none of the task's.
+    """Raise ConfigError for a reward that is not available for the task.
 
     Raises:
-        ConfigError: names those that are.
+        ConfigError: the message names the available rewards.
     """
     able = (*TASKS[task].rewards, *(name for name, spec in REWARDS.items() if task in spec.tasks))
     if reward not in able:
         raise ConfigError(
-            f"reward.name={reward}: is no reward for task={task}; use reward={' or '.join(able)}"
+            f"reward.name={reward}: is not available for task={task}; use reward={' or '.join(able)}"
         )

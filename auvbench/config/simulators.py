@@ -1,6 +1,7 @@
-"""The schemas of the `simulator` group, the specs of auvbench's own simulators, and what simulators can.
+"""Define the schemas of the `simulator` group, the specs of auvbench's own simulators, and their
+capabilities.
 
-A configuration that asks for more than a simulator can is refused before anything starts.
+A configuration that needs more than its simulator's capabilities is rejected before anything starts.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from auvbench.errors import ConfigError
 from auvbench.registry import SIMULATORS, Spec
 
 CURRENTS = ("none", "steady", "varying", "sheared")
-"""Kinds of current, each including those before it: steady in an episode, varying in it, and changing with depth."""
+"""Kinds of current, each including the previous ones: constant in an episode, varying in it, and changing
+with depth.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,25 +26,25 @@ class Capabilities:
     """Capabilities of a simulator beyond moving vehicles."""
 
     exact_resume: bool
-    """`state_dict` restores the exact state; otherwise a resumed run begins its episodes in flight again"""
+    """whether `state_dict` restores the exact state; otherwise a resumed run restarts its present episodes"""
     deterministic: bool
-    """the same commands give the same bits"""
+    """whether the same commands give the same bits"""
     scales: bool
-    """each vehicle may have numbers of its own: `reset(scales=...)`"""
+    """whether each vehicle may have its own factors: `reset(scales=...)`"""
     currents: str
-    """the most that `set_current` takes, one of `CURRENTS`"""
+    """largest kind of current that `set_current` takes, one of `CURRENTS`"""
     waves: bool = False
-    """it has `set_waves`"""
+    """whether it has `set_waves`"""
 
 
 @dataclass(kw_only=True)
 class Simulator:
-    """The key of every `simulator/*.yaml`."""
+    """Key of every `simulator/*.yaml`."""
 
     name: str = choice_of(lambda: SIMULATORS.own)
 
     def limited(self, capabilities: Capabilities) -> Capabilities:
-        """Return the capabilities that are left with these options."""
+        """Return the remaining capabilities with these options."""
         return capabilities
 
 
@@ -61,7 +64,7 @@ class Gazebo(Simulator):
     hydrodynamics: str = choice("corrected", "published")
 
     def limited(self, capabilities: Capabilities) -> Capabilities:
-        # The published plugin takes a current when a vehicle is made.
+        # The published plugin takes a current only when a vehicle is created.
         return replace(capabilities, currents="steady") if self.hydrodynamics == "published" else capabilities
 
 
@@ -82,7 +85,7 @@ class Ros2(Simulator):
 
 @dataclass(kw_only=True)
 class SimulatorConfig(Simulator):
-    """The `simulator` configuration of an installed package; a subclass has keys of its own."""
+    """The `simulator` configuration of an installed package; a subclass adds its own keys."""
 
     name: str = plain_name()
     package: str
@@ -90,35 +93,39 @@ class SimulatorConfig(Simulator):
 
 @dataclass(frozen=True, slots=True)
 class SimulatorSpec(Spec):
-    """Everything that auvbench knows of one value of `simulator.name` without importing its code."""
+    """Description of one value of `simulator.name`, available without importing its code."""
 
     base: ClassVar[type] = SimulatorConfig
 
     name: str
     """Value of `simulator.name`."""
     factory: str
-    """`module:callable`: called with the configuration (of the schema), a `VehicleModel`, the number of vehicles and the
-    longest substep in s that is stable for each of them, it returns a `simulators.base.Simulator`."""
+    """`module:callable` that returns a `simulators.base.Simulator`; its arguments are the configuration (of
+    the schema), a `VehicleModel`, the number of vehicles and the longest stable substep in s.
+    """
     capabilities: Capabilities
-    """With all options as `full` has them."""
+    """Capabilities with all options as in `full`."""
     schema: type = SimulatorConfig
-    """Keys of `simulator` with their types and ranges; below `SimulatorConfig` in a package."""
+    """Keys of `simulator` with their types and ranges; in a package, derived from `SimulatorConfig`."""
     full: str = ""
-    """The option that gives it all of its capabilities, where another takes some away (`Simulator.limited`)."""
+    """Option with all capabilities, if another option removes some (`Simulator.limited`)."""
     check: str = ""
-    """`module:function` of configuration and vehicle that raises an error before a run where it cannot simulate."""
+    """`module:function` of configuration and vehicle that raises an error, before a run, if the simulator
+    cannot simulate it.
+    """
     served: str = ""
-    """`module:class` where its vehicles are those of a server: the class has `vehicles(configuration, vehicle)`, their number,
-    and `clock()`, by which the last test counted its steps. One test at a time moves them."""
+    """`module:class` if the vehicles are on a server. The class has `vehicles(configuration, vehicle)`, their
+    number, and `clock()`, the clock of the last test's steps. Only one test at a time can use them.
+    """
 
     @property
     def code(self) -> str:
-        """`module:callable`."""
+        """Return `module:callable` of the simulator."""
         return self.factory
 
     def fault(self) -> str:
         able = isinstance(self.capabilities, Capabilities) and self.capabilities.currents in CURRENTS
-        return "" if able else "has capabilities that are none; make them by auvbench.plugin.Capabilities"
+        return "" if able else "has invalid capabilities; make them with auvbench.plugin.Capabilities"
 
 
 _SIMULATORS = "auvbench.simulators"
@@ -153,20 +160,20 @@ def capabilities(simulator: Simulator) -> Capabilities:
 
 
 def is_served(simulator: Simulator) -> bool:
-    """Return whether a simulator's vehicles are those of a server."""
+    """Return whether a simulator's vehicles are on a server."""
     return bool(SIMULATORS[simulator.name].served)
 
 
 def threads(simulator: Any) -> int:
-    """Return the threads that a batch may use: more than one on a simulator that has the key."""
+    """Return the number of threads for a batch; 1 if the simulator has no such key."""
     return int(getattr(simulator, "threads", 1))
 
 
 def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
-    """Refuse a disturbance that is beyond the simulator.
+    """Raise ConfigError for a disturbance beyond the simulator's capabilities.
 
     Raises:
-        ConfigError: names the key that asks too much, and what can do it.
+        ConfigError: the message names the key, and the simulators that are capable.
     """
 
     def need(key: str, what: str, able: Callable[[Capabilities], bool]) -> None:
@@ -198,7 +205,7 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
 
 
 def _current(current: Current) -> tuple[str, str]:
-    """Return the key that asks most of the current, and the kind of current."""
+    """Return the key with the largest demand on the current, and its kind of current."""
     speed, fluctuation, profile = current.speed_high or current.speed, current.gauss_markov, current.profile
     varies = fluctuation.sigma > 0.0 or fluctuation.sigma_vertical > 0.0
     if (speed > 0.0 or varies) and (profile.factor != 1.0 or profile.turn != 0.0):

@@ -1,4 +1,7 @@
-"""The schemas of the `task` group, and the specs of auvbench's own tasks. Importing it imports no task."""
+"""Define the schemas of the `task` group, and the specs of auvbench's own tasks.
+
+Importing this module imports no task.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +23,12 @@ THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
 ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")
 BLOCKS = (*ERRORS, "preview", "goal_error")
-"""that a task may have"""
+"""observation blocks that a task may have"""
 
 
 @dataclass(kw_only=True)
 class Task:
-    """The keys of every task."""
+    """Keys of every task."""
 
     name: str = choice_of(lambda: TASKS.own)
     depth_low: float = number(-1e4, 0.0)  # m
@@ -39,7 +42,7 @@ class Task:
 
 @dataclass(kw_only=True)
 class Waypoint(Task):
-    """The waypoint task (section 3 of the thesis)."""
+    """Waypoint task (section 3 of the original study)."""
 
     start: list[float]
     waypoint_low: list[float]
@@ -49,7 +52,7 @@ class Waypoint(Task):
 
 @dataclass(kw_only=True)
 class Preview:
-    """Points of the reference ahead of now."""
+    """Future points of the reference."""
 
     points: int = number(0, 32)
     interval: float = number(0.0, 1e3, open_low=True)  # s
@@ -57,16 +60,16 @@ class Preview:
 
 @dataclass(kw_only=True)
 class Tracked(Task):
-    """The keys of every task whose reference has a yaw of its own."""
+    """Keys of every task whose reference has its own yaw."""
 
     position_frame: str = choice("body")
-    bounds: float = number(0.0, 1e4, open_low=True)  # m, from the reference
+    bounds: float = number(0.0, 1e4, open_low=True)  # m, largest distance from the reference
     preview: Preview
 
 
 @dataclass(kw_only=True)
 class TaskConfig(Tracked):
-    """A task of an installed package; a subclass has keys of its own."""
+    """Task of an installed package; a subclass adds its own keys."""
 
     name: str = plain_name()
     package: str
@@ -115,10 +118,10 @@ class PathFollowing(Tracked):
 
     @property
     def overshoot(self) -> float:
-        """The largest height in m of the path over the higher, or depth below the lower, of two points between which it is.
+        """Return the largest height in m of the path above (or depth below) the two points that enclose it.
 
-        A cubic Hermite curve leaves the range of its ends by at most a quarter of the larger slope; Catmull and Rom's is
-        the mean of two rises from point to point.
+        A cubic Hermite curve leaves the range of its ends by at most a quarter of the larger slope; in a
+        Catmull-Rom curve that slope is the mean of two rises between points.
         """
         return 0.25 * self.spacing * math.sin(self.climb)
 
@@ -141,37 +144,37 @@ class Docking(Tracked):
 
 @dataclass(frozen=True, slots=True)
 class TaskSpec(Spec):
-    """Everything that auvbench knows of one value of `task.name` without importing its code."""
+    """Description of one value of `task.name`, available without importing its code."""
 
     base: ClassVar[type] = TaskConfig
 
     name: str
     title: str
-    """in tables and sentences"""
+    """title in tables and sentences"""
     factory: str
-    """`module:class`"""
+    """`module:class` of the task"""
     primary: str
-    """the measure that ranks agents (`analysis.measures`)"""
+    """measure that ranks the agents (`analysis.measures`)"""
     blocks: tuple[str, ...]
-    """of an observation that the task can supply"""
+    """observation blocks that the task can supply"""
     outcomes: tuple[str, ...]
-    """how its episodes end, names of `record.OUTCOMES`"""
+    """outcomes of its episodes, names in `record.OUTCOMES`"""
     rewards: tuple[str, ...]
-    """that make sense"""
+    """rewards that suit the task"""
     needs_thrusters: bool = True
-    """whether only a vehicle with thrust along each axis and about the vertical can do it"""
+    """whether the task needs a vehicle with thrust along each axis and about the vertical"""
     has_yaw: bool = True
-    """whether the reference has a yaw of its own; otherwise it is the bearing of the reference"""
+    """whether the reference has its own yaw; otherwise its yaw is its bearing"""
     schema: type | None = None
-    """of its configuration; that of an installed package is below `TaskConfig`"""
+    """schema of its configuration; in a package, derived from `TaskConfig`"""
     failures: tuple[str, ...] = ("collision", "out_of_bounds")
-    """outcomes of which an episode counts as its bounds in every error (`Metric.failed`)"""
+    """outcomes of a failed episode, in which every error counts as its bound (`Metric.failed`)"""
     metrics: tuple[Metric, ...] = ()
-    """that an installed package brings with it (`metrics.column`), in addition to `metrics.SHARED`"""
+    """additional metrics of an installed package (`metrics.column`), besides `metrics.SHARED`"""
 
     @property
     def code(self) -> str:
-        """`module:class`."""
+        """Return `module:class` of the task."""
         return self.factory
 
     def fault(self) -> str:
@@ -189,7 +192,7 @@ class TaskSpec(Spec):
         own = tuple(metric.measure for metric in self.metrics if metric.better)
         ranks = (*record.measure_names(), *own)
         if self.primary not in ranks:
-            return f"is ranked by {short(repr(self.primary))}, which is no measure; {closest(self.primary, ranks)}"
+            return f"is ranked by {short(repr(self.primary))}, which is not a measure; {closest(self.primary, ranks)}"
         return ""
 
     def enter(self) -> None:
@@ -261,27 +264,27 @@ docking = TaskSpec(
 
 
 def primary_of(name: str) -> str:
-    """Return the measure that ranks agents in a task; an unknown task has that of the waypoint task."""
+    """Return the measure that ranks the agents of a task; for an unknown task, the waypoint task's."""
     return TASKS.get(name, TASKS["waypoint"]).primary
 
 
 def blocks(task: Any) -> Sequence[str]:
-    """Return the blocks of a task's observation; `preview` without points is none."""
+    """Return the blocks of a task's observation, without an empty `preview`."""
     none = {"preview"} if isinstance(task, Tracked) and task.preview.points == 0 else set()
     return [name for name in task.observation if name not in none]
 
 
 def check_observation(task: Task) -> None:
-    """Refuse an observation that the task cannot supply.
+    """Raise ConfigError for an observation that the task cannot supply.
 
     Raises:
-        ConfigError: names the block and the closest one, or what is missing.
+        ConfigError: the message names the block and the closest one, or what is missing.
     """
     known = TASKS[task.name].blocks
     for name in task.observation:
         if name not in known:
             raise ConfigError(
-                f"task.observation: {name} is no block of task={task.name}; {closest(name, known)}"
+                f"task.observation: {name} is not a block of task={task.name}; {closest(name, known)}"
             )
         if task.observation.count(name) > 1:
             raise ConfigError(f"task.observation: {name} is there twice")

@@ -1,4 +1,4 @@
-"""The specs of auvbench's own trackers. Importing it imports no client."""
+"""Define the specs of auvbench's own trackers. Importing this module imports no client."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from auvbench.registry import Spec
 
 @dataclass(frozen=True, slots=True)
 class TrackerSpec(Spec):
-    """Everything that auvbench knows of one value of `train.log` without importing its client."""
+    """Description of one value of `train.log`, available without importing its client."""
 
     name: str
     """Value of `train.log` and of `--log`."""
     module: str
-    """The module, with the functions of `tracking.Service`."""
+    """Module with the functions of `tracking.Service`."""
     extra: str = ""
-    """The extra of auvbench that installs the client; empty in a package."""
+    """Extra of auvbench that installs the client; empty in a package."""
     schema: None = None
 
     @property
     def code(self) -> str:
-        """The module."""
+        """Return the module."""
         return self.module
 
 

@@ -222,7 +222,10 @@ def check_across(config: schema.TrainConfig) -> None:
         _below(f"{key}.low", scale.low, f"{key}.high", scale.high)
     simulators.check_disturbance(config.simulator, config.disturbance)
     alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
-    what = f"be 0 with simulator={config.simulator.name}: a validation during training would take the server's vehicles from its episodes"
+    what = (
+        f"be 0 with simulator={config.simulator.name}: a validation during training would take the "
+        "server's vehicles from its episodes"
+    )
     require(alone, "train.evaluate_every", config.train.evaluate_every, what)
     _algorithm(config.algo)
 

@@ -1,7 +1,7 @@
-"""Scalars of runs and ranked tables in Weights & Biases or MLflow, through their own clients.
+"""Log scalars of runs and ranked tables to Weights & Biases or MLflow, with their own clients.
 
-A log changes neither a run's id nor its bits. The environment variables of the clients set server, project and mode
-(docs/tracking.md).
+Logging changes neither a run's id nor its bits. The clients' environment variables set server, project and
+mode (docs/tracking.md).
 """
 
 from __future__ import annotations
@@ -17,24 +17,26 @@ from auvbench.errors import AuvbenchError, AuvbenchWarning, ConfigError, Missing
 from auvbench.registry import TRACKERS, resolve
 
 LOCAL = "tensorboard"
-"""the value of `train.log` with which the run's TensorBoard file is the only log"""
+"""value of `train.log` that logs only to the run's TensorBoard file"""
 
 
 class Tracker(Protocol):
-    """A logged run that is open."""
+    """An open logged run."""
 
     def write(self, scalars: Mapping[str, float], step: int) -> None:
         """Add scalars by name at an environment step."""
 
     def close(self, error: BaseException | None) -> None:
-        """End the logged run, or with an error this attempt."""
+        """End the logged run, or mark this attempt as failed with an error."""
 
 
 class Service(Protocol):
-    """What the module of a tracker offers. An exception in any of them is a line for the user."""
+    """Functions of a tracker's module. Any exception becomes one line for the user."""
 
     def prepare(self, experiment: str) -> None:
-        """Do before the first run of a grid what its runs cannot do at once; `experiment` is the `name` of the runs."""
+        """Prepare before the first run of a grid what parallel runs cannot do; `experiment` is the `name` of
+        the runs.
+        """
 
     def start(self, key: str, config: Mapping[str, Any], name: str) -> Tracker:
         """Open the logged run of a training; see `tracking.start`."""
@@ -45,15 +47,16 @@ class Service(Protocol):
 
 @functools.cache
 def prepare(service: str, experiment: str) -> None:
-    """Do before the first run of a grid what its runs cannot do at once: import the client, and make MLflow's experiment.
+    """Prepare before the first run of a grid what parallel runs cannot do: import the client, and create
+    MLflow's experiment.
 
     Args:
-        service: `train.log`.
+        service: value of `train.log`.
         experiment: `name` of the runs.
 
     Raises:
         MissingExtraError: the client is not installed.
-        ConfigError: MLflow's server or database does not answer; its reason is named.
+        ConfigError: MLflow's server or database does not answer; the message has its reason.
     """
     if service == LOCAL:
         return
@@ -62,17 +65,17 @@ def prepare(service: str, experiment: str) -> None:
 
 
 def start(service: str, key: str, config: Mapping[str, Any], name: str) -> Tracker | None:
-    """Open the logged run of a training, or the one that an earlier attempt opened; None for TensorBoard alone.
+    """Open the logged run of a training, or reopen that of an earlier attempt; None if only TensorBoard logs.
 
     Args:
-        service: `train.log`.
+        service: value of `train.log`.
         key: 32 hexadecimal digits, the same for each attempt of a run.
-        config: the run's resolved configuration.
-        name: the run's id.
+        config: resolved configuration of the run.
+        name: id of the run.
 
     Raises:
         MissingExtraError: the client is not installed.
-        ConfigError: the client cannot log; its reason is named.
+        ConfigError: the client cannot log; the message has its reason.
     """
     if service == LOCAL:
         return None
@@ -81,24 +84,24 @@ def start(service: str, key: str, config: Mapping[str, Any], name: str) -> Track
 
 
 def table(service: str, name: str, csv: str, files: list[Path]) -> None:
-    """Log a ranked table with the files of its report, as a logged run of its own.
+    """Log a ranked table with the files of its report, as a separate logged run.
 
     Args:
         service: one of `registry.TRACKERS`.
-        name: of the logged run.
-        csv: the table.
-        files: of the report.
+        name: name of the logged run.
+        csv: content of the table.
+        files: files of the report.
 
     Raises:
         MissingExtraError: the client is not installed.
-        ConfigError: the client cannot log; its reason is named.
+        ConfigError: the client cannot log; the message has its reason.
     """
     with _refusals(f"--log {service}"):
         _client(service).table(name, csv, files)
 
 
 class _Lenient:
-    """A tracker whose failure ends the log, not the training."""
+    """Tracker whose failure ends the log, not the training."""
 
     def __init__(self, tracker: Tracker, what: str) -> None:
         self._tracker: Tracker | None = tracker

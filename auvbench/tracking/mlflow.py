@@ -1,4 +1,4 @@
-"""MLflow. `MLFLOW_TRACKING_URI` names a server or a database; by default `mlflow.db` in the current folder."""
+"""Log to MLflow. `MLFLOW_TRACKING_URI` names a server or a database; default: `mlflow.db` in the current folder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mlflow.tracking import MlflowClient
 
 KEY = "auvbench.key"
 PARAMETERS = ("task", "vehicle", "algo", "reward.k", "step.frequency", "seed", "train.total_steps")
-"""keys whose values, or names, are parameters of a logged run; it has all others in config.yaml"""
+"""keys that become parameters of a logged run, with their values or names; all others are in its config.yaml"""
 
 
 def start(key: str, config: Mapping[str, Any], name: str) -> Run:
@@ -33,12 +33,12 @@ def start(key: str, config: Mapping[str, Any], name: str) -> Run:
 
 
 def prepare(experiment: str) -> None:
-    """Make the experiment; see `auvbench.tracking.prepare`."""
+    """Create the experiment; see `auvbench.tracking.prepare`."""
     experiment_of(experiment)
 
 
 def experiment_of(name: str) -> str:
-    """Return the id of an experiment, which is made if it does not exist."""
+    """Return the id of an experiment; create it if it does not exist."""
     client = MlflowClient()
     found = client.get_experiment_by_name(name)
     return str(found.experiment_id if found else client.create_experiment(name))
@@ -48,7 +48,7 @@ class Run:
     """A logged run.
 
     Args:
-        client: of the server or folder.
+        client: client of the server or folder.
         run: MLflow's id of the run.
     """
 

@@ -1,4 +1,7 @@
-"""Weights & Biases. `WANDB_MODE=offline` needs no account; `WANDB_PROJECT` and `WANDB_DIR` say where the logs go."""
+"""Log to Weights & Biases.
+
+`WANDB_MODE=offline` needs no account; `WANDB_PROJECT` and `WANDB_DIR` set where the logs go.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,18 @@ class Run:
     """A logged run.
 
     Args:
-        run: as the client opened it.
+        run: run as opened by the client.
     """
 
     def __init__(self, run: Any) -> None:
         self._run = run
 
     def write(self, scalars: Mapping[str, float], step: int) -> None:
-        """Add scalars. A resumed run repeats steps since its last checkpoint, with the same values: the client skips them."""
+        """Add scalars.
+
+        A resumed run repeats the steps since its last checkpoint with the same values, which the client
+        skips.
+        """
         self._run.log(dict(scalars), step=step)
 
     def close(self, error: BaseException | None) -> None:
@@ -52,15 +59,15 @@ def table(name: str, csv: str, files: list[Path]) -> None:
 
 
 def prepare(experiment: str) -> None:
-    """Refuse settings that `refuse_settings` names; see `auvbench.tracking.prepare`."""
+    """Check the settings (`refuse_settings`); see `auvbench.tracking.prepare`."""
     refuse_settings()
 
 
 def refuse_settings() -> None:
-    """Refuse W&B's settings of the working directory: they choose the server that gets the user's key.
+    """Reject W&B's settings in the working directory: they could send the user's key to another server.
 
     Raises:
-        ConfigError: names the file.
+        ConfigError: the working directory has such a file; the message names it.
     """
     for folder in ("wandb", ".wandb"):
         path = Path(folder, "settings")
@@ -73,6 +80,6 @@ def refuse_settings() -> None:
 
 def _init(**arguments: Any) -> Any:
     refuse_settings()
-    # The client would take over the output of this process, which the run's own log has.
+    # The client would take over this process's output, which belongs in the run's own log.
     settings = wandb.Settings(console="off", silent=True, disable_git=True, disable_code=True)
     return wandb.init(project=os.environ.get("WANDB_PROJECT", PROJECT), settings=settings, **arguments)

@@ -248,7 +248,7 @@ def test_what_is_typed_wrong_of_a_simulator_is_one_line(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("SimulatorSpec(\"still\", \"still:make\", CAN", "SimulatorSpec(\"still\", \"still:make\", 3"), "has capabilities that are none"),
+        (("SimulatorSpec(\"still\", \"still:make\", CAN", "SimulatorSpec(\"still\", \"still:make\", 3"), "has invalid capabilities"),
         (("CAN, StillConfig)", "CAN, int)"), "has a schema that is no dataclass below auvbench.plugin.SimulatorConfig"),
         (("SPEC = SimulatorSpec(", "SPEC = dict(a="), "cannot be imported"),
     ],

@@ -162,7 +162,7 @@ def test_names_of_auvbench_itself_are_taken(site: Site, capsys: pytest.CaptureFi
 
 def test_a_folder_that_is_not_there(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     site.install("empty", {"empty/__init__.py": ""}, conf="empty.conf")
-    assert "auvbench.conf: empty.conf of empty==1.0 is no folder" in refused(capsys, "train", "algo=pid")
+    assert "auvbench.conf: empty.conf of empty==1.0 is not a folder" in refused(capsys, "train", "algo=pid")
 
 
 def test_a_package_s_files_name_no_code(site: Site, capsys: pytest.CaptureFixture[str]) -> None:

@@ -86,16 +86,16 @@ def test_what_it_entered_is_gone_when_it_is_forgotten(site: Site) -> None:
     [
         (
             ("reward=thesis",),
-            "reward.name=thesis: is no reward for task=circling; use reward=view or tracking",
+            "reward.name=thesis: is not available for task=circling; use reward=view or tracking",
         ),
         (("task.radius=-1",), "task.radius=-1: must be more than 0"),
         (("task.raduis=1",), "task.raduis: unknown key; did you mean task.radius?"),
         (("reward.effort=x",), "reward.effort: 'x' is not a number"),
-        (("task.observation=[preview]",), "preview is no block of task=circling"),
+        (("task.observation=[preview]",), "preview is not a block of task=circling"),
         (("task.centre=[0,0]",), "task.centre=[0.0, 0.0]: must be three finite numbers"),
         (("+task.package=x",), "task.package=x: auvbench sets it (auvbench-example==1.0)"),
         (("vehicle=lrauv",), "task=circling: asks for thrust along x, y, z"),
-        (("task=waypoint", "reward=view"), "reward.name=view: is no reward for task=waypoint"),
+        (("task=waypoint", "reward=view"), "reward.name=view: is not available for task=waypoint"),
         (("task=circlin",), "did you mean 'circling'?"),
     ],
 )
@@ -115,10 +115,10 @@ def test_what_is_typed_wrong_is_one_line(
         (("schema=CirclingConfig", "schema=int"), "has a schema that is no dataclass below auvbench.plugin.TaskConfig"),
         (("blocks=ERRORS", 'blocks=("yaw",)'), "declares the block 'yaw'"),
         (('"timeout", "out_of', '"late", "out_of'), "declares the outcome 'late'"),
-        (("mean_in_view", "mean_inview"), "is ranked by 'mean_inview', which is no measure; did you mean 'mean_in_view'?"),
+        (("mean_in_view", "mean_inview"), "is ranked by 'mean_inview', which is not a measure; did you mean 'mean_in_view'?"),
         (('"closest_m",', '"energy_J",'), "has the metric energy_J, a name that another metric has"),
         (("high=1.0", "high=-1.0"), "as a metric; make it by auvbench.plugin.column"),
-        (("effort: float = number(0.0, 1e3)", "effort: list[float]"), "has the parameter effort, which is no number"),
+        (("effort: float = number(0.0, 1e3)", "effort: list[float]"), "has the parameter effort, which is not a number"),
         (("effort: float", "; ".join(f"a{i}: float" for i in range(20)) + "\n    effort: float"), "has 24 parameters"),
     ],
 )  # fmt: skip
