@@ -21,7 +21,7 @@ OWN = "own"
 """protocol that tests each run with its own task, noise and disturbances"""
 OBSERVATION = "task.observation"
 FREQUENCY = "step.frequency"
-"""key that the test fixes unless a protocol leaves each run its own"""
+"""key of the step frequency; the test fixes it unless each run keeps its own frequency"""
 
 
 def is_fixed(key: str, frequency_fixed: bool) -> bool:
