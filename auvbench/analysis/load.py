@@ -266,6 +266,8 @@ def _flattened(config: Any) -> dict[str, Any]:
     if not is_name(algo := flat.get("algo.name")):
         raise Damage(f"config.yaml is not that of a run (algo.name is {_brief(algo)}, not a name)")
     for key, value in flat.items():
+        if _is_name_of_a_choice(key) and value is not None and not isinstance(value, str):
+            raise Damage(f"config.yaml has the {short(key, 60)} {_brief(value)}, which is not a name")
         if isinstance(value, str) and value and _is_shown(key) and not is_name(value):
             raise Damage(
                 f"config.yaml has the {short(key, 60)} {_brief(value)} ({len(value):,} characters), which "
@@ -276,6 +278,11 @@ def _flattened(config: Any) -> dict[str, Any]:
         if value is not None and (type(value) not in (int, float) or not abs(value) <= LARGEST):
             raise Damage(f"config.yaml has the {key} {_brief(value)}, which is not a number")
     return flat
+
+
+def _is_name_of_a_choice(key: str) -> bool:
+    """Return whether a key is the name of an agent, a task, a vehicle or another group's choice."""
+    return key.endswith(".name") and key.count(".") == 1
 
 
 def _is_shown(key: str) -> bool:

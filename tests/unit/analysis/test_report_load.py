@@ -217,6 +217,8 @@ def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) 
             "algo: {name: ppo}\nstep: {frequency: fast}",
             "has the step.frequency 'fast', which is not a number",
         ),
+        ("algo: {name: ppo}\ntask: {name: [1]}", "has the task.name [1], which is not a name"),
+        ("algo: {name: ppo}\nvehicle: {name: 7}", "has the vehicle.name 7, which is not a name"),
         ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is not a number"),
         ("algo: &a {name: ppo, again: *a}", "is inside"),
     ],
