@@ -66,10 +66,10 @@ demo: $(STAMP) ## train PPO with five seeds; test PID, MPC and PPO; rank them
 	$(BIN)/auvbench report outputs/quickstart
 
 test: $(TOOLS) ## the quick tests: what a contributor runs
-	$(PYTEST) -m "not slow"
+	$(PYTEST) $(ARGS) -m "not slow"
 
 test-slow: $(TOOLS) ## the tests that take seconds each: trainings, kills, virtual environments, browsers, ROS 2
-	$(PYTEST) -m slow
+	$(PYTEST) $(ARGS) -m slow
 
 check: $(TOOLS) ## format, lint, types, layers, the links of the documentation
 	@$(MAKE) --no-print-directory --jobs $(if $(filter output-sync,$(.FEATURES)),--output-sync=target) lint type layers links
