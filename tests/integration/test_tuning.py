@@ -243,7 +243,7 @@ def test_nothing_of_tuning_ever_draws_a_test_scenario(
     assert {stream for stream, _ in asked} == {"validation"}
     assert {seed for _, seed in asked} == {plan.protocol.seed, plan.protocol.seed + 1}
     forbidden = schema.Protocol(**{**vars(plan.protocol), "scenarios": "test"})
-    with pytest.raises(ConfigError, match="those of a test"):
+    with pytest.raises(ConfigError, match="uses the scenarios of a test"):
         runs.test(RunDirectory(next(study.runs.glob("*/"))), forbidden)
 
 
