@@ -1,4 +1,4 @@
-"""pytest's plug-in of auvbench: `pytest --auvbench algo=NAME --auvbench task=NAME` runs the conformance suites.
+"""pytest's plug-in of auvbench: `pytest --auvbench algo=NAME --auvbench task=NAME --auvbench simulator=NAME` runs the conformance suites.
 
 A module outside the package, because pytest imports it in every session of an environment that has auvbench, and
 until `--auvbench` is given it imports nothing but pytest.
@@ -20,7 +20,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         metavar="OVERRIDES",
-        help="check an agent ('algo=NAME ...') or a task ('task=NAME ...') against auvbench's contracts; may be given "
+        help="check an agent ('algo=NAME ...'), a task ('task=NAME ...') or a simulator ('simulator=NAME ...') against auvbench's contracts; may be given "
         "several times",
     )
     group.addoption(
@@ -55,6 +55,11 @@ def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
     if any(word.startswith("task=") for word in overrides):
         for one_of_a_task in testing.TASK_CHECKS:
             chosen.append((one_of_a_task, partial(testing.check_task, *overrides, only=one_of_a_task)))
+    if any(word.startswith("simulator=") for word in overrides):
+        for one_of_a_simulator in testing.SIMULATOR_CHECKS:
+            chosen.append(
+                (one_of_a_simulator, partial(testing.check_simulator, *overrides, only=one_of_a_simulator))
+            )
     if any(word.startswith("algo=") for word in overrides) or not chosen:
         checks = (*testing.AGENT_CHECKS, *(testing.LEARNER_CHECKS if learns(algo) else ()))
         for one in checks:
@@ -66,7 +71,7 @@ def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
 
 
 class Check(pytest.Item):
-    """One check of one agent or task."""
+    """One check of one agent, task or simulator."""
 
     def __init__(self, *, call: Callable[[], None], **named: Any) -> None:
         super().__init__(**named)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from auvbench.config.launchers import LauncherSpec
     from auvbench.config.rewards import RewardSpec
     from auvbench.config.simulators import SimulatorSpec
-    from auvbench.config.tasks import TaskSpec
+    from auvbench.config.task_specs import TaskSpec
     from auvbench.config.trackers import TrackerSpec
 
 
@@ -309,7 +309,7 @@ AGENTS: Kind[AgentSpec] = Kind(
     _lines(_ALGORITHMS, *_LEARNERS, *_CONTROLLERS),
 )
 
-_TASKS = "auvbench.config.tasks"
+_TASKS = "auvbench.config.task_specs"
 TASKS: Kind[TaskSpec] = Kind(
     "auvbench.tasks",
     "task.name",

@@ -49,6 +49,9 @@ KINDS = {
 }
 """One of auvbench's own of each kind, and the folder of its YAML file."""
 
+TASKS = ("waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking")
+"""auvbench's own tasks."""
+
 COMPILED = re.compile(r"compiled|njit|jit|cfunc|row")
 ARRAY = re.compile(r"Floats|Integers|FloatArray|IntArray|NDArray|FloatTable")
 
@@ -130,6 +133,31 @@ def naming(name: str, folder: str) -> list[str]:
     return [*found, *([file.relative_to(ROOT).as_posix()] if folder and file.is_file() else [])]
 
 
+def task_tests(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Yield line and text of comparisons with a task's name, and of `isinstance` with a task's class or schema."""
+    names = "|".join(TASKS)
+    classes = "|".join(name.title().replace("_", "") for name in TASKS)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            pattern = rf"['\"](?:{names})['\"]"
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass"):
+            pattern = rf"\b(?:{classes})(?:Task)?\b"
+        else:
+            continue
+        if re.search(pattern, ast.unparse(node)):
+            yield node.lineno, ast.unparse(node)
+
+
+def naming_a_task() -> list[str]:
+    """Return the lines outside `tasks/` that ask for a task's name or class."""
+    return [
+        f"{path.relative_to(ROOT)}:{line}: {text}"
+        for path, tree in sources()
+        if path.relative_to(PACKAGE).parts[0] != "tasks"
+        for line, text in task_tests(tree)
+    ]
+
+
 def reads(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Yield line and text of reads of an array by a number or a numeric constant in compiled functions.
 
@@ -195,6 +223,8 @@ def measures(*, run: bool = True) -> Iterator[Measure]:
     """Yield the measures; those of imports only with `run`."""
     core = naming_an_integration()
     yield Measure("files of the core that name an integration", str(len(core)), "0", core)
+    tests = naming_a_task()
+    yield Measure("lines outside tasks/ that ask for a task's name or class", str(len(tests)), "0", tests)
     if run:
         with tempfile.TemporaryDirectory() as folder:
             yield _closure("an environment", ENVIRONMENT, folder, "35, 6k")

@@ -16,6 +16,7 @@ from auvbench.analysis.labels import OBSERVATION, part, sort_key, unobserved
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
 from auvbench.analysis.records import Agent, Finding, Ranking, learns, run_ids, task_of
 from auvbench.analysis.typical import Typical
+from auvbench.registry import TASKS
 from auvbench.statistics import holm
 from auvbench.statistics.intervals import Estimate
 from auvbench.statistics.typical import trainings_needed
@@ -59,8 +60,9 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
         return None
     returns = [_typical_return(agent) for agent in (rich, good)]
     rates = typical.value
-    waypoints = task_of(rich.runs[0]) == "waypoint"
-    verb, of = ("reaches", "of the waypoints") if waypoints else ("succeeds in", "of the episodes")
+    task = TASKS.get(task_of(rich.runs[0]))
+    reached = task.reached if task else ""
+    verb, of = ("reaches", f"of the {reached}") if reached else ("succeeds in", "of the episodes")
     text = (
         f"Return and success disagree: the typical training of {rich.label} has a return of {returns[0]:,.0f} against "
         f"{returns[1]:,.0f} of {good.label}, but {verb} {100 * rates[0]:.0f} % {of} against {100 * rates[1]:.0f} %"

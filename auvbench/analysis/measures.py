@@ -13,6 +13,7 @@ from auvbench.errors import ReportError, closest
 from auvbench.metrics import METRICS, Metric
 from auvbench.record import OUTCOMES, columns
 from auvbench.registry import TASKS
+from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.statistics import Crossed, crossed
 from auvbench.statistics.intervals import FloatArray
 
@@ -185,6 +186,6 @@ def all_measures(agents: Sequence[Agent]) -> list[Measure]:
     columns = {c: None for agent in agents for c in agent.metrics if c not in scenario}
     means = [known.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in columns]
     named = {str(agent.runs[0].config.get("task.name")) for agent in agents if agent.runs}
-    ends = {end for name in named for end in TASKS.get(name, TASKS["waypoint"]).outcomes}
+    ends = {end for name in named for end in TASKS.get(name, TASKS[DEFAULT_TASK]).outcomes}
     rates = [m for m in RATES if m.name.removesuffix("_rate") in ends] if ends else RATES
     return [*rates, *means, *(m for m in PENALISED if m.column in columns)]

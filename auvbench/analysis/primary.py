@@ -28,6 +28,7 @@ from auvbench.analysis.planning import needed
 from auvbench.analysis.records import Against, Agent, Comparison, Primary, Ranking, learns
 from auvbench.analysis.typical import Typical
 from auvbench.errors import ReportError, closest
+from auvbench.registry import TASKS
 from auvbench.statistics.intervals import BoolArray, Estimate
 from auvbench.statistics.reliability import Reliability, reliability
 from auvbench.statistics.typical import FEWEST, trainings_needed
@@ -237,10 +238,11 @@ def _lead(best: Against, primary: Primary, m: Measure, task: str) -> str:
     agent, r = best.agent, best.reliability
     if best.trainings:
         agent = f"The typical training of {agent}"
-    if task == "waypoint" and m.column in LIMITED_BY_STEPS:
-        text = f"{agent} reaches waypoints {gain} sooner than {primary.baseline}{interval}"
-    elif task == "waypoint" and m.name == "success_rate":
-        text = f"{agent} reaches {gain} more of the waypoints than {primary.baseline}{interval}"
+    reached = TASKS[task].reached if task in TASKS else ""
+    if reached and m.column in LIMITED_BY_STEPS:
+        text = f"{agent} reaches {reached} {gain} sooner than {primary.baseline}{interval}"
+    elif reached and m.name == "success_rate":
+        text = f"{agent} reaches {gain} more of the {reached} than {primary.baseline}{interval}"
     else:
         text = f"{agent} is ahead of {primary.baseline} by {gain} in {name(m)}{interval}"
     return f"{text}, and {r.count} of {r.trainings} trainings are not behind" if r else text

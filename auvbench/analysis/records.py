@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from auvbench.config.algorithms import learns as is_learner
+from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.statistics.intervals import Estimate
 from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import short
@@ -132,7 +133,7 @@ def budget_of(run: RunRecord) -> int:
 
 def task_of(run: RunRecord) -> str:
     """Return the name of a run's task; waypoint if the configuration has none."""
-    return str(run.config.get("task.name", "waypoint"))
+    return str(run.config.get("task.name", DEFAULT_TASK))
 
 
 def run_ids(*groups: Sequence[Agent]) -> tuple[str, ...]:
@@ -325,7 +326,7 @@ class Ranking:
     """best known times; None if not requested or not available"""
     no_limit: str = ""
     """reason why there is no limit, with the command that computes it"""
-    task: str = "waypoint"
+    task: str = DEFAULT_TASK
     """task of the scenarios"""
 
     def ordered(self, agents: Sequence[Agent]) -> list[Agent]:

@@ -17,6 +17,7 @@ from auvbench.analysis.typical import Typical
 from auvbench.errors import ReportError
 from auvbench.registry import TASKS
 from auvbench.runs.directory import missing
+from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.statistics.intervals import Estimate
 from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import plain, short
@@ -124,7 +125,7 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
             f"{first.label} and {second.label} met different scenarios ({first.fingerprint} and "
             f"{second.fingerprint}): evaluate both by one protocol"
         )
-    task = TASKS.get(names[0], TASKS["waypoint"])
+    task = TASKS.get(names[0], TASKS[DEFAULT_TASK])
     # A mean in which a failure counts replaces a mean that quick failures improve.
     known = {
         m.name: m

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, RunError
+from auvbench.runs.identity import DEFAULT_TASK
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
@@ -121,7 +122,7 @@ def _task(task: Mapping[str, Any]) -> list[str]:
         has = observed({str(key): value for key, value in defaults.items()})
         changed = {key: value for key, value in wanted.items() if has.get(key) != value}
         if not changed:
-            return [] if choice == "waypoint" else [f"task={choice}"]
+            return [] if choice == DEFAULT_TASK else [f"task={choice}"]
         differing = differing or changed
     values = [f"{key}={json.dumps(value).replace(', ', ',')}" for key, value in differing.items()]
-    return [*([] if name == "waypoint" else [f"task={name}"]), *(word.replace('"', "") for word in values)]
+    return [*([] if name == DEFAULT_TASK else [f"task={name}"]), *(word.replace('"', "") for word in values)]

@@ -18,8 +18,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+from auvbench import registry
 from auvbench.commands.grammar import Parser, number
 from auvbench.errors import ConfigError, UserError, closest
+from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:
@@ -33,8 +35,6 @@ if TYPE_CHECKING:
 CONTROLLERS = ("pid", "smc", "lqr")
 """Controllers that need only NumPy (lqr: SciPy)."""
 
-TASKS = ("waypoint", "station_keeping")
-"""Tasks whose reference is a pose at rest, the kind that `/goal_pose` gives."""
 
 ANSWER = 1
 """processor time in s for an action of the policy; the pilot disarms after it, or after five times as long by
@@ -65,7 +65,9 @@ def parser() -> Parser:
     )
     parser.add_argument("--vehicle", help="vehicle sheet (default: the policy's; else bluerov2)")
     parser.add_argument("--namespace", help="namespace of the topics (default: the vehicle's name)")
-    parser.add_argument("--task", help=f"task: {' or '.join(TASKS)} (default: the policy's; else waypoint)")
+    parser.add_argument(
+        "--task", help=f"task: {' or '.join(_tasks())} (default: the policy's; else waypoint)"
+    )
     parser.add_argument(
         "--frequency", type=number(0.001, 1000), help="rate of actions in Hz (default: the policy's; else 10)"
     )
@@ -231,7 +233,7 @@ def _setup(given: argparse.Namespace) -> Steering:
 
         vehicle = sheet.load(given.vehicle or "bluerov2")
         frequency = given.frequency or 10.0
-        task = task_of(given.task or "waypoint", "--task")
+        task = task_of(given.task or DEFAULT_TASK, "--task")
         name, spec = word, observation_spec(task, vehicle.actuators)
         controller = classical(word, vehicle, frequency, task)
     low, high = given.depth or (task.depth_low, task.depth_high)
@@ -244,7 +246,7 @@ def _setup(given: argparse.Namespace) -> Steering:
         pose_timeout=given.pose_timeout,
         lost_after=max(5.0, 2.0 * given.pose_timeout),
         patience=max(1.0, given.pose_timeout),
-        holds=task.name == "station_keeping",
+        holds=registry.TASKS[task.name].holds,
     )
     return Steering(controller, vehicle, frequency, spec, limits, name)
 
@@ -263,7 +265,7 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
     spec = AGENTS[name]
     gains = spec.schema(**defaults("algo", name))
     step = SimpleNamespace(frequency=frequency)
-    config = SimpleNamespace(algo=gains, step=step, task=task or task_of("waypoint", "--task"))
+    config = SimpleNamespace(algo=gains, step=step, task=task or task_of(DEFAULT_TASK, "--task"))
     return resolve(spec.code)(config, vehicle)
 
 
@@ -281,19 +283,23 @@ def _about(setup: Steering) -> dict[str, Any]:
     }
 
 
+def _tasks() -> tuple[str, ...]:
+    """Return the tasks whose reference is a pose at rest, the kind that `/goal_pose` gives."""
+    return tuple(name for name in registry.TASKS.own if registry.TASKS[name].at_rest)
+
+
 def task_of(name: str, where: str) -> tasks.Task:
     """Return a task with the values of its configuration file.
 
     Raises:
         ConfigError: its reference is not a pose at rest.
     """
-    from auvbench import registry
     from auvbench.config import tasks
 
-    if name not in TASKS:
+    if name not in _tasks():
         raise ConfigError(
             f"{where} {short(name, 40)}: a pilot cannot give its reference; the task must have a pose at "
-            f"rest (/goal_pose); {closest(name, TASKS)}"
+            f"rest (/goal_pose); {closest(name, _tasks())}"
         )
     values = defaults("task", name)
     if "preview" in values:
@@ -314,7 +320,7 @@ def task_of_policy(
     from auvbench.tasks.observation import observation_spec
 
     named = card.document["task"]
-    trained = str(named.get("name", "waypoint"))
+    trained = str(named.get("name", DEFAULT_TASK))
     if asked not in (None, trained):
         raise UserError(
             f"--task {asked}: the card of {word} says task={short(trained, 40)}; leave --task out"
@@ -330,7 +336,7 @@ def task_of_policy(
             "depth_high": float(named["depth_high_m"]),
             "max_steps": int(named["max_steps"]),
         }
-        if trained == "waypoint":
+        if hasattr(task, "goal_radius"):
             changed["goal_radius"] = float(named["goal_radius_m"])
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{word}: its card has an invalid task entry: {short(error)}") from error

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from auvbench.commands.grammar import Parser, number, whole
 from auvbench.errors import UserError
 from auvbench.record import PRIMARY
+from auvbench.runs.identity import DEFAULT_TASK
 
 if TYPE_CHECKING:
     from auvbench.analysis.measures import Measure
@@ -133,11 +134,11 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     """Return the basis of the plan, the number of agents, the numbers of episodes, and the measure."""
     from auvbench.analysis import planning
     from auvbench.analysis.measures import measure
-    from auvbench.config.tasks import primary_of
+    from auvbench.config.task_specs import primary_of
     from auvbench.statistics import power
 
     # --rates means the success rate unless another measure is named.
-    usual = "success_rate" if options.rates is not None else primary_of("waypoint")
+    usual = "success_rate" if options.rates is not None else primary_of(DEFAULT_TASK)
     m = measure(usual if options.metric == PRIMARY else options.metric, "--metric")
     rates = None if options.rates is None else (options.rates[0] / 100, options.rates[1] / 100)
     if options.sd is not None and rates is not None:
@@ -152,7 +153,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     runs, problems = load(options.paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
     part = sections(runs, options.protocol)[0]
-    names = sorted({str(run.config.get("task.name", "waypoint")) for run in runs})
+    names = sorted({str(run.config.get("task.name", DEFAULT_TASK)) for run in runs})
     if len(names) > 1:
         raise UserError(
             f"plan: the runs are of several tasks ({', '.join(names)}); name one: --where task={names[0]}"

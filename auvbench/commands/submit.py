@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, get_args
 
 from auvbench.commands.grammar import Parser, whole
 from auvbench.errors import ReportError, UserError, closest
+from auvbench.runs.identity import DEFAULT_TASK
 
 if TYPE_CHECKING:
     from auvbench.analysis.records import RunRecord
@@ -145,11 +146,10 @@ def _entered(path: Path, protocol: Protocol, output: Path) -> Path:
     from auvbench.training.execute import execute
 
     card = exported.read_card(exported.card_path(path))
-    task = str(card.document["task"].get("name", "waypoint"))
+    task = str(card.document["task"].get("name", DEFAULT_TASK))
     words = ["algo=onnx", f"algo.path={path.absolute()}", f"vehicle={card.vehicle.name}", f"task={task}"]
     words += [f"step.frequency={card.frequency_hz:g}", f"output={output}", "name=entry"]
-    if task == "waypoint":
-        words.append(f"task.position_frame={card.task.position_frame}")
+    words.append(f"task.position_frame={card.task.position_frame}")
     if blocks := card.document["task"].get("observation"):
         words.append(f"task.observation=[{','.join(map(str, blocks))}]")
     run = prepare(compose("train", words))

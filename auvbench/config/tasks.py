@@ -6,18 +6,15 @@ Importing this module imports no task.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import Any
 
-from auvbench import metrics, record
+from auvbench.config import feasible
 from auvbench.config.schema import choice, choice_of, later, number
 from auvbench.config.schema import name as plain_name
 from auvbench.errors import ConfigError, closest
-from auvbench.metrics import Metric
-from auvbench.registry import TASKS, Spec
-from auvbench.untrusted.text import short
+from auvbench.registry import TASKS
 
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
@@ -39,6 +36,27 @@ class Task:
     observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
     history: int = later(number(1, 64), 1)
 
+    def check(self) -> None:
+        """Refuse values with which no episode can succeed.
+
+        Raises:
+            ConfigError: names the key, the value and the valid range.
+        """
+
+    def check_length(self, frequency: float) -> None:
+        """Refuse episodes that are too short for the measure, or so long that the reference leaves the water.
+
+        Args:
+            frequency: agent steps per second, Hz.
+
+        Raises:
+            ConfigError: names the key, the value and the valid range.
+        """
+
+    def card(self) -> dict[str, Any]:
+        """Return what the card of an exported policy says of the task, beyond what it says of each task."""
+        return {}
+
 
 @dataclass(kw_only=True)
 class Waypoint(Task):
@@ -48,6 +66,17 @@ class Waypoint(Task):
     waypoint_low: list[float]
     waypoint_high: list[float]
     goal_radius: float = number(0.0, 1e3, open_low=True)  # m
+
+    def check(self) -> None:
+        feasible.check_waypoints(self)
+
+    def card(self) -> dict[str, Any]:
+        return {
+            "start_m": list(self.start),
+            "waypoint_low_m": list(self.waypoint_low),
+            "waypoint_high_m": list(self.waypoint_high),
+            "goal_radius_m": self.goal_radius,
+        }
 
 
 @dataclass(kw_only=True)
@@ -88,6 +117,12 @@ class StationKeeping(Tracked):
     hold_time: float = number(0.0, 1e7, open_low=True)  # s
     hold_share: float = number(0.0, 1.0)
 
+    def check(self) -> None:
+        feasible.check_start_radius(self)
+
+    def check_length(self, frequency: float) -> None:
+        feasible.check_hold(self, frequency)
+
 
 @dataclass(kw_only=True)
 class TrajectoryTracking(Tracked):
@@ -102,6 +137,12 @@ class TrajectoryTracking(Tracked):
     start_radius: float = number(0.0, 1e4)  # m
     start_yaw: float = number(0.0, math.pi)  # rad
 
+    def check(self) -> None:
+        feasible.check_start_radius(self)
+
+    def check_length(self, frequency: float) -> None:
+        feasible.check_curve(self, frequency)
+
 
 @dataclass(kw_only=True)
 class PathFollowing(Tracked):
@@ -115,6 +156,10 @@ class PathFollowing(Tracked):
     speed: float = number(0.0, 10.0, open_low=True)  # m/s
     start_radius: float = number(0.0, 1e4)  # m
     goal_radius: float = number(0.0, 1e3, open_low=True)  # m
+
+    def check(self) -> None:
+        feasible.check_start_radius(self)
+        feasible.check_path(self)
 
     @property
     def overshoot(self) -> float:
@@ -141,131 +186,8 @@ class Docking(Tracked):
     standoff: float = number(0.0, 1e3, open_low=True)  # m
     tilt: float | None = later(number(0.0, math.pi, open_low=True))  # rad
 
-
-@dataclass(frozen=True, slots=True)
-class TaskSpec(Spec):
-    """Description of one value of `task.name`, available without importing its code."""
-
-    base: ClassVar[type] = TaskConfig
-
-    name: str
-    title: str
-    """title in tables and sentences"""
-    factory: str
-    """`module:class` of the task"""
-    primary: str
-    """measure that ranks the agents (`analysis.measures`)"""
-    blocks: tuple[str, ...]
-    """observation blocks that the task can supply"""
-    outcomes: tuple[str, ...]
-    """outcomes of its episodes, names in `record.OUTCOMES`"""
-    rewards: tuple[str, ...]
-    """rewards that suit the task"""
-    needs_thrusters: bool = True
-    """whether the task needs a vehicle with thrust along each axis and about the vertical"""
-    has_yaw: bool = True
-    """whether the reference has its own yaw; otherwise its yaw is its bearing"""
-    schema: type | None = None
-    """schema of its configuration; in a package, derived from `TaskConfig`"""
-    failures: tuple[str, ...] = ("collision", "out_of_bounds")
-    """outcomes of a failed episode, in which every error counts as its bound (`Metric.failed`)"""
-    metrics: tuple[Metric, ...] = ()
-    """additional metrics of an installed package (`metrics.column`), besides `metrics.SHARED`"""
-
-    @property
-    def code(self) -> str:
-        """Return `module:class` of the task."""
-        return self.factory
-
-    def fault(self) -> str:
-        for what, values, known in (
-            ("block", self.blocks, BLOCKS),
-            ("outcome", self.outcomes, record.OUTCOMES),
-        ):
-            for value in values:
-                if value not in known:
-                    return f"declares the {what} {short(repr(value))}; {closest(str(value), known)}"
-        for metric in self.metrics:
-            column = isinstance(metric, Metric) and metric.kind in ("episode", "scenario")
-            if not column or not re.fullmatch(r"[a-z]\w*", metric.name) or not metric.low < metric.high:
-                return f"declares {short(repr(metric))} as a metric; make it by auvbench.plugin.column"
-        own = tuple(metric.measure for metric in self.metrics if metric.better)
-        ranks = (*record.measure_names(), *own)
-        if self.primary not in ranks:
-            return f"is ranked by {short(repr(self.primary))}, which is not a measure; {closest(self.primary, ranks)}"
-        return ""
-
-    def enter(self) -> None:
-        metrics.add(self.name, self.metrics)
-        record.forget()
-
-    def leave(self) -> None:
-        metrics.drop(self.name)
-        record.forget()
-
-
-_FOUR_ENDS = ("success", "collision", "timeout", "out_of_bounds")
-_TRACKING = ("tracking", "exponential", "marinegym_hover")
-
-waypoint = TaskSpec(
-    "waypoint",
-    "waypoint",
-    "auvbench.tasks.waypoint:WaypointTask",
-    "par1_time_s",
-    ("yaw_error", "position_error", *STATE, "previous_action"),
-    ("success", "collision", "timeout"),
-    ("thesis", "goal", "tracking", "exponential"),
-    needs_thrusters=False,
-    has_yaw=False,
-    schema=Waypoint,
-)
-station_keeping = TaskSpec(
-    "station_keeping",
-    "station keeping",
-    "auvbench.tasks.station_keeping:StationKeepingTask",
-    "mean_position_error_rms_m",
-    ERRORS,
-    _FOUR_ENDS,
-    _TRACKING,
-    schema=StationKeeping,
-)
-trajectory_tracking = TaskSpec(
-    "trajectory_tracking",
-    "trajectory tracking",
-    "auvbench.tasks.trajectory_tracking:TrajectoryTrackingTask",
-    "mean_position_error_rms_m",
-    (*ERRORS, "preview"),
-    ("success", "collision", "out_of_bounds"),
-    _TRACKING,
-    schema=TrajectoryTracking,
-)
-path_following = TaskSpec(
-    "path_following",
-    "path following",
-    "auvbench.tasks.path_following:PathFollowingTask",
-    "mean_cross_track_rms_m",
-    (*ERRORS, "preview"),
-    _FOUR_ENDS,
-    ("path", *_TRACKING, "gym_auv_path"),
-    needs_thrusters=False,
-    failures=("collision", "timeout", "out_of_bounds"),
-    schema=PathFollowing,
-)
-docking = TaskSpec(
-    "docking",
-    "docking",
-    "auvbench.tasks.docking:DockingTask",
-    "par1_time_s",
-    (*ERRORS, "goal_error"),
-    _FOUR_ENDS,
-    ("goal", "tracking", "exponential", "gym_dockauv"),
-    schema=Docking,
-)
-
-
-def primary_of(name: str) -> str:
-    """Return the measure that ranks the agents of a task; for an unknown task, the waypoint task's."""
-    return TASKS.get(name, TASKS["waypoint"]).primary
+    def check(self) -> None:
+        feasible.check_dock(self)
 
 
 def blocks(task: Any) -> Sequence[str]:

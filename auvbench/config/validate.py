@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
-from auvbench.config import algorithms, feasible, rewards, schema, simulators, tasks
+from auvbench.config import algorithms, rewards, schema, simulators, tasks
 from auvbench.errors import ConfigError, closest
 from auvbench.registry import AGENTS
 from auvbench.untrusted.text import short
@@ -206,7 +206,7 @@ def check_across(config: schema.TrainConfig) -> None:
             f"task.time_limit={task.time_limit:g}: is {limit} steps at {frequency:g} Hz; must be from "
             f"{1 / frequency:g} to {MOST_STEPS / frequency:g} s there"
         )
-    feasible.check_length(task, frequency)
+    task.check_length(frequency)
     current, fault = config.disturbance.current, config.disturbance.fault
     _below("disturbance.current.speed", current.speed, "disturbance.current.speed_high", current.speed_high)
     if sea := config.disturbance.sea:
@@ -242,15 +242,11 @@ def _task(task: tasks.Task) -> None:
         point = getattr(task, key, None)
         inside = point is None or low <= point[2] <= high
         require(inside, f"task.{key}", point, "have a z within the depth limits")
-    if isinstance(task, tasks.Waypoint):
-        for axis, least, most in zip("xyz", task.waypoint_low, task.waypoint_high, strict=True):
-            what = f"be at most task.waypoint_high in {axis}"
-            require(least <= most, "task.waypoint_low", task.waypoint_low, what)
     for key in ("size", "speed", "start"):
         low_key, high_key = f"{key}_low", f"{key}_high"
         if hasattr(task, low_key):
             _below(f"task.{low_key}", getattr(task, low_key), f"task.{high_key}", getattr(task, high_key))
-    feasible.check_starts(task)
+    task.check()
     tasks.check_observation(task)
 
 

@@ -130,7 +130,7 @@ def panels(
         linewidth=0.4,
     )
     seen = [low, high, waypoint - radius, waypoint + radius]
-    if dock_yaw is not None and isinstance(task, tasks.Docking):
+    if dock_yaw is not None and hasattr(task, "cone"):
         cone = _cone(waypoint, dock_yaw, task)
         space.plot(*cone.T, color="#9a9a9a", linewidth=0.6)
         above.plot(*cone[:, :2].T, color="#9a9a9a", linewidth=0.6)
@@ -163,7 +163,7 @@ def panels(
     return space, above, time, command
 
 
-def _cone(dock: Floats, yaw: float, task: tasks.Docking) -> Floats:
+def _cone(dock: Floats, yaw: float, task: Any) -> Floats:
     """Return a line (36, 3) in m along the sides and round the rim of the cone in which a dock may be entered."""
     out, side = np.array([-np.cos(yaw), -np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
     turn = np.linspace(0.0, 2.0 * np.pi, 13)[:, None]

@@ -19,8 +19,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from auvbench.config import feasible, schema, tasks
+from auvbench.config import schema, tasks
 from auvbench.errors import ConfigError, closest
+from auvbench.registry import TASKS
 
 if TYPE_CHECKING:
     from auvbench.envs.batch import Batch
@@ -116,7 +117,7 @@ def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig
     task = dataclasses.replace(config.task, max_steps=most if steps == -1 else int(steps), time_limit=None)
     if steps != -1:
         try:
-            feasible.check_length(task, config.step.frequency)
+            task.check_length(config.step.frequency)
         except ConfigError as error:
             raise ConfigError(f"max_episode_steps={steps}: {error}") from None
     return dataclasses.replace(config, task=task)
@@ -172,14 +173,15 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
         ConfigError: a shape is another, a number is not finite or out of range, or a waypoint and a distance are given.
     """
     pose = None if options.get("pose") is None else _pose(options["pose"], count, task)
-    if not isinstance(task, tasks.Waypoint):
+    if not TASKS[task.name].free_goal:
         for name in ("waypoint", "distance"):
             if options.get(name) is not None:
                 raise ConfigError(
                     f"options[{name!r}]: task={task.name} has its own reference; give pose alone"
                 )
         return {"pose": pose}
-    start = np.asarray([task.start]) if pose is None else pose[:, :3]
+    fixed: Any = task
+    start = np.asarray([fixed.start]) if pose is None else pose[:, :3]
     waypoint, distance = options.get("waypoint"), options.get("distance")
     if waypoint is not None and distance is not None:
         raise ConfigError("options['distance']: the waypoint is given already; give one of the two")

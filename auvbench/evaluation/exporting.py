@@ -15,7 +15,7 @@ import numpy as np
 
 from auvbench.agents.base import Agent, Observations
 from auvbench.agents.policy_file import PolicyFile
-from auvbench.config import schema, tasks
+from auvbench.config import schema
 from auvbench.config.algorithms import learns
 from auvbench.config.schema import step_limit
 from auvbench.errors import RunError
@@ -184,14 +184,6 @@ def make_card(
         {"name": p.name, "type": p.type, "shape": ["n" if length is None else length for length in p.shape]}
         for p in (policy.input, policy.output)
     ]
-    waypoints = {}
-    if isinstance(task, tasks.Waypoint):
-        waypoints = {
-            "start_m": list(task.start),
-            "waypoint_low_m": list(task.waypoint_low),
-            "waypoint_high_m": list(task.waypoint_high),
-            "goal_radius_m": task.goal_radius,
-        }
     manifest = run.manifest()
     return {
         "format": FORMAT,
@@ -213,7 +205,7 @@ def make_card(
         "task": {
             "name": task.name,
             "position_frame": task.position_frame,
-            **waypoints,
+            **task.card(),
             "depth_low_m": task.depth_low,
             "depth_high_m": task.depth_high,
             "max_steps": step_limit(task, config.step.frequency),

@@ -12,7 +12,7 @@ import numpy as np
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from auvbench.config import complete, feasible, schema
+from auvbench.config import complete, schema
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
 from auvbench.config.simulators import is_served
 from auvbench.envs.simulator_factory import at_frequency
@@ -118,7 +118,7 @@ def left_out(
 def _check_length(config: schema.TrainConfig, where: str) -> None:
     """Check the length of episodes at the frequency of the protocol."""
     try:
-        feasible.check_length(config.task, config.step.frequency)
+        config.task.check_length(config.step.frequency)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
 

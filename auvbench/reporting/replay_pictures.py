@@ -20,6 +20,7 @@ from auvbench.errors import UserError
 from auvbench.evaluation.replay import Replay
 from auvbench.metrics import METRICS
 from auvbench.record import Record
+from auvbench.registry import TASKS
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
 from auvbench.runs.atomic_io import check_writable
@@ -40,14 +41,14 @@ def summary(episode: Replay) -> str:
     """Return the episode in six lines."""
     r, config = episode.record, episode.config
     wx, wy, wz = (float(v) for v in episode.waypoint)
-    waypoint = config.task.name == "waypoint"
+    task = TASKS[config.task.name]
     return "\n".join(
         [
             f"{episode.run}, protocol {episode.protocol}, condition {episode.condition}, episode {r['episode']}",
             f"{r['outcome']} after {r['steps']} steps ({float(r['duration_s']):.1f} s at "
             f"{config.step.frequency:g} Hz), return {float(r['return']):.1f}",
-            f"{'waypoint' if waypoint else 'goal'} ({wx:.1f}, {wy:.1f}, {wz:.1f}) m, "
-            f"{'' if waypoint else 'reference '}{float(r['initial_distance_m']):.1f} m away; "
+            f"{task.goal} ({wx:.1f}, {wy:.1f}, {wz:.1f}) m, "
+            f"{'' if task.free_goal else 'reference '}{float(r['initial_distance_m']):.1f} m away; "
             f"ended {float(r['final_distance_m']):.2f} m from it",
             f"path {float(r['path_length_m']):.1f} m, {_accuracy(r)}, depth margin {float(r['depth_margin_m']):.1f} m",
             f"command norm {float(r['command_norm_mean_N']):.1f} N on average, energy {float(r['energy_J']) / 1e3:.2f} kJ",

@@ -23,7 +23,7 @@ from auvbench.errors import UserError, closest
 from auvbench.record import PRIMARY, measure_names
 from auvbench.runs import history
 from auvbench.runs.atomic_io import make_folder, write_atomic
-from auvbench.runs.identity import digest_of
+from auvbench.runs.identity import DEFAULT_TASK, digest_of
 from auvbench.untrusted import path_safety, reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Range
@@ -121,7 +121,7 @@ KNOWN = tuple(f.name for f in fields(Declared))
 
 def subject(vehicle: object, task: object) -> str:
     """Return the name of the runs that share a table, e.g. 'rexrov' or 'rexrov, task docking'."""
-    return str(vehicle) if task == "waypoint" else f"{vehicle}, task {task}"
+    return str(vehicle) if task == DEFAULT_TASK else f"{vehicle}, task {task}"
 
 
 def write(folder: Path, analysis: Declared) -> None:

@@ -19,6 +19,7 @@ from auvbench.policies import exported
 from auvbench.runs import declared, declaring, identity, integrity
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, freeze, now, place, unwritable
+from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.tasks.observation import observation_spec
 from auvbench.untrusted import path_safety
 from auvbench.untrusted.text import short
@@ -235,7 +236,7 @@ def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicl
             if missing
             else f"{len(card.observation)} of the {len(own)} numbers"
         )
-        trained = short(str(card.document["task"].get("name", "waypoint")), 40)
+        trained = short(str(card.document["task"].get("name", DEFAULT_TASK)), 40)
         raise ConfigError(
             f"task={config.task.name}: {where} observes {what}, its card says; it was trained with task={trained} "
             "(task.observation lists what is observed)"

@@ -11,9 +11,9 @@ import torch
 from auvbench import testing
 from auvbench.config import folders
 from auvbench.config.algorithms import learns
-from auvbench.registry import AGENTS
+from auvbench.registry import AGENTS, SIMULATORS
 from auvbench.simulators.gazebo import bindings
-from tests.simulator_contract import SIMULATOR_CHECKS, check_simulator
+from auvbench.testing import SIMULATOR_CHECKS, check_simulator
 
 ON_POLICY = ("algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=32", "algo.net_arch=[8]")
 OFF_POLICY = (
@@ -55,7 +55,7 @@ absent = bindings.missing()
 def test_no_agent_and_no_simulator_is_left_out() -> None:
     # ArduSub moves the vehicle itself: tests/integration/test_ardusub_contest.py.
     assert OVERRIDES.keys() | {"ardusub"} == AGENTS.keys()
-    assert set(folders.options("simulator")) <= {"fossen", "gazebo", "ros2"}
+    assert set(folders.options("simulator")) == set(SIMULATORS.own) == {"fossen", "gazebo", "ros2"}
 
 
 @pytest.mark.slow

@@ -19,6 +19,8 @@ from auvbench.errors import AgentError, ConfigError
 from auvbench.registry import COMMANDS, KINDS, LAUNCHERS, SIMULATORS, TRACKERS
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.identity import run_id
+from auvbench.testing import ConformanceError, check_simulator
+from auvbench.testing.simulators import its_state_comes_back, motion_is_deterministic
 from tests.packages import Site, site
 
 __all__ = ["site"]
@@ -205,6 +207,16 @@ def test_a_simulator(site: Site) -> None:
     environments.step(environments._action)
     environments.load_state_dict(state)
     assert (environments.simulator.pose == before + moved).all()
+
+
+@pytest.mark.slow
+def test_a_simulator_that_keeps_its_contract_and_one_that_does_not(site: Site) -> None:
+    simulating(site)
+    check_simulator("algo=pid", "simulator=still", only=motion_is_deterministic)
+    check_simulator("algo=pid", "simulator=still", only=its_state_comes_back)
+    simulating(site, ('return {"pose": self.pose.copy()}', 'return {"pose": self.pose[:] * 0}'))
+    with pytest.raises(ConformanceError, match="from its state_dict on"):
+        check_simulator("algo=pid", "simulator=still", only=its_state_comes_back)
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import textwrap
 
 import pytest
 
+from auvbench.registry import TASKS
 from benchmarks import house
 
 
@@ -37,6 +38,23 @@ def test_names_and_texts_count_and_docstrings_do_not() -> None:
     assert list(house.words(tree)) == ["slurm_tools", "x", "over ROS 2"]
     assert house.INTEGRATION.search("over ROS 2")
     assert not house.INTEGRATION.search("array")
+
+
+def test_lines_that_ask_for_a_task_are_found() -> None:
+    text = """
+if name == "waypoint" or isinstance(task, tasks.Docking | int) or name in ("a", "docking"):
+    columns = {"waypoint": isinstance(task, Task)}
+"""
+    assert [line for _, line in house.task_tests(ast.parse(text))] == [
+        "name == 'waypoint'",
+        "name in ('a', 'docking')",
+        "isinstance(task, tasks.Docking | int)",
+    ]
+
+
+def test_nothing_outside_tasks_asks_for_a_task() -> None:
+    assert TASKS.own == house.TASKS
+    assert not house.naming_a_task()
 
 
 @pytest.mark.parametrize("kind", house.KINDS)

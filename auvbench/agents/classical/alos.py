@@ -29,6 +29,7 @@ from auvbench.agents.classical.pid import STEEPEST, FinController, PIDController
 from auvbench.config import algorithms, schema
 from auvbench.config.tasks import blocks
 from auvbench.errors import ConfigError
+from auvbench.registry import TASKS
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.actuators import Fin
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -50,9 +51,10 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSControl
     Raises:
         ConfigError: the task has no path, or the observation lacks the path's direction.
     """
-    if config.task.name != "path_following":
+    if not TASKS[config.task.name].path:
+        able = " or ".join(f"task={name}" for name, spec in TASKS.items() if spec.path)
         raise ConfigError(
-            f"algo={config.algo.name} follows a path, which task={config.task.name} does not have; use task=path_following"
+            f"algo={config.algo.name} follows a path, which task={config.task.name} does not have; use {able}"
         )
     for block in ("velocity_error", "velocity"):
         if block not in blocks(config.task):

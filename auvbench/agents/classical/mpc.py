@@ -69,7 +69,7 @@ class MPCController:
         self.program = Program(model, algo)
         # If the task fixes the depth at the start, the first reading gives the depth of the waypoint. Otherwise the
         # depth is unknown.
-        start, far = (task.start[2], 0.0) if isinstance(task, tasks.Waypoint) else (0.0, math.inf)
+        start, far = (task.start[2], 0.0) if TASKS[task.name].fixed_start else (0.0, math.inf)
         low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far
         self.room = np.array([low, high]) - start
         self.ahead = task.preview.interval if isinstance(task, tasks.Tracked) else 0.0

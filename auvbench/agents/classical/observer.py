@@ -23,6 +23,7 @@ from auvbench.agents.classical.cascade import wrap
 from auvbench.config import schema
 from auvbench.dynamics import frames
 from auvbench.observation import BODY
+from auvbench.registry import TASKS
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require, symbolic
 
@@ -60,7 +61,7 @@ class Observer:
         measured = [index for name, indices in MEASURED.items() if name in self._read for index in indices]
         self._preview = config.task.preview if "preview" in self._read else None
         # The reference of a path moves with the vehicle; the reference of a trajectory in time does not.
-        self._with_vehicle = config.task.name == "path_following"
+        self._with_vehicle = TASKS[config.task.name].path
         self.body_frame = body_frame
         substeps = max(1, int(np.ceil(self.dt / min(0.1, model.longest_step) - 1e-9)))
         self._step = model.step(self.dt, substeps)

@@ -18,6 +18,7 @@ from auvbench.analysis.primary import headline
 from auvbench.analysis.ranking import FINER
 from auvbench.analysis.records import Ranking, Report, RunRecord
 from auvbench.analysis.score import Scores
+from auvbench.registry import TASKS
 from auvbench.reporting.figures import MAIN, Figure, colour_of
 from auvbench.reporting.figures.style import Look
 from auvbench.reporting.page import parts as of_page
@@ -26,6 +27,7 @@ from auvbench.reporting.tables.appendix import comparison_table, conditions_tabl
 from auvbench.reporting.tables.main import grouped, limit_lines, main_table
 from auvbench.reporting.tables.table import SHOWN_NOTES, Table
 from auvbench.reporting.write import Facts, distinct, facts, overview, text
+from auvbench.runs.identity import DEFAULT_TASK
 
 SCRIPTS = ("tables.js", "pen.js", "camera.js", "scene.js", "chart.js", "viewer.js")
 """Source files of the page's script, in the order of concatenation."""
@@ -138,14 +140,14 @@ def _data(
 ) -> dict[str, Any]:
     """Return the data of the 3-D view; the template's tojson filter escapes them for a script element."""
     config: Mapping[str, Any] = runs[0].config if runs else {}
-    waypoint = config.get("task.name", "waypoint") == "waypoint"
+    task = TASKS.get(str(config.get("task.name", DEFAULT_TASK)))
     return {
         "agents": [
             {"label": label, "colour": look.colour, "dash": _DASHES[look.linestyle]}
             for label, look in looks.items()
         ],
         # The view of the waypoint task shows the whole water; the views of other tasks show what their paths need.
-        "goal": "waypoint" if waypoint else "goal",
+        "goal": "goal" if task is None else task.goal,
         "cone": _length(config.get("task.cone"), 0.0),
         "reach": _length(config.get("task.standoff"), 0.0),
         "goal_radius": _length(config.get("task.goal_radius", config.get("task.tolerance", 0.0)), 3.0),

@@ -9,8 +9,8 @@ import pytest
 
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.testing import ConformanceError
+from auvbench.testing import simulators as contract
 from auvbench.vehicles import sheet
-from tests import simulator_contract as contract
 
 
 class Noisy(FossenSimulator):

@@ -117,6 +117,7 @@ def test_what_is_typed_wrong_is_one_line(
         (('"timeout", "out_of', '"late", "out_of'), "declares the outcome 'late'"),
         (("mean_in_view", "mean_inview"), "is ranked by 'mean_inview', which is not a measure; did you mean 'mean_in_view'?"),
         (('"closest_m",', '"energy_J",'), "has the metric energy_J, a name that another metric has"),
+        (("SPEC = TaskSpec(", "SPEC = TaskSpec(free_goal=True,"), "has a free goal without a fixed start"),
         (("high=1.0", "high=-1.0"), "as a metric; make it by auvbench.plugin.column"),
         (("effort: float = number(0.0, 1e3)", "effort: list[float]"), "has the parameter effort, which is not a number"),
         (("effort: float", "; ".join(f"a{i}: float" for i in range(20)) + "\n    effort: float"), "has 24 parameters"),

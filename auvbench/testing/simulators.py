@@ -1,4 +1,4 @@
-"""What every simulator must do (`auvbench.simulators.base.Simulator`), as checks for the simulators of auvbench."""
+"""What every simulator must do (`auvbench.simulators.base.Simulator`), as checks for auvbench's own and those of packages."""
 
 from __future__ import annotations
 
@@ -196,7 +196,16 @@ SIMULATOR_CHECKS: tuple[Callable[[Make], None], ...] = (
 
 
 def check_simulator(*overrides: str, only: Callable[[Make], None] | None = None) -> None:
-    """Check a simulator, all of `SIMULATOR_CHECKS` or `only` one."""
+    """Check a simulator against its contract (`auvbench.simulators.base.Simulator`).
+
+    Args:
+        overrides: what one would type behind `auvbench train`: the simulator, `simulator=NAME`, a vehicle perhaps.
+        only: one of `SIMULATOR_CHECKS`; all of them by default.
+
+    Raises:
+        ConformanceError: it breaks its contract.
+        ConfigError: the overrides are none, or the simulator cannot be used here.
+    """
     config = train_config(compose("train", list(overrides)))
     vehicle = sheet.load(config.vehicle)
 
