@@ -177,6 +177,30 @@ def test_a_wrong_record_names_the_task(site: Site, change: tuple[str, str], mess
 
 
 @pytest.mark.slow
+def test_a_schema_refuses_values_and_lengths(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
+    check = """
+    def check(self):
+        if self.start_radius > self.radius:
+            raise ConfigError(f"task.start_radius={self.start_radius:g}: must be at most task.radius")
+
+    def check_length(self, frequency):
+        if self.max_steps < frequency:
+            raise ConfigError(f"task.max_steps={self.max_steps}: must be at least a second")
+
+"""
+    tasking(
+        site,
+        ("    share: float = number(0.0, 1.0)\n", f"    share: float = number(0.0, 1.0)\n{check}"),
+        ("from auvbench.plugin import ERRORS", "from auvbench.plugin import ERRORS, ConfigError"),
+    )
+    words = ("train", "algo=pid", *CIRCLING)
+    wide = "task.start_radius=900: must be at most task.radius"
+    assert wide in refused(capsys, *words, "task.start_radius=900")
+    short = ("task.time_limit=null", "task.max_steps=3")
+    assert "task.max_steps=3: must be at least a second" in refused(capsys, *words, *short)
+
+
+@pytest.mark.slow
 def test_a_reward_that_is_not_finite_is_named_on_a_task_of_auvbench(site: Site) -> None:
     tasking(site, ("seen = ", "seen = math.nan * "))
     with pytest.raises(AgentError, match="reward=view of auvbench-example"):
