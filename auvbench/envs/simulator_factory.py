@@ -7,7 +7,6 @@ import dataclasses
 from auvbench.config import schema, simulators
 from auvbench.config.schema import SCALES
 from auvbench.registry import SIMULATORS, resolve, telling
-from auvbench.simulators import guard
 from auvbench.simulators.base import Simulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
@@ -50,6 +49,8 @@ def make_simulator(
     if not isinstance(config, simulators.SimulatorConfig):
         own: Simulator = resolve(spec.code)(config, vehicle, n, limit)
         return own
+    from auvbench.simulators import guard
+
     who = f"simulator={config.name} of {config.package}"
     with telling(who, "cannot be made"):
         made = resolve(spec.code)(config, vehicle, n, limit)
