@@ -82,7 +82,7 @@ def test_files_that_cannot_be_read_do_not_hide_the_others(capsys: pytest.Capture
         ("name: w\n\ttitle: x\n", "conf/vehicle/w.yaml: not valid YAML: line 2: "),
         ("name: w\nname: v\n", "conf/vehicle/w.yaml: not valid YAML: line 2: found duplicate key name"),
         ("name: w\ntitle: \0\n", "conf/vehicle/w.yaml: not valid YAML: "),
-        ("a: &x {b: *x}\n", "conf/vehicle/w.yaml: not valid YAML: *x lies inside"),
+        ("a: &x {b: *x}\n", "conf/vehicle/w.yaml: not valid YAML: *x is inside"),
         ("[a]: 1\n", "conf/vehicle/w.yaml: not valid YAML: line 1: "),
         ("defaults: [bluerov9]\n", "conf/vehicle/w.yaml: defaults: vehicle 'bluerov9' is not known"),
         ("defaults: [w]\n", "conf/vehicle/w.yaml: defaults: 'w' inherits from itself"),
