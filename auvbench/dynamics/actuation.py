@@ -15,6 +15,15 @@ from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import inline
+from auvbench.dynamics.lanes import (
+    add3,
+    order_1,
+    order_2,
+    order_3,
+    put3,
+    three,
+    vector,
+)
 from auvbench.dynamics.layout import (
     DROP_WEIGHT,
     LANES,
@@ -23,13 +32,6 @@ from auvbench.dynamics.layout import (
     TABLE_CURVE,
     THRUSTER,
     Record,
-    add3,
-    order_1,
-    order_2,
-    order_3,
-    put3,
-    three,
-    vector,
 )
 from auvbench.dynamics.vectors import add, dot, product, scale
 

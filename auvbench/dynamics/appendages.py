@@ -19,6 +19,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from auvbench.dynamics.lanes import (
+    add3,
+    subtract3,
+    three,
+    vector,
+)
 from auvbench.dynamics.layout import (
     FIN,
     LANES,
@@ -26,10 +32,6 @@ from auvbench.dynamics.layout import (
     THRUSTER,
     Record,
     Vector,
-    add3,
-    subtract3,
-    three,
-    vector,
 )
 from auvbench.dynamics.vectors import cross, dot, plus_cross, scale, subtract, up_axis
 from auvbench.dynamics.water import through_water

@@ -17,12 +17,7 @@ from __future__ import annotations
 from numba import njit
 
 from auvbench.dynamics.compiled import inline
-from auvbench.dynamics.layout import (
-    LANES,
-    Quaternion,
-    Record,
-    Rows,
-    Vector,
+from auvbench.dynamics.lanes import (
     add3,
     add4,
     diagonal,
@@ -33,6 +28,13 @@ from auvbench.dynamics.layout import (
     put4,
     symmetric,
     three,
+)
+from auvbench.dynamics.layout import (
+    LANES,
+    Quaternion,
+    Record,
+    Rows,
+    Vector,
 )
 from auvbench.dynamics.vectors import (
     absolute,

@@ -20,6 +20,16 @@ from auvbench.dynamics.actuation import (
 from auvbench.dynamics.appendages import add_appendages
 from auvbench.dynamics.compiled import compiled, inline
 from auvbench.dynamics.equations import put_off_diagonal, runge_kutta_stage
+from auvbench.dynamics.lanes import (
+    four,
+    put3,
+    put4,
+    quaternion,
+    set3,
+    set4,
+    three,
+    vector,
+)
 from auvbench.dynamics.layout import (
     ACTUATOR,
     CURRENT,
@@ -32,14 +42,6 @@ from auvbench.dynamics.layout import (
     WORKSPACE,
     WRENCH,
     Record,
-    four,
-    put3,
-    put4,
-    quaternion,
-    set3,
-    set4,
-    three,
-    vector,
 )
 from auvbench.dynamics.vectors import unit
 from auvbench.dynamics.water import clear_momenta, clear_wrench, put_early

@@ -5,7 +5,18 @@ from __future__ import annotations
 from numba import njit
 
 from auvbench.dynamics.compiled import inline
-from auvbench.dynamics.layout import LANES, Matrix, Record, Vector, diagonal, four, put3, three
+from auvbench.dynamics.lanes import (
+    diagonal,
+    four,
+    put3,
+    three,
+)
+from auvbench.dynamics.layout import (
+    LANES,
+    Matrix,
+    Record,
+    Vector,
+)
 from auvbench.dynamics.vectors import ZERO, add, rotation_matrix, scale, subtract, transposed_product
 
 

@@ -23,11 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import inline
-from auvbench.dynamics.layout import (
-    COMPONENT,
-    LANES,
-    RAY,
-    Record,
+from auvbench.dynamics.lanes import (
     add3,
     diagonal,
     four,
@@ -38,6 +34,12 @@ from auvbench.dynamics.layout import (
     symmetric_of,
     three,
     vector,
+)
+from auvbench.dynamics.layout import (
+    COMPONENT,
+    LANES,
+    RAY,
+    Record,
 )
 from auvbench.dynamics.vectors import (
     ZERO,

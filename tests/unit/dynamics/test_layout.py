@@ -38,7 +38,7 @@ def reads_by_number(source: str) -> list[str]:
     return found
 
 
-# `layout` declares the records; `vectors` computes with tuples; `random` has the words of a Philox counter.
+# `lanes` reads the records; `vectors` computes with tuples; `random` has the words of a Philox counter.
 @pytest.mark.parametrize("name", ["actuation", "appendages", "equations", "kernel", "water", "waves"])
 def test_no_array_is_read_by_a_number(name: str) -> None:
     assert reads_by_number((FOLDER / f"{name}.py").read_text(encoding="utf-8")) == []
