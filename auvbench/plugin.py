@@ -4,7 +4,7 @@ auvbench.
 The entry point of an agent names a function `factory(config, vehicle)`, which gets the whole configuration.
 Its attribute `Config` is the dataclass of the agent's YAML file. A task is a `TaskSpec`, a reward a
 `RewardSpec`, and so on (docs/adding-a-package.md); the code of tasks and rewards takes `auvbench.tasks.base`
-and `auvbench.tasks.kernels` too.
+and `auvbench.tasks.rows` too.
 """
 
 from auvbench.agents.base import Agent, Callbacks, Components, Learner

@@ -8,7 +8,7 @@ from functools import cache
 from auvbench.metrics import METRICS, Kind, Totals
 
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
-"""How an episode can end, in the order of the codes 0 to 3 in tasks/kernels.py. Each task lists its own subset."""
+"""How an episode can end, in the order of the codes 0 to 3 in tasks/rows.py. Each task lists its own subset."""
 ABORTED = "aborted"
 """Outcome of a pilot's mission that was stopped by a person or a failsafe; mission.json has the reason."""
 

@@ -44,7 +44,7 @@ class Privileged(VecEnvWrapper):
         """Draw the vehicles under way again: a draw is a function of seed, environment and episode."""
         drawn, task = self.disturbances, self.disturbances.task
         scales = np.ones((self.num_envs, len(SCALES)))
-        kernels.draw_scales(np.arange(self.num_envs), task.C, drawn.Q, task.stream, scales)
+        kernels.draw_scales(np.arange(self.num_envs), task.rows, drawn.Q, task.stream, scales)
         current = drawn.D[:, kernels.D_TOP : kernels.D_TOP + 3]
         return np.concatenate([np.log(scales), current], axis=1).astype(np.float32)
 

@@ -18,7 +18,6 @@ from auvbench.errors import ConfigError, closest
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import base as tasks
 from auvbench.tasks.disturbances import Disturbances
-from auvbench.tasks.kernels import C_STEPS
 from auvbench.vehicles import sheet
 from auvbench.vehicles.curves import t200_table
 from auvbench.vehicles.physical import PhysicalCommands
@@ -91,7 +90,7 @@ class Physics:
 
     def reset(self) -> None:
         """Put the vehicle at rest at its start, at time 0, in the same water."""
-        self._task.C[:, C_STEPS] = 0
+        self._task.episodes.steps = 0
         disturbances, simulator = self._disturbances, self.simulator
         disturbances.D[:] = 0.0
         disturbances.I[:] = 0
@@ -122,8 +121,9 @@ class Physics:
         self._float()
         simulator.step(self._command, duration)
         state = self._sensors.read(duration)
-        if self.time >= (self._task.C[0, C_STEPS] + 1) * self._task.duration:
-            self._task.C[0, C_STEPS] += 1
+        e = self._task.episodes[0]
+        if self.time >= (e.steps + 1) * self._task.duration:
+            e.steps += 1
             disturbances.move_current(simulator)
         return state
 

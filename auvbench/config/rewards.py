@@ -1,6 +1,6 @@
 """Define the schemas of the `reward` group.
 
-Their fields, in order, are the parameters of the compiled rewards (`tasks.rewards`).
+Their fields are the parameters of the functions in `tasks.rewards`, by name.
 """
 
 from __future__ import annotations
@@ -29,11 +29,6 @@ class RewardConfig(Reward):
 
     name: str = plain_name()
     package: str
-
-
-def parameters(reward: Reward) -> list[float]:
-    """Return the parameters of a reward: the values of its schema's fields, in order; k is the first."""
-    return [value for key, value in vars(reward).items() if key not in ("name", "package")]
 
 
 @dataclass(kw_only=True)
@@ -114,10 +109,6 @@ class GymDockauv(Reward):
     collision: float = number(-1e9, 1e9)
 
 
-PARAMETERS = 15
-"""largest number of parameters of a reward"""
-
-
 @dataclass(frozen=True, slots=True)
 class RewardSpec(Spec):
     """Description of one value of `reward.name`, available without importing its code."""
@@ -127,7 +118,7 @@ class RewardSpec(Spec):
     name: str
     """value of `reward.name`"""
     function: str
-    """`module:function`, the reward of a step (`tasks.rewards.hook_of`)"""
+    """`module:function`, the reward of a step (`tasks.rewards`)"""
     schema: type
     """schema of its configuration; in a package, derived from `RewardConfig`"""
     tasks: tuple[str, ...] = ()
@@ -143,18 +134,17 @@ class RewardSpec(Spec):
         for key, hint in keys.items():
             if hint not in (int, float):
                 return f"has the parameter {key}, which is not a number: int or float"
-        return f"has {len(keys)} parameters; the most is {PARAMETERS}" if len(keys) > PARAMETERS else ""
+        return ""
 
 
-_ROW = "auvbench.tasks.rewards:reward_row"
-thesis = RewardSpec("thesis", "auvbench.tasks.rewards:thesis_row", Thesis)
-tracking = RewardSpec("tracking", _ROW, Tracking)
-exponential = RewardSpec("exponential", _ROW, Exponential)
-marinegym_hover = RewardSpec("marinegym_hover", _ROW, MarineGymHover)
-gym_auv_path = RewardSpec("gym_auv_path", _ROW, GymAuvPath)
-gym_dockauv = RewardSpec("gym_dockauv", _ROW, GymDockauv)
-goal = RewardSpec("goal", _ROW, Goal)
-path = RewardSpec("path", _ROW, Tracking)
+thesis = RewardSpec("thesis", "auvbench.tasks.rewards:thesis", Thesis)
+tracking = RewardSpec("tracking", "auvbench.tasks.rewards:tracking", Tracking)
+exponential = RewardSpec("exponential", "auvbench.tasks.rewards:exponential", Exponential)
+marinegym_hover = RewardSpec("marinegym_hover", "auvbench.tasks.rewards:marinegym_hover", MarineGymHover)
+gym_auv_path = RewardSpec("gym_auv_path", "auvbench.tasks.rewards:gym_auv_path", GymAuvPath)
+gym_dockauv = RewardSpec("gym_dockauv", "auvbench.tasks.rewards:gym_dockauv", GymDockauv)
+goal = RewardSpec("goal", "auvbench.tasks.rewards:goal", Goal)
+path = RewardSpec("path", tracking.code, Tracking)
 
 
 def check_reward(task: str, reward: str) -> None:

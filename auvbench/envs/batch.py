@@ -22,7 +22,7 @@ from auvbench.record import Record
 from auvbench.simulators.fossen import THREADED, FossenSimulator
 from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances
-from auvbench.tasks.kernels import C_EPISODE, F_DISTANCE, SUCCESS, TIMEOUT
+from auvbench.tasks.rows import SUCCESS, TIMEOUT
 from auvbench.vehicles import sheet
 
 Floats = NDArray[np.float64]
@@ -115,7 +115,7 @@ class Batch:
     def state(self) -> State:
         """Poses, waypoints and distances of all n vehicles now. Arrays are the batch's own."""
         task, simulator = self.task, self.simulator
-        distance, force = task.F[:, F_DISTANCE], simulator.command_force
+        distance, force = task.distance, simulator.command_force
         return State(simulator.pose, task.reference, distance, force, task.reference_key)
 
     def _state(self, indices: NDArray[np.int64]) -> State:
@@ -309,7 +309,7 @@ class Batch:
         if self.simulator.capabilities.exact_resume:
             self.simulator.load_state_dict(_below(state, "simulator."))
         else:
-            self.task.C[:, C_EPISODE] -= 1
+            self.task.episodes.episode -= 1
             self.restarted = self.reset().copy()
 
 

@@ -16,7 +16,6 @@ from auvbench.config.schema import step_limit
 from auvbench.envs import info, rendering, settings
 from auvbench.envs.batch import Batch
 from auvbench.errors import ActionError, AuvbenchWarning
-from auvbench.tasks.kernels import C_STEPS
 
 Observation = NDArray[np.float32]
 
@@ -95,7 +94,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def _warn_of_a_limit(self) -> None:
         """Warn of an episode that a limit of Gymnasium cut short."""
         steps = step_limit(self.config.task, self.config.step.frequency)
-        if self._under_way and self.batch.task.C[0, C_STEPS] == settings.STEPS < steps:
+        if self._under_way and self.batch.task.episodes[0].steps == settings.STEPS < steps:
             warnings.warn(
                 f"an episode was cut short after {settings.STEPS} steps, though the task allows {steps}: "
                 f"say gymnasium.make(..., max_episode_steps={steps})",

@@ -294,6 +294,6 @@ def _drawn(protocol: schema.Protocol, condition: ResolvedCondition) -> str:
         batch = batch_of(protocol.scenarios, drawn, episodes, protocol.seed)
         batch.reset()
         # Rounded to a nanometre: the last bit may differ between machines.
-        scenarios = np.round(batch.task.F, 9) + 0.0
+        scenarios = np.round(batch.task.scenario(), 9) + 0.0
         _draws[key] = hashlib.sha256(key.encode() + scenarios.tobytes()).hexdigest()
     return _draws[key]

@@ -1,6 +1,6 @@
 """Record a mission as an episode's row and a trajectory, without compiled code.
 
-The sums are the same as in `auvbench/tasks/kernels.py` (definitions: docs/protocol.md); a test compares them.
+The sums are the same as in `auvbench/tasks/rows.py` (definitions: docs/protocol.md); a test compares them.
 A mission has no reward, so its `return` is NaN.
 """
 

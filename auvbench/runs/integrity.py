@@ -62,17 +62,17 @@ def sealed(value: Mapping[str, Any]) -> dict[str, Any]:
     return {**_bare(value), SEAL: _seal(value)}
 
 
-def read_sealed(path: Path, version: int) -> dict[str, Any]:
+def read_sealed(path: Path, *versions: int) -> dict[str, Any]:
     """Return the JSON object in a sealed file.
 
     Raises:
         OSError: the file is missing or cannot be read.
         VersionError, ValueError: see `check_sealed`.
     """
-    return check_sealed(reading.json_value(reading.content(path)), version)
+    return check_sealed(reading.json_value(reading.content(path)), *versions)
 
 
-def check_sealed(value: Any, version: int) -> dict[str, Any]:
+def check_sealed(value: Any, *versions: int) -> dict[str, Any]:
     """Check a sealed JSON object and return it.
 
     Raises:
@@ -82,11 +82,12 @@ def check_sealed(value: Any, version: int) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError("it is not a JSON object")
     broken = broken_seal(value)
+    known = " and ".join(map(str, versions))
     version_found = value.get("schema_version")
     # A flipped bit may also be in the version.
-    if version_found != version and (SEAL not in value or not broken):
+    if version_found not in versions and (SEAL not in value or not broken):
         raise VersionError(
-            f"schema_version {short(version_found, 40)}, but this auvbench reads {version}; use the "
+            f"schema_version {short(version_found, 40)}, but this auvbench reads {known}; use the "
             "auvbench that wrote it"
         )
     if broken:

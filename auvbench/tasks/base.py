@@ -1,7 +1,7 @@
 """What a task is: N episodes of it, with start states, references, rewards, ends and records.
 
-The task of a file in this folder declares two compiled functions, `draw` and `kernel`, its parameters and its metrics.
-Everything else is here: command noise, readings, observation, records, resets, and the state that an exact resume needs.
+The task of a file in this folder declares functions of one episode, `draw` and `step`, its fields, its parameters and its
+metrics. Everything else is here: command noise, readings, observation, records, resets, and the state that an exact resume needs.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench import metrics
+from auvbench.blocks import BLOCKS
 from auvbench.config import rewards, schema, tasks
 from auvbench.dynamics import frames
 from auvbench.dynamics.random import TEST, VALIDATION
@@ -21,17 +22,18 @@ from auvbench.errors import TrainingError
 from auvbench.metrics import Totals
 from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
-from auvbench.registry import REWARDS, TASKS, resolve
-from auvbench.tasks import kernels as k
+from auvbench.registry import TASKS, resolve
+from auvbench.tasks import loops, records
+from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
-from auvbench.tasks.observation import CODES, check_vehicle
-from auvbench.tasks.rewards import FOREIGN
+from auvbench.tasks.observation import check_vehicle, reads
+from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, add_command_noise
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_STATE = ("F", "C", "previous", "offset", "observation")
+_STATE = ("preview", "previous", "offset", "observation")
 
 
 class Task:
@@ -43,14 +45,22 @@ class Task:
         validation: draw from the streams of validation, which neither training nor tests use.
     """
 
-    draw: ClassVar[Callable[..., None]]
-    """`draw(indices, F, C, P, stream, pose)`: begins episodes; writes their start poses (len(indices), 7)"""
-    kernel: ClassVar[Callable[..., int]]
-    """`kernel(start, stop, pose, velocity, action, previous, force, power, F, C, P, reward, hook)`: computes reward, ends
-    and sums of environments start .. stop - 1 after one agent step; returns how many episodes ended (-1 - i: pose i is
-    not finite). It hands `hook` to `rewards.reward_row`"""
-    own_floats: ClassVar[int] = 0
-    """columns of F from F_OWN on"""
+    draw: ClassVar[Callable[..., float]]
+    """`draw(e, p, stream) -> yaw`: begins an episode e: writes its reference and `e.start`, returns the yaw of the start. Its own
+    fields are 0 before"""
+    step: ClassVar[Callable[..., int]]
+    """`step(e, v, p) -> outcome`: adds a step to what the episode remembers; returns how it ends, or GOES_ON. `e.distance`
+    and, where the reference has a yaw of its own, `e.yaw_error` are those of now"""
+    refer: ClassVar[Callable[..., None]]
+    """`refer(e, v, p)`, optional: moves the reference, before `step`"""
+    preview_row: ClassVar[Callable[..., None]]
+    """`preview_row(e, p, points)`, of tasks with the block `preview`: writes the next places (points, 3) of the reference"""
+    relocate: ClassVar[Callable[..., None]]
+    """`relocate(e, p)`, optional: writes the reference of an episode whose start was replaced"""
+    fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
+    """what its episodes remember in addition to `records.EPISODE`: (name, type) or (name, type, shape)"""
+    transient: ClassVar[tuple[str, ...]] = ()
+    """fields that are written in each step before they are read"""
     success_ends: ClassVar[bool] = True
     """whether success ends the episode for good; otherwise it is a property of a whole episode, which then times out"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
@@ -83,20 +93,43 @@ class Task:
         """(3,) m, largest position errors with which an episode may begin"""
         self.limits = _limits(config)
         """what the errors of a failed episode count as, by the `failed` of their metrics"""
-        self.blocks = np.array([CODES[name] for name in tasks.blocks(config.task)], dtype=np.int64)
-        self.reads_velocity = bool(
-            {"velocity", "angular_velocity", "velocity_error"} & {*tasks.blocks(config.task)}
-        )
+        self.reads_velocity = reads(config.task, "velocity")
         """whether the observation has more of a vehicle than its pose"""
-        preview = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
-        columns = k.F_OWN + self.own_floats if isinstance(config.task, tasks.Tracked) else k.N_FLOATS
-        self.parameters = self._parameters(config, columns, preview)
-        self.duration = float(self.parameters[k.P_DURATION])
+        codes = [[*BLOCKS].index(name) for name in tasks.blocks(config.task)]
+        self._codes = np.array(codes, dtype=np.int64)
+        newest = [*self.spec.blocks.values()][: len(codes)]
+        self._sizes = np.array([len(block.labels) for block in newest], dtype=np.int64)
+        shared, who = _shared(config), _owner("task", config.task)
+        self.parameters = records.one_row(self.own_parameters(config.task), shared, who)
+        """(1,)"""
+        prices = functions.parameters(config.reward)
+        self.prices = records.one_row(prices, shared, _owner("reward", config.reward))
+        """(1,) parameters of the reward"""
+        self.duration = float(self.parameters[0].duration)
         """simulated seconds of one agent step"""
-        self.F: Floats = np.zeros((n, columns + 3 * preview))
-        self.C: Integers = np.zeros((n, k.N_INTEGERS), dtype=np.int64)
-        self.hook: Any = None
-        """the reward of an installed package (`rewards.hook_of`)"""
+        self.episodes = records.table(n, self.fields, who)
+        """(n,) records: what each episode remembers"""
+        points = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
+        self.preview: Floats = np.zeros((n, points, 3))
+        """m: previewed places of the references"""
+        self.rows = records.common(self.episodes)
+        """(n,) fields that every task has, for compiled functions of all tasks"""
+        self._taken = (
+            records.plain(self.episodes),
+            self.preview,
+            records.plain(self.parameters),
+            records.plain(self.prices),
+        )
+        self._common = records.common_row(self.parameters)
+        self._reward = functions.function_of(config.reward)
+        self.loops = self.loops_with(self._reward)
+        self._observe = loops.observe()
+        self.outcome: Integers = self.episodes.outcome
+        """(n,) -1 while an episode is under way, else an index into OUTCOMES"""
+        self.reference: Floats = self.episodes.reference
+        """(n, 3) m: where the vehicles are to be now; for the waypoint task its waypoint"""
+        self.distance: Floats = self.episodes.distance
+        """(n,) m, to the references now"""
         self.seed = int(seed)
         self.reseed(seed)
         self.previous: Floats = np.zeros((n, n_u))
@@ -109,94 +142,81 @@ class Task:
         self.stream = VALIDATION if validation else TEST if test else 0
         """flag of the streams of random numbers: 0, TEST or VALIDATION"""
 
-    def own_parameters(self, task: Any) -> list[float]:
-        """Return the task's entries of P from P_OWN on."""
-        raise NotImplementedError
+    def loops_with(self, reward: Callable[..., float], *, interpreted: bool = False) -> loops.Loops:
+        """Return the loops that call the task's functions and a reward (`loops.of_task`)."""
+        optional = [name for name in ("refer", "preview_row", "relocate") if hasattr(self, name)]
+        named = {name: getattr(type(self), name) for name in ("draw", "step", *optional)}
+        has_yaw = TASKS[self.name].has_yaw
+        return loops.of_task(named, reward, self.fields, has_yaw=has_yaw, interpreted=interpreted)
+
+    def own_parameters(self, task: Any) -> dict[str, Any]:
+        """Return the task's parameters by name: numbers, or lists of numbers."""
+        return records.of_schema(task)
 
     def own_metrics(self, i: int) -> dict[str, float]:
         """Return the task's own columns of the record of environment i, whose episode has ended."""
         return {}
-
-    def _parameters(self, config: schema.TrainConfig, preview: int, previewed: int) -> Floats:
-        task, noise = config.task, config.noise
-        own = self.own_parameters(task)
-        P = np.zeros(k.P_OWN + len(own))
-        P[k.P_DEPTH_LOW], P[k.P_DEPTH_HIGH] = task.depth_low, task.depth_high
-        P[k.P_MAX_STEPS] = schema.step_limit(task, config.step.frequency)
-        P[k.P_DURATION] = 1.0 / config.step.frequency
-        P[k.P_BODY_FRAME] = task.position_frame == "body"
-        P[k.P_POSITION_LOW : k.P_POSITION_HIGH + 1] = noise.position.low, noise.position.high
-        P[k.P_YAW_LOW : k.P_YAW_HIGH + 1] = noise.yaw.low, noise.yaw.high
-        P[k.P_COMMAND_LOW : k.P_COMMAND_HIGH + 1] = noise.command.low, noise.command.high
-        P[k.P_POSITION_LOW : k.P_COMMAND_HIGH + 1] *= noise.scale
-        P[k.P_BOTH_SIGNS] = noise.sign == "both"
-        P[k.P_YAW] = TASKS[task.name].has_yaw
-        P[k.P_PREVIEW], P[k.P_PREVIEWED] = preview, previewed
-        P[k.P_HISTORY] = task.history
-        name = config.reward.name
-        P[k.P_REWARD] = REWARDS.own.index(name) if name in REWARDS.own else FOREIGN
-        values = rewards.parameters(config.reward)
-        P[k.P_REWARD_OWN : k.P_REWARD_OWN + len(values)] = values
-        P[k.P_OWN :] = own
-        return P
-
-    @property
-    def outcome(self) -> Integers:
-        """(n,) -1 while an episode is under way, else an index into OUTCOMES."""
-        return self.C[:, k.C_OUTCOME]
-
-    @property
-    def reference(self) -> Floats:
-        """(n, 3) m: where the vehicles are to be now; for the waypoint task its waypoint."""
-        return self.F[:, k.F_REFERENCE : k.F_REFERENCE + 3]
 
     def reseed(self, seed: int, indices: Integers | None = None) -> None:
         """Put environments, all or some, before episode 0 of a seed; environment i draws from (seed, i)."""
         rows = np.arange(self.n) if indices is None else indices
         if len(rows) == self.n:
             self.seed = int(seed)
-        self.C[rows, k.C_SEED] = seed
-        self.C[rows, k.C_ENVIRONMENT] = rows
-        self.C[rows, k.C_EPISODE] = -1
+        self.episodes.seed[rows] = seed
+        self.episodes.environment[rows] = rows
+        self.episodes.episode[rows] = -1
 
     def reseed_each(self, indices: Integers, seeds: Integers) -> None:
         """Put environments `indices` (k,) before episode 0 of seeds (k,) of their own, as environment 0 of each."""
-        self.C[indices, k.C_SEED] = seeds
-        self.C[indices, k.C_ENVIRONMENT] = 0
-        self.C[indices, k.C_EPISODE] = -1
+        self.episodes.seed[indices] = seeds
+        self.episodes.environment[indices] = 0
+        self.episodes.episode[indices] = -1
 
     def assign(self, episodes: Integers, environment: int = 0) -> None:
         """Make row i the scenario of episode `episodes[i]` at its next reset (test protocols)."""
-        self.C[:, k.C_EPISODE] = np.asarray(episodes) - 1
-        self.C[:, k.C_ENVIRONMENT] = environment
+        self.episodes.episode = np.asarray(episodes) - 1
+        self.episodes.environment = environment
 
     def reset(self, indices: Integers) -> Floats:
         """Begin the next episode of the given environments; return their start poses (len, 7)."""
-        self.C[indices, k.C_EPISODE] += 1
+        self.episodes.episode[indices] += 1
         self.previous[indices] = 0.0
         self.offset[indices] = 0.0
         pose = np.empty((len(indices), 7))
-        self.draw(indices, self.F, self.C, self.parameters, self.stream, pose)
+        self.draw_rows(indices, pose)
         return pose
+
+    def draw_rows(self, indices: Integers, pose: Floats) -> None:
+        """Draw episodes; write their start poses (k, 7)."""
+        episodes, preview, parameters, _ = self._taken
+        self.loops.draw(indices, episodes, preview, parameters, self.stream, pose)
+
+    def step_rows(self, start: int, stop: int, *motion: Floats) -> int:
+        """Step episodes start .. stop - 1; return how many ended, or -1 - i: pose i is not finite."""
+        return self.loops.step(start, stop, *motion, *self._taken, self.reward)
+
+    def interpret(self) -> None:
+        """Run the task's functions and the reward as Python from now on, which checks each index."""
+        self.loops = self.loops_with(self._reward, interpreted=True)
+        self._taken = self.episodes, self.preview, self.parameters, self.prices
 
     def place(self, indices: Integers, pose: Floats) -> None:
         """Replace the drawn start poses (k, 7) of environments that were just reset."""
-        F, P = self.F, self.parameters
-        F[indices, k.F_START : k.F_START + 3] = F[indices, k.F_POSITION : k.F_POSITION + 3] = pose[:, :3]
-        F[indices, k.F_START_YAW] = frames.yaw(pose[:, 3:])
-        self.refer(indices)
+        e, p = self.episodes, self.parameters[0]
+        e.start[indices] = e.position[indices] = pose[:, :3]
+        e.start_yaw[indices] = frames.yaw(pose[:, 3:])
+        if self.loops.relocate is not None:
+            episodes, preview, parameters, _ = self._taken
+            self.loops.relocate(indices, episodes, preview, parameters)
         distance = np.linalg.norm(self.reference[indices] - pose[:, :3], axis=1)
-        F[indices, k.F_DISTANCE] = F[indices, k.F_INITIAL_DISTANCE] = distance
+        e.distance[indices] = e.initial_distance[indices] = distance
         depth = pose[:, 2]
-        F[indices, k.F_DEPTH_MARGIN] = np.minimum(P[k.P_DEPTH_HIGH] - depth, depth - P[k.P_DEPTH_LOW])
-
-    def refer(self, indices: Integers) -> None:
-        """Write the references of environments that begin at F_START, where a reference depends on the place."""
+        e.depth_margin[indices] = np.minimum(p.depth_high - depth, depth - p.depth_low)
 
     def misplaced(self, i: int) -> str:
         """Return why environment i cannot begin where it was placed, and what is valid; empty if it can."""
-        error = np.abs(self.reference[i] - self.F[i, k.F_START : k.F_START + 3])
-        if self.parameters[k.P_BODY_FRAME]:
+        error = np.abs(self.reference[i] - self.episodes[i].start)
+        if self.parameters[0].body_frame:
             error[:2] = np.hypot(error[0], error[1])
         if (error <= self.reach).all():
             return ""
@@ -207,8 +227,8 @@ class Task:
 
     def add_noise(self, action: Floats, start: int = 0, stop: int | None = None) -> Floats:
         """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
-        own = self.C, self.parameters, self.noise_scale, self.stream, self.command
-        k.add_command_noise(start, self.n if stop is None else stop, action, *own)
+        own = self.rows, self._common, self.noise_scale, self.stream, self.command
+        add_command_noise(start, self.n if stop is None else stop, action, *own)
         return self.command
 
     def advance(
@@ -221,30 +241,29 @@ class Task:
         start: int = 0,
         stop: int | None = None,
     ) -> int:
-        """Compute reward and ends after one agent step; return what `kernel` does, which `checked` takes."""
+        """Compute reward and ends after one agent step; return what `checked` takes."""
         stop = self.n if stop is None else stop
-        sums = self.F, self.C, self.parameters, self.reward, self.hook
-        return self.kernel(start, stop, pose, velocity, action, self.previous, force, power, *sums)
+        return self.step_rows(start, stop, pose, velocity, action, self.previous, force, power)
 
     def checked(self, ended: int) -> int:
-        """Return the result of `kernel`, a number of episodes.
+        """Return the result of `advance`, a number of episodes.
 
         Raises:
             TrainingError: the simulation left the finite numbers.
         """
         if ended < 0:
             row = -1 - ended
+            e = self.episodes[row]
             raise TrainingError(
-                f"the simulated position of environment {row} is not finite after step {int(self.C[row, k.C_STEPS]) + 1} "
-                f"of its episode {int(self.C[row, k.C_EPISODE])}"
+                f"the simulated position of environment {row} is not finite after step {e.steps} of its episode {e.episode}"
             )
         return int(ended)
 
     def observe(self, pose: Floats, velocity: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
         """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed."""
         rows = self._all if indices is None else indices
-        state = self.previous, self.F, self.C, self.parameters, self.blocks
-        k.observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation)
+        state = self.previous, self.rows, self.preview, self._common, self._codes, self._sizes
+        self._observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation)
         return self.observation
 
     def goal(self, i: int) -> Floats:
@@ -269,42 +288,61 @@ class Task:
         return record
 
     def _totals(self, i: int) -> Totals:
-        f = self.F[i].tolist()
-        steps, episode, environment, outcome = self.C[i, : k.C_OUTCOME + 1].tolist()
+        e = self.episodes[i]
         return Totals(
-            episode=episode,
-            environment=environment,
-            outcome=OUTCOMES[outcome],
-            steps=steps,
+            episode=int(e.episode),
+            environment=int(e.environment),
+            outcome=OUTCOMES[e.outcome],
+            steps=int(e.steps),
             step_s=self.duration,
-            reward=f[k.F_RETURN],
-            initial_distance=f[k.F_INITIAL_DISTANCE],
-            distance=f[k.F_DISTANCE],
-            deviation=f[k.F_DEVIATION],
-            deviation_squared=f[k.F_DEVIATION_SQUARED],
-            command_norm=f[k.F_COMMAND_NORM],
-            energy=f[k.F_ENERGY],
-            path=f[k.F_PATH],
-            change=f[k.F_CHANGE],
-            depth_margin=f[k.F_DEPTH_MARGIN],
-            start_yaw=f[k.F_START_YAW],
+            reward=float(e.reward_sum),
+            initial_distance=float(e.initial_distance),
+            distance=float(e.distance),
+            deviation=float(e.deviation_sum),
+            deviation_squared=float(e.deviation_squared_sum),
+            command_norm=float(e.command_norm_sum),
+            energy=float(e.energy),
+            path=float(e.path_length),
+            change=float(e.change_sum),
+            depth_margin=float(e.depth_margin),
+            start_yaw=float(e.start_yaw),
             own=self.own_metrics(i),
         )
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return copies of the state that an exact resume needs."""
-        return {name: np.copy(getattr(self, name)) for name in _STATE}
+        return {name: np.copy(value) for name, value in self._state().items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        for name in _STATE:
-            np.copyto(getattr(self, name), state[name], casting="no")
+        """Return to a state of `state_dict`, or to that of a checkpoint of version 2."""
+        own = self._state()
+        if "F" in state:
+            rest = records.from_version_2(self.episodes, self.columns, state)
+            state = {**state, "episodes": own["episodes"], "preview": rest.reshape(self.preview.shape)}
+        for name, value in own.items():
+            np.copyto(value, state[name], casting="no")
+
+    def _state(self) -> dict[str, NDArray[Any]]:
+        return {"episodes": records.bare(self.episodes)} | {name: getattr(self, name) for name in _STATE}
+
+    @property
+    def columns(self) -> list[str]:
+        """The fields of `episodes` that a checkpoint of version 2 has as columns of floats."""
+        has_goal = "goal_error" in TASKS[self.name].blocks
+        names = records.columns(self.episodes.dtype, TASKS[self.name].has_yaw, has_goal)
+        return [name for name in names if name not in self.transient]
+
+    def scenario(self) -> Floats:
+        """Return what the episodes remember (n, floats), for digests: `columns` and the preview."""
+        parts = [self.episodes[name] for name in self.columns] + [self.preview]
+        return np.concatenate([np.reshape(part, (self.n, -1)) for part in parts], axis=1)
 
 
 class TrackingTask(Task):
     """A task whose reference has a yaw of its own, with the errors that such tasks have in common."""
 
     def misplaced(self, i: int) -> str:
-        distance, most = float(self.F[i, k.F_DISTANCE]), self.limits.get("bounds", math.inf)
+        distance, most = float(self.episodes[i].distance), self.limits.get("bounds", math.inf)
         if distance > most:
             return f"is {distance:g} m from the reference; must be at most task.bounds={most:g} m"
         return super().misplaced(i)
@@ -316,9 +354,11 @@ class TrackingTask(Task):
             i: the environment.
             failed: m, stands for the position error of a failed episode.
         """
-        squared, yaw_squared, counted = self.F[i, k.F_ERROR_SQUARED : k.F_COUNTED + 1].tolist()
-        lost = self.C[i, k.C_OUTCOME] in (k.COLLISION, k.OUT_OF_BOUNDS)
-        points = {"start": self.F[i, k.F_START : k.F_START + 3].tolist(), "goal": self.goal(i).tolist()}
+        e = self.episodes[i]
+        squared, yaw_squared = float(e.error_squared_sum), float(e.yaw_error_squared_sum)
+        counted = float(e.counted)
+        lost = e.outcome in (COLLISION, OUT_OF_BOUNDS)
+        points = {"start": e.start.tolist(), "goal": self.goal(i).tolist()}
         scenario = {
             f"{name}_{axis}_m": value
             for name, point in points.items()
@@ -329,6 +369,32 @@ class TrackingTask(Task):
             "yaw_error_rms_rad": math.sqrt(yaw_squared / max(counted, 1.0)),
             **scenario,
         }
+
+
+def _owner(kind: str, part: Any) -> str:
+    """Return what a message calls a task or a reward."""
+    package = getattr(part, "package", None)
+    return f"{kind}={part.name} of {package}" if package else f"{kind}={part.name}"
+
+
+def _shared(config: schema.TrainConfig) -> dict[str, float]:
+    """Return the parameters that every task has (`records.PARAMETERS`)."""
+    task, noise = config.task, config.noise
+    values: dict[str, float] = {
+        "depth_low": task.depth_low,
+        "depth_high": task.depth_high,
+        "max_steps": schema.step_limit(task, config.step.frequency),
+        "duration": 1.0 / config.step.frequency,
+        "body_frame": task.position_frame == "body",
+        "both_signs": noise.sign == "both",
+        "has_yaw": TASKS[task.name].has_yaw,
+        "history": task.history,
+    }
+    for name in ("position", "yaw", "command"):
+        size = getattr(noise, name)
+        values[f"{name}_noise_low"] = size.low * noise.scale
+        values[f"{name}_noise_high"] = size.high * noise.scale
+    return values
 
 
 def _limits(config: schema.TrainConfig) -> dict[str, float]:

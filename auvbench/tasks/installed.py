@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numba.core.errors import NumbaError
 
 from auvbench import metrics, registry
 from auvbench.config import rewards, schema, tasks
 from auvbench.errors import AgentError
 from auvbench.record import OUTCOMES, Record
 from auvbench.tasks import base
-from auvbench.tasks import kernels as k
 from auvbench.tasks.base import Floats, Integers, Task
-from auvbench.tasks.rewards import hook_of
+from auvbench.tasks.rewards import function_of
+from auvbench.untrusted.text import short
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 
@@ -28,14 +32,14 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
     who = f"task={task.name}"
     if isinstance(task, tasks.TaskConfig):
         who = f"{who} of {task.package}"
-    kind = _class(task.name, who)
-    with registry.telling(who, "cannot be made"):
-        made: Task = kind(config, vehicle, n, seed, **stream)
     paid = who
     if isinstance(reward, rewards.RewardConfig):
         paid = f"reward={reward.name} of {reward.package}"
-        with registry.telling(paid, "cannot be compiled"):
-            made.hook = hook_of(registry.resolve(registry.REWARDS[reward.name].code))
+        with registry.telling(paid, "cannot be imported"):
+            function_of(reward)
+    kind = _class(task.name, who)
+    with registry.telling(who, "cannot be made"):
+        made: Task = kind(config, vehicle, n, seed, **stream)
     _guard(made, who, paid)
     return made
 
@@ -45,9 +49,9 @@ def _class(name: str, who: str) -> Callable[..., Task]:
         kind = base.factory(name)
     if not (isinstance(kind, type) and issubclass(kind, Task)):
         raise AgentError(f"{who}: its factory is no class below auvbench.tasks.base.Task")
-    for needed in ("draw", "kernel"):
+    for needed in ("draw", "step"):
         if not callable(getattr(kind, needed, None)):
-            raise AgentError(f"{who}: {kind.__name__} lacks {needed}, a compiled function")
+            raise AgentError(f"{who}: {kind.__name__} lacks {needed}, a function of one episode")
     return kind
 
 
@@ -59,37 +63,34 @@ def _guard(task: Task, who: str, paid: str) -> None:
         who: the task, for messages.
         paid: the reward, for messages.
     """
-    draw, kernel, own_metrics, records = task.draw, task.kernel, task.own_metrics, task.records
+    draw_rows, step_rows = task.draw_rows, task.step_rows
+    own_metrics, records = task.own_metrics, task.records
     columns = {*metrics.SHARED, *(metric.name for metric in registry.TASKS[task.name].metrics)}
-    _check_parameters(task, who)
+    has_goal = "goal_error" in registry.TASKS[task.name].blocks
 
-    def checked_draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: Floats) -> None:
+    def checked_draw(indices: Integers, pose: Floats) -> None:
         pose[:] = np.nan
-        with registry.telling(who, "draw fails"):
-            draw(indices, F, C, P, test, pose)
-        finite = np.isfinite(F[indices]).all(axis=1)
-        _refuse(task, who, indices, finite, "draw writes a number that is not finite")
-        turned = np.abs(np.linalg.norm(pose[:, 3:], axis=1) - 1.0) < 1e-6
-        good = np.isfinite(pose).all(axis=1) & turned & (C[indices, k.C_OUTCOME] == -1)
-        _refuse(task, who, indices, good, "draw gives no start: begin_row must be called for each row")
+        task.episodes.start[indices] = np.nan
+        if has_goal:
+            task.episodes.goal[indices] = np.nan
+        with _telling(who, "draw fails"):
+            draw_rows(indices, pose)
+        what = "draw gives no start: it must write finite numbers to e.start and return a finite yaw"
+        _refuse(task, who, indices, np.isfinite(pose).all(axis=1), what)
+        _check_finite(task, who, indices, "draw")
 
-    def checked_kernel(start: int, stop: int, *arguments: Any) -> int:
-        with registry.telling(who, "the kernel fails"):
-            ended = kernel(start, stop, *arguments)
-        pose, rows, mine = arguments[0], np.arange(start, stop), slice(start, stop)
+    def checked_step(start: int, stop: int, *motion: Floats) -> int:
+        with _telling(who if paid == who else f"{who}, {paid}", "step fails"):
+            ended = step_rows(start, stop, *motion)
+        pose, rows, mine = motion[0], np.arange(start, stop), slice(start, stop)
         if not np.isfinite(pose[mine]).all():
-            return int(ended)  # the simulation is to blame
+            return ended  # the simulation is to blame
         _refuse(task, paid, rows, np.isfinite(task.reward[mine]), "the reward is not finite")
-        finite = np.isfinite(task.F[mine]).all(axis=1)
-        _refuse(task, who, rows, finite, "the kernel writes a number that is not finite")
+        _check_finite(task, who, rows, "step")
         outcome = task.outcome[mine]
         known = (outcome >= -1) & (outcome < len(OUTCOMES))
-        _refuse(task, who, rows, known, "the kernel writes an unknown outcome")
-        if ended != np.count_nonzero(outcome >= 0):
-            raise AgentError(
-                f"{who}: the kernel returns {ended!r} ended episodes; it must be the sum of end_row"
-            )
-        return int(ended)
+        _refuse(task, who, rows, known, "step returns an unknown outcome")
+        return ended
 
     def checked_metrics(i: int) -> dict[str, float]:
         with registry.telling(who, "own_metrics fails"):
@@ -108,23 +109,37 @@ def _guard(task: Task, who: str, paid: str) -> None:
                     )
         return found
 
-    replaced = {"draw": checked_draw, "kernel": checked_kernel}
+    replaced: dict[str, Callable[..., Any]] = {"draw_rows": checked_draw, "step_rows": checked_step}
     replaced |= {"own_metrics": checked_metrics, "records": checked_records}
     for name, function in replaced.items():
         setattr(task, name, function)
 
 
-def _check_parameters(task: Task, who: str) -> None:
-    if not np.isfinite(task.parameters).all():
-        raise AgentError(f"{who}: own_parameters gives a number that is not finite")
-    if k.GOAL_ERROR in task.blocks and task.own_floats < 3:
-        raise AgentError(
-            f"{who}: the block goal_error needs own_floats of at least 3; it is {task.own_floats}"
+@contextmanager
+def _telling(who: str, what: str) -> Iterator[None]:
+    """Turn an exception of foreign code, or of compiling it, into an `AgentError`."""
+    with registry.telling(who, what):
+        try:
+            yield
+        except NumbaError as error:
+            text = re.sub(r"\x1b\[\d*m", "", str(error))
+            lines = [line for line in text.splitlines() if line and not line.startswith("Failed in")]
+            place = re.search(r'File "(.*)", line (\d+)', text)
+            where = f" ({Path(place[1]).name}, line {place[2]})" if place else ""
+            raise AgentError(f"{who}: {what}: it cannot be compiled{where}: {short(lines[0])}") from error
+
+
+def _check_finite(task: Task, who: str, rows: Integers, function: str) -> None:
+    for name in task.episodes.dtype.names:
+        values = task.episodes[name][rows].reshape(len(rows), -1)
+        _refuse(
+            task, who, rows, np.isfinite(values).all(axis=1), f"{function} writes {name}, which is not finite"
         )
 
 
 def _refuse(task: Task, who: str, rows: Integers, good: Any, what: str) -> None:
     if not good.all():
-        row = int(rows[int(np.argmin(good))])
-        steps, episode = task.C[row, : k.C_EPISODE + 1].tolist()
-        raise AgentError(f"{who}: {what}, in environment {row} at step {steps} of its episode {episode}")
+        e = task.episodes[int(rows[int(np.argmin(good))])]
+        raise AgentError(
+            f"{who}: {what}, in environment {rows[int(np.argmin(good))]} at step {e.steps} of its episode {e.episode}"
+        )

@@ -7,33 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from auvbench.blocks import BLOCKS, Setting
 from auvbench.config import tasks
 from auvbench.errors import ConfigError
 from auvbench.observation import BODY, WORLD, Block, ObservationSpec
 from auvbench.registry import TASKS
 from auvbench.vehicles.vehicle_model import VehicleModel
-
-CODES = {
-    name: code
-    for code, name in enumerate(
-        (
-            "yaw_error",
-            "position_error",
-            "velocity_error",
-            "velocity",
-            "angular_velocity",
-            "gravity",
-            "previous_action",
-            "preview",
-            "depth_margin",
-            "goal_error",
-        )
-    )
-}
-"""The blocks that tasks may have, with their codes in `tasks.kernels`."""
-
-FASTEST = 50.0
-"""m/s and rad/s: no vehicle comes near"""
 
 
 def observation_spec(
@@ -46,7 +25,8 @@ def observation_spec(
         actuators: names of the vehicle's.
         position_bounds: (3,) m, largest position errors.
     """
-    newest = [_block(name, task, actuators, tuple(position_bounds)) for name in tasks.blocks(task)]
+    setting = _setting(task, actuators, tuple(position_bounds))
+    newest = [BLOCKS[name].describe(setting) for name in tasks.blocks(task)]
     older = [
         Block(
             f"{block.name}_{age}_steps_ago",
@@ -62,55 +42,24 @@ def observation_spec(
     return ObservationSpec(*newest, *older)
 
 
-def _block(name: str, task: tasks.Task, actuators: Sequence[str], bounds: tuple[float, ...]) -> Block:
-    spec = TASKS[task.name]
-    to = "reference" if spec.has_yaw else "waypoint"
-    axes = BODY if task.position_frame == "body" else WORLD
-    # A vector to another point than the reference may be as long as twice the way to it.
-    level = 2.0 * math.hypot(*bounds[:2])
-    if name == "yaw_error":
-        meaning = "yaw of the reference less yaw" if spec.has_yaw else f"bearing of the {to} less yaw"
-        return Block(name, (name,), "rad", (math.pi,), f"{meaning}, wrapped to [-pi, pi)")
-    if name == "position_error":
-        return _vector(name, "m", bounds, f"{to} less position", axes)
-    if name == "velocity_error":
-        return _vector(name, "m/s", (FASTEST,) * 3, "velocity of the reference less velocity", BODY)
-    if name == "velocity":
-        return _vector(name, "m/s", (FASTEST,) * 3, "velocity over ground", "body axes (forward, port, up)")
-    if name == "angular_velocity":
-        return _vector(name, "rad/s", (FASTEST,) * 3, "angular velocity", "body axes (forward, port, up)")
-    if name == "gravity":
-        return _vector(name, "1", (1.0,) * 3, "direction of gravity", "body axes (forward, port, up)")
-    if name == "depth_margin":
-        high = 2.0 * bounds[2] + task.depth_high - task.depth_low
-        return Block(name, (name,), "m", (high,), "distance to the nearer depth limit; negative beyond it")
-    if name == "goal_error":
-        return _vector(name, "m", (level, level, 2.0 * bounds[2]), "goal less position", BODY)
-    if name == "preview":
-        assert isinstance(task, tasks.Tracked)
-        points = range(1, task.preview.points + 1)
-        # The reference moves on for the time of the preview.
-        away = task.preview.points * task.preview.interval * FASTEST
-        return Block(
-            name,
-            tuple(f"preview_{point}_{axis}" for point in points for axis in "xyz"),
-            "m",
-            (level + away, level + away, 2.0 * bounds[2] + away) * task.preview.points,
-            f"reference in {task.preview.interval:g} s, twice that, and so on, less position",
-            BODY,
-        )
-    assert name == "previous_action"
-    return Block(
-        name,
-        tuple(f"previous_action_{actuator}" for actuator in actuators),
-        "1",
-        (1.0,) * len(actuators),
-        "action of the last step; 0 at the start",
+def _setting(task: tasks.Task, actuators: Sequence[str], bounds: tuple[float, ...]) -> Setting:
+    has_yaw = TASKS[task.name].has_yaw
+    preview = task.preview if isinstance(task, tasks.Tracked) else tasks.Preview(points=0, interval=0.0)
+    return Setting(
+        to="reference" if has_yaw else "waypoint",
+        has_yaw=has_yaw,
+        axes=BODY if task.position_frame == "body" else WORLD,
+        bounds=bounds,
+        depths=(task.depth_low, task.depth_high),
+        actuators=actuators,
+        points=preview.points,
+        interval=preview.interval,
     )
 
 
-def _vector(name: str, unit: str, bounds: tuple[float, ...], meaning: str, axes: str) -> Block:
-    return Block(name, tuple(f"{name}_{axis}" for axis in "xyz"), unit, bounds, meaning, axes)
+def reads(task: tasks.Task, what: str) -> bool:
+    """Return whether a block of a task's observation reads `velocity`, `goal` and so on (`BlockSpec.reads`)."""
+    return any(what in BLOCKS[name].reads for name in tasks.blocks(task))
 
 
 def check_vehicle(task: tasks.Task, vehicle: VehicleModel) -> None:

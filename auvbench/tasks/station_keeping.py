@@ -6,106 +6,78 @@ import math
 from typing import Any
 
 from auvbench.config import tasks
-from auvbench.dynamics.compiled import compiled
-from auvbench.dynamics.random import SCENARIO, uniform4
 from auvbench.tasks import fingerprint
-from auvbench.tasks import kernels as k
-from auvbench.tasks.base import Floats, Integers, TrackingTask
-from auvbench.tasks.rewards import reward_row
-
-F_HELD = k.F_OWN  # steps within the tolerances in the last `hold_time`
-F_OUTSIDE = k.F_OWN + 1  # the last step outside them
-
-P_STATION = k.P_OWN  # x, y, z
-P_STATION_YAW = k.P_OWN + 3
-P_RADIUS = k.P_OWN + 4
-P_BOUNDS = k.P_OWN + 5
-P_TOLERANCE = k.P_OWN + 6
-P_YAW_TOLERANCE = k.P_OWN + 7
-P_SETTLING = k.P_OWN + 8  # steps
-P_HOLD = k.P_OWN + 9  # steps
-P_SHARE = k.P_OWN + 10
-
-
-@compiled("dynamics")
-def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: Floats) -> None:
-    """Draw start position and yaw of the environments in `indices`."""
-    for row in range(indices.shape[0]):
-        i = indices[row]
-        u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
-        for axis in range(3):
-            F[i, k.F_REFERENCE + axis] = P[P_STATION + axis]
-            F[i, k.F_REFERENCE_VELOCITY + axis] = 0.0
-        F[i, k.F_REFERENCE_YAW] = P[P_STATION_YAW]
-        F[i, F_HELD] = 0.0
-        F[i, F_OUTSIDE] = 0.0
-        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F, P)
-        k.begin_row(i, row, k.wrap(2.0 * math.pi * u[0]), F, C, P, pose)
+from auvbench.tasks.base import TrackingTask
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import (
+    COLLISION,
+    GOES_ON,
+    OUT_OF_BOUNDS,
+    SUCCESS,
+    TIMEOUT,
+    Vehicle,
+    add_errors,
+    drawn,
+    leaves_water,
+    put,
+    row,
+    start_in_ball,
+    triple,
+    wrap,
+)
 
 
-@compiled("dynamics")
-def advance(
-    start: int,
-    stop: int,
-    pose: Floats,
-    velocity: Floats,
-    action: Floats,
-    previous: Floats,
-    force: Floats,
-    power: Floats,
-    F: Floats,
-    C: Integers,
-    P: Floats,
-    reward: Floats,
-    hook: Any,
-) -> int:
-    """Compute reward, ends and sums after one agent step; see `Task.kernel`."""
-    ended = 0
-    for i in range(start, stop):
-        distance = k.distance_row(i, pose, i, F)
-        if not math.isfinite(distance):
-            return -1 - i
-        yaw_error = k.wrap(F[i, k.F_REFERENCE_YAW] - k.yaw_row(i, pose))
-        C[i, k.C_STEPS] += 1
-        step = C[i, k.C_STEPS]
-        inside = distance < P[P_TOLERANCE] and abs(yaw_error) < P[P_YAW_TOLERANCE]
-        if not inside:
-            F[i, F_OUTSIDE] = step
-        elif step > P[k.P_MAX_STEPS] - P[P_HOLD]:
-            F[i, F_HELD] += 1.0
-        if step > P[P_SETTLING]:
-            k.add_errors_row(i, distance, yaw_error, F)
-        outcome = -1
-        if k.leaves_water(i, pose, P):
-            outcome = k.COLLISION
-        elif distance > P[P_BOUNDS]:
-            outcome = k.OUT_OF_BOUNDS
-        elif step >= P[k.P_MAX_STEPS]:
-            outcome = k.SUCCESS if F[i, F_HELD] >= P[P_SHARE] * P[P_HOLD] else k.TIMEOUT
-        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
-        ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
-    return ended
+@row
+def draw(e: Record, p: Record, stream: int) -> float:
+    """Put the reference on the station and draw the start; return its yaw."""
+    u, v, w, m = drawn(e, stream, 0)
+    put(e.reference, triple(p.station))
+    put(e.reference_velocity, (0.0, 0.0, 0.0))
+    e.reference_yaw = p.yaw
+    start_in_ball(e, p.start_radius, p, v, w, m)
+    return wrap(2.0 * math.pi * u)
+
+
+@row
+def step(e: Record, v: Vehicle, p: Record) -> int:
+    """Return the outcome of an agent step, or GOES_ON."""
+    inside = e.distance < p.tolerance and abs(e.yaw_error) < p.yaw_tolerance
+    if not inside:
+        e.last_outside = e.steps
+    elif e.steps > p.max_steps - p.hold_steps:
+        e.held += 1.0
+    if e.steps > p.settling_steps:
+        add_errors(e)
+    if leaves_water(v, p):
+        return COLLISION
+    if e.distance > p.bounds:
+        return OUT_OF_BOUNDS
+    if e.steps >= p.max_steps:
+        return SUCCESS if e.held >= p.hold_share * p.hold_steps else TIMEOUT
+    return GOES_ON
 
 
 class StationKeepingTask(TrackingTask):
     """N episodes of station keeping."""
 
     draw = staticmethod(draw)
-    kernel = staticmethod(advance)
+    step = staticmethod(step)
+    fields = (
+        ("held", "f8"),  # steps within the tolerances in the last `hold_time`
+        ("last_outside", "f8"),  # the last step outside them
+    )
     reference_columns = (*fingerprint.COLUMNS, "position_error_rms_m", "yaw_error_rms_rad", "settling_time_s")
     reference_blocks = fingerprint.BLOCKS
-    own_floats = 2
     success_ends = False
 
-    def own_parameters(self, task: Any) -> list[float]:
+    def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, tasks.StationKeeping)
         self.bounds = task.bounds
-        tolerances = task.tolerance, task.yaw_tolerance
-        times = (round(seconds * self.frequency) for seconds in (task.settling, task.hold_time))
-        return [*task.station, task.yaw, task.start_radius, task.bounds, *tolerances, *times, task.hold_share]
+        settling, hold = (round(seconds * self.frequency) for seconds in (task.settling, task.hold_time))
+        return {**super().own_parameters(task), "settling_steps": settling, "hold_steps": hold}
 
     def own_metrics(self, i: int) -> dict[str, float]:
         return {
             **self.errors(i, self.bounds),
-            "settling_time_s": float(self.F[i, F_OUTSIDE]) * self.duration,
+            "settling_time_s": float(self.episodes[i].last_outside) * self.duration,
         }

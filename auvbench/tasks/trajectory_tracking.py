@@ -10,196 +10,194 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from auvbench.config import tasks
-from auvbench.dynamics.compiled import compiled
-from auvbench.dynamics.random import SCENARIO, uniform4
 from auvbench.tasks import fingerprint
-from auvbench.tasks import kernels as k
-from auvbench.tasks.base import Floats, Integers, TrackingTask
-from auvbench.tasks.rewards import reward_row
+from auvbench.tasks.base import Floats, TrackingTask
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import (
+    COLLISION,
+    GOES_ON,
+    OUT_OF_BOUNDS,
+    SUCCESS,
+    Vehicle,
+    add_errors,
+    drawn,
+    leaves_water,
+    put,
+    row,
+    start_in_ball,
+    triple,
+    wrap,
+)
 
 CURVES = ("circle", "helix", "lemniscate", "random", "any")
+HELIX, LEMNISCATE, ANY = 1, 2, 4
 
-# Of the curve, per axis.
-F_CENTRE = k.F_OWN
-F_SLOPE = k.F_OWN + 3
-F_AMPLITUDE = k.F_OWN + 6  # three per axis
-F_FREQUENCY = k.F_OWN + 15  # three per axis
-F_PHASE = k.F_OWN + 24  # three per axis
-F_RATE = k.F_OWN + 33  # ds/dt
-F_BEHIND = k.F_OWN + 34  # sum of the position error along the velocity of the reference, over its speed, in s
-
-P_CURVE = k.P_OWN
-P_CENTRE = k.P_OWN + 1  # x, y, z
-P_SIZE = k.P_OWN + 4  # low, high
-P_SPEED = k.P_OWN + 6  # low, high
-P_RADIUS = k.P_OWN + 8
-P_START_YAW = k.P_OWN + 9
-P_BOUNDS = k.P_OWN + 10
-P_INTERVAL = k.P_OWN + 11
-
+X, Y, Z = range(3)
+SINES = 3
+"""of which a curve is the sum, per axis"""
 TURNS, SAMPLES = 4, 600
 """along which, and at how many places, the largest speed is looked for"""
 
 
-@njit(nogil=True)
-def _position(i: int, s: float, axis: int, F: Floats) -> float:
-    p = F[i, F_CENTRE + axis] + F[i, F_SLOPE + axis] * s
-    for j in range(3 * axis, 3 * axis + 3):
-        p += F[i, F_AMPLITUDE + j] * math.sin(F[i, F_FREQUENCY + j] * s + F[i, F_PHASE + j])
-    return float(p)
+@row
+def place(e: Record, s: float, axis: int) -> float:
+    """Return the place of the curve at s along an axis in m."""
+    x = e.centre[axis] + e.slope[axis] * s
+    for j in range(SINES):
+        x += e.amplitude[axis, j] * math.sin(e.frequency[axis, j] * s + e.phase[axis, j])
+    return float(x)
 
 
-@njit(nogil=True)
-def _slope(i: int, s: float, axis: int, F: Floats) -> float:
-    v = F[i, F_SLOPE + axis]
-    for j in range(3 * axis, 3 * axis + 3):
-        w = F[i, F_FREQUENCY + j]
-        v += F[i, F_AMPLITUDE + j] * w * math.cos(w * s + F[i, F_PHASE + j])
+@row
+def slope(e: Record, s: float, axis: int) -> float:
+    """Return the derivative of `place` by s."""
+    v = e.slope[axis]
+    for j in range(SINES):
+        w = e.frequency[axis, j]
+        v += e.amplitude[axis, j] * w * math.cos(w * s + e.phase[axis, j])
     return float(v)
 
 
-@njit(nogil=True)
-def _refer(i: int, time: float, F: Floats, P: Floats) -> None:
-    """Write the reference at a time in s, and the previewed points."""
-    s = F[i, F_RATE] * time
-    for axis in range(3):
-        F[i, k.F_REFERENCE + axis] = _position(i, s, axis, F)
-        F[i, k.F_REFERENCE_VELOCITY + axis] = F[i, F_RATE] * _slope(i, s, axis, F)
-    F[i, k.F_REFERENCE_YAW] = math.atan2(F[i, k.F_REFERENCE_VELOCITY + 1], F[i, k.F_REFERENCE_VELOCITY])
-    for point in range(int(P[k.P_PREVIEWED])):
-        ahead = F[i, F_RATE] * (time + (point + 1) * P[P_INTERVAL])
-        for axis in range(3):
-            F[i, int(P[k.P_PREVIEW]) + 3 * point + axis] = _position(i, ahead, axis, F)
+@row
+def follow(e: Record, time: float) -> None:
+    """Put the reference where the curve is at a time in s."""
+    s = e.rate * time
+    vx, vy, vz = e.rate * slope(e, s, X), e.rate * slope(e, s, Y), e.rate * slope(e, s, Z)
+    put(e.reference, (place(e, s, X), place(e, s, Y), place(e, s, Z)))
+    put(e.reference_velocity, (vx, vy, vz))
+    e.reference_yaw = math.atan2(vy, vx)
 
 
-@njit(nogil=True)
-def _draw_curve(i: int, curve: int, size: float, C: Integers, test: int, F: Floats) -> None:
-    """Write the sines of a curve of a size (half its width, m), still at s = time."""
-    for j in range(9):
-        F[i, F_AMPLITUDE + j] = 0.0
-        F[i, F_FREQUENCY + j] = 1.0
-        F[i, F_PHASE + j] = 0.0
+@row
+def preview_row(e: Record, p: Record, points: Floats) -> None:
+    """Write where the reference will be."""
+    for k in range(points.shape[0]):
+        s = e.rate * (e.steps * p.duration + (k + 1) * p.preview_interval)
+        put(points[k], (place(e, s, X), place(e, s, Y), place(e, s, Z)))
+
+
+@row
+def sine(e: Record, axis: int, j: int, amplitude: float, frequency: float, phase: float) -> None:
+    e.amplitude[axis, j] = amplitude
+    e.frequency[axis, j] = frequency
+    e.phase[axis, j] = phase
+
+
+@row
+def draw_curve(e: Record, curve: int, size: float, stream: int) -> None:
+    """Draw the sines of a curve of a size (half its width, m), still at s = time."""
     for axis in range(3):
-        F[i, F_SLOPE + axis] = 0.0
-    if curve <= 1:  # circle, helix
-        F[i, F_AMPLITUDE] = size
-        F[i, F_AMPLITUDE + 3] = size
-        F[i, F_PHASE + 3] = -0.5 * math.pi
-        if curve == 1:
-            F[i, F_SLOPE + 2] = 0.2 * size
-    elif curve == 2:  # lemniscate
-        F[i, F_AMPLITUDE] = size
-        F[i, F_AMPLITUDE + 3] = 0.5 * size
-        F[i, F_FREQUENCY + 3] = 2.0
+        for j in range(SINES):
+            sine(e, axis, j, 0.0, 1.0, 0.0)
+    if curve <= HELIX:
+        sine(e, X, 0, size, 1.0, 0.0)
+        sine(e, Y, 0, size, 1.0, -0.5 * math.pi)
+        if curve == HELIX:
+            put(e.slope, (0.0, 0.0, 0.2 * size))
+    elif curve == LEMNISCATE:
+        sine(e, X, 0, size, 1.0, 0.0)
+        sine(e, Y, 0, 0.5 * size, 2.0, 0.0)
     else:
-        for j in range(9):
-            u = uniform4(C[i, k.C_SEED], SCENARIO | test, 2 + j, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
-            level = 1.0 if j < 6 else 0.3
-            # Together the three sines stay within the size.
-            F[i, F_AMPLITUDE + j] = level * size * (0.2 + 0.8 * u[0]) / 3.0
-            F[i, F_FREQUENCY + j] = (j % 3 + 1) * (0.8 + 0.4 * u[1])
-            F[i, F_PHASE + j] = 2.0 * math.pi * u[2]
-
-
-@compiled("dynamics")
-def draw(indices: Integers, F: Floats, C: Integers, P: Floats, test: int, pose: Floats) -> None:
-    """Draw curve, speed and start of the environments in `indices`."""
-    for row in range(indices.shape[0]):
-        i = indices[row]
-        u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
-        v = uniform4(C[i, k.C_SEED], SCENARIO | test, 1, 0, C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT])
-        curve = int(P[P_CURVE])
-        if curve == 4:
-            curve = int(4.0 * v[0])
-        size = P[P_SIZE] + (P[P_SIZE + 1] - P[P_SIZE]) * v[1]
         for axis in range(3):
-            F[i, F_CENTRE + axis] = P[P_CENTRE + axis]
-        _draw_curve(i, curve, size, C, test, F)
-        fastest = 0.0
-        for sample in range(SAMPLES):
-            s = TURNS * 2.0 * math.pi * sample / SAMPLES
-            speed = math.sqrt(_slope(i, s, 0, F) ** 2 + _slope(i, s, 1, F) ** 2 + _slope(i, s, 2, F) ** 2)
-            fastest = max(fastest, speed)
-        F[i, F_RATE] = (P[P_SPEED] + (P[P_SPEED + 1] - P[P_SPEED]) * v[2]) / fastest
-        F[i, F_BEHIND] = 0.0
-        _refer(i, 0.0, F, P)
-        k.ball_row(i, u[1], u[2], u[3], P[P_RADIUS], F, P)
-        yaw = F[i, k.F_REFERENCE_YAW] + P[P_START_YAW] * (2.0 * u[0] - 1.0)
-        k.begin_row(i, row, k.wrap(yaw), F, C, P, pose)
+            for j in range(SINES):
+                high, fast, late, _ = drawn(e, stream, 2 + SINES * axis + j)
+                level = 1.0 if axis < Z else 0.3
+                # Together the three sines stay within the size.
+                amplitude = level * size * (0.2 + 0.8 * high) / 3.0
+                sine(e, axis, j, amplitude, (j + 1) * (0.8 + 0.4 * fast), 2.0 * math.pi * late)
 
 
-@compiled("dynamics")
-def advance(
-    start: int,
-    stop: int,
-    pose: Floats,
-    velocity: Floats,
-    action: Floats,
-    previous: Floats,
-    force: Floats,
-    power: Floats,
-    F: Floats,
-    C: Integers,
-    P: Floats,
-    reward: Floats,
-    hook: Any,
-) -> int:
-    """Compute reward, ends and sums after one agent step; see `Task.kernel`."""
-    ended = 0
-    for i in range(start, stop):
-        C[i, k.C_STEPS] += 1
-        _refer(i, C[i, k.C_STEPS] * P[k.P_DURATION], F, P)
-        distance = k.distance_row(i, pose, i, F)
-        if not math.isfinite(distance):
-            return -1 - i
-        yaw_error = k.wrap(F[i, k.F_REFERENCE_YAW] - k.yaw_row(i, pose))
-        k.add_errors_row(i, distance, yaw_error, F)
-        along, squared = 0.0, 1e-6  # a reference that stands still has no lag
-        for axis in range(3):
-            v = F[i, k.F_REFERENCE_VELOCITY + axis]
-            along += v * (F[i, k.F_REFERENCE + axis] - pose[i, axis])
-            squared += v * v
-        F[i, F_BEHIND] += along / squared
-        outcome = -1
-        if k.leaves_water(i, pose, P):
-            outcome = k.COLLISION
-        elif distance > P[P_BOUNDS]:
-            outcome = k.OUT_OF_BOUNDS
-        elif C[i, k.C_STEPS] >= P[k.P_MAX_STEPS]:
-            outcome = k.SUCCESS
-        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
-        ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
-    return ended
+@row
+def fastest(e: Record) -> float:
+    """Return the largest speed of the curve at s = time in m/s."""
+    most = 0.0
+    for sample in range(SAMPLES):
+        s = TURNS * 2.0 * math.pi * sample / SAMPLES
+        most = max(most, math.sqrt(slope(e, s, X) ** 2 + slope(e, s, Y) ** 2 + slope(e, s, Z) ** 2))
+    return most
+
+
+@row
+def draw(e: Record, p: Record, stream: int) -> float:
+    """Draw curve, speed and start; return the yaw of the start."""
+    turned, u, v, w = drawn(e, stream, 0)
+    kind, large, fast, _ = drawn(e, stream, 1)
+    curve = p.curve
+    if curve == ANY:
+        curve = int(4.0 * kind)
+    put(e.centre, triple(p.centre))
+    draw_curve(e, curve, p.size_low + (p.size_high - p.size_low) * large, stream)
+    e.rate = (p.speed_low + (p.speed_high - p.speed_low) * fast) / fastest(e)
+    follow(e, 0.0)
+    start_in_ball(e, p.start_radius, p, u, v, w)
+    return wrap(e.reference_yaw + p.start_yaw * (2.0 * turned - 1.0))
+
+
+@row
+def refer(e: Record, v: Vehicle, p: Record) -> None:
+    """Move the reference on to now."""
+    follow(e, e.steps * p.duration)
+
+
+@row
+def step(e: Record, v: Vehicle, p: Record) -> int:
+    """Return the outcome of an agent step, or GOES_ON."""
+    add_errors(e)
+    (x, y, z), (to_x, to_y, to_z), (vx, vy, vz) = (
+        v.position,
+        triple(e.reference),
+        triple(e.reference_velocity),
+    )
+    along = vx * (to_x - x) + vy * (to_y - y) + vz * (to_z - z)
+    # A reference that stands still has no lag.
+    e.behind += along / (1e-6 + vx * vx + vy * vy + vz * vz)
+    if leaves_water(v, p):
+        return COLLISION
+    if e.distance > p.bounds:
+        return OUT_OF_BOUNDS
+    if e.steps >= p.max_steps:
+        return SUCCESS
+    return GOES_ON
 
 
 class TrajectoryTrackingTask(TrackingTask):
     """N episodes of trajectory tracking."""
 
     draw = staticmethod(draw)
-    kernel = staticmethod(advance)
+    refer = staticmethod(refer)
+    step = staticmethod(step)
+    preview_row = staticmethod(preview_row)
+    fields = (
+        # Of the curve, per axis.
+        ("centre", "f8", (3,)),  # m
+        ("slope", "f8", (3,)),
+        ("amplitude", "f8", (3, SINES)),  # m
+        ("frequency", "f8", (3, SINES)),
+        ("phase", "f8", (3, SINES)),  # rad
+        ("rate", "f8"),  # ds/dt
+        (
+            "behind",
+            "f8",
+        ),  # sum of the position error along the velocity of the reference, over its speed, in s
+    )
     reference_columns = (*fingerprint.COLUMNS, "position_error_rms_m", "yaw_error_rms_rad", "lag_s")
     reference_blocks = fingerprint.BLOCKS
-    own_floats = 35
     success_ends = False
 
-    def own_parameters(self, task: Any) -> list[float]:
+    def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, tasks.TrajectoryTracking)
         self.bounds = task.bounds
-        curve = CURVES.index(task.curve)
-        drawn = [task.size_low, task.size_high, task.speed_low, task.speed_high]
-        limits = [task.start_radius, task.start_yaw, task.bounds, task.preview.interval]
-        return [curve, *task.centre, *drawn, *limits]
+        return {**super().own_parameters(task), "curve": CURVES.index(task.curve)}
 
     def goal(self, i: int) -> Floats:
-        f = self.F[i]
-        s = f[F_RATE] * self.parameters[k.P_MAX_STEPS] * self.duration
-        sines = np.sin(f[F_FREQUENCY : F_FREQUENCY + 9] * s + f[F_PHASE : F_PHASE + 9])
-        curve = (f[F_AMPLITUDE : F_AMPLITUDE + 9] * sines).reshape(3, 3).sum(axis=1)
-        return np.asarray(f[F_CENTRE : F_CENTRE + 3] + f[F_SLOPE : F_SLOPE + 3] * s + curve)
+        e = self.episodes[i]
+        s = e.rate * float(self.parameters[0].max_steps) * self.duration
+        sines = np.sin(e.frequency.ravel() * s + e.phase.ravel())
+        curve = (e.amplitude.ravel() * sines).reshape(3, SINES).sum(axis=1)
+        return np.asarray(e.centre + e.slope * s + curve)
 
     def own_metrics(self, i: int) -> dict[str, float]:
-        behind = float(self.F[i, F_BEHIND]) / float(self.F[i, k.F_COUNTED])
-        return {**self.errors(i, self.bounds), "lag_s": behind}
+        e = self.episodes[i]
+        return {**self.errors(i, self.bounds), "lag_s": float(e.behind) / float(e.counted)}

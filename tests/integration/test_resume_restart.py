@@ -33,14 +33,14 @@ def test_episodes_in_flight_begin_again_with_the_same_draws(forgetful):
     config = configuration()
     batch = Batch(config)
     first = batch.reset().copy()
-    scenario = batch.task.F.copy()
+    scenario = batch.task.scenario()
     for _ in range(7):
         batch.step(np.full((3, 6), 0.3))
     assert not batch.exact_resume
     other = Batch(config)
     other.load_state_dict(batch.state_dict())
     assert np.array_equal(other.restarted, first)
-    assert np.array_equal(other.task.F, scenario)
+    assert np.array_equal(other.task.scenario(), scenario)
     one, two = Batch(config), other
     one.reset()
     for _ in range(5):

@@ -66,15 +66,13 @@ def half_widths(curve: str) -> NDArray[np.float64]:
     config = configs.training("task=trajectory_tracking", f"task.curve={curve}", "vehicle=bluerov2_heavy")
     batch = Batch(config, 1000)
     batch.reset()
-    F = batch.task.F
-    s = F[:, curves.F_RATE, None] * np.linspace(0.0, config.task.time_limit, 241)
+    e = batch.task.episodes
+    s = e.rate[:, None] * np.linspace(0.0, config.task.time_limit, 241)
     reach = np.zeros((1000, 3))
     for axis in range(3):
-        place = F[:, curves.F_SLOPE + axis, None] * s
-        for j in range(3 * axis, 3 * axis + 3):
-            a, w, f = (
-                F[:, first + j, None] for first in (curves.F_AMPLITUDE, curves.F_FREQUENCY, curves.F_PHASE)
-            )
+        place = e.slope[:, axis, None] * s
+        for j in range(curves.SINES):
+            a, w, f = (sines[:, axis, j, None] for sines in (e.amplitude, e.frequency, e.phase))
             place += a * np.sin(w * s + f)
         reach[:, axis] = np.abs(place).max(axis=1)
     return reach

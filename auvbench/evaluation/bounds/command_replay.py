@@ -11,7 +11,6 @@ from auvbench.config import schema
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.bounds.files import Commands
 from auvbench.record import Record
-from auvbench.tasks.kernels import F_REFERENCE, F_START_YAW
 
 Floats = NDArray[np.float64]
 
@@ -97,8 +96,8 @@ def actions(commands: Commands) -> Floats:
 
 def scenarios(batch: Batch) -> list[Scenario]:
     """Return the scenarios of a batch that was just reset."""
-    F, pose = batch.task.F, batch.simulator.pose
+    pose = batch.simulator.pose
     return [
-        Scenario(pose[i].copy(), float(F[i, F_START_YAW]), F[i, F_REFERENCE : F_REFERENCE + 3].copy())
-        for i in range(batch.n)
+        Scenario(pose[i].copy(), float(e.start_yaw), e.reference.copy())
+        for i, e in enumerate(batch.task.episodes)
     ]

@@ -1,21 +1,23 @@
 """Disturbances, compiled: draws at the start of an episode and changes during it, for N environments.
 
 One row per environment in two arrays, `D` (floats, columns `D_*`) and `I` (integers, columns `I_*`), next to the
-task's counters `C`. Each factor draws from a stream of its own, so that switching one on leaves the draws of the
+task's episodes (`records.EPISODE`). Each factor draws from a stream of its own, so that switching one on leaves the draws of the
 others as they were; every draw is a function of (seed, stream, environment, episode, step, channel).
 """
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import BIAS, CURRENT, DRIFT, FAULT, RANDOMISATION, SENSOR, normal4, uniform4
-from auvbench.tasks.kernels import C_ENVIRONMENT, C_EPISODE, C_SEED, C_STEPS
 
+Rows = Any
+"""episodes of a task: the fields that every task has"""
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -72,12 +74,13 @@ _FLUCTUATION = 1  # CURRENT: three normals per step
 _GAUSSIAN = 1  # SENSOR: block 0 is the task's uniform noise
 
 
-@compiled("dynamics", "tasks")
-def draw_current(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats) -> None:
+@compiled("dynamics")
+def draw_current(indices: Integers, episodes: Rows, Q: Floats, test: int, D: Floats) -> None:
     """Draw mean current and stationary fluctuation of new episodes."""
     for k in range(indices.shape[0]):
         i = indices[k]
-        u = uniform4(C[i, C_SEED], CURRENT | test, _MEAN, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        e = episodes[i]
+        u = uniform4(e.seed, CURRENT | test, _MEAN, 0, e.episode, e.environment)
         speed = Q[Q_SPEED] + (Q[Q_SPEED + 1] - Q[Q_SPEED]) * u[0]
         direction = Q[Q_DIRECTION] + (Q[Q_DIRECTION + 1] - Q[Q_DIRECTION]) * u[1]
         level = speed * math.cos(Q[Q_ELEVATION])
@@ -88,34 +91,35 @@ def draw_current(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats
         D[i, D_BOTTOM] = Q[Q_FACTOR] * level * math.cos(direction + Q[Q_TURN])
         D[i, D_BOTTOM + 1] = Q[Q_FACTOR] * level * math.sin(direction + Q[Q_TURN])
         D[i, D_BOTTOM + 2] = Q[Q_FACTOR] * rise
-        z = normal4(C[i, C_SEED], CURRENT | test, _FLUCTUATION, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        z = normal4(e.seed, CURRENT | test, _FLUCTUATION, 0, e.episode, e.environment)
         D[i, D_FLUCTUATION] = Q[Q_SIGMA] * z[0]
         D[i, D_FLUCTUATION + 1] = Q[Q_SIGMA + 1] * z[1]
         D[i, D_FLUCTUATION + 2] = Q[Q_SIGMA + 2] * z[2]
 
 
-@compiled("dynamics", "tasks")
-def advance_current(C: Integers, Q: Floats, test: int, D: Floats) -> None:
+@compiled("dynamics")
+def advance_current(episodes: Rows, Q: Floats, test: int, D: Floats) -> None:
     """Advance the Gauss-Markov process by one agent step, exactly discretised (Fossen 2021, section 10.3).
 
     V[k+1] = Vbar + (V[k] - Vbar) e^(-mu dt) + sigma sqrt(1 - e^(-2 mu dt)) N(0, 1); `D_FLUCTUATION` is V - Vbar.
     """
     decay, innovation = Q[Q_DECAY], Q[Q_INNOVATION]
-    for i in range(C.shape[0]):
-        step = C[i, C_STEPS]
+    for i in range(episodes.shape[0]):
+        e = episodes[i]
+        step = e.steps
         if step == 0:
             continue  # the draw of the start is stationary already
-        z = normal4(C[i, C_SEED], CURRENT | test, _FLUCTUATION, step, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        z = normal4(e.seed, CURRENT | test, _FLUCTUATION, step, e.episode, e.environment)
         for axis in range(3):
             D[i, D_FLUCTUATION + axis] = (
                 decay * D[i, D_FLUCTUATION + axis] + innovation * Q[Q_SIGMA + axis] * z[axis]
             )
 
 
-@compiled("dynamics", "tasks")
+@compiled("dynamics")
 def draw_faults(
     indices: Integers,
-    C: Integers,
+    episodes: Rows,
     Q: Floats,
     candidates: Integers,
     test: int,
@@ -125,8 +129,9 @@ def draw_faults(
     """Draw the faults of new episodes; `candidates` are the actuators that may fail."""
     for k in range(indices.shape[0]):
         i = indices[k]
-        u = uniform4(C[i, C_SEED], FAULT | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
-        v = uniform4(C[i, C_SEED], FAULT | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        e = episodes[i]
+        u = uniform4(e.seed, FAULT | test, 0, 0, e.episode, e.environment)
+        v = uniform4(e.seed, FAULT | test, 1, 0, e.episode, e.environment)
         mode = int(Q[Q_FAULT])
         if mode == ANY:
             mode = DEAD + int(3.0 * v[0])
@@ -140,9 +145,9 @@ def draw_faults(
         D[i, D_HELD] = 0.0
 
 
-@compiled("dynamics", "tasks")
+@compiled("dynamics")
 def apply_faults(
-    C: Integers,
+    episodes: Rows,
     Q: Floats,
     D: Floats,
     I: Integers,  # noqa: E741
@@ -154,9 +159,10 @@ def apply_faults(
     A dead thruster also draws no power: its command becomes 0. A stuck actuator holds the command that acts when
     the fault begins.
     """
-    for i in range(C.shape[0]):
+    for i in range(episodes.shape[0]):
+        e = episodes[i]
         mode = I[i, I_MODE]
-        if mode == HEALTHY or C[i, C_STEPS] < I[i, I_BEGIN]:
+        if mode == HEALTHY or e.steps < I[i, I_BEGIN]:
             continue
         a = I[i, I_ACTUATOR]
         if mode == DEAD:
@@ -171,8 +177,8 @@ def apply_faults(
         I[i, I_BEGUN] = 1
 
 
-@compiled("dynamics", "tasks")
-def draw_scales(indices: Integers, C: Integers, Q: Floats, test: int, scales: Floats) -> None:
+@compiled("dynamics")
+def draw_scales(indices: Integers, episodes: Rows, Q: Floats, test: int, scales: Floats) -> None:
     """Draw factors (len(indices), 6) on mass, buoyancy, inertia, added mass, damping and thrust of new episodes.
 
     With `Q_KEEP_TRIM` the factor on buoyancy is multiplied by (B + (s - 1) W) / B, where s is the factor on
@@ -180,8 +186,9 @@ def draw_scales(indices: Integers, C: Integers, Q: Floats, test: int, scales: Fl
     """
     for k in range(indices.shape[0]):
         i = indices[k]
-        u = uniform4(C[i, C_SEED], RANDOMISATION | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
-        v = uniform4(C[i, C_SEED], RANDOMISATION | test, 1, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        e = episodes[i]
+        u = uniform4(e.seed, RANDOMISATION | test, 0, 0, e.episode, e.environment)
+        v = uniform4(e.seed, RANDOMISATION | test, 1, 0, e.episode, e.environment)
         for j in range(6):
             low, high = Q[Q_SCALE_LOW + j], Q[Q_SCALE_HIGH + j]
             fraction = u[j] if j < 4 else v[j - 4]
@@ -193,30 +200,32 @@ def draw_scales(indices: Integers, C: Integers, Q: Floats, test: int, scales: Fl
             scales[k, 1] *= 1.0 + (scales[k, 0] - 1.0) * Q[Q_WEIGHT_RATIO]
 
 
-@compiled("dynamics", "tasks")
-def draw_bias(indices: Integers, C: Integers, Q: Floats, test: int, D: Floats) -> None:
+@compiled("dynamics")
+def draw_bias(indices: Integers, episodes: Rows, Q: Floats, test: int, D: Floats) -> None:
     """Draw the bias of the readings of new episodes; their drift begins at zero."""
     for k in range(indices.shape[0]):
         i = indices[k]
-        z = normal4(C[i, C_SEED], BIAS | test, 0, 0, C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+        e = episodes[i]
+        z = normal4(e.seed, BIAS | test, 0, 0, e.episode, e.environment)
         for channel in range(4):
             D[i, D_BIAS + channel] = Q[Q_BIAS + channel] * z[channel]
             D[i, D_DRIFT + channel] = 0.0
 
 
-@compiled("dynamics", "tasks")
-def advance_drift(C: Integers, Q: Floats, test: int, D: Floats) -> None:
+@compiled("dynamics")
+def advance_drift(episodes: Rows, Q: Floats, test: int, D: Floats) -> None:
     """Advance the random walks by one agent step: increments of variance drift^2 dt, exact at any step."""
-    for i in range(C.shape[0]):
-        z = normal4(C[i, C_SEED], DRIFT | test, 0, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT])
+    for i in range(episodes.shape[0]):
+        e = episodes[i]
+        z = normal4(e.seed, DRIFT | test, 0, e.steps, e.episode, e.environment)
         for channel in range(4):
             D[i, D_DRIFT + channel] += Q[Q_STEP_DRIFT + channel] * z[channel]
 
 
-@compiled("dynamics", "tasks")
+@compiled("dynamics")
 def offsets(
     indices: Integers,
-    C: Integers,
+    episodes: Rows,
     Q: Floats,
     test: int,
     noisy: bool,
@@ -226,11 +235,10 @@ def offsets(
     """Compute the errors (n, 4) of the position (m) and yaw (rad) readings of the environments in `indices`."""
     for k in range(indices.shape[0]):
         i = indices[k]
+        e = episodes[i]
         for channel in range(4):
             offset[i, channel] = D[i, D_BIAS + channel] + D[i, D_DRIFT + channel]
         if noisy:
-            z = normal4(
-                C[i, C_SEED], SENSOR | test, _GAUSSIAN, C[i, C_STEPS], C[i, C_EPISODE], C[i, C_ENVIRONMENT]
-            )
+            z = normal4(e.seed, SENSOR | test, _GAUSSIAN, e.steps, e.episode, e.environment)
             for channel in range(4):
                 offset[i, channel] += Q[Q_GAUSSIAN + channel] * z[channel]

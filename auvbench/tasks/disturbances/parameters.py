@@ -87,19 +87,19 @@ class Disturbances:
 
     def draw(self, indices: Integers) -> Floats | None:
         """Draw the disturbances of new episodes; return the scales (k, 6) of their vehicles, if any."""
-        C, Q, stream = self.task.C, self.Q, self.task.stream
+        rows, Q, stream = self.task.rows, self.Q, self.task.stream
         if self.flows:
-            k.draw_current(indices, C, Q, stream, self.D)
+            k.draw_current(indices, rows, Q, stream, self.D)
         if self.sea is not None:
             self.sea.draw(indices)
         if self.fails:
-            k.draw_faults(indices, C, Q, self.candidates, stream, self.D, self.I)
+            k.draw_faults(indices, rows, Q, self.candidates, stream, self.D, self.I)
         if self.misreads:
-            k.draw_bias(indices, C, Q, stream, self.D)
+            k.draw_bias(indices, rows, Q, stream, self.D)
         if not self.randomises:
             return None
         scales = np.empty((len(indices), len(SCALES)))
-        k.draw_scales(indices, C, Q, stream, scales)
+        k.draw_scales(indices, rows, Q, stream, scales)
         return scales
 
     def begin(self, indices: Integers, simulator: Simulator) -> None:
@@ -142,13 +142,13 @@ class Disturbances:
     def move_current(self, simulator: Simulator) -> None:
         """Advance a fluctuating current by one agent step."""
         if self.fluctuates:
-            k.advance_current(self.task.C, self.Q, self.task.stream, self.D)
+            k.advance_current(self.task.rows, self.Q, self.task.stream, self.D)
             self._set_current(simulator)
 
     def fail(self, simulator: Simulator, command: Floats) -> None:
         """Let faulty actuators fail: write the simulator's effectiveness, and `command` (n, n_u) where one is stuck."""
         if self.fails:
-            k.apply_faults(self.task.C, self.Q, self.D, self.I, command, simulator.effectiveness)
+            k.apply_faults(self.task.rows, self.Q, self.D, self.I, command, simulator.effectiveness)
 
     def _set_current(self, simulator: Simulator) -> None:
         fluctuation = self.D[:, k.D_FLUCTUATION : k.D_FLUCTUATION + 3]
@@ -162,13 +162,13 @@ class Disturbances:
         """Renew the errors of the readings after an agent step."""
         task = self.task
         if self.drifts:
-            k.advance_drift(task.C, self.Q, task.stream, self.D)
+            k.advance_drift(task.rows, self.Q, task.stream, self.D)
         if self.noisy or self.drifts:
             self._misread(np.arange(task.n))
 
     def _misread(self, indices: Integers) -> None:
         task = self.task
-        k.offsets(indices, task.C, self.Q, task.stream, self.noisy, self.D, task.offset)
+        k.offsets(indices, task.rows, self.Q, task.stream, self.noisy, self.D, task.offset)
 
     def measured(self, simulator: Simulator) -> tuple[Floats, Floats]:
         """Return the poses (n, 7) and velocities (n, 6) that arrive now, before errors."""

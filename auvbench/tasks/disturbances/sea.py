@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,6 @@ from auvbench.dynamics.layout import LANES
 from auvbench.dynamics.random import WAVES, uniform
 from auvbench.simulators.base import Simulator, WavySimulator
 from auvbench.tasks.base import Task
-from auvbench.tasks.kernels import C_ENVIRONMENT, C_EPISODE, C_SEED, C_STEPS
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -44,11 +43,11 @@ class Sea:
     def draw(self, indices: Integers) -> None:
         """Draw the waves of new episodes."""
         task = self.task
-        draw_rays(indices, task.C, self._directions, self._quantiles, task.stream, self.waves.rays)
+        draw_rays(indices, task.rows, self._directions, self._quantiles, task.stream, self.waves.rays)
 
     def begin_step(self, simulator: Simulator) -> None:
         """Give a simulator the waves of the agent step that begins."""
-        self.waves.time[:] = self.task.C[:, C_STEPS] * self.task.duration
+        self.waves.time[:] = self.task.episodes.steps * self.task.duration
         cast(WavySimulator, simulator).set_waves(self.waves)  # a configuration with waves has no other
 
 
@@ -66,16 +65,17 @@ def spread(exponent: float | None) -> Floats:
     return np.interp(np.linspace(half, 1.0 - half, _QUANTILES), below / below[-1], angle)
 
 
-@compiled("dynamics", "tasks")
+@compiled("dynamics")
 def draw_rays(
-    indices: Integers, C: Integers, directions: Floats, quantiles: Floats, test: int, rays: Floats
+    indices: Integers, episodes: Any, directions: Floats, quantiles: Floats, test: int, rays: Floats
 ) -> None:
     """Draw directions and phases of new episodes into `rays` (blocks, m, 3, LANES)."""
     last = quantiles.shape[0] - 1
     for k in range(indices.shape[0]):
         i = indices[k]
         block, lane = i // LANES, i % LANES
-        seed, episode, environment = C[i, C_SEED], C[i, C_EPISODE], C[i, C_ENVIRONMENT]
+        e = episodes[i]
+        seed, episode, environment = e.seed, e.episode, e.environment
         share = uniform(seed, WAVES | test, 0, 0, episode, environment)
         direction = directions[0] + (directions[1] - directions[0]) * share
         for m in range(rays.shape[1]):

@@ -24,7 +24,9 @@ from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.path_safety import child
 from auvbench.untrusted.typed_json import Count
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
+READABLE = (2, SCHEMA_VERSION)
+"""Version 2 had the state of the environments in other arrays, which `Task.load_state_dict` converts."""
 MANIFEST = "manifest.json"
 REPLAY = "replay"
 
@@ -221,7 +223,7 @@ def _manifest(path: Path) -> Manifest:
         ValueError: the manifest is damaged; TrainingError: it has another schema version.
     """
     try:
-        return typed_json.convert(integrity.read_sealed(path / MANIFEST, SCHEMA_VERSION), Manifest)
+        return typed_json.convert(integrity.read_sealed(path / MANIFEST, *READABLE), Manifest)
     except OSError as error:
         raise ValueError(f"{MANIFEST}: {error.strerror}") from error
     except integrity.VersionError as error:

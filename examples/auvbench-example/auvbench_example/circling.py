@@ -3,14 +3,24 @@
 import math
 from dataclasses import dataclass
 
-from numba import njit
-
-from auvbench.dynamics.compiled import compiled
-from auvbench.dynamics.random import SCENARIO, uniform4
 from auvbench.plugin import ERRORS, TaskConfig, TaskSpec, column, number
-from auvbench.tasks import kernels as k
 from auvbench.tasks.base import TrackingTask
-from auvbench.tasks.rewards import reward_row
+from auvbench.tasks.rows import (
+    COLLISION,
+    GOES_ON,
+    OUT_OF_BOUNDS,
+    SUCCESS,
+    TIMEOUT,
+    add_errors,
+    drawn,
+    leaves_water,
+    put,
+    row,
+    start_in_ball,
+    triple,
+    wrap,
+    yaw,
+)
 
 
 @dataclass(kw_only=True)
@@ -23,7 +33,7 @@ class CirclingConfig(TaskConfig):
     thickness: float = number(0.0, 1e3)  # m
     start_radius: float = number(0.0, 1e3)  # m
     tolerance: float = number(0.0, 1e3, open_low=True)  # m
-    view: float = number(0.0, math.pi, open_low=True)  # rad
+    field_of_view: float = number(0.0, math.pi, open_low=True)  # rad
     share: float = number(0.0, 1.0)
 
 
@@ -50,87 +60,74 @@ SPEC = TaskSpec(
     ),
 )
 
-ANGLE, TURN, SEEN, CLOSEST = range(k.F_OWN, k.F_OWN + 4)  # columns of F: rad, 1 or -1, steps, m
-X, Y, Z, RADIUS, RATE, THICKNESS, START, BOUNDS, TOLERANCE, VIEW, SHARE = range(k.P_OWN, k.P_OWN + 11)
 
-
-@njit(nogil=True)
-def refer(i, time, F, P):
+@row
+def follow(e, time, p):
     """Write the reference at a time in s: a point of the circle, the yaw to the pole, the velocity."""
-    angle = F[i, ANGLE] + F[i, TURN] * P[RATE] * time
-    c, s, speed = math.cos(angle), math.sin(angle), F[i, TURN] * P[RATE] * P[RADIUS]
-    F[i, k.F_REFERENCE] = P[X] + P[RADIUS] * c
-    F[i, k.F_REFERENCE + 1] = P[Y] + P[RADIUS] * s
-    F[i, k.F_REFERENCE + 2] = P[Z]
-    F[i, k.F_REFERENCE_YAW] = k.wrap(angle + math.pi)
-    F[i, k.F_REFERENCE_VELOCITY] = -speed * s
-    F[i, k.F_REFERENCE_VELOCITY + 1] = speed * c
-    F[i, k.F_REFERENCE_VELOCITY + 2] = 0.0
+    x, y, z = triple(p.centre)
+    rate = e.turn * (p.speed / p.radius)
+    angle = e.angle + rate * time
+    c, s, speed = math.cos(angle), math.sin(angle), rate * p.radius
+    put(e.reference, (x + p.radius * c, y + p.radius * s, z))
+    put(e.reference_velocity, (-speed * s, speed * c, 0.0))
+    e.reference_yaw = wrap(angle + math.pi)
 
 
-@compiled("dynamics", "tasks")
-def draw(indices, F, C, P, test, pose):
-    """Begin episodes: draw the place on the circle, the way round, and the start near it."""
-    for row in range(indices.shape[0]):
-        i = indices[row]
-        key = C[i, k.C_EPISODE], C[i, k.C_ENVIRONMENT]
-        u = uniform4(C[i, k.C_SEED], SCENARIO | test, 0, 0, *key)
-        v = uniform4(C[i, k.C_SEED], SCENARIO | test, 1, 0, *key)
-        F[i, ANGLE] = 2.0 * math.pi * u[0]
-        F[i, TURN] = 1.0 if u[1] < 0.5 else -1.0
-        F[i, SEEN], F[i, CLOSEST] = 0.0, P[RADIUS] + P[BOUNDS]
-        refer(i, 0.0, F, P)
-        k.ball_row(i, v[0], v[1], v[2], P[START], F, P)
-        k.begin_row(i, row, k.wrap(2.0 * math.pi * u[2]), F, C, P, pose)
+@row
+def draw(e, p, stream):
+    """Draw the place on the circle, the way round, and the start near it; return the yaw of the start."""
+    place, way, heading, _ = drawn(e, stream, 0)
+    u, v, w, _ = drawn(e, stream, 1)
+    e.angle = 2.0 * math.pi * place
+    e.turn = 1.0 if way < 0.5 else -1.0
+    e.closest = p.radius + p.bounds
+    follow(e, 0.0, p)
+    start_in_ball(e, p.start_radius, p, u, v, w)
+    return wrap(2.0 * math.pi * heading)
 
 
-@compiled("dynamics", "tasks")
-def advance(start, stop, pose, velocity, action, previous, force, power, F, C, P, reward, hook):
-    """Compute rewards, ends and sums after one agent step; return how many episodes ended."""
-    ended = 0
-    for i in range(start, stop):
-        C[i, k.C_STEPS] += 1
-        refer(i, C[i, k.C_STEPS] * P[k.P_DURATION], F, P)
-        distance = k.distance_row(i, pose, i, F)
-        if not math.isfinite(distance):
-            return -1 - i
-        x, y, yaw = P[X] - pose[i, 0], P[Y] - pose[i, 1], k.yaw_row(i, pose)
-        yaw_error = k.wrap(F[i, k.F_REFERENCE_YAW] - yaw)
-        off = abs(k.wrap(math.atan2(y, x) - yaw))  # of the pole from the bow
-        away = math.sqrt(x * x + y * y)
-        if off < P[VIEW] and distance < P[TOLERANCE]:
-            F[i, SEEN] += 1.0
-        F[i, CLOSEST] = min(F[i, CLOSEST], away)
-        k.add_errors_row(i, distance, yaw_error, F)
-        outcome = -1
-        if k.leaves_water(i, pose, P) or away < P[THICKNESS]:
-            outcome = k.COLLISION
-        elif distance > P[BOUNDS]:
-            outcome = k.OUT_OF_BOUNDS
-        elif C[i, k.C_STEPS] >= P[k.P_MAX_STEPS]:
-            outcome = k.SUCCESS if F[i, SEEN] >= P[SHARE] * P[k.P_MAX_STEPS] else k.TIMEOUT
-        r = reward_row(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, P, hook)
-        ended += k.end_row(i, outcome, r, distance, pose, action, previous, force, power, F, C, P, reward)
-    return ended
+@row
+def refer(e, v, p):
+    """Move the reference on to now."""
+    follow(e, e.steps * p.duration, p)
+
+
+@row
+def step(e, v, p):
+    """Return how the episode ends, or GOES_ON."""
+    (x, y, _), (pole_x, pole_y, _) = v.position, triple(p.centre)
+    dx, dy = pole_x - x, pole_y - y
+    away = math.sqrt(dx * dx + dy * dy)
+    off = abs(wrap(math.atan2(dy, dx) - yaw(v)))  # of the pole from the bow
+    if off < p.field_of_view and e.distance < p.tolerance:
+        e.seen += 1.0
+    e.closest = min(e.closest, away)
+    add_errors(e)
+    if leaves_water(v, p) or away < p.thickness:
+        return COLLISION
+    if e.distance > p.bounds:
+        return OUT_OF_BOUNDS
+    if e.steps >= p.max_steps:
+        return SUCCESS if e.seen >= p.share * p.max_steps else TIMEOUT
+    return GOES_ON
 
 
 class CirclingTask(TrackingTask):
     """N episodes of the task."""
 
     draw = staticmethod(draw)
-    kernel = staticmethod(advance)
-    own_floats = 4
+    refer = staticmethod(refer)
+    step = staticmethod(step)
+    fields = (
+        ("angle", "f8"),  # rad, of the place on the circle where the episode begins
+        ("turn", "f8"),  # 1 or -1, the way round
+        ("seen", "f8"),  # steps with the pole in view
+        ("closest", "f8"),  # m
+    )
     success_ends = False  # success is a property of the whole episode
-
-    def own_parameters(self, task):
-        """Return the entries of P from P_OWN on."""
-        self.bounds = task.bounds
-        circle = [*task.centre, task.radius, task.speed / task.radius]
-        near = [task.thickness, task.start_radius, task.bounds]
-        return [*circle, *near, task.tolerance, task.view, task.share]
 
     def own_metrics(self, i):
         """Return the columns of the record of environment i, whose episode has ended."""
-        seen, closest = self.F[i, SEEN : CLOSEST + 1].tolist()
-        share = seen / self.parameters[k.P_MAX_STEPS]  # an episode that ends early sees no more
-        return {**self.errors(i, self.bounds), "in_view": share, "closest_m": closest}
+        e, p = self.episodes[i], self.parameters[0]
+        in_view = e.seen / p.max_steps  # an episode that ends early sees no more
+        return {**self.errors(i, p.bounds), "in_view": in_view, "closest_m": e.closest}

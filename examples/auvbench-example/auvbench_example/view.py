@@ -4,28 +4,26 @@ import math
 from dataclasses import dataclass
 
 from auvbench.plugin import RewardConfig, RewardSpec, number
-from auvbench.tasks.kernels import COLLISION, OUT_OF_BOUNDS
+from auvbench.tasks.rewards import effort, failed
+from auvbench.tasks.rows import row
 
 
 @dataclass(kw_only=True)
 class ViewConfig(RewardConfig):
-    """The parameters behind `k`, in their order."""
+    """The parameters in addition to `k`."""
 
     length: float = number(0.0, 1e3, open_low=True)  # m
     effort: float = number(0.0, 1e3)
     failure: float = number(-1e6, 1e6)
 
 
-def view(i, outcome, distance, yaw_error, pose, velocity, action, previous, F, p):
-    """Return the reward of a step of environment i; p holds the parameters, k first."""
-    k, length, effort, failure = p[0], p[1], p[2], p[3]
-    if outcome in (COLLISION, OUT_OF_BOUNDS):
-        return k * failure
-    squared = 0.0
-    for j in range(action.shape[1]):
-        squared += action[i, j] ** 2
-    seen = max(0.0, math.cos(yaw_error)) * math.exp(-distance / length)
-    return k * (seen - effort * squared / action.shape[1])
+@row
+def view(e, v, p):
+    """Return the reward of a step of the episode e with the vehicle v and the parameters p."""
+    if failed(e):
+        return p.k * p.failure
+    seen = max(0.0, math.cos(e.yaw_error)) * math.exp(-e.to_go / p.length)
+    return p.k * (seen - p.effort * effort(v) / len(v.action))
 
 
 SPEC = RewardSpec(

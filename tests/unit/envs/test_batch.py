@@ -66,7 +66,7 @@ def test_another_seed_and_a_test_draw_other_scenarios():
     def waypoints(**arguments):
         batch = Batch(config, 4, **arguments)
         batch.reset()
-        return batch.task.F[:, :3].copy()
+        return batch.task.reference.copy()
 
     base = waypoints(seed=1)
     np.testing.assert_array_equal(base, waypoints(seed=1))

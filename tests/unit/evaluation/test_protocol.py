@@ -221,7 +221,6 @@ def test_conditions_need_names_of_their_own():
 
 def test_a_longer_test_begins_with_the_shorter_one():
     from auvbench.envs.batch import Batch
-    from auvbench.tasks.kernels import F_REFERENCE
 
     (condition,) = resolve_conditions(protocol(), config())
     drawn = []
@@ -229,7 +228,7 @@ def test_a_longer_test_begins_with_the_shorter_one():
         batch = Batch(condition.config, n, seed=123, test=True)
         batch.task.assign(np.arange(n))
         batch.reset()
-        drawn.append(batch.task.F[:3, F_REFERENCE : F_REFERENCE + 3].copy())
+        drawn.append(batch.task.episodes.reference[:3].copy())
     np.testing.assert_array_equal(*drawn)
 
 

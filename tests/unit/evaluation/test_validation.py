@@ -7,7 +7,6 @@ import pytest
 
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.evaluation.rollout import batch_of
-from auvbench.tasks.kernels import F_REFERENCE, F_START_YAW
 from tests import configs
 from tests.unit.evaluation.test_protocol import config
 
@@ -20,7 +19,7 @@ def scenarios(of: str, n: int = 400, seed: int = 123):
     batch = batch_of(of, configs.training(), np.arange(n), seed)
     batch.task.assign(np.arange(n))
     batch.reset()
-    return batch.task.F[:, [F_START_YAW, F_REFERENCE, F_REFERENCE + 1, F_REFERENCE + 2]]
+    return np.column_stack([batch.task.episodes.start_yaw, batch.task.reference])
 
 
 @pytest.mark.slow
@@ -40,7 +39,7 @@ def test_no_validation_scenario_is_a_test_or_a_training_scenario():
 
     batch = Batch(training, 400)
     batch.reset()
-    trained = batch.task.F[:, [F_START_YAW, F_REFERENCE, F_REFERENCE + 1, F_REFERENCE + 2]]
+    trained = np.column_stack([batch.task.episodes.start_yaw, batch.task.reference])
     for other in (test, trained):
         assert not (np.abs(validation[:, None, :] - other[None, :, :]) < 1e-9).any()
     # The same distribution: means within four standard errors of a uniform's.

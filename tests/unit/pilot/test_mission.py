@@ -22,7 +22,6 @@ from auvbench.pilot.observation import SUPPLIED, observe
 from auvbench.pilot.steering import Limits, Steering
 from auvbench.record import record_columns
 from auvbench.registry import TASKS
-from auvbench.tasks.kernels import F_REFERENCE
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load
 from tests.waiting import LIMIT
@@ -42,7 +41,7 @@ def flown(frame, vehicle, max_steps, seed):
     config = train_config(compose("train", [*overrides, f"task.max_steps={max_steps}"], folder=None))
     batch = Batch(config, 1, seed=seed, autoreset=False)
     seen = batch.reset()
-    pose, waypoint = batch.simulator.pose, batch.task.F[0, F_REFERENCE : F_REFERENCE + 3].copy()
+    pose, waypoint = batch.simulator.pose, batch.task.episodes[0].reference.copy()
     task = config.task
     mission = Mission(
         pose[0].copy(),

@@ -13,7 +13,6 @@ from auvbench.envs.batch import Batch
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks.disturbances import Disturbances
 from auvbench.tasks.disturbances import kernels as k
-from auvbench.tasks.kernels import C_EPISODE, C_STEPS
 from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
 from tests import configs
@@ -80,7 +79,7 @@ def test_neutral_values_change_no_bit():
     forced.disturbances = machinery
     action = actions(60, 5)
     np.testing.assert_array_equal(fly(plain, action), fly(forced, action))
-    assert np.array_equal(plain.task.F, forced.task.F)
+    assert np.array_equal(plain.task.episodes, forced.task.episodes)
     assert np.array_equal(plain.task.observation, forced.task.observation)
     assert np.all(forced.simulator.scales == 1.0)
 
@@ -146,7 +145,7 @@ def test_a_restored_batch_goes_on_with_the_same_bits(name, tmp_path):
     whole.reset()
     action = actions(120, 6)
     outputs(whole, action[:50])
-    assert whole.task.C[0, C_STEPS] == 13, "in the middle of the second episode"
+    assert whole.task.episodes[0].steps == 13, "in the middle of the second episode"
     np.savez(tmp_path / "state.npz", **whole.state_dict())
     expected = outputs(whole, action[50:])
 
@@ -203,9 +202,9 @@ def test_gauss_markov_keeps_its_spread_and_forgets_at_its_rate(frequency):
 
     begun, seconds = current(), 2.0
     for _ in range(int(seconds * frequency)):
-        k.advance_current(task.C, d.Q, task.stream, d.D)  # nothing happens before the first step
-        task.C[:, C_STEPS] += 1
-    k.advance_current(task.C, d.Q, task.stream, d.D)
+        k.advance_current(task.rows, d.Q, task.stream, d.D)  # nothing happens before the first step
+        task.episodes.steps[:] += 1
+    k.advance_current(task.rows, d.Q, task.stream, d.D)
     ended = current()
     mean = 0.2 * np.array([math.cos(0.5), math.sin(0.5), 0.0])
     spread = np.array([sigma, sigma, vertical])
@@ -335,7 +334,7 @@ def test_a_fault_ends_with_its_episode():
     seen = {}
     for action in actions(20, 64):
         dead = batch.disturbances.I[:, k.I_MODE] == k.DEAD
-        seen[int(batch.task.C[0, C_EPISODE])] = dead
+        seen[int(batch.task.episodes[0].episode)] = dead
         result = batch.step(action)
         going = np.setdiff1d(np.arange(64), result.ended)
         healthy = np.all(batch.simulator.effectiveness == 1.0, axis=1)
@@ -400,7 +399,7 @@ def test_measurements_are_of_their_delay_ago(frequency, delay):
     batch = Batch(config, 3)
     action = actions(40, 3)
     observations = [batch.reset().copy()]
-    waypoint = batch.task.F[:, :3].copy()
+    waypoint = batch.task.reference.copy()
     for a in action:
         observations.append(batch.step(a).observation.copy())
     read = waypoint - np.array(observations)[:, :, 1:4]
@@ -421,7 +420,7 @@ def test_delays_do_not_reach_across_episodes():
     for action in actions(9, 2):
         result = batch.step(action)
     assert len(result.ended) == 2
-    expected = batch.task.F[:, :3] - [0.0, 0.0, -20.0]
+    expected = batch.task.reference - [0.0, 0.0, -20.0]
     np.testing.assert_allclose(result.observation[:, 1:4], expected, atol=1e-5)
     for _ in range(2):
         batch.step(np.ones((2, 6)))
@@ -455,11 +454,11 @@ def test_errors_of_the_readings(frequency):
         n=n,
     )
     task = d.task
-    k.offsets(np.arange(n), task.C, d.Q, task.stream, True, d.D, task.offset)
+    k.offsets(np.arange(n), task.rows, d.Q, task.stream, True, d.D, task.offset)
     bias = d.D[:, k.D_BIAS : k.D_BIAS + 4].copy()
     noise = [task.offset - bias]
     for _ in range(int(seconds * frequency)):
-        task.C[:, C_STEPS] += 1
+        task.episodes.steps[:] += 1
         d.read()
     np.testing.assert_array_equal(d.D[:, k.D_BIAS : k.D_BIAS + 4], bias)
     drift = d.D[:, k.D_DRIFT : k.D_DRIFT + 4]

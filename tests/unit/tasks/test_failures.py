@@ -17,7 +17,7 @@ from auvbench.evaluation.protocol import resolve_conditions
 from auvbench.evaluation.rollout import roll_out
 from auvbench.record import OUTCOMES, record_columns
 from auvbench.registry import TASKS
-from auvbench.tasks import kernels as k
+from auvbench.tasks import rows
 from auvbench.vehicles import sheet
 from tests import configs
 from tests.unit.tasks.test_tasks import HEAVY, advance, batch_of, put
@@ -36,16 +36,16 @@ def test_an_episode_lost_in_its_first_step_counts_as_the_bounds(
     task: str, place: tuple[float, float, float]
 ) -> None:
     batch = batch_of(task)
-    put(batch, place, yaw=float(batch.task.F[0, k.F_REFERENCE_YAW]))
-    assert advance(batch)[1] in (k.COLLISION, k.OUT_OF_BOUNDS)
+    put(batch, place, yaw=float(batch.task.episodes[0].reference_yaw))
+    assert advance(batch)[1] in (rows.COLLISION, rows.OUT_OF_BOUNDS)
     record = batch.task.records(np.array([0]))[0]
     assert {name: record[name] for name in LOST[task]} == LOST[task]
 
 
 def test_a_path_that_times_out_counts_as_the_bounds_of_yaw_too() -> None:
     batch = batch_of("path_following", "task.time_limit=null", "task.max_steps=1")
-    put(batch, batch.task.reference[0], yaw=float(batch.task.F[0, k.F_REFERENCE_YAW]))
-    assert advance(batch)[1] == k.TIMEOUT
+    put(batch, batch.task.reference[0], yaw=float(batch.task.episodes[0].reference_yaw))
+    assert advance(batch)[1] == rows.TIMEOUT
     record = batch.task.records(np.array([0]))[0]
     assert (record["cross_track_rms_m"], record["yaw_error_rms_rad"]) == (10.0, math.pi)
 

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from auvbench.envs.batch import Batch
-from auvbench.tasks import kernels as k
+from auvbench.tasks import rows
 from tests.unit.tasks.test_tasks import batch_of
 
 FLIP = np.diag([1.0, -1.0, -1.0])
@@ -60,7 +60,7 @@ def test_gym_auvs_reward_by_the_formula_of_its_source() -> None:
         position = batch.task.reference[0] + np.array([1.2, -0.9, 0.7])
         action = judge(batch, position, turn, velocity)
         reference = batch.task.reference[0]
-        tangent = batch.task.F[0, k.F_REFERENCE_VELOCITY : k.F_REFERENCE_VELOCITY + 3]
+        tangent = batch.task.episodes[0].reference_velocity
         roll, _, _, motion, offset, path = in_ned(
             turn, turn.apply(velocity[:3]), position - reference, tangent
         )
@@ -82,18 +82,18 @@ def test_gym_auvs_reward_by_the_formula_of_its_source() -> None:
     ("away", "end", "outcome"),
     [
         ([4.0, -3.0, 2.0], 0.0, -1),
-        ([0.1, 0.05, -0.1], 400.0, k.SUCCESS),
-        ([0.05, 0.03, 0.6], -300.0, k.COLLISION),
+        ([0.1, 0.05, -0.1], 400.0, rows.SUCCESS),
+        ([0.05, 0.03, 0.6], -300.0, rows.COLLISION),
         ([18.0, 15.0, -2.0], 0.0, -1),
-        ([20.0, 16.0, 0.0], -200.0, k.OUT_OF_BOUNDS),
-        ([4.0, -3.0, 2.0], -100.0, k.TIMEOUT),
+        ([20.0, 16.0, 0.0], -200.0, rows.OUT_OF_BOUNDS),
+        ([4.0, -3.0, 2.0], -100.0, rows.TIMEOUT),
     ],
 )
 def test_gym_dockauvs_reward_by_the_formula_of_its_source(away, end: float, outcome: int) -> None:
-    limit = "task.max_steps=" + ("1" if outcome == k.TIMEOUT else "600")
+    limit = "task.max_steps=" + ("1" if outcome == rows.TIMEOUT else "600")
     batch = batch_of("docking", "reward=gym_dockauv", "task.time_limit=null", "task.speed=2", limit)
-    yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
-    turn = Rotation.from_euler("ZYX", [yaw if outcome == k.SUCCESS else yaw + 2.0, 0.3, -0.5])
+    yaw = float(batch.task.episodes[0].reference_yaw)
+    turn = Rotation.from_euler("ZYX", [yaw if outcome == rows.SUCCESS else yaw + 2.0, 0.3, -0.5])
     velocity = np.array([0.6, 0.2, -0.3, 0.4, -0.9, 0.8])
     position = batch.task.goal(0) + np.array(away)
     action = judge(batch, position, turn, velocity)

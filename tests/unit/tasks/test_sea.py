@@ -13,7 +13,6 @@ from auvbench.evaluation import protocol
 from auvbench.runs.identity import LATER, digest
 from auvbench.tasks.bounds import position_bounds
 from auvbench.tasks.disturbances.sea import spread
-from auvbench.tasks.kernels import C_EPISODE
 from auvbench.testing import check_task
 from auvbench.testing.tasks import TASK_CHECKS
 from auvbench.vehicles import sheet
@@ -80,7 +79,7 @@ def test_a_new_episode_begins_with_its_own_waves_at_time_0():
     config = configuration("disturbance=sea_state_4", "task.max_steps=7", "task.start=[0,0,-6]")
     batch = Batch(config, 2)
     paths = fly(batch, np.zeros((20, 2, 6)))
-    assert batch.task.C[0, C_EPISODE] == 2
+    assert batch.task.episodes[0].episode == 2
     assert batch.simulator._waves.time[0] == pytest.approx(0.6)
     second = Batch(config, 2)
     second.task.assign(np.array([1, 1]))

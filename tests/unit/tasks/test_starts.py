@@ -10,8 +10,7 @@ import pytest
 from auvbench.envs.batch import Batch
 from auvbench.envs.gym_env import WaypointEnv
 from auvbench.errors import ConfigError
-from auvbench.tasks import kernels as k
-from auvbench.tasks import path_following as path
+from auvbench.tasks import rows
 from tests import configs
 from tests.unit.tasks.test_tasks import HEAVY, advance, batch_of, path_of, put
 
@@ -65,7 +64,7 @@ def test_paths_stay_in_the_water(overrides: tuple[str, ...]) -> None:
         z = path_of(batch, i, 601)[:, 2]
         assert z.max() < limits.depth_high
         assert z.min() > limits.depth_low
-    points = batch.task.F[:, path.F_POINTS : path.F_POINTS + 21].reshape(n, 7, 3)
+    points = batch.task.episodes.points[:, :7]
     lengths = np.linalg.norm(np.diff(points, axis=1), axis=2)
     np.testing.assert_allclose(lengths, limits.spacing)
     assert (batch.simulator.pose[:, 2] < limits.depth_high).all()
@@ -128,7 +127,7 @@ def test_a_placed_vehicle_docks_from_where_it_is() -> None:
     distance = np.linalg.norm(info["reference"] - pose[:3])
     assert info["distance"] == pytest.approx(distance)
     task = env.batch.task
-    assert task.F[0, k.F_INITIAL_DISTANCE] == pytest.approx(distance)
+    assert task.episodes[0].initial_distance == pytest.approx(distance)
     # The reference is that of the first step from there.
     task.advance(env.batch.simulator.pose, env.batch.simulator.velocity, *[np.zeros((1, 8))] * 2, np.zeros(1))
     np.testing.assert_allclose(task.reference[0], info["reference"])
@@ -139,12 +138,12 @@ def test_a_vehicle_placed_on_a_path_follows_it_from_there(point: int) -> None:
     env = env_of("path_following")
     env.reset(seed=4)
     task = env.batch.task
-    place = task.F[0, path.F_POINTS + 3 * point : path.F_POINTS + 3 * point + 3].copy()
+    place = task.episodes.points[0, point].copy()
     place[:2] += 0.5
     _, info = env.reset(seed=4, options={"pose": [*place, 0.0]})
     away = np.linalg.norm(path_of(env.batch, 0, 60001) - place, axis=1)
     assert info["distance"] == pytest.approx(away.min(), abs=1e-3)
-    assert task.F[0, path.F_PROGRESS] == pytest.approx(6.0 * away.argmin() / 60000, abs=0.01)
+    assert task.episodes[0].progress == pytest.approx(6.0 * away.argmin() / 60000, abs=0.01)
     assert env.step(np.zeros(8))[4]["distance"] < 1.5
 
 
@@ -153,23 +152,23 @@ def test_a_path_begins_next_to_the_vehicle() -> None:
     batch = batch_of("path_following", n=n)
     for i in range(0, n, 10):
         away = np.linalg.norm(path_of(batch, i, 60001)[:20000] - batch.simulator.pose[i, :3], axis=1)
-        assert batch.task.F[i, k.F_DISTANCE] == pytest.approx(away.min(), abs=2e-3)
-    assert (batch.task.F[:, path.F_PROGRESS] > 0.0).mean() > 0.3
-    assert batch.task.F[:, path.F_PROGRESS].max() < 0.25
+        assert batch.task.episodes[i].distance == pytest.approx(away.min(), abs=2e-3)
+    assert (batch.task.episodes.progress[:] > 0.0).mean() > 0.3
+    assert batch.task.episodes.progress[:].max() < 0.25
 
 
 def test_a_path_asks_for_no_speed_behind_its_end() -> None:
     batch = batch_of("path_following", "task.waypoints=2", "task.spacing=0.3")
-    F = batch.task.F[0]
+    e = batch.task.episodes[0]
     end = batch.task.goal(0)
-    along = (end - F[path.F_POINTS : path.F_POINTS + 3]) / 0.3
+    along = (end - e.points[0]) / 0.3
     yaw = math.atan2(along[1], along[0])
     for _ in range(4):
         put(batch, end + 1.33 * along)
         advance(batch)
     np.testing.assert_allclose(batch.task.reference[0], end)
-    assert not F[k.F_REFERENCE_VELOCITY : k.F_REFERENCE_VELOCITY + 3].any()
-    assert F[k.F_REFERENCE_YAW] == pytest.approx(yaw)
+    assert not e.reference_velocity.any()
+    assert e.reference_yaw == pytest.approx(yaw)
 
 
 @pytest.mark.slow
@@ -241,5 +240,5 @@ def test_a_tilt_ends_docking_where_the_task_says_so(roll: float, pitch: float) -
         x, y, z, w = Rotation.from_euler("ZYX", [0.4, -pitch, roll]).as_quat()
         batch.simulator.pose[0, 3:] = w, x, y, z
         reward, outcome = advance(batch)
-        assert outcome == (k.OUT_OF_BOUNDS if ends else -1)
+        assert outcome == (rows.OUT_OF_BOUNDS if ends else -1)
         assert (reward < -190.0) == ends

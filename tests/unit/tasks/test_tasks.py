@@ -18,8 +18,7 @@ from auvbench.evaluation.rollout import roll_out
 from auvbench.registry import TASKS
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.gazebo import simulator as gazebo
-from auvbench.tasks import kernels as k
-from auvbench.tasks import path_following
+from auvbench.tasks import rows
 from auvbench.tasks.base import Task
 from auvbench.testing import TASK_CHECKS, ConformanceError, check_task
 from auvbench.training.execute import check_runnable
@@ -120,21 +119,16 @@ def test_blocks_of_the_observation(task: str) -> None:
     rng = np.random.default_rng(1)
     for _ in range(30):
         batch.step(rng.uniform(-1, 1, (1, 8)))
-    task_, F, pose, velocity = (
-        batch.task,
-        batch.task.F[0],
-        batch.simulator.pose[0],
-        batch.simulator.velocity[0],
-    )
+    task_, e = batch.task, batch.task.episodes[0]
+    pose, velocity = batch.simulator.pose[0], batch.simulator.velocity[0]
     turn = Rotation.from_quat([*pose[4:], pose[3]])
     yaw = turn.as_euler("ZYX")[0]
     level = Rotation.from_euler("z", yaw)
     seen = {name: task_.observation[0, task_.spec[name]] for name in blocks}
-    reference_velocity = F[k.F_REFERENCE_VELOCITY : k.F_REFERENCE_VELOCITY + 3]
     expected = {
-        "position_error": level.inv().apply(F[:3] - pose[:3]),
-        "yaw_error": [(F[k.F_REFERENCE_YAW] - yaw + math.pi) % (2 * math.pi) - math.pi],
-        "velocity_error": level.inv().apply(reference_velocity - turn.apply(velocity[:3])),
+        "position_error": level.inv().apply(e.reference - pose[:3]),
+        "yaw_error": [(e.reference_yaw - yaw + math.pi) % (2 * math.pi) - math.pi],
+        "velocity_error": level.inv().apply(e.reference_velocity - turn.apply(velocity[:3])),
         "velocity": velocity[:3],
         "angular_velocity": velocity[3:],
         "gravity": turn.inv().apply([0.0, 0.0, -1.0]),
@@ -142,7 +136,7 @@ def test_blocks_of_the_observation(task: str) -> None:
         "previous_action": task_.previous[0],
     }
     if task == "docking":
-        expected["goal_error"] = level.inv().apply(F[k.F_GOAL : k.F_GOAL + 3] - pose[:3])
+        expected["goal_error"] = level.inv().apply(e.goal - pose[:3])
     for name, values in expected.items():
         np.testing.assert_allclose(seen[name], values, rtol=2e-5, atol=2e-6, err_msg=name)
 
@@ -164,22 +158,22 @@ def test_preview_is_where_the_reference_will_be() -> None:
     batch = batch_of("trajectory_tracking", "task.curve=random", n=6)
     for _ in range(7):
         batch.step(np.zeros((6, 8)))
-    F, seen = batch.task.F.copy(), batch.task.observation.copy()
+    reference, seen = batch.task.reference.copy(), batch.task.observation.copy()
     pose, columns = batch.simulator.pose.copy(), batch.task.spec["preview"]
     for _ in range(5):  # 0.5 s
         batch.step(np.zeros((6, 8)))
-    ahead = batch.task.F[:, :3] - pose[:, :3]
+    ahead = batch.task.reference - pose[:, :3]
     for i in range(6):
         yaw = Rotation.from_quat([*pose[i, 4:], pose[i, 3]]).as_euler("ZYX")[0]
         want = Rotation.from_euler("z", yaw).inv().apply(ahead[i])
         np.testing.assert_allclose(seen[i, columns][:3], want, rtol=1e-5, atol=1e-5)
-    assert not np.array_equal(F[:, :3], batch.task.F[:, :3])
+    assert not np.array_equal(reference, batch.task.reference)
 
 
 def test_station_keeping_succeeds_by_its_last_half_minute() -> None:
     batch = batch_of("station_keeping")
     inside, outside = [0.49, 0.0, -20.0], [0.51, 0.0, -20.0]
-    for missed, outcome in ((15, k.SUCCESS), (16, k.TIMEOUT)):
+    for missed, outcome in ((15, rows.SUCCESS), (16, rows.TIMEOUT)):
         batch.reset()
         for step in range(600):
             put(batch, outside if step < 300 or step >= 600 - missed else inside, yaw=0.17)
@@ -197,7 +191,7 @@ def test_a_lost_station_counts_as_the_bounds() -> None:
     put(batch, [0.0, 9.99, -20.0])
     assert advance(batch)[1] == -1
     put(batch, [0.0, 10.01, -20.0])
-    assert advance(batch)[1] == k.OUT_OF_BOUNDS
+    assert advance(batch)[1] == rows.OUT_OF_BOUNDS
     assert batch.task.records(np.array([0]))[0]["position_error_rms_m"] == 10.0
 
 
@@ -206,7 +200,7 @@ def test_yaw_counts_for_success_of_station_keeping() -> None:
     for _ in range(600):
         put(batch, [0.0, 0.0, -20.0], yaw=0.18)  # 10 degrees are 0.1745
         outcome = advance(batch)[1]
-    assert outcome == k.TIMEOUT
+    assert outcome == rows.TIMEOUT
 
 
 def test_time_ends_tasks_of_fixed_length_and_success_the_others() -> None:
@@ -214,8 +208,8 @@ def test_time_ends_tasks_of_fixed_length_and_success_the_others() -> None:
         brief = ("task.settling=0.1", "task.hold_time=0.1") if task == "station_keeping" else ()
         batch = batch_of(task, "task.time_limit=null", "task.max_steps=2", *brief)
         if task == "docking":
-            put(batch, batch.task.goal(0), yaw=float(batch.task.F[0, k.F_REFERENCE_YAW]))
-        batch.task.C[0, k.C_STEPS] = 0 if ends else 1
+            put(batch, batch.task.goal(0), yaw=float(batch.task.episodes[0].reference_yaw))
+        batch.task.episodes[0].steps = 0 if ends else 1
         result = batch.step(np.zeros((1, 8)))
         assert (bool(result.terminated[0]), bool(result.truncated[0])) == (ends, not ends), task
 
@@ -228,11 +222,11 @@ def test_curves_have_their_velocity_and_largest_speed(curve: str) -> None:
     )
     idle, seen = np.zeros((n, 8)), []
     for _ in range(900):
-        batch.task.C[:, k.C_OUTCOME] = -1
+        batch.task.episodes.outcome[:] = -1
         batch.task.advance(batch.simulator.pose, batch.simulator.velocity, idle, idle, np.zeros(n))
-        seen.append(batch.task.F[:, [0, 1, 2, 20, 21, 22, 23]].copy())
+        seen.append(batch.task.episodes.copy())
     path = np.array(seen)
-    position, yaw, velocity = path[:, :, :3], path[:, :, 3], path[:, :, 4:]
+    position, yaw, velocity = (path[name] for name in ("reference", "reference_yaw", "reference_velocity"))
     between = (position[2:] - position[:-2]) / 0.2
     np.testing.assert_allclose(between, velocity[1:-1], atol=5e-3)
     np.testing.assert_allclose(yaw, np.arctan2(velocity[..., 1], velocity[..., 0]))
@@ -257,8 +251,8 @@ def test_starts_lie_where_the_tasks_say() -> None:
     n = 3000
     for task, radius in (("station_keeping", 2.5), ("trajectory_tracking", 0.5), ("path_following", 2.0)):
         batch = batch_of(task, n=n)
-        first = path_following.F_POINTS if task == "path_following" else k.F_REFERENCE
-        centre = batch.task.F[:, first : first + 3]
+        e = batch.task.episodes
+        centre = e.points[:, 0] if task == "path_following" else e.reference
         away = np.linalg.norm(batch.simulator.pose[:, :3] - centre, axis=1)
         assert away.max() <= radius
         # Uniform in a ball: the cube of the distance is uniform.
@@ -273,14 +267,16 @@ def test_starts_lie_where_the_tasks_say() -> None:
 
 
 def k_yaw_error(batch: Batch) -> np.ndarray:
-    return (batch.task.F[:, k.F_REFERENCE_YAW] - batch.task.F[:, k.F_START_YAW] + np.pi) % (2 * np.pi) - np.pi
+    return (batch.task.episodes.reference_yaw[:] - batch.task.episodes.start_yaw[:] + np.pi) % (
+        2 * np.pi
+    ) - np.pi
 
 
 def path_of(batch: Batch, i: int, count: int = 6001) -> np.ndarray:
     """The path by scipy's Hermite spline through the points of environment i."""
     from scipy.interpolate import CubicHermiteSpline
 
-    points = batch.task.F[i, path_following.F_POINTS : path_following.F_POINTS + 21].reshape(7, 3)
+    points = batch.task.episodes[i].points[:7]
     slopes = np.vstack([points[1] - points[0], (points[2:] - points[:-2]) / 2, points[-1] - points[-2]])
     return CubicHermiteSpline(np.arange(7), points, slopes)(np.linspace(0, 6, count))
 
@@ -300,15 +296,15 @@ def test_the_path_reference_is_the_nearest_point() -> None:
             continue
         for i in range(n):
             away = np.linalg.norm(paths[i] - batch.simulator.pose[i, :3], axis=1)
-            assert batch.task.F[i, k.F_DISTANCE] == pytest.approx(away.min(), abs=0.02)
+            assert batch.task.episodes[i].distance == pytest.approx(away.min(), abs=0.02)
             # The errors of line-of-sight guidance: (s, e, h) = R^T (p - p_path) with s = 0.
-            tangent = batch.task.F[i, k.F_REFERENCE_VELOCITY : k.F_REFERENCE_VELOCITY + 3]
+            tangent = batch.task.episodes[i].reference_velocity
             error = batch.simulator.pose[i, :3] - batch.task.reference[i]
             azimuth, elevation = math.atan2(tangent[1], tangent[0]), math.asin(tangent[2] / 0.8)
             s, e, h = Rotation.from_euler("ZY", [azimuth, -elevation]).inv().apply(error)
-            if 0.0 < batch.task.F[i, path_following.F_PROGRESS] < 6.0:
+            if 0.0 < batch.task.episodes[i].progress < 6.0:
                 assert abs(s) < 0.02
-                assert batch.task.F[i, k.F_DISTANCE] == pytest.approx(math.hypot(e, h), abs=1e-3)
+                assert batch.task.episodes[i].distance == pytest.approx(math.hypot(e, h), abs=1e-3)
             assert np.linalg.norm(tangent) == pytest.approx(0.8)
 
 
@@ -324,24 +320,24 @@ def test_paths_are_long_and_keep_off_the_depth_limits() -> None:
 
 def test_docking_takes_place_slowness_and_yaw() -> None:
     batch = batch_of("docking")
-    yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
+    yaw = float(batch.task.episodes[0].reference_yaw)
     out = -np.array([math.cos(yaw), math.sin(yaw), 0.0])
     aside = np.array([-math.sin(yaw), math.cos(yaw), 0.0])
     dock = batch.task.goal(0)
     cases = [
-        (dock + 0.29 * out, yaw, 0.14, k.SUCCESS),
+        (dock + 0.29 * out, yaw, 0.14, rows.SUCCESS),
         (dock + 0.31 * out, yaw, 0.14, -1),
         (dock + 0.29 * out, yaw, 0.16, -1),
-        (dock + 0.29 * out, yaw + 0.17, 0.0, k.SUCCESS),
+        (dock + 0.29 * out, yaw + 0.17, 0.0, rows.SUCCESS),
         (dock + 0.29 * out, yaw + 0.18, 0.0, -1),
         (dock + 0.8 * out + 0.8 * math.tan(0.52) * aside, yaw, 0.0, -1),
-        (dock + 0.8 * out + 0.8 * math.tan(0.53) * aside, yaw, 0.0, k.COLLISION),
-        (dock - 0.9 * out, yaw, 0.0, k.COLLISION),
+        (dock + 0.8 * out + 0.8 * math.tan(0.53) * aside, yaw, 0.0, rows.COLLISION),
+        (dock - 0.9 * out, yaw, 0.0, rows.COLLISION),
         (dock - 1.1 * out, yaw, 0.0, -1),
-        (dock + 25.1 * out, yaw, 0.0, k.OUT_OF_BOUNDS),
+        (dock + 25.1 * out, yaw, 0.0, rows.OUT_OF_BOUNDS),
     ]
     for position, turned, speed, outcome in cases:
-        batch.task.C[0, k.C_OUTCOME] = -1
+        batch.task.episodes[0].outcome = -1
         put(batch, position, turned, (0.0, speed, 0.0))
         assert advance(batch)[1] == outcome, (position, turned, speed)
     put(batch, dock + 0.2 * out, yaw)
@@ -353,8 +349,8 @@ def test_docking_takes_place_slowness_and_yaw() -> None:
 
 def test_the_way_to_the_reference_never_leads_through_the_dock() -> None:
     batch = batch_of("docking")
-    F, dock, rng = batch.task.F, batch.task.goal(0), np.random.default_rng(2)
-    yaw = float(F[0, k.F_REFERENCE_YAW])
+    dock, rng = batch.task.goal(0), np.random.default_rng(2)
+    yaw = float(batch.task.episodes[0].reference_yaw)
     out = -np.array([math.cos(yaw), math.sin(yaw), 0.0])
     before = None
     for angle in np.linspace(0.0, math.pi - 0.01, 721):
@@ -377,19 +373,19 @@ def test_the_way_to_the_reference_never_leads_through_the_dock() -> None:
 
 def test_the_reward_of_a_goal_by_its_formula() -> None:
     batch = batch_of("docking", "reward.k=3")
-    yaw = float(batch.task.F[0, k.F_REFERENCE_YAW])
+    yaw = float(batch.task.episodes[0].reference_yaw)
     out = -np.array([math.cos(yaw), math.sin(yaw), 0.0])
     # On the axis the way is the distance. The last case is success.
     for distance, end in ((4.0, 0.0), (0.8, 0.0), (0.2, 500.0)):
-        batch.task.C[0, k.C_OUTCOME] = -1
+        batch.task.episodes[0].outcome = -1
         turned = 0.4 if not end else 0.0
         put(batch, batch.task.goal(0) + distance * out, yaw + turned)
         error = math.exp(-distance / 5.0) + 2.0 * math.exp(-distance) + 0.5 * math.exp(-turned / 0.5)
         assert advance(batch)[0] == pytest.approx(3 * (error + end))
     put(batch, batch.task.goal(0) - 0.9 * out, yaw)
-    batch.task.C[0, k.C_OUTCOME] = -1
+    batch.task.episodes[0].outcome = -1
     reward, outcome = advance(batch)
-    assert outcome == k.COLLISION
+    assert outcome == rows.COLLISION
     assert reward < 0.0
 
 
@@ -416,7 +412,7 @@ def test_rewards_by_their_formulas() -> None:
 
 def test_the_reward_of_docking_grows_on_the_way_of_the_reference() -> None:
     batch, rng = batch_of("docking"), np.random.default_rng(3)
-    yaw, dock = float(batch.task.F[0, k.F_REFERENCE_YAW]), batch.task.goal(0)
+    yaw, dock = float(batch.task.episodes[0].reference_yaw), batch.task.goal(0)
     for _ in range(20):
         direction = rng.normal(size=3)
         position = dock + 8.0 * direction / np.linalg.norm(direction)
@@ -425,7 +421,7 @@ def test_the_reward_of_docking_grows_on_the_way_of_the_reference() -> None:
             put(batch, position, yaw, [0.2, 0.0, 0.0])
             reward, outcome = advance(batch)
             assert reward > before
-            assert batch.task.C[0, k.C_STEPS] < 550
+            assert batch.task.episodes[0].steps < 550
             to = batch.task.reference[0] - position
             position = position + 0.05 * to / np.linalg.norm(to)
             before = reward
@@ -433,7 +429,7 @@ def test_the_reward_of_docking_grows_on_the_way_of_the_reference() -> None:
                 break
         assert np.linalg.norm(position - dock) < 0.1
         batch.reset()
-        yaw, dock = float(batch.task.F[0, k.F_REFERENCE_YAW]), batch.task.goal(0)
+        yaw, dock = float(batch.task.episodes[0].reference_yaw), batch.task.goal(0)
 
 
 def test_a_vehicle_that_cannot_do_the_task_is_refused_before_anything_starts() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
-from auvbench.tasks import kernels as k
+from auvbench.tasks import rows
 from auvbench.tasks.waypoint import WaypointTask
 from auvbench.vehicles import sheet
 from tests import configs
@@ -23,8 +23,8 @@ def make(*overrides: str, n: int = 1) -> WaypointTask:
 
 
 def put(task: WaypointTask, waypoint, distance_before: float) -> None:
-    task.F[0, k.F_REFERENCE : k.F_REFERENCE + 3] = waypoint
-    task.F[0, k.F_DISTANCE] = distance_before
+    task.episodes[0].reference = waypoint
+    task.episodes[0].distance = distance_before
 
 
 def step(task: WaypointTask, position, force=None, power=0.0, action=None) -> tuple[float, int]:
@@ -55,14 +55,14 @@ def test_success_within_three_metres():
     task = make()
     put(task, (10.0, 0.0, -20.0), distance_before=9.0)
     assert step(task, (7.0, 0.0, -20.0))[1] == -1  # at 3 m exactly: not yet
-    assert step(task, (7.001, 0.0, -20.0)) == (500.0, k.SUCCESS)
+    assert step(task, (7.001, 0.0, -20.0)) == (500.0, rows.SUCCESS)
 
 
 @pytest.mark.parametrize("z", [-60.001, -0.999])
 def test_leaving_the_depth_limits_is_a_collision_even_at_the_goal(z):
     task = make()
     put(task, (0.0, 0.0, z), distance_before=9.0)
-    assert step(task, (0.0, 0.0, z)) == (-550.0, k.COLLISION)
+    assert step(task, (0.0, 0.0, z)) == (-550.0, rows.COLLISION)
 
 
 @pytest.mark.parametrize("z", [-60.0, -1.0])
@@ -75,11 +75,11 @@ def test_the_limits_themselves_are_inside(z):
 def test_timeout_after_1000_steps_and_success_in_the_last_one_counts():
     task = make()
     put(task, (10.0, 0.0, -20.0), distance_before=9.0)
-    task.C[0, k.C_STEPS] = 998
+    task.episodes[0].steps = 998
     assert step(task, (0.0, 0.0, -20.0))[1] == -1
-    assert step(task, (0.0, 0.0, -20.0)) == (-10.0, k.TIMEOUT)
-    task.C[0, k.C_STEPS] = 999
-    assert step(task, (9.0, 0.0, -20.0)) == (500.0, k.SUCCESS)
+    assert step(task, (0.0, 0.0, -20.0)) == (-10.0, rows.TIMEOUT)
+    task.episodes[0].steps = 999
+    assert step(task, (9.0, 0.0, -20.0)) == (500.0, rows.SUCCESS)
 
 
 def test_timeout_is_a_truncation_and_the_others_are_terminations():
@@ -95,7 +95,7 @@ def test_timeout_is_a_truncation_and_the_others_are_terminations():
 
 def test_observation_is_yaw_error_position_error_and_previous_action():
     task = make()
-    task.F[0, k.F_REFERENCE : k.F_REFERENCE + 3] = (3.0, 4.0, -30.0)
+    task.episodes[0].reference = (3.0, 4.0, -30.0)
     task.previous[0] = np.linspace(-1, 1, 6)
     yaw = 0.5
     pose = np.array([[0.0, 0.0, -20.0, math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]])
@@ -103,7 +103,7 @@ def test_observation_is_yaw_error_position_error_and_previous_action():
     expected = [math.atan2(4, 3) - yaw, 3.0, 4.0, -10.0, *np.linspace(-1, 1, 6)]
     np.testing.assert_allclose(observed, expected, rtol=1e-6)
     body = make("task.position_frame=body")
-    body.F[0] = task.F[0]
+    body.episodes[0] = task.episodes[0]
     c, s = math.cos(yaw), math.sin(yaw)
     np.testing.assert_allclose(
         body.observe(pose, np.zeros((1, 6)))[0, 1:4], [c * 3 + s * 4, -s * 3 + c * 4, -10.0], rtol=1e-6
@@ -111,10 +111,10 @@ def test_observation_is_yaw_error_position_error_and_previous_action():
 
 
 def test_angles_wrap_to_minus_pi_inclusive_pi_exclusive():
-    assert k.wrap(math.pi) == -math.pi
-    assert k.wrap(-math.pi) == -math.pi
-    assert k.wrap(3 * math.pi / 2) == pytest.approx(-math.pi / 2)
-    assert -math.pi <= k.wrap(np.nextafter(-math.pi, -4)) < math.pi
+    assert rows.wrap(math.pi) == -math.pi
+    assert rows.wrap(-math.pi) == -math.pi
+    assert rows.wrap(3 * math.pi / 2) == pytest.approx(-math.pi / 2)
+    assert -math.pi <= rows.wrap(np.nextafter(-math.pi, -4)) < math.pi
 
 
 def test_scenarios_are_uniform_in_the_box_and_in_yaw():
@@ -123,8 +123,8 @@ def test_scenarios_are_uniform_in_the_box_and_in_yaw():
     task = WaypointTask(config, sheet.load(config.vehicle), n, seed=1)
     pose = task.reset(np.arange(n))
     low, high = np.array([-20.0, -20.0, -60.0]), np.array([20.0, 20.0, -1.0])
-    unit = (task.F[:, k.F_REFERENCE : k.F_REFERENCE + 3] - low) / (high - low)
-    yaw = (task.F[:, k.F_START_YAW] + math.pi) / (2 * math.pi)
+    unit = (task.episodes.reference[:] - low) / (high - low)
+    yaw = (task.episodes.start_yaw[:] + math.pi) / (2 * math.pi)
     for sample in (*unit.T, yaw):
         assert 0.0 <= sample.min() < 0.001
         assert 0.999 < sample.max() <= 1.0
@@ -132,7 +132,7 @@ def test_scenarios_are_uniform_in_the_box_and_in_yaw():
         assert np.abs(np.sort(sample) - np.arange(1, n + 1) / n).max() < 1.95 / math.sqrt(n)
     np.testing.assert_array_equal(pose[:, :3], np.broadcast_to([0.0, 0.0, -20.0], (n, 3)))
     np.testing.assert_allclose(np.linalg.norm(pose[:, 3:], axis=1), 1.0)
-    np.testing.assert_allclose(2 * np.arctan2(pose[:, 6], pose[:, 3]), task.F[:, k.F_START_YAW])
+    np.testing.assert_allclose(2 * np.arctan2(pose[:, 6], pose[:, 3]), task.episodes.start_yaw[:])
 
 
 @pytest.mark.parametrize(("sign", "negative"), [("both", 0.5), ("positive", 0.0)])
@@ -142,7 +142,7 @@ def test_noise_has_the_stated_magnitudes_and_signs(sign, negative):
     task = WaypointTask(config, sheet.load(config.vehicle), n, seed=1)
     pose = task.reset(np.arange(n))
     observed = task.observe(pose, np.zeros((len(pose), 6))).astype(float)
-    error = task.F[:, k.F_REFERENCE : k.F_REFERENCE + 3] - pose[:, :3]
+    error = task.episodes.reference[:] - pose[:, :3]
     position_noise = error - observed[:, 1:4]
     assert np.abs(position_noise).min() >= 0.05 - 1e-5
     assert np.abs(position_noise).max() <= 0.1 + 1e-5
@@ -151,14 +151,14 @@ def test_noise_has_the_stated_magnitudes_and_signs(sign, negative):
     newtons = np.abs(command) * 40.0  # +-40 N for actions in [-1, 1]
     assert newtons.min() >= 0.01 - 1e-12
     assert newtons.max() <= 0.05 + 1e-12
-    task.C[:, k.C_STEPS] += 1
+    task.episodes.steps[:] += 1
     assert (command != task.add_noise(np.zeros((n, 6)))).mean() > 0.999, "drawn anew each step"
 
 
 def test_metrics_of_a_hand_made_episode():
     task = make("step.frequency=10")
     put(task, (40.0, 0.0, -20.0), distance_before=40.0)
-    task.F[0, k.F_INITIAL_DISTANCE] = 40.0
+    task.episodes[0].initial_distance = 40.0
     step(task, (3.0, 4.0, -20.0), force=[3, 0, 0, 4, 0, 0], power=10.0, action=[0.3, 0, 0, 0.4, 0, 0])
     step(task, (6.0, 0.0, -20.0), force=[0, 0, 0, 0, 0, 12], power=30.0, action=[0.3, 0, 0, 0.4, 0, 0])
     step(task, (38.0, 0.0, -20.0), force=[0] * 6, power=0.0, action=[0] * 6)

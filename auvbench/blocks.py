@@ -1,0 +1,269 @@
+"""The blocks that an observation may have: what each is, and the function that writes it.
+
+These functions are plain Python and import nothing compiled: a pilot on a vehicle calls them as they are
+(`pilot.observation`), environments compile them (`tasks.observing`). So both observe the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from auvbench.observation import BODY, WORLD, Block
+
+FASTEST = 50.0
+"""m/s and rad/s: no vehicle comes near"""
+
+BODY_AXES = "body axes (forward, port, up)"
+
+
+class Reading(NamedTuple):
+    """What a vehicle reads, with the errors of its sensors."""
+
+    position: Any  # (3,) m, world axes
+    attitude: Any  # (4,) unit quaternion (w, x, y, z), without errors
+    velocity: Any  # (3,) m/s, body axes
+    rates: Any  # (3,) rad/s, body axes
+    error: Any  # (3,) m, reference less position, in the axes of the task's vectors
+    yaw_error: float  # rad
+    cosine: float  # of the yaw, for vectors in levelled body axes
+    sine: float
+    previous: Any  # (n_u,) action of the last step
+    preview: Any  # (points, 3) m, the reference in the time to come, world axes
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What the size, the bounds and the description of a block depend on."""
+
+    to: str  # what the reference is called
+    has_yaw: bool  # whether the reference has a yaw of its own
+    axes: str  # of the position error: WORLD or BODY
+    bounds: tuple[float, ...]  # (3,) m, largest position errors
+    depths: tuple[float, float]  # lowest and highest z in m
+    actuators: Sequence[str]
+    points: int  # of the preview
+    interval: float  # s, between them
+
+
+@dataclass(frozen=True, slots=True)
+class BlockSpec:
+    """One block, which `task.observation` names."""
+
+    name: str
+    write: Callable[..., None]
+    """`write(m, e, p, out)`: writes the block's numbers to `out` from a `Reading` m, the episode e and the parameters p"""
+    describe: Callable[[Setting], Block]
+    """size, unit, bounds, frame and meaning"""
+    reads: tuple[str, ...] = ("pose",)
+    """of `pose`, `velocity`, `action` (the last one), `goal` (a goal that is not the reference) and `preview`"""
+
+
+def wrap(angle: float) -> float:
+    """Wrap an angle to [-pi, pi).
+
+    >>> wrap(math.pi) == -math.pi
+    True
+    """
+    wrapped = angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+    return wrapped if wrapped < math.pi else -math.pi
+
+
+def triple(vector: Any) -> tuple[float, float, float]:
+    """Return an array of three numbers as a tuple."""
+    return vector[0], vector[1], vector[2]
+
+
+def reading(
+    e: Any,
+    p: Any,
+    position: Any,
+    attitude: Any,
+    velocity: Any,
+    rates: Any,
+    offset: Any,
+    noise: Any,
+    yaw_noise: float,
+    previous: Any,
+    preview: Any,
+) -> Reading:
+    """Return what a vehicle reads.
+
+    Args:
+        e: the episode: `reference` (3,) in m and, where `p.has_yaw`, `reference_yaw` in rad.
+        p: `has_yaw` and `body_frame`.
+        position: (3,) m, world axes.
+        attitude: (4,) unit quaternion (w, x, y, z).
+        velocity: (3,) m/s, body axes.
+        rates: (3,) rad/s, body axes.
+        offset: (3,) m, slow error of the position.
+        noise: (3,) m, further error of the position.
+        yaw_noise: rad, error of the yaw.
+        previous: (n_u,) action of the last step.
+        preview: (points, 3) m.
+    """
+    w, qx, qy, qz = attitude
+    # Proportional to cosine and sine of yaw: turning the bearing by them saves a second arctangent.
+    c = 1.0 - 2.0 * (qy * qy + qz * qz)
+    s = 2.0 * (w * qz + qx * qy)
+    to_x, to_y, to_z = triple(e.reference)
+    (x, y, z), (ox, oy, oz), (nx, ny, nz) = position, offset, noise
+    ex, ey, ez = to_x - x - ox - nx, to_y - y - oy - ny, to_z - z - oz - nz
+    if p.has_yaw > 0:
+        yaw_error = wrap(e.reference_yaw - math.atan2(s, c) - yaw_noise)
+    else:
+        yaw_error = wrap(math.atan2(ey * c - ex * s, ex * c + ey * s) - yaw_noise)
+    read = (to_x - ex, to_y - ey, to_z - ez)
+    if p.body_frame > 0:
+        # Levelled body frame: what a vehicle with a heading reading alone can compute.
+        yaw = math.atan2(s, c) + yaw_noise
+        c, s = math.cos(yaw), math.sin(yaw)
+        ex, ey = c * ex + s * ey, c * ey - s * ex
+    return Reading(read, attitude, velocity, rates, (ex, ey, ez), yaw_error, c, s, previous, preview)
+
+
+def write_yaw_error(m: Reading, e: Any, p: Any, out: Any) -> None:
+    out[0] = m.yaw_error
+
+
+def write_position_error(m: Reading, e: Any, p: Any, out: Any) -> None:
+    out[0], out[1], out[2] = m.error
+
+
+def write_velocity_error(m: Reading, e: Any, p: Any, out: Any) -> None:
+    w, x, y, z = m.attitude
+    u, v, h = m.velocity
+    vx = (1.0 - 2.0 * (y * y + z * z)) * u + 2.0 * (x * y - w * z) * v + 2.0 * (x * z + w * y) * h
+    vy = 2.0 * (x * y + w * z) * u + (1.0 - 2.0 * (x * x + z * z)) * v + 2.0 * (y * z - w * x) * h
+    vz = 2.0 * (x * z - w * y) * u + 2.0 * (y * z + w * x) * v + (1.0 - 2.0 * (x * x + y * y)) * h
+    asked_x, asked_y, asked_z = triple(e.reference_velocity)
+    write_levelled(m, asked_x - vx, asked_y - vy, asked_z - vz, out)
+
+
+def write_velocity(m: Reading, e: Any, p: Any, out: Any) -> None:
+    out[0], out[1], out[2] = m.velocity
+
+
+def write_angular_velocity(m: Reading, e: Any, p: Any, out: Any) -> None:
+    out[0], out[1], out[2] = m.rates
+
+
+def write_gravity(m: Reading, e: Any, p: Any, out: Any) -> None:
+    w, x, y, z = m.attitude
+    out[0] = -2.0 * (x * z - w * y)
+    out[1] = -2.0 * (y * z + w * x)
+    out[2] = 2.0 * (x * x + y * y) - 1.0
+
+
+def write_depth_margin(m: Reading, e: Any, p: Any, out: Any) -> None:
+    _, _, z = m.position
+    out[0] = min(p.depth_high - z, z - p.depth_low)
+
+
+def write_previous_action(m: Reading, e: Any, p: Any, out: Any) -> None:
+    for j in range(len(out)):
+        out[j] = m.previous[j]
+
+
+def write_preview(m: Reading, e: Any, p: Any, out: Any) -> None:
+    x, y, z = m.position
+    for k in range(len(m.preview)):
+        to_x, to_y, to_z = triple(m.preview[k])
+        write_levelled(m, to_x - x, to_y - y, to_z - z, out[3 * k : 3 * k + 3])
+
+
+def write_goal_error(m: Reading, e: Any, p: Any, out: Any) -> None:
+    x, y, z = m.position
+    to_x, to_y, to_z = triple(e.goal)
+    write_levelled(m, to_x - x, to_y - y, to_z - z, out)
+
+
+def write_levelled(m: Reading, x: float, y: float, z: float, out: Any) -> None:
+    """Write a vector of world axes in levelled body axes."""
+    out[0] = m.cosine * x + m.sine * y
+    out[1] = m.cosine * y - m.sine * x
+    out[2] = z
+
+
+def _yaw_error(s: Setting) -> Block:
+    meaning = "yaw of the reference less yaw" if s.has_yaw else f"bearing of the {s.to} less yaw"
+    return Block("yaw_error", ("yaw_error",), "rad", (math.pi,), f"{meaning}, wrapped to [-pi, pi)")
+
+
+def _position_error(s: Setting) -> Block:
+    return _vector("position_error", "m", s.bounds, f"{s.to} less position", s.axes)
+
+
+def _velocity_error(s: Setting) -> Block:
+    return _vector("velocity_error", "m/s", (FASTEST,) * 3, "velocity of the reference less velocity", BODY)
+
+
+def _velocity(s: Setting) -> Block:
+    return _vector("velocity", "m/s", (FASTEST,) * 3, "velocity over ground", BODY_AXES)
+
+
+def _angular_velocity(s: Setting) -> Block:
+    return _vector("angular_velocity", "rad/s", (FASTEST,) * 3, "angular velocity", BODY_AXES)
+
+
+def _gravity(s: Setting) -> Block:
+    return _vector("gravity", "1", (1.0,) * 3, "direction of gravity", BODY_AXES)
+
+
+def _depth_margin(s: Setting) -> Block:
+    low, high = s.depths
+    high = 2.0 * s.bounds[2] + high - low
+    meaning = "distance to the nearer depth limit; negative beyond it"
+    return Block("depth_margin", ("depth_margin",), "m", (high,), meaning)
+
+
+def _previous_action(s: Setting) -> Block:
+    labels = tuple(f"previous_action_{actuator}" for actuator in s.actuators)
+    return Block(
+        "previous_action", labels, "1", (1.0,) * len(labels), "action of the last step; 0 at the start"
+    )
+
+
+def _preview(s: Setting) -> Block:
+    labels = tuple(f"preview_{point}_{axis}" for point in range(1, s.points + 1) for axis in "xyz")
+    # The reference moves on for the time of the preview.
+    away = s.points * s.interval * FASTEST
+    level, rise = _apart(s)
+    meaning = f"reference in {s.interval:g} s, twice that, and so on, less position"
+    return Block("preview", labels, "m", (level + away, level + away, rise + away) * s.points, meaning, BODY)
+
+
+def _goal_error(s: Setting) -> Block:
+    level, rise = _apart(s)
+    return _vector("goal_error", "m", (level, level, rise), "goal less position", BODY)
+
+
+def _apart(s: Setting) -> tuple[float, float]:
+    """Return bounds in m, level and vertical, of a vector to another point than the reference: twice the way to it."""
+    return 2.0 * math.hypot(*s.bounds[:2]), 2.0 * s.bounds[2]
+
+
+def _vector(name: str, unit: str, bounds: tuple[float, ...], meaning: str, axes: str) -> Block:
+    return Block(name, tuple(f"{name}_{axis}" for axis in "xyz"), unit, bounds, meaning, axes)
+
+
+BLOCKS: dict[str, BlockSpec] = {
+    spec.name: spec
+    for spec in (
+        BlockSpec("yaw_error", write_yaw_error, _yaw_error),
+        BlockSpec("position_error", write_position_error, _position_error),
+        BlockSpec("velocity_error", write_velocity_error, _velocity_error, ("pose", "velocity")),
+        BlockSpec("velocity", write_velocity, _velocity, ("velocity",)),
+        BlockSpec("angular_velocity", write_angular_velocity, _angular_velocity, ("velocity",)),
+        BlockSpec("gravity", write_gravity, _gravity),
+        BlockSpec("depth_margin", write_depth_margin, _depth_margin),
+        BlockSpec("previous_action", write_previous_action, _previous_action, ("action",)),
+        BlockSpec("preview", write_preview, _preview, ("pose", "preview")),
+        BlockSpec("goal_error", write_goal_error, _goal_error, ("pose", "goal")),
+    )
+}
+"""by name"""
+
+__all__ = ["BLOCKS", "BODY", "WORLD", "BlockSpec", "Reading", "Setting", "reading", "wrap"]

@@ -1,0 +1,279 @@
+"""The loops over episodes of each task and of the observation, written here as source text.
+
+numba keeps compiled code on disk only for functions of a module: closures, and functions given as arguments, compile again in
+every process. So each loop is source that names the functions of one task and one reward, and is executed as part of the task's
+module. numba finds code on disk by a function's name, so that two loops of one name would take each other's code: the name
+contains a digest of all sources that the loop calls directly. `compiled` adds those that it calls indirectly.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from pathlib import Path
+from types import CodeType, FunctionType
+from typing import Any, NamedTuple
+
+from auvbench import blocks
+from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.random import SENSOR, uniform4
+from auvbench.tasks import rows
+
+Functions = Mapping[str, Callable[..., Any]]
+
+_DRAW = """
+def {name}(indices, episodes, preview, parameters, stream, pose):
+    p = parameters[0]
+    for k in range(indices.shape[0]):
+        i = indices[k]
+        e = episodes[i]
+        begin(e)
+        {clear}
+        start(e, draw(e, p, stream), p, pose[k])
+        {preview}
+"""
+
+_STEP = """
+def {name}(
+    first, stop, pose, velocity, action, previous, force, power, episodes, preview, parameters, prices, rewards
+):
+    p, q = parameters[0], prices[0]
+    action, previous, force, preview = borrowed(action), borrowed(previous), borrowed(force), borrowed(preview)
+    ended = 0
+    for i in range(first, stop):
+        e = episodes[i]
+        v = vehicle(i, pose, velocity, action, previous, force, power)
+        e.steps += 1
+        {refer}
+        measure(e, v)
+        if not isfinite(e.distance):
+            return -1 - i
+        {turn}
+        e.outcome = step(e, v, p)
+        r = reward(e, v, q)
+        rewards[i] = r
+        finish(e, v, r, p)
+        {preview}
+        if e.outcome >= 0:
+            ended += 1
+    return ended
+"""
+
+_RELOCATE = """
+def {name}(indices, episodes, preview, parameters):
+    p = parameters[0]
+    for k in range(indices.shape[0]):
+        i = indices[k]
+        e = episodes[i]
+        relocate(e, p)
+        {preview}
+"""
+
+_OBSERVE = """
+def {name}(
+    indices, pose, velocity, offset, previous, episodes, preview, parameters, codes, sizes, stream, observation
+):
+    p = parameters[0]
+    previous, preview, observation = borrowed(previous), borrowed(preview), borrowed(observation)
+    both = p.both_signs > 0
+    for k in range(indices.shape[0]):
+        i = indices[k]
+        e = episodes[i]
+        nx, ny, nz, turned = 0.0, 0.0, 0.0, offset[i, 3]
+        if p.position_noise_high > 0.0 or p.yaw_noise_high > 0.0:
+            a, b, c, d = uniform4(e.seed, SENSOR | stream, 0, e.steps, e.episode, e.environment)
+            nx = noise(a, p.position_noise_low, p.position_noise_high, both)
+            ny = noise(b, p.position_noise_low, p.position_noise_high, both)
+            nz = noise(c, p.position_noise_low, p.position_noise_high, both)
+            turned += noise(d, p.yaw_noise_low, p.yaw_noise_high, both)
+        m = reading(
+            e,
+            p,
+            (pose[i, 0], pose[i, 1], pose[i, 2]),
+            (pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]),
+            (velocity[i, 0], velocity[i, 1], velocity[i, 2]),
+            (velocity[i, 3], velocity[i, 4], velocity[i, 5]),
+            (offset[i, 0], offset[i, 1], offset[i, 2]),
+            (nx, ny, nz),
+            turned,
+            previous[i],
+            preview[i],
+        )
+        newest = observation.shape[1] // p.history
+        if p.history > 1:
+            for column in range(observation.shape[1] - 1, newest - 1, -1):
+                observation[i, column] = observation[i, column - newest]
+        at = 0
+        for block in range(codes.shape[0]):
+            code = codes[block]
+            out = observation[i, at : at + sizes[block]]
+            {blocks}
+            at += sizes[block]
+        if p.history > 1 and e.steps == 0:
+            for column in range(newest, observation.shape[1]):
+                observation[i, column] = observation[i, column - newest]
+"""
+
+_OF_EVERY_TASK: Functions = {
+    **{f.__name__: f for f in (rows.begin, rows.start, rows.vehicle, rows.measure, rows.finish)},
+    "turn_own": rows.turn,
+    "turn_to": rows.turn_to,
+    "isfinite": math.isfinite,
+    "borrowed": rows.borrowed,
+}
+
+
+class Loops(NamedTuple):
+    """The loops of a task and a reward; their arguments are in the source above."""
+
+    draw: Callable[..., None]
+    step: Callable[..., int]
+    relocate: Callable[..., None] | None
+    """puts the reference of an episode that begins at another place than the drawn one; None where no reference does"""
+
+
+def of_task(
+    functions: Functions,
+    reward: Callable[..., float],
+    own: tuple[tuple[Any, ...], ...],
+    *,
+    has_yaw: bool,
+    interpreted: bool = False,
+) -> Loops:
+    """Return the loops of a task.
+
+    Args:
+        functions: the task's `draw` and `step`; `refer`, `preview_row` and `relocate`, if it has them.
+        reward: of a step.
+        own: the fields of its episodes, (name, type) or (name, type, shape).
+        has_yaw: whether the reference has a yaw of its own.
+        interpreted: do not compile the loops and the functions of task and reward, so that Python checks each index.
+    """
+    named = {name: _plain(function) for name, function in functions.items()}
+    pays = _plain(reward)
+    if interpreted:
+        given = {**named, "reward": pays}
+    else:
+        given = {name: rows.row(function) for name, function in {**named, "reward": pays}.items()}
+    clear = [f"e.{name} = 0" if not shape else f"e.{name}[:] = 0" for name, _, *shape in own]
+    # A bearing costs as much as the rest of a step: it is computed where the reward reads it.
+    bearing = "turn_to(e, v)" if _mentions(pays, "yaw_error") else ""
+    lines = {
+        "clear": clear,
+        "refer": ["refer(e, v, p)"] if "refer" in named else [],
+        "turn": ["turn_own(e, v)"] if has_yaw else [bearing] if bearing else [],
+        "preview": ["preview_row(e, p, preview[i])"] if "preview_row" in named else [],
+    }
+    if interpreted:
+        given["borrowed"] = lambda array: array
+    make = _Maker([*named.values(), pays], {**_OF_EVERY_TASK, **given}, interpreted)
+    return Loops(
+        make("draw", _DRAW, lines),
+        make("step", _STEP, lines),
+        make("relocate", _RELOCATE, lines) if "relocate" in named else None,
+    )
+
+
+@cache
+def observe() -> Callable[..., None]:
+    """Return the compiled function that writes observations; codes are the places of blocks in `blocks.BLOCKS`."""
+    specs = list(blocks.BLOCKS.values())
+    used = {f"block_{code}": spec.write for code, spec in enumerate(specs)}
+    lines = []
+    for code in range(len(specs)):
+        lines += [f"{'el' if code else ''}if code == {code}:", f"    block_{code}(m, e, p, out)"]
+    given = _compiled_copies([blocks.reading, *used.values()])
+    named = {name: given[function] for name, function in used.items()}
+    shared = {
+        "borrowed": rows.borrowed,
+        "reading": given[blocks.reading],
+        "noise": rows.noise,
+        "uniform4": uniform4,
+        "SENSOR": SENSOR,
+    }
+    make = _Maker([blocks.reading, *used.values()], {**named, **shared}, False, rows.__file__, rows.__name__)
+    return make("observe", _OBSERVE, {"blocks": lines})
+
+
+class _Maker:
+    """Executes the source of loops as part of the module of the first of the functions that they call."""
+
+    def __init__(
+        self,
+        functions: list[Any],
+        names: Mapping[str, Any],
+        interpreted: bool,
+        file: str = "",
+        module: str = "",
+    ) -> None:
+        self.functions, self.names, self.interpreted = functions, names, interpreted
+        self.file = file or functions[0].__code__.co_filename
+        self.module = module or functions[0].__module__
+
+    def __call__(self, kind: str, template: str, lines: Mapping[str, Iterable[str]]) -> Callable[..., Any]:
+        source = _filled(template, lines)
+        digest = hashlib.sha256(source.encode())
+        for function in self.functions:
+            digest.update(f"{function.__module__}:{function.__qualname__}".encode())
+            digest.update(Path(function.__code__.co_filename).read_bytes())
+        name = f"{kind}_{digest.hexdigest()[:16]}"
+        namespace: dict[str, Any] = {**self.names, "__name__": self.module}
+        exec(compile(source.replace("{name}", name), self.file, "exec"), namespace)
+        loop: Callable[..., Any] = namespace[name]
+        if self.interpreted:
+            return loop
+        folders = {str(Path(function.__code__.co_filename).parent) for function in self.functions}
+        compiler = compiled("dynamics", "tasks", ".", *sorted(folders))
+        return compiler(loop)  # type: ignore[no-any-return]
+
+
+def _filled(template: str, lines: Mapping[str, Iterable[str]]) -> str:
+    """Return a source in which each `{key}` on a line of its own is replaced by lines, indented alike."""
+
+    def insert(match: re.Match[str]) -> str:
+        own = lines.get(match["key"])
+        return match[0] if own is None else "".join(f"{match['indent']}{line}\n" for line in own)
+
+    return re.sub(r"(?P<indent> +)\{(?P<key>\w+)\}\n", insert, template)
+
+
+def _plain(function: Any) -> Any:
+    """Return the Python function behind a compiled one."""
+    return getattr(function, "py_func", function)
+
+
+def _mentions(function: Any, name: str) -> bool:
+    """Return whether a function, or one that it calls by a name of its module, mentions a name."""
+    seen: set[CodeType] = set()
+    waiting = [_plain(function)]
+    while waiting:
+        one = waiting.pop()
+        code: CodeType = one.__code__
+        if code in seen:
+            continue
+        seen.add(code)
+        if name in code.co_names:
+            return True
+        called = (_plain(one.__globals__.get(other)) for other in code.co_names)
+        waiting += [other for other in called if isinstance(other, FunctionType)]
+    return False
+
+
+def _compiled_copies(functions: Iterable[Callable[..., Any]]) -> dict[Any, Any]:
+    """Return a compiled copy of each function, which calls compiled copies of the functions of its module."""
+    copies: dict[Any, Any] = {}
+    modules: dict[int, dict[str, Any]] = {}
+    for function in functions:
+        assert isinstance(function, FunctionType)
+        own = function.__globals__
+        if id(own) not in modules:
+            namespace = modules[id(own)] = dict(own)
+            for name, other in own.items():
+                if isinstance(other, FunctionType) and other.__globals__ is own:
+                    copies[other] = namespace[name] = rows.row(
+                        FunctionType(other.__code__, namespace, other.__name__, other.__defaults__)
+                    )
+    return copies

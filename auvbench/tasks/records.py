@@ -1,0 +1,285 @@
+"""What an episode remembers and what a task is told, as NumPy records: the only place that knows their layout.
+
+An episode is one record of a structured array, its parameters are a structured array of one row. Compiled functions and Python read
+both by name: `e.distance`, `p.tolerance`. The first fields are the same in every task, so that the functions of all tasks are
+compiled once for a view of these fields.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.errors import AgentError
+
+Floats = NDArray[np.float64]
+Fields = Sequence[tuple[Any, ...]]
+INTERPRETED = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+Record = Any
+"""a record of a structured array: `e`, an episode, or `p`, parameters"""
+
+_SUMS: Fields = (
+    ("reference", "f8", (3,)),  # m: where the vehicle is to be now
+    ("start", "f8", (3,)),  # m
+    ("start_yaw", "f8"),  # rad
+    ("distance", "f8"),  # m, to the reference, now
+    ("initial_distance", "f8"),  # m
+    ("reward_sum", "f8"),
+    ("deviation_sum", "f8"),  # m
+    ("deviation_squared_sum", "f8"),  # m^2
+    ("command_norm_sum", "f8"),  # N
+    ("energy", "f8"),  # J
+    ("path_length", "f8"),  # m
+    ("change_sum", "f8"),  # of norms of the change of the normalised action
+    ("depth_margin", "f8"),  # m, smallest so far
+    ("position", "f8", (3,)),  # m, at the previous step
+)
+"""of every task; sums run over the steps of the episode"""
+_YAW: Fields = (
+    ("reference_yaw", "f8"),  # rad
+    ("reference_velocity", "f8", (3,)),  # m/s, world axes
+    ("error_squared_sum", "f8"),  # m^2
+    ("yaw_error_squared_sum", "f8"),  # rad^2
+    ("counted", "f8"),  # steps in these two sums
+)
+"""of tasks whose reference has a yaw of its own; 0 in others"""
+_GOAL: Fields = (("goal", "f8", (3,)),)
+"""m; of tasks that offer the block `goal_error`"""
+_COUNTERS: Fields = (
+    ("steps", "i8"),
+    ("episode", "i8"),
+    ("environment", "i8"),
+    ("outcome", "i8"),  # -1 under way, else an index into record.OUTCOMES
+    ("seed", "i8"),  # 0 .. 2^32 - 1, of every draw of the episode
+)
+_STEP: Fields = (
+    ("last_distance", "f8"),  # m, after the step before
+    (
+        "yaw_error",
+        "f8",
+    ),  # rad, yaw of the reference less yaw; without a yaw of its own, bearing of the reference less yaw
+    ("detour", "f8"),  # m, from the reference to the goal, where a task writes it
+    ("to_go", "f8"),  # m: distance + detour, which rewards take
+)
+"""written in each step before they are read"""
+
+
+@cache
+def _interned(fields: tuple[tuple[Any, ...], ...]) -> np.dtype[Any]:
+    """Return one object for equal fields: numba looks types up in each call, and finds identical ones ten times faster."""
+    return np.dtype([*fields], align=True)
+
+
+def _interned_type(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Return the type as compiled functions take it, without `Row`."""
+    return _interned(tuple(_fields(dtype)))
+
+
+def _fields(dtype: np.dtype[Any]) -> Fields:
+    return [(name, dtype[name].base, dtype[name].shape) for name in dtype.names or ()]
+
+
+EPISODE = _interned_type(np.dtype([*_SUMS, *_YAW, *_GOAL, *_COUNTERS, *_STEP]))
+"""the fields that every episode has"""
+
+PARAMETERS: Mapping[str, str] = {
+    "depth_low": "f8",  # m
+    "depth_high": "f8",  # m
+    "max_steps": "i8",
+    "duration": "f8",  # s of one agent step
+    "body_frame": "i8",  # 1: position error in the body frame
+    "position_noise_low": "f8",  # m
+    "position_noise_high": "f8",  # m
+    "yaw_noise_low": "f8",  # rad
+    "yaw_noise_high": "f8",  # rad
+    "command_noise_low": "f8",
+    "command_noise_high": "f8",
+    "both_signs": "i8",  # 1: noise of random sign
+    "has_yaw": "i8",  # 1: the reference has a yaw of its own; 0: its yaw is the bearing of the reference
+    "history": "i8",  # observations in one
+}
+"""the parameters that every task and every reward has"""
+_COMMON = _interned_type(np.dtype(list(PARAMETERS.items())))
+
+_SHARED_KEYS = {"name", "package", "observation", "time_limit", "position_frame", *PARAMETERS}
+
+
+class Row(np.void):  # type: ignore[misc]
+    """A record whose fields are attributes, whatever methods an array has: `p.size`, `e.mean`."""
+
+    def __getattribute__(self, name: str) -> Any:
+        field = np.void.__getattribute__(self, "dtype").fields.get(name)
+        if field is None:
+            return np.void.__getattribute__(self, name)
+        return np.void.__getattribute__(self, "getfield")(*field[:2])
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        field = np.void.__getattribute__(self, "dtype").fields.get(name)
+        if field is None:
+            raise AttributeError(f"a record has no field {name}")
+        np.void.__getattribute__(self, "setfield")(value, *field[:2])
+
+
+class Table(np.ndarray[Any, Any]):
+    """Records; the fields of all of them are attributes, unless an array has one of that name."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name in (self.dtype.names or ()):
+            return np.asarray(self[name])
+        raise AttributeError(name)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in (self.dtype.names or ()):
+            self[name] = value
+        else:
+            super().__setattr__(name, value)
+
+
+def table(n: int, fields: Fields, who: str) -> Any:
+    """Return n episodes (n,), all zero, with the fields of every task and those of one.
+
+    Args:
+        n: how many.
+        fields: of the task: (name, type) or (name, type, shape).
+        who: the task, for messages.
+
+    Raises:
+        AgentError: a field has a wrong name or type.
+    """
+    return _table(n, [*_fields(EPISODE), *fields], who)
+
+
+def one_row(own: Mapping[str, Any], shared: Mapping[str, float], who: str) -> Any:
+    """Return parameters (1,): those of every task, then the task's or the reward's own.
+
+    Args:
+        own: number, or sequence of numbers, by name.
+        shared: by the names of `PARAMETERS`.
+        who: the task or reward, for messages.
+
+    Raises:
+        AgentError: a parameter has a wrong name, or is not a number.
+    """
+    try:
+        fields = [(name, _type(value), np.shape(value)) for name, value in own.items()]
+    except (TypeError, ValueError) as error:
+        raise AgentError(f"{who}: its parameters must be numbers or lists of numbers: {error}") from error
+    row = _table(1, [*_fields(_COMMON), *fields], who)
+    for name, value in {**shared, **own}.items():
+        row[name] = value
+        if np.isnan(row[name]).any():
+            raise AgentError(f"{who}: the parameter {name} is {value}; it must be a number")
+    return row
+
+
+def of_schema(config: Any) -> dict[str, Any]:
+    """Return the numbers in a task's or reward's configuration by key; None is infinity, keys of `preview` are `preview_KEY`."""
+    values: dict[str, Any] = {}
+    hints = schema.keys(type(config))
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if field.name in _SHARED_KEYS or isinstance(value, str):
+            continue
+        if dataclasses.is_dataclass(value):
+            values |= {f"{field.name}_{key}": number for key, number in of_schema(value).items()}
+        elif value is None:
+            values[field.name] = math.inf
+        else:
+            # One type for each key, whatever was typed: compiled code depends on it.
+            values[field.name] = value if hints.get(field.name) in (int, bool) else np.float64(value)
+    return values
+
+
+def plain(array: Any) -> Any:
+    """Return a table as compiled functions take it: without attribute access in Python, which numba recognises faster.
+
+    Interpreted functions (NUMBA_DISABLE_JIT) need that access.
+    """
+    return array if INTERPRETED else bare(array)
+
+
+def bare(array: Any) -> Any:
+    """Return a view of a table as an array without attribute access, as files hold it."""
+    return np.ndarray(array.shape, _interned_type(array.dtype), array, strides=array.strides)
+
+
+def common(array: Any, dtype: np.dtype[Any] = EPISODE) -> Any:
+    """Return a view (n,) of the fields that every task has, as compiled functions take it."""
+    view = np.ndarray(array.shape, dtype, array, strides=array.strides)
+    return _named(view) if INTERPRETED else view
+
+
+def common_row(parameters: Any) -> Any:
+    """Return a view (1,) of the parameters that every task has, as compiled functions take it."""
+    return common(parameters, _COMMON)
+
+
+def columns(dtype: np.dtype[Any], has_yaw: bool, has_goal: bool) -> list[str]:
+    """Return the fields of an episode that are floats, in the order of the columns of checkpoints of version 2.
+
+    A digest of drawn scenarios covers them in this order (`evaluation.protocol`).
+    """
+    left_out = {*_names(_COUNTERS), *_names(_STEP)}
+    left_out |= set() if has_yaw else {*_names(_YAW)}
+    left_out |= set() if has_goal else {*_names(_GOAL)}
+    return [name for name in dtype.names or () if name not in left_out]
+
+
+def from_version_2(array: Any, names: Sequence[str], state: Mapping[str, NDArray[Any]]) -> Any:
+    """Write the columns `F` (n, floats) and `C` (n, integers) of a checkpoint of version 2 into episodes (n,).
+
+    Returns:
+        What remains of `F`: previewed points (n, 3 k).
+
+    Raises:
+        ValueError: the numbers of columns differ.
+    """
+    floats, integers = state["F"], state["C"]
+    at = 0
+    for name in names:
+        shape = array.dtype[name].shape
+        width = math.prod(shape)
+        array[name] = floats[:, at : at + width].reshape(-1, *shape)
+        at += width
+    for column, name in enumerate(_names(_COUNTERS)):
+        array[name] = integers[:, column]
+    return floats[:, at:]
+
+
+def _table(n: int, fields: Fields, who: str) -> Any:
+    names = [field[0] for field in fields]
+    for name in names:
+        # numba refuses any attribute `view`.
+        if not str(name).isidentifier() or str(name).startswith("_") or name == "view":
+            raise AgentError(f"{who}: {name} cannot be the name of a field; choose another one")
+        if names.count(name) > 1:
+            raise AgentError(f"{who}: the field {name} is there twice")
+    try:
+        dtype = np.dtype([tuple(field) for field in fields], align=True)
+    except (TypeError, ValueError) as error:
+        raise AgentError(f"{who}: its fields must be (name, type) or (name, type, shape): {error}") from error
+    return _named(np.zeros(n, dtype))
+
+
+def _named(array: NDArray[Any]) -> Any:
+    """Return a view of records whose fields are attributes."""
+    return array.view(np.dtype((Row, array.dtype))).view(Table)
+
+
+def _type(value: Any) -> str:
+    kind = np.asarray(value).dtype.kind
+    if kind not in "fiub":
+        raise TypeError(f"not {value!r}")
+    return "f8" if kind == "f" else "i8"
+
+
+def _names(fields: Fields) -> list[str]:
+    return [field[0] for field in fields]

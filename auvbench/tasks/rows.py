@@ -1,0 +1,325 @@
+"""What the functions of tasks and rewards are made of: one episode, its vehicle, and what all tasks compute alike.
+
+A task's functions take `e`, the record of an episode (`records.EPISODE` and the task's own fields), `v`, its vehicle now, and `p`,
+the record of its parameters. Every draw is a function of (seed, stream, environment, episode, step, channel), so that an episode
+depends on neither its neighbours nor the batch size.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
+
+import numpy as np
+from llvmlite.ir import Constant
+from numba import njit
+from numba.core.errors import NumbaExperimentalFeatureWarning
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from auvbench import blocks
+from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.random import COMMAND, SCENARIO, uniform4
+from auvbench.tasks.records import INTERPRETED, Record
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+F = TypeVar("F", bound=Callable[..., Any])
+Vector: TypeAlias = tuple[float, float, float]
+
+SUCCESS = 0
+COLLISION = 1
+TIMEOUT = 2
+OUT_OF_BOUNDS = 3
+GOES_ON = -1
+
+SHALLOWEST = 1.0
+"""m: no start is drawn nearer to a depth limit, unless what it is drawn round is nearer"""
+
+_TWO_PI = 2.0 * math.pi
+
+# Before numba compiles a function for the record of one task, it looks whether the code for another one's would do.
+warnings.filterwarnings("ignore", ".*has been considered a subtype of", NumbaExperimentalFeatureWarning)
+
+
+class Vehicle(NamedTuple):
+    """A vehicle after an agent step, without noise."""
+
+    position: Vector  # m, world axes
+    attitude: tuple[float, float, float, float]  # unit quaternion (w, x, y, z)
+    velocity: Vector  # m/s, body axes (forward, port, up)
+    rates: Vector  # rad/s, body axes
+    action: Floats  # (n_u,) in [-1, 1], of this step
+    previous: Floats  # (n_u,) of the step before
+    force: Floats  # (n_u,) N, of the actuators
+    power: float  # W
+
+
+def row(function: F) -> F:
+    """Compile a function of one episode into its callers."""
+    return cast(F, njit(nogil=True, forceinline=True)(function))
+
+
+@intrinsic
+def _borrowed(typing: Any, array: Any) -> Any:
+    def without_owner(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        view = context.make_array(array)(context, builder, values[0])
+        view.meminfo = Constant(view.meminfo.type, None)
+        view.parent = Constant(view.parent.type, None)
+        return view._getvalue()
+
+    return array(array), without_owner
+
+
+@row
+def borrowed(array: Any) -> Any:
+    """Return an array without its owner, for use while the caller holds the array.
+
+    numba counts the references to the owner of each row that is taken from an array; this costs more than the rest of a loop over
+    episodes.
+    """
+    return array if INTERPRETED else _borrowed(array)  # type: ignore[call-arg]
+
+
+wrap = row(blocks.wrap)
+triple = row(blocks.triple)
+
+
+@row
+def put(field: Floats, vector: Vector) -> None:
+    """Write a vector of a record."""
+    field[0], field[1], field[2] = vector
+
+
+@row
+def vehicle(
+    i: int,
+    pose: Floats,
+    velocity: Floats,
+    action: Floats,
+    previous: Floats,
+    force: Floats,
+    power: Floats,
+) -> Vehicle:
+    """Return vehicle i of a batch."""
+    return Vehicle(
+        (pose[i, 0], pose[i, 1], pose[i, 2]),
+        (pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]),
+        (velocity[i, 0], velocity[i, 1], velocity[i, 2]),
+        (velocity[i, 3], velocity[i, 4], velocity[i, 5]),
+        action[i],
+        previous[i],
+        force[i],
+        power[i],
+    )
+
+
+@row
+def yaw(v: Vehicle) -> float:
+    """Return the yaw in rad."""
+    w, x, y, z = v.attitude
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+@row
+def roll_pitch(v: Vehicle) -> tuple[float, float]:
+    """Return roll and pitch in rad, the bow up."""
+    w, x, y, z = v.attitude
+    roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    return roll, -math.asin(min(1.0, max(-1.0, 2.0 * (w * y - x * z))))
+
+
+@row
+def world_velocity(v: Vehicle) -> Vector:
+    """Return the velocity in m/s, world axes."""
+    w, x, y, z = v.attitude
+    u, s, h = v.velocity
+    return (
+        (1.0 - 2.0 * (y * y + z * z)) * u + 2.0 * (x * y - w * z) * s + 2.0 * (x * z + w * y) * h,
+        2.0 * (x * y + w * z) * u + (1.0 - 2.0 * (x * x + z * z)) * s + 2.0 * (y * z - w * x) * h,
+        2.0 * (x * z - w * y) * u + 2.0 * (y * z + w * x) * s + (1.0 - 2.0 * (x * x + y * y)) * h,
+    )
+
+
+@row
+def between(a: Vector, b: Vector) -> float:
+    """Return the distance in m of two points."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    dx, dy, dz = ax - bx, ay - by, az - bz
+    return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@row
+def drawn(e: Record, stream: int, block: int) -> tuple[float, float, float, float]:
+    """Return four uniform draws in (0, 1) for the start of an episode; each `block` has others."""
+    return uniform4(e.seed, SCENARIO | stream, block, 0, e.episode, e.environment)
+
+
+@row
+def rise(u: float, centre: float, radius: float, p: Record) -> float:
+    """Return the height of a place on a sphere over its centre, as a share of the radius, by a uniform draw.
+
+    The place is uniform on the part of the sphere where starts may lie: at least SHALLOWEST within the depth limits, or
+    as near to them as the centre.
+
+    Args:
+        u: the draw.
+        centre: z of the centre in m, within the depth limits.
+        radius: m.
+        p: parameters of the task.
+    """
+    share = 2.0 * u - 1.0
+    if radius <= 0.0:
+        return share
+    bottom = max(-1.0, min(0.0, p.depth_low + SHALLOWEST - centre) / radius)
+    top = min(1.0, max(0.0, p.depth_high - SHALLOWEST - centre) / radius)
+    return float(0.5 * (bottom + top) + 0.5 * (top - bottom) * share)
+
+
+@row
+def start_in_ball(e: Record, radius: float, p: Record, u: float, v: float, w: float) -> None:
+    """Put `e.start` into a ball of a radius in m round the reference, by three uniform draws.
+
+    It is uniform in the ball and stays within the depth limits (`rise`).
+    """
+    x, y, z = triple(e.reference)
+    length = radius * u ** (1.0 / 3.0)
+    share = rise(v, z, length, p)
+    level = length * math.sqrt(1.0 - share * share)
+    put(e.start, (x + level * math.cos(_TWO_PI * w), y + level * math.sin(_TWO_PI * w), z + length * share))
+
+
+@row
+def leaves_water(v: Vehicle, p: Record) -> bool:
+    """Return whether a vehicle is beyond a depth limit."""
+    _, _, z = v.position
+    return bool(z < p.depth_low or z > p.depth_high)
+
+
+@row
+def add_errors(e: Record) -> None:
+    """Add the errors of a step to the sums of their squares."""
+    e.error_squared_sum += e.distance * e.distance
+    e.yaw_error_squared_sum += e.yaw_error * e.yaw_error
+    e.counted += 1.0
+
+
+# --- What the loops of every task do (`loops`) ----------------------------------------------------------------------------------
+
+
+@row
+def begin(e: Record) -> None:
+    """Clear what an episode remembers."""
+    e.steps = 0
+    e.outcome = GOES_ON
+    e.reward_sum = 0.0
+    e.deviation_sum = 0.0
+    e.deviation_squared_sum = 0.0
+    e.command_norm_sum = 0.0
+    e.energy = 0.0
+    e.path_length = 0.0
+    e.change_sum = 0.0
+    e.error_squared_sum = 0.0
+    e.yaw_error_squared_sum = 0.0
+    e.counted = 0.0
+    e.detour = 0.0
+
+
+@row
+def start(e: Record, heading: float, p: Record, pose: Floats) -> None:
+    """Begin an episode at `e.start`, level, at rest, with a yaw in rad: write its pose (7,). The reference is set."""
+    x, y, z = triple(e.start)
+    put(e.position, (x, y, z))
+    put(pose, (x, y, z))
+    pose[3] = math.cos(0.5 * heading)
+    pose[4] = 0.0
+    pose[5] = 0.0
+    pose[6] = math.sin(0.5 * heading)
+    e.start_yaw = heading
+    e.distance = between(triple(e.reference), (x, y, z))
+    e.initial_distance = e.distance
+    e.depth_margin = min(p.depth_high - z, z - p.depth_low)
+
+
+@row
+def measure(e: Record, v: Vehicle) -> None:
+    """Write the distance from the reference."""
+    e.last_distance = e.distance
+    e.distance = between(triple(e.reference), v.position)
+    e.to_go = e.distance + e.detour
+
+
+@row
+def turn(e: Record, v: Vehicle) -> None:
+    """Write the yaw error of a reference that has a yaw of its own."""
+    e.yaw_error = wrap(e.reference_yaw - yaw(v))
+
+
+@row
+def turn_to(e: Record, v: Vehicle) -> None:
+    """Write the yaw error towards a reference without one: its bearing less the yaw."""
+    (x, y, _), (to_x, to_y, _) = v.position, triple(e.reference)
+    e.yaw_error = wrap(math.atan2(to_y - y, to_x - x) - yaw(v))
+
+
+@row
+def finish(e: Record, v: Vehicle, reward: float, p: Record) -> None:
+    """Add a step to the sums."""
+    norm_squared = 0.0
+    change_squared = 0.0
+    for j in range(v.action.shape[0]):
+        norm_squared += v.force[j] * v.force[j]
+        change = v.action[j] - v.previous[j]
+        change_squared += change * change
+        v.previous[j] = v.action[j]
+    _, _, z = v.position
+    e.reward_sum += reward
+    e.command_norm_sum += math.sqrt(norm_squared)
+    e.energy += v.power * p.duration
+    e.path_length += between(v.position, triple(e.position))
+    e.change_sum += math.sqrt(change_squared)
+    e.depth_margin = min(e.depth_margin, p.depth_high - z, z - p.depth_low)
+    put(e.position, v.position)
+
+
+@row
+def noise(u: float, low: float, high: float, both_signs: bool) -> float:
+    """Return noise of magnitude uniform in [low, high] from one uniform draw; `both_signs`: of random sign."""
+    if not both_signs:
+        return low + (high - low) * u
+    v = 2.0 * u - 1.0
+    magnitude = low + (high - low) * abs(v)
+    return magnitude if v >= 0.0 else -magnitude
+
+
+@compiled("dynamics")
+def add_command_noise(
+    start: int,
+    stop: int,
+    action: Floats,
+    episodes: Any,
+    parameters: Any,
+    scale: Floats,
+    stream: int,
+    command: Floats,
+) -> None:
+    """Compute command = action + noise, clipped to [-1, 1]; `scale` (n_u,) turns the noise's unit into the action's."""
+    p = parameters[0]
+    n_u = action.shape[1]
+    low, high, both = p.command_noise_low, p.command_noise_high, p.both_signs > 0
+    silent = high == 0.0
+    for i in range(start, stop):
+        e = episodes[i]
+        for block in range((n_u + 3) // 4):
+            if silent:
+                u = (0.0, 0.0, 0.0, 0.0)
+            else:
+                u = uniform4(e.seed, COMMAND | stream, block, e.steps, e.episode, e.environment)
+            for entry in range(min(4, n_u - 4 * block)):
+                j = 4 * block + entry
+                value = action[i, j]
+                if not silent:
+                    value += noise(u[entry], low, high, both) * scale[j]
+                command[i, j] = min(1.0, max(-1.0, value))
