@@ -67,7 +67,7 @@ def test_it_is_the_same_interpreted_and_compiled(tmp_path: Path) -> None:
     ("file", "old", "new"),
     [
         ("dynamics/equations.py", "absolute(v)", "scale(2.0, absolute(v))"),
-        ("tasks/rewards.py", "return float(P[p + 2])", "return float(2 * P[p + 2])"),
+        ("tasks/rewards.py", "return float(p.success)", "return float(2 * p.success)"),
     ],
 )
 def test_changed_sources_change_it(tmp_path: Path, file: str, old: str, new: str) -> None:
