@@ -235,7 +235,7 @@ def _show(rows: Sequence[Row], *, of: int) -> None:
     if rows:
         console.print(table(rows, console))
     for row in rows:
-        if remark := row.error or (f"held by {row.holder}" if row.holder else ""):
+        if remark := row.error or (f"locked by {row.holder}" if row.holder else ""):
             console.print(f"{row.id}: {remark}", soft_wrap=True, markup=False, style="dim")
     counts = {state: sum(row.state is state for row in rows) for state in State}
     shown = f"{of} run{'s' if of != 1 else ''}" if len(rows) == of else f"{len(rows)} of {of} runs"

@@ -251,7 +251,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
     if finished(run, manifest):
         return Outcome.COMPLETE, ""
     if status.code == HELD:
-        return Outcome.HELD, f"held by {lock.current(run.path) or 'a process that has ended by now'}"
+        return Outcome.HELD, f"locked by {lock.current(run.path) or 'a process that has ended by now'}"
     # If the job was killed, an error in the manifest is from an earlier attempt.
     if state == "failed" and manifest["error"] and (status.code is None or status.code > 0):
         log = (

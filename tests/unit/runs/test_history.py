@@ -137,7 +137,7 @@ def test_without_a_history_the_command_says_so(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "outputs").mkdir()
     assert main(["runs", "--history"]) == 2
-    assert "no history.jsonl here" in capsys.readouterr().err
+    assert "no history.jsonl found" in capsys.readouterr().err
     assert main(["runs", "--history", "--json"]) == 2
     assert "leave out --where and --json" in capsys.readouterr().err
 

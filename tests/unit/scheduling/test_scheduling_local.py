@@ -227,7 +227,7 @@ def test_a_held_run_is_left_alone_and_named(folder: Path) -> None:
         result, text = carry_out([held, free])
     assert result.exit_code == 1  # whoever goes on with `&&` counts on all of them
     assert set(result.of(Outcome.HELD)) == {held.path}
-    assert f"locked by another process: locked by {interruption.host()}, pid {os.getpid()}" in text
+    assert f"locked by another process: held by {interruption.host()}, pid {os.getpid()}" in text
     assert held.manifest()["state"] == "pending"
 
 

@@ -56,7 +56,7 @@ KNOWN = {
     ("training/checkpoint/saver.py", "run / name"): OWN,
     ("training/checkpoint/extending.py", "here.folder / str(checkpoint.step)"): OWN,
     ("training/checkpoint/extending.py", "here.replay_folder / segment.name"): OWN,
-    ("training/checkpoint/extending.py", "there.replay_folder / segment.name"): OWN,
+    ("training/checkpoint/extending.py", "source_store.replay_folder / segment.name"): OWN,
     ("training/checkpoint/store.py", "self.folder / str(step)"): OWN,
     ("training/execute.py", "run.model / name"): OWN,
     ("training/learning.py", "run.path / name"): OWN,
