@@ -185,8 +185,11 @@ def test_a_second_process_compiles_nothing_even_where_the_installation_is_read_o
     site: Site, tmp_path: Path
 ) -> None:
     tasking(site)
-    shutil.copytree(PACKAGE, site.folder / "auvbench", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copytree(PACKAGE.parent / "conf", site.folder / "auvbench" / "conf", dirs_exist_ok=True)
+    uncached = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(PACKAGE, site.folder / "auvbench", ignore=uncached)
+    shutil.copytree(
+        PACKAGE.parent / "conf", site.folder / "auvbench" / "conf", ignore=uncached, dirs_exist_ok=True
+    )
     for folder in (*(site.folder / "auvbench").rglob("*/"), site.folder / "auvbench_example"):
         shutil.rmtree(folder / "__pycache__", ignore_errors=True)
         (folder / "__pycache__").write_text(
