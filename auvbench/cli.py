@@ -193,11 +193,8 @@ def _details(error: BaseException, arguments: Sequence[str]) -> str:
     from auvbench.runs import provenance
 
     lines = [
-        (
-            f"auvbench {__version__} failed with an unexpected error. Please report this file: open an issue, "
-            "or follow SECURITY.md if the error "
-        ),
-        "could be misused. Nothing in this file was sent anywhere.",
+        f"auvbench {__version__} failed with an unexpected error. Please report this file: open an issue,",
+        "or follow SECURITY.md if the error could be misused. Nothing in this file was sent anywhere.",
         "",
         f"command: {shlex.join(['auvbench', *arguments])}",
         f"folder: {os.environ.get('PWD', '')}",

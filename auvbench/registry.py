@@ -322,7 +322,6 @@ REWARDS: Kind[RewardSpec] = Kind(
     "auvbench.rewards",
     "reward.name",
     f"{_REWARDS}:RewardSpec",
-    # in the order of their codes in `tasks.rewards`
     _lines(
         _REWARDS,
         *(

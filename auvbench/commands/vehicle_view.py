@@ -91,6 +91,10 @@ def _text(text: str) -> str:
     return escape(plain(text))
 
 
+_COMPONENTS = {(3,): ("x", "y", "z"), (6,): inspect.AXES}
+"""Names of the components of a list with a range, by its shape."""
+
+
 def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
     """Print each number of the sheet with its range and its sources."""
     if not quantities:
@@ -100,8 +104,8 @@ def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
         column.justify = "left"
     for quantity in quantities:
         name, sources = _text(".".join(quantity.path)), _text(", ".join(quantity.sources))
-        if isinstance(quantity.value, list) and quantity.range is not None:
-            names = inspect.AXES if len(quantity.value) == len(inspect.AXES) else ("x", "y", "z")
+        names = _COMPONENTS.get(np.shape(quantity.value)) if isinstance(quantity.value, list) else None
+        if names and quantity.range is not None:
             for index, (part, value, low, high) in enumerate(
                 zip(names, quantity.value, *quantity.range, strict=True)
             ):
@@ -114,7 +118,7 @@ def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
                     sources if first else "",
                 )
         else:
-            span = "" if quantity.range is None else "{:g} to {:g}".format(*quantity.range)
+            span = "{:g} to {:g}".format(*quantity.range) if np.shape(quantity.range) == (2,) else ""
             table.add_row(name, _shortened(quantity.value), span, _text(quantity.unit), sources)
     console.print(table)
     for quantity in quantities:
@@ -125,10 +129,12 @@ def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
 
 def _shortened(value: object) -> str:
     """Return a number or a short list as text, and the size of a longer one."""
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, (int, float)):
         return f"{value:g}"
     if isinstance(value, Mapping):
-        return f"{len(value)} vectors"
+        return f"{len(value)} entries"
     if not isinstance(value, list):
         return _text(str(value))
     if value and isinstance(value[0], list):

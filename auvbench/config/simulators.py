@@ -199,7 +199,7 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
         if scale.low != 1.0 or scale.high != 1.0:
             need(
                 f"disturbance.randomisation.{part}",
-                "vehicles with numbers of their own",
+                "drawn vehicles (factors that differ from the sheet)",
                 lambda can: can.scales,
             )
 

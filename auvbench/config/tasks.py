@@ -1,4 +1,4 @@
-"""Define the schemas of the `task` group, and the specs of auvbench's own tasks.
+"""Define the schemas of the `task` group; `task_specs` has the specs of auvbench's own tasks.
 
 Importing this module imports no task.
 """

@@ -29,6 +29,7 @@ from auvbench.dynamics.layout import (
     LANES,
     LINEAR_CURVE,
     POWER_POINTS,
+    POWER_TABLE,
     TABLE_CURVE,
     THRUSTER,
     Record,
@@ -104,7 +105,7 @@ def report(
             force[first + lane, a] = newtons
             position = newtons * actuator.force_scale * actuator.points_per_newton + middle
             position = min(max(position, 0.0), POWER_POINTS - 1.0)
-            watts += interpolated(tables, actuator.power_table, POWER_POINTS, position) * actuator.power_scale
+            watts += interpolated(tables, POWER_TABLE, POWER_POINTS, position) * actuator.power_scale
         power[first + lane] = watts
 
 

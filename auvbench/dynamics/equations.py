@@ -120,8 +120,8 @@ def integrate_attitude(
 def runge_kutta_stage(ws: Record, weight: float, ahead: float, full: bool) -> None:
     """Compute k = [eta'; nu'] at y for each vehicle of the block; then s += weight k and y = x + ahead k.
 
-    A single loop: cut in two, what passes between the halves would go through memory. With `full`, `ws.extra` adds to the plain
-    terms of the added mass.
+    A single loop: cut in two, what passes between the halves would go through memory. With `full`, `ws.extra` adds the terms of
+    off-diagonal added mass, of Gazebo's early plugin and of waves.
     """
     x, y, s, vehicle, tau, extra = ws.x, ws.y, ws.s, ws.vehicle, ws.tau, ws.extra
     for lane in range(LANES):

@@ -123,8 +123,9 @@ def advance(
     external: FloatArray,  # (n, 6) body wrench
     waves: tuple[FloatArray, FloatArray, FloatArray],  # components, rays, time of `waves.Waves`
     parameters: FloatArray,  # (n_blocks, rows * LANES), or one row for all blocks
-    actuators: FloatArray,  # records of ACTUATOR (n_u,), seen as floats
-    discrete: FloatArray,  # records of DISCRETE (n_u,) for half a substep, seen as floats
+    # Seen as floats: numba compares the types of records anew in each call.
+    actuators: FloatArray,  # records of ACTUATOR (n_u,)
+    discrete: FloatArray,  # records of DISCRETE (n_u,) for half a substep
     tables: FloatArray,  # (k, points)
     # Off-diagonal added mass, actuators with dynamics, actuators that are no thrusters, C_A of Gazebo's early plugin.
     flags: tuple[bool, bool, bool, bool],

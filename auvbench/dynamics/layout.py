@@ -100,6 +100,8 @@ ROWS = WORKSPACE.itemsize // 8 // LANES
 # --- Actuators --------------------------------------------------------------------------------------------------------------------
 THRUSTER, FIN, MASS_SHIFTER, BUOYANCY_ENGINE, DROP_WEIGHT = range(5)
 LINEAR_CURVE, TABLE_CURVE, POLYNOMIAL_CURVE = range(3)
+POWER_TABLE = 0
+"""row of the tables with electrical power over force"""
 POWER_POINTS = 1025
 """points of the table of electrical power over force; odd, so that force 0 is one of them"""
 ACTUATOR = record(
@@ -118,10 +120,9 @@ ACTUATOR = record(
     # Thruster.
     rotor=(),  # k rho D^4, N s2; 0 where the curve gives newtons
     per_newton=WRENCH,  # wrench [e; r x e]
-    force_scale=(),  # of the electrical power, and the row of its table
+    force_scale=(),  # of the electrical power
     power_scale=(),
-    power_table=np.int64,
-    points_per_newton=(),  # of that table
+    points_per_newton=(),  # of the table of power
     # All others.
     position=(3,),  # m
     axis=(3,),

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.config.schema import SCALES
 from auvbench.config.simulators import Capabilities
-from auvbench.dynamics.layout import CURRENT_COLUMNS
+from auvbench.dynamics.layout import CURRENT, CURRENT_COLUMNS
 from auvbench.dynamics.waves import Waves
 from auvbench.errors import ConfigError
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -139,7 +139,7 @@ class VehicleBatch:
             raise ConfigError(
                 f"current from depth {depths[0]} to {depths[1]} m: the second depth must be larger"
             )
-        self.current[:, :3] = velocity
-        self.current[:, 3:6] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
-        self.current[:, 6] = -top
-        self.current[:, 7] = 1.0 / thickness
+        rows = self.current.view(CURRENT)[:, 0]
+        rows["velocity"] = velocity
+        rows["change"] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
+        rows["top"], rows["per_thickness"] = -top, 1.0 / thickness

@@ -70,8 +70,8 @@ class FossenSimulator(VehicleBatch):
 
     def __init__(self, vehicle: VehicleModel, n: int, max_step: float = 0.01, threads: int = 1) -> None:
         super().__init__(vehicle, n, max_step)
-        self._actuators, self._curves = actuator_table(vehicle)
-        self._actuators_as_floats = self._actuators.view(np.float64)
+        actuators, self._curves = actuator_table(vehicle)
+        self._actuators = actuators.view(np.float64)
         self._flags = (
             bool(np.any(np.diag(np.diag(vehicle.M_A)) != vehicle.M_A)),
             any(unit.rest.size > 0 for unit in vehicle.units),
@@ -150,7 +150,7 @@ class FossenSimulator(VehicleBatch):
             self.external_wrench,
             self._wave_arguments,
             self._parameters,
-            self._actuators_as_floats,
+            self._actuators,
             discrete,
             self._curves,
             self._flags,

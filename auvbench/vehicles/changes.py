@@ -86,7 +86,10 @@ def _scale(found: dict[str, Any], scale: Mapping[str, float]) -> None:
             quantity = found[section].get(key)
             if quantity is not None:
                 value = factor * np.array(quantity["value"], dtype=np.float64)
-                found[section][key] = {**quantity, "value": value.tolist()}
+                rest = {
+                    name: part for name, part in quantity.items() if name != "range"
+                }  # the unchanged sheet's
+                found[section][key] = {**rest, "value": value.tolist()}
 
 
 def _float(found: dict[str, Any], net: float) -> None:

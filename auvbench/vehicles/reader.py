@@ -236,7 +236,7 @@ class Document:
 
         A quantity may have a `range`, the lowest and the highest value that sources give or that a bench allows.
         """
-        value = self.numbers((*path, "value"), self.sourced(path, unit), shapes)
+        value = self.numbers((*path, "value"), self.sourced(path, unit, "range"), shapes)
         if "range" in self.mapping(path):
             self._check_range((*path, "range"), value)
         return value
@@ -245,7 +245,11 @@ class Document:
         """Raise VehicleError if a range does not contain the value."""
         low, high = self.numbers(path, self.get(path), ((2, *value.shape),))
         if (low > value).any() or (value > high).any():
-            self.fail(path, f"{self.get(path)!r} does not contain the value {value.tolist()!r}")
+            self.fail(
+                path,
+                f"{self.get(path)!r} does not contain the value {value.tolist()!r}; change the range as well, or "
+                "remove it: range: null",
+            )
 
     def number(self, path: Keys, unit: str, low: float = -math.inf, above: float = -math.inf) -> float:
         """Return a sourced number, at least `low` and greater than `above`."""
@@ -258,14 +262,14 @@ class Document:
             )
         return value
 
-    def sourced(self, path: Keys, unit: str) -> Any:
-        """Return the value of `{value, unit, source}` after checking unit and source."""
+    def sourced(self, path: Keys, unit: str, *optional: str) -> Any:
+        """Return the value of `{value, unit, source}` after checking unit and source; `optional` keys may be there."""
         node = self.get(path)
         if not isinstance(node, Mapping):
             self.fail(path, f"expected value, unit and source, got {node!r}")
         if "source" not in node:
             self.fail(path, "every number names its source: key 'source' is missing")
-        self.section(path, ("value", "source"), ("unit", "note", "range"))
+        self.section(path, ("value", "source"), ("unit", "note", *optional))
         if str(node.get("unit", "1")) != unit:
             self.fail(
                 (*path, "unit"), f"{node.get('unit')!r} is not the unit of this quantity: it is in {unit!r}"

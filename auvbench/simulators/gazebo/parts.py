@@ -38,7 +38,7 @@ def inertial(vehicle: VehicleModel, hydrodynamics: str, thrusters: bool) -> list
     lines = [note] if thrusters and vehicle.units else []
     lines += [
         "    <inertial>",
-        f" <pose>{numbers(r_g)} 0 0 0</pose>",
+        f"      <pose>{numbers(r_g)} 0 0 0</pose>",
         f"      <mass>{number(mass)}</mass>",
         "      <inertia>",
     ]

@@ -47,7 +47,7 @@ def test_the_embedded_simulator_takes_all_that_can_be_asked():
         (["disturbance=gauss_markov"], "disturbance.current.gauss_markov", "varying"),
         (["disturbance=depth_current"], "disturbance.current.profile", "sheared"),
         (["disturbance=waves"], "disturbance.waves.height=0.88", "waves"),
-        (["disturbance=randomised"], "disturbance.randomisation.mass", "numbers of their own"),
+        (["disturbance=randomised"], "disturbance.randomisation.mass", "factors that differ from the sheet"),
     ],
 )
 def test_what_it_cannot_is_refused_with_the_key_and_a_way_out(plain, overrides, key, word):

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 
 from auvbench import cli
 from auvbench.errors import VehicleError
-from auvbench.vehicles import reader
+from auvbench.vehicles import changes, reader
 from auvbench.vehicles.reader import sheet_names
 from auvbench.vehicles.sheet import load
 from tests import configs
@@ -284,7 +284,49 @@ def test_a_range_contains_its_value(written, message, tmp_path):
         load(content)
 
 
-@pytest.mark.parametrize("name", ["bluerov2_2026", "bluerov2_heavy_2026"])
+RECOMMENDED = ["bluerov2_2026", "bluerov2_heavy_2026"]
+
+
+@pytest.mark.parametrize("key", ["positions", "directions", "curve"])
+def test_a_range_that_nothing_checks_is_refused(key):
+    content = reader.read("bluerov2_2026").data
+    content["actuators"]["thrusters"][key]["range"] = [0.0, 1.0]
+    with pytest.raises(VehicleError, match=rf"actuators\.thrusters\.{key}\.range: unknown key"):
+        load(content)
+
+
+@pytest.mark.parametrize("name", RECOMMENDED)
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+@pytest.mark.parametrize("number", changes.SCALES)
+def test_a_sealed_protocol_may_scale_any_number_of_the_recommended_sheets(number, factor, name):
+    content = reader.read(name).data
+    changed = changes.changed(content, changes.Changes(scale={number: factor}))
+    assert load(changed).name == name
+    assert load(changed).M.tolist() != load(content).M.tolist() or number not in (
+        "mass",
+        "inertia",
+        "added_mass",
+    )
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ("rigid_body", "inertia", [[0.2, 0.0, 0.0], [0.0, 0.2, 0.0], [0.0, 0.0, 0.2]]),
+        ("hydrodynamics", "added_mass", np.diag([5.5, 12.7, 14.57, 0.12, 0.12, 0.222]).tolist()),
+    ],
+)
+def test_a_matrix_with_a_range_is_shown_in_one_row(change, tmp_path, capsys):
+    section, key, value = change
+    content = reader.read("bluerov2_2026").data
+    content[section][key] |= {"value": value, "range": [value, value]}
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump(content))
+    assert cli.main(["vehicles", str(path)]) == 0
+    assert f"{len(value)} x {len(value)} matrix" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", RECOMMENDED)
 def test_each_number_of_the_recommended_sheets_is_shown_with_its_sources(name, capsys):
     assert cli.main(["vehicles", name]) == 0
     shown = capsys.readouterr().out
