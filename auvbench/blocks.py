@@ -1,7 +1,7 @@
 """The blocks that an observation may have: what each is, and the function that writes it.
 
 These functions are plain Python and import nothing compiled: a pilot on a vehicle calls them as they are
-(`pilot.observation`), environments compile them (`tasks.observing`). So both observe the same.
+(`pilot.observation`), environments compile them (`tasks.loops.observe`). So both observe the same.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from auvbench.observation import BODY, WORLD, Block
+from auvbench.observation import BODY, Block
 
 FASTEST = 50.0
 """m/s and rad/s: no vehicle comes near"""
@@ -265,5 +265,3 @@ BLOCKS: dict[str, BlockSpec] = {
     )
 }
 """by name"""
-
-__all__ = ["BLOCKS", "BODY", "WORLD", "BlockSpec", "Reading", "Setting", "reading", "wrap"]

@@ -44,6 +44,11 @@ class Spec:
     """The dataclass of its configuration: types, ranges and meanings of its keys; None without any key."""
 
     @property
+    def keys(self) -> type:
+        """The dataclass of its configuration; the kind's where it adds no keys of its own."""
+        return self.schema or self.base
+
+    @property
     def code(self) -> str:
         """`module:object` of its code."""
         raise NotImplementedError
@@ -282,6 +287,12 @@ def telling(who: str, what: str) -> Iterator[None]:
         raise
     except Exception as error:
         raise AgentError(f"{who}: {what}: {describe_error(error)}") from error
+
+
+def owner(kind: str, part: Any) -> str:
+    """Return what a message calls a part of a configuration: `task=circling of auvbench-example==1.0`."""
+    package = getattr(part, "package", None)
+    return f"{kind}={part.name} of {package}" if package else f"{kind}={part.name}"
 
 
 def _lines(module: str, *names: str) -> dict[str, str]:

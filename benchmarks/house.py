@@ -22,14 +22,16 @@ PACKAGE = ROOT / "auvbench"
 INTEGRATION = re.compile(r"ros ?2|rclpy|gazebo|ardusub|mavlink|slurm|wandb|mlflow|\bray\b", re.IGNORECASE)
 """Foreign systems that an integration talks to."""
 INTEGRATIONS = (
-    *("ros2", "mavlink", "ardusub", "integrations", "simulators/gazebo", "simulators/ros2.py"),
-    *(
-        "scheduling/slurm.py",
-        "scheduling/ray.py",
-        "tracking/wandb.py",
-        "tracking/mlflow.py",
-        "agents/ardusub.py",
-    ),
+    "ros2",
+    "mavlink",
+    "ardusub",
+    "simulators/gazebo",
+    "simulators/ros2.py",
+    "scheduling/slurm.py",
+    "scheduling/ray.py",
+    "tracking/wandb.py",
+    "tracking/mlflow.py",
+    "agents/ardusub.py",
 )
 """Files and folders of the package that are an integration."""
 

@@ -6,6 +6,7 @@ import sys
 import textwrap
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.util import cache_from_source
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,8 @@ class Site:
             place = self.folder / path
             place.parent.mkdir(parents=True, exist_ok=True)
             place.write_text(textwrap.dedent(text))
+            # Python takes a source of the same second and size for the one whose bytecode it kept.
+            Path(cache_from_source(str(place))).unlink(missing_ok=True)
             self.modules.add(path.split("/", 1)[0].removesuffix(".py"))
         groups = {"auvbench.agents": agents or {}}
         groups |= {"auvbench.tasks": tasks or {}, "auvbench.rewards": rewards or {}}

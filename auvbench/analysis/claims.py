@@ -259,7 +259,7 @@ def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float
 
 
 def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
-    """Claim 5: some SAC run that did not converge succeeds in above 80 % of the tests; fails if fewer than
+    """Claim 5: some SAC run that did not converge succeeds in more than 80 % of the tests; fails if fewer than
     half of such trainings would.
 
     A run counts as not converged after 1,000,000 steps, if some control converges within the run's time

@@ -125,7 +125,7 @@ def _effect(effect: Effect, m: Measure, basis: str, needed: int) -> Finding:
 
 
 def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
-    """Return the agent whose trainings differ most, if seeds are most of its variance; else None."""
+    """Return a finding on the agent whose mean varies most with its seeds, if seeds are most of its variance; else None."""
     several = [a for a in agents if len(a.outcome) > 1 and learns(a) and np.isfinite(m.values(a)).all()]
     if not several:
         return None
@@ -139,7 +139,8 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
     low, high = (f"{100 * x:.1f}" if m.rate else f"{x:.4g}" for x in (means.min(), means.max()))
     share = "> 99" if shares[i] > 0.99 else f"{100 * shares[i]:.0f}"
     text = (
-        f"Trainings of {agent.label} have the largest standard deviation in {name(m)}, with values from {low} to {high}{unit(m)}. "
+        f"Seeds make the mean of {agent.label} in {name(m)} the most uncertain: its trainings have values from {low} to "
+        f"{high}{unit(m)}. "
         f"{share} % of its variance is between seeds, so more seeds tell more than more episodes."
     )
     return Finding("seed_variance", text, (agent.label,), run_ids=run_ids([agent]))

@@ -57,8 +57,7 @@ def agents(
 
     Returns:
         Agents in the order of their keys, and the problems. `Agent.metrics` has every numeric column of
-            episodes.csv and `time_to_goal_s` (NaN for a failed episode).
-        episodes.csv and `time_to_goal_s` (NaN where the episode was no success).
+        episodes.csv and `time_to_goal_s` (NaN for a failed episode).
 
     Raises:
         ReportError: the protocol or condition is unknown, or no run can be reported.

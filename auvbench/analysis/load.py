@@ -239,9 +239,9 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
     if release := flat.get("task.package"):
         try:  # Any release of the package describes its metrics.
             name = str(flat.get("task.name"))
-            if TASKS.find(name) is None:
+            if (found := TASKS.find(name)) is None:
                 raise TASKS.missing(name, str(release))
-            TASKS.choose(name)
+            TASKS.enter(found)
         except ConfigError as error:
             raise Damage(str(error), "missing") from error
     if wrong := disagreement(manifest, config):

@@ -78,7 +78,7 @@ class Parser(argparse.ArgumentParser):
 
     Args:
         where: add `--where`; the parsed options then have its terms as `where`.
-        workers: add `--workers`; names the jobs of which that many run at once.
+        workers: add `--workers`; the jobs that run in parallel, for its help.
         keys: valid keys of `key=value` words.
         options: keyword arguments of `ArgumentParser`.
     """

@@ -298,13 +298,13 @@ def task_of(name: str, where: str) -> tasks.Task:
 
     if name not in _tasks():
         raise ConfigError(
-            f"{where} {short(name, 40)}: a pilot cannot give its reference; the task must have a pose at "
+            f"{where} {short(name, 40)}: a pilot cannot give its reference; it must be a pose at "
             f"rest (/goal_pose); {closest(name, _tasks())}"
         )
     values = defaults("task", name)
     if "preview" in values:
         values["preview"] = tasks.Preview(**values["preview"])
-    made: tasks.Task = (registry.TASKS[name].schema or tasks.Task)(**values)
+    made: tasks.Task = registry.TASKS[name].keys(**values)
     return made
 
 

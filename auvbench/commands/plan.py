@@ -149,11 +149,12 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     from auvbench.analysis.conditions import default
     from auvbench.analysis.grouping import sections
     from auvbench.analysis.load import agents, load, require
+    from auvbench.analysis.records import task_of
 
     runs, problems = load(options.paths, options.protocol, options.where)
     require(runs, problems, options.protocol)
     part = sections(runs, options.protocol)[0]
-    names = sorted({str(run.config.get("task.name", DEFAULT_TASK)) for run in runs})
+    names = sorted({task_of(run) for run in runs})
     if len(names) > 1:
         raise UserError(
             f"plan: the runs are of several tasks ({', '.join(names)}); name one: --where task={names[0]}"

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from auvbench.commands.report import write
 from auvbench.commands.report_options import Options
-from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
@@ -48,7 +47,9 @@ def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
 
 
 def _task(report: Report) -> str:
-    return str(report.runs[0].config.get("task.name", DEFAULT_TASK))
+    from auvbench.analysis.records import task_of
+
+    return task_of(report.runs[0])
 
 
 def _by_condition(report: Report, options: Options) -> dict[str, Sequence[Agent]]:

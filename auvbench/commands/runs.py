@@ -246,8 +246,8 @@ def _show(rows: Sequence[Row], *, of: int) -> None:
 
 
 def table(rows: Sequence[Row], console: Console) -> Table:
-    """Return the table: states, steps, success and times are never cut; other columns are, where the terminal
-    is narrow.
+    """Return the table: states, steps, success and times are never cut; where the terminal is narrow, other columns are left
+    out, the last first.
     """
     from rich.measure import Measurement
 

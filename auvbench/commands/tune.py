@@ -110,7 +110,7 @@ def _studies(
     for path in names:
         if names.count(path) > 1:
             raise ConfigError(
-                f"{path}: two of these studies would have this name; set name=NAME for one at a time"
+                f"{path}: two of these studies would have this name; run them one at a time, each with its own name=NAME"
             )
     code = 0
     for number, ((plan, study), config) in enumerate(zip(plans, configs, strict=True), 1):
@@ -191,7 +191,7 @@ def _refuse_ignored(plan: Plan, arguments: Sequence[str]) -> None:
             if getattr(condition.config, group) != getattr(own, group):
                 raise ConfigError(
                     f"{word}: has no effect, because protocol={plan.protocol.name} sets its own {group}; "
-                    "leave it out, or set the value in protocol.overrides"
+                    "leave out the protocol, or set the value in protocol.overrides"
                 )
 
 

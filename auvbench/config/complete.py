@@ -62,7 +62,7 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
         if isinstance(spec, algorithms.AgentSpec):
             added["learns"] = spec.learns
         with open_dict(config):
-            config[key] = _typed(spec.schema or spec.base, key, node, added)
+            config[key] = _typed(spec.keys, key, node, added)
     return config
 
 

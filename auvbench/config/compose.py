@@ -130,7 +130,7 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
 
 def _schemas(kind: Kind[Any]) -> dict[str, type]:
     """Return the schemas from which auvbench's own files start, by name."""
-    return {name: kind[name].schema or kind.spec.base for name in kind.own}
+    return {name: kind[name].keys for name in kind.own}
 
 
 def _copied(tree: dict[str, Any]) -> dict[str, Any]:

@@ -155,7 +155,7 @@ class Batch:
         Args:
             indices: None for all n.
             pose: (k, 7) x, y, z in m, unit quaternion (w, x, y, z), where the vehicles start; None draws.
-            waypoint: (k, 3) x, y, z in m, where they are to go; None draws. Of the waypoint task alone.
+            waypoint: (k, 3) x, y, z in m, where they are to go; None draws. Of tasks with a free goal.
             distance: (k,) m, to which a drawn waypoint is moved along its direction from the start.
 
         Returns:
@@ -196,7 +196,7 @@ class Batch:
         if distance is not None:
             depths = self.config.task.depth_low, self.config.task.depth_high
             waypoint = _at(distance, start[:, :3], task.reference[indices], depths)
-        task.place(indices, start, **({} if waypoint is None else {"waypoint": waypoint}))
+        task.place(indices, start, waypoint)
         for i in indices.tolist():
             if wrong := task.misplaced(i):
                 task.load_state_dict(before)

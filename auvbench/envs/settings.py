@@ -164,7 +164,7 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
     Args:
         options: `pose` (7,) for all or (count, 7): x, y, z in m and a quaternion w, x, y, z, which is normalised; or
             (3,), (4,): x, y, z, and yaw in rad. `waypoint` (3,) or (count, 3) in m, or `distance`, one number or
-            (count,) in m, to which the drawn waypoint is moved; of the waypoint task alone.
+            (count,) in m, to which the drawn waypoint is moved; of tasks with a free goal.
         count: of environments.
         task: its depth limits hold.
         bounds: (3,) m, of the position error that the observation space admits.

@@ -6,7 +6,7 @@ import dataclasses
 
 from auvbench.config import schema, simulators
 from auvbench.config.schema import SCALES
-from auvbench.registry import SIMULATORS, resolve, telling
+from auvbench.registry import SIMULATORS, owner, resolve, telling
 from auvbench.simulators.base import Simulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
@@ -51,7 +51,7 @@ def make_simulator(
         return own
     from auvbench.simulators import guard
 
-    who = f"simulator={config.name} of {config.package}"
+    who = owner("simulator", config)
     with telling(who, "cannot be made"):
         made = resolve(spec.code)(config, vehicle, n, limit)
     return guard.checked(made, who)

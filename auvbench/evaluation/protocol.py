@@ -190,17 +190,13 @@ def _apply(node: DictConfig, key: str, value: str, where: str) -> None:
         raise ConfigError(f"{where}: {key}={value}: {str(error).splitlines()[0]}") from error
 
 
-def _schema(task: str) -> type:
-    return TASKS[task].schema or TASKS.spec.base
-
-
 def _of_other_tasks(node: DictConfig, key: str) -> bool:
     """Return whether only other tasks have a key: `task.station` in a condition moves stations, but not docks."""
     group, _, name = key.partition(".")
     return (
         group == "task"
         and name not in node.task
-        and any(name == field.name for task in TASKS.own for field in fields(_schema(task)))
+        and any(name == field.name for task in TASKS.own for field in fields(TASKS[task].keys))
     )
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from auvbench.config.algorithms import learns
 from auvbench.config.launchers import Launcher, LauncherConfig
 from auvbench.errors import AgentError, ConfigError, RunError
-from auvbench.registry import LAUNCHERS, resolve, telling
+from auvbench.registry import LAUNCHERS, owner, resolve, telling
 from auvbench.runs import status
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.status import State
@@ -32,7 +32,7 @@ class Action(Enum):
     RESUME = "partial", "resumed"
     START = "missing", "started"
     RETRY = "failed", "retried"
-    LEAVE = "locked by another process", "left alone"
+    LEAVE = "locked", "left alone"
     REFUSE = "damaged", "skipped"
 
 
@@ -197,23 +197,25 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
 
     Raises:
         UserError: the backend cannot work on this machine.
+        ConfigError: the options have no schema, or the package is not installed.
+        AgentError: the package's code cannot make a backend.
     """
     from omegaconf import OmegaConf
 
     options = OmegaConf.to_object(launcher)
     if not isinstance(options, Launcher):
         raise ConfigError("launcher: its file must start from a schema (see conf/launcher)")
-    # Imported late: each backend has its own requirements.
-    spec = LAUNCHERS.choose(options.name)
+    code = LAUNCHERS.choose(options.name).code
     if not isinstance(options, LauncherConfig):
-        own: Backend = resolve(spec.code)(options, target, learning)
+        own: Backend = resolve(code)(options, target, learning)  # imports what this launcher needs
         return own
-    who = f"launcher={options.name} of {options.package}"
+    who = owner("launcher", options)
     with telling(who, "cannot be made"):
-        made: Backend = resolve(spec.code)(options, target, learning)
-    needed = ("limit", "submit", "adopt", "wait", "close")
-    if lacking := [name for name in needed if not hasattr(made, name)]:
-        raise AgentError(
-            f"{who}: what it makes, a {type(made).__name__}, lacks {', '.join(lacking)} (auvbench.scheduling.loop.Backend)"
-        )
+        made: Backend = resolve(code)(options, target, learning)
+        needed = ("limit", "submit", "adopt", "wait", "close")
+        if lacking := [name for name in needed if not hasattr(made, name)]:
+            raise AgentError(
+                f"{who}: what it makes, a {type(made).__name__}, lacks {', '.join(lacking)} "
+                "(auvbench.scheduling.loop.Backend)"
+            )
     return made

@@ -121,7 +121,7 @@ class Outcome(StrEnum):
     COMPLETE = "complete"
     FAILED = "failed"
     INTERRUPTED = "interrupted"
-    HELD = "held"
+    HELD = "locked"
     NOT_STARTED = "not started"
 
 

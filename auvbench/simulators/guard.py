@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,8 +13,13 @@ from auvbench.registry import telling
 from auvbench.simulators.base import Simulator
 
 _METHODS = ("reset", "set_current", "step", "state_dict", "load_state_dict")
-_SHAPES = {"pose": 7, "velocity": 6, "command_force": -1, "power": 0, "effectiveness": -1}
-"""Columns of each array; -1: as many as actuators, 0: one number per vehicle."""
+_ARRAYS = ("pose", "velocity", "command_force", "power", "effectiveness")
+
+
+def shapes(simulator: Simulator) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of a simulator's arrays; all are float64."""
+    n, n_u = simulator.n, len(simulator.vehicle.units)
+    return dict(zip(_ARRAYS, ((n, 7), (n, 6), (n, n_u), (n,), (n, n_u)), strict=True))
 
 
 def checked(made: Any, who: str) -> Simulator:
@@ -31,36 +38,38 @@ def checked(made: Any, who: str) -> Simulator:
     )
     lacking = [name for name in needed if not callable(getattr(made, name, None))]
     lacking += [
-        name for name in ("vehicle", "n", "capabilities", "actuators", *_SHAPES) if not hasattr(made, name)
+        name for name in ("vehicle", "n", "capabilities", "actuators", *_ARRAYS) if not hasattr(made, name)
     ]
     if lacking:
         raise AgentError(f"{who}: what it makes, a {type(made).__name__}, lacks {', '.join(lacking)}")
-    for name, columns in _SHAPES.items():
-        width = len(made.vehicle.units) if columns < 0 else columns
-        shape = (made.n, width) if width else (made.n,)
+    for name, shape in shapes(made).items():
         value = getattr(made, name)
         if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.float64:
             given = f"{value.dtype} {value.shape}" if isinstance(value, np.ndarray) else type(value).__name__
             raise AgentError(f"{who}: {name} is {given}; it must be float64 {shape}")
-    step, reset = made.step, made.reset
-
-    def checked_step(command: Any, duration: float) -> None:
-        with telling(who, "step fails"):
-            step(command, duration)
-        _refuse_infinite(made, who, "step")
-
-    def checked_reset(*arguments: Any, **words: Any) -> None:
-        with telling(who, "reset fails"):
-            reset(*arguments, **words)
-        _refuse_infinite(made, who, "reset")
-
-    made.step, made.reset = checked_step, checked_reset
+    for name in ("step", "reset"):
+        setattr(made, name, _Checked(made, name, getattr(made, name), who))
     simulator: Simulator = made
     return simulator
 
 
+@dataclass(frozen=True)
+class _Checked:
+    """A method of a simulator after which its arrays are checked. No closure: a copy of the simulator checks the copy."""
+
+    made: Any
+    name: str
+    method: Callable[..., None]
+    who: str
+
+    def __call__(self, *arguments: Any, **words: Any) -> None:
+        with telling(self.who, f"{self.name} fails"):
+            self.method(*arguments, **words)
+        _refuse_infinite(self.made, self.who, self.name)
+
+
 def _refuse_infinite(made: Any, who: str, what: str) -> None:
-    for name in _SHAPES:
+    for name in _ARRAYS:
         value = getattr(made, name).reshape(made.n, -1)
         if not (finite := np.isfinite(value).all(axis=1)).all():
             row = int(np.argmin(finite))

@@ -22,7 +22,7 @@ from auvbench.errors import TrainingError
 from auvbench.metrics import Totals
 from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
-from auvbench.registry import TASKS, resolve
+from auvbench.registry import TASKS, owner, resolve
 from auvbench.tasks import loops, records
 from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
@@ -34,6 +34,10 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _STATE = ("preview", "previous", "offset", "observation")
+_TAKEN = ("_observe", "rows", "_common", "outcome", "reference", "distance", "loops", "_taken")
+"""attributes of a task that `Task._take` makes"""
+GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
+"""methods that `installed.guard` replaces"""
 
 
 class Task:
@@ -70,6 +74,8 @@ class Task:
     """blocks of an observation that a fingerprint covers; empty: all that the task has"""
     reference_key: ClassVar[str] = "reference"
     """of the reference in `info`"""
+    owners: tuple[str, str] | None = None
+    """task and reward by name and package, where a package brings one of them: `installed` checks what they compute"""
 
     def __init__(
         self,
@@ -95,15 +101,14 @@ class Task:
         """what the errors of a failed episode count as, by the `failed` of their metrics"""
         self.reads_velocity = reads(config.task, "velocity")
         """whether the observation has more of a vehicle than its pose"""
-        codes = [[*BLOCKS].index(name) for name in tasks.blocks(config.task)]
-        self._codes = np.array(codes, dtype=np.int64)
-        newest = [*self.spec.blocks.values()][: len(codes)]
-        self._sizes = np.array([len(block.labels) for block in newest], dtype=np.int64)
-        shared, who = _shared(config), _owner("task", config.task)
+        names = tasks.blocks(config.task)
+        self._codes = np.array([[*BLOCKS].index(name) for name in names], dtype=np.int64)
+        self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
+        shared, who = _shared(config), owner("task", config.task)
         self.parameters = records.one_row(self.own_parameters(config.task), shared, who)
         """(1,)"""
-        prices = functions.parameters(config.reward)
-        self.prices = records.one_row(prices, shared, _owner("reward", config.reward))
+        prices = records.of_schema(config.reward)
+        self.prices = records.one_row(prices, shared, owner("reward", config.reward))
         """(1,) parameters of the reward"""
         self.duration = float(self.parameters[0].duration)
         """simulated seconds of one agent step"""
@@ -112,24 +117,8 @@ class Task:
         points = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
         self.preview: Floats = np.zeros((n, points, 3))
         """m: previewed places of the references"""
-        self.rows = records.common(self.episodes)
-        """(n,) fields that every task has, for compiled functions of all tasks"""
-        self._taken = (
-            records.plain(self.episodes),
-            self.preview,
-            records.plain(self.parameters),
-            records.plain(self.prices),
-        )
-        self._common = records.common_row(self.parameters)
         self._reward = functions.function_of(config.reward)
-        self.loops = self.loops_with(self._reward)
-        self._observe = loops.observe()
-        self.outcome: Integers = self.episodes.outcome
-        """(n,) -1 while an episode is under way, else an index into OUTCOMES"""
-        self.reference: Floats = self.episodes.reference
-        """(n, 3) m: where the vehicles are to be now; for the waypoint task its waypoint"""
-        self.distance: Floats = self.episodes.distance
-        """(n,) m, to the references now"""
+        self._take(interpreted=False)
         self.seed = int(seed)
         self.reseed(seed)
         self.previous: Floats = np.zeros((n, n_u))
@@ -142,12 +131,38 @@ class Task:
         self.stream = VALIDATION if validation else TEST if test else 0
         """flag of the streams of random numbers: 0, TEST or VALIDATION"""
 
-    def loops_with(self, reward: Callable[..., float], *, interpreted: bool = False) -> loops.Loops:
-        """Return the loops that call the task's functions and a reward (`loops.of_task`)."""
+    def _take(self, *, interpreted: bool) -> None:
+        """Take the loops that call the task's functions and the reward, and views of the arrays in the forms that they need."""
+        self._interpreted = interpreted
+        self._observe = loops.observe()
+        self.rows = records.common(self.episodes)
+        """(n,) fields that every task has, for compiled functions of all tasks"""
+        self._common = records.common_row(self.parameters)
+        self.outcome: Integers = self.episodes.outcome
+        """(n,) -1 while an episode is under way, else an index into OUTCOMES"""
+        self.reference: Floats = self.episodes.reference
+        """(n, 3) m: where the vehicles are to be now; for the waypoint task its waypoint"""
+        self.distance: Floats = self.episodes.distance
+        """(n,) m, to the references now"""
         optional = [name for name in ("refer", "preview_row", "relocate") if hasattr(self, name)]
         named = {name: getattr(type(self), name) for name in ("draw", "step", *optional)}
         has_yaw = TASKS[self.name].has_yaw
-        return loops.of_task(named, reward, self.fields, has_yaw=has_yaw, interpreted=interpreted)
+        self.loops = loops.of_task(named, self._reward, self.fields, has_yaw=has_yaw, interpreted=interpreted)
+        tables = self.episodes, self.parameters, self.prices
+        episodes, parameters, prices = tables if interpreted else map(records.plain, tables)
+        self._taken = episodes, self.preview, parameters, prices
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what `__setstate__` makes: NumPy copies a view as an array of its own, which no longer follows the episodes."""
+        return {name: value for name, value in self.__dict__.items() if name not in (*_TAKEN, *GUARDED)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._take(interpreted=self._interpreted)
+        if self.owners:
+            from auvbench.tasks import installed
+
+            installed.guard(self)
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
         """Return the task's parameters by name: numbers, or lists of numbers."""
@@ -188,26 +203,28 @@ class Task:
 
     def draw_rows(self, indices: Integers, pose: Floats) -> None:
         """Draw episodes; write their start poses (k, 7)."""
-        episodes, preview, parameters, _ = self._taken
-        self.loops.draw(indices, episodes, preview, parameters, self.stream, pose)
+        self.loops.draw(indices, *self._taken[:3], self.stream, pose)
 
     def step_rows(self, start: int, stop: int, *motion: Floats) -> int:
         """Step episodes start .. stop - 1; return how many ended, or -1 - i: pose i is not finite."""
         return self.loops.step(start, stop, *motion, *self._taken, self.reward)
 
     def interpret(self) -> None:
-        """Run the task's functions and the reward as Python from now on, which checks each index."""
-        self.loops = self.loops_with(self._reward, interpreted=True)
-        self._taken = self.episodes, self.preview, self.parameters, self.prices
+        """Run the task's functions and the reward as Python from now on, which checks each of their indices.
 
-    def place(self, indices: Integers, pose: Floats) -> None:
-        """Replace the drawn start poses (k, 7) of environments that were just reset."""
+        The functions of `rows` that they call stay compiled.
+        """
+        self._take(interpreted=True)
+
+    def place(self, indices: Integers, pose: Floats, waypoint: Floats | None = None) -> None:
+        """Replace the drawn start poses (k, 7) of environments that were just reset; with `waypoint` (k, 3), the goals too."""
+        if waypoint is not None:
+            self.reference[indices] = waypoint
         e, p = self.episodes, self.parameters[0]
         e.start[indices] = e.position[indices] = pose[:, :3]
         e.start_yaw[indices] = frames.yaw(pose[:, 3:])
         if self.loops.relocate is not None:
-            episodes, preview, parameters, _ = self._taken
-            self.loops.relocate(indices, episodes, preview, parameters)
+            self.loops.relocate(indices, *self._taken[:3])
         distance = np.linalg.norm(self.reference[indices] - pose[:, :3], axis=1)
         e.distance[indices] = e.initial_distance[indices] = distance
         depth = pose[:, 2]
@@ -369,12 +386,6 @@ class TrackingTask(Task):
             "yaw_error_rms_rad": math.sqrt(yaw_squared / max(counted, 1.0)),
             **scenario,
         }
-
-
-def _owner(kind: str, part: Any) -> str:
-    """Return what a message calls a task or a reward."""
-    package = getattr(part, "package", None)
-    return f"{kind}={part.name} of {package}" if package else f"{kind}={part.name}"
 
 
 def _shared(config: schema.TrainConfig) -> dict[str, float]:

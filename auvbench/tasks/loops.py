@@ -152,19 +152,31 @@ def of_task(
         has_yaw: whether the reference has a yaw of its own.
         interpreted: do not compile the loops and the functions of task and reward, so that Python checks each index.
     """
-    named = {name: _plain(function) for name, function in functions.items()}
+    clear = tuple(f"e.{name} = 0" if not shape else f"e.{name}[:] = 0" for name, _, *shape in own)
+    return _of_task(tuple(functions.items()), reward, clear, has_yaw, interpreted)
+
+
+@cache
+def _of_task(
+    functions: tuple[tuple[str, Callable[..., Any]], ...],
+    reward: Callable[..., float],
+    clear: tuple[str, ...],
+    has_yaw: bool,
+    interpreted: bool,
+) -> Loops:
+    """Make the loops once per process: reading compiled code from disk costs more than an episode."""
+    named = {name: _plain(function) for name, function in functions}
     pays = _plain(reward)
     if interpreted:
         given = {**named, "reward": pays}
     else:
         given = {name: rows.row(function) for name, function in {**named, "reward": pays}.items()}
-    clear = [f"e.{name} = 0" if not shape else f"e.{name}[:] = 0" for name, _, *shape in own]
     # A bearing costs as much as the rest of a step: it is computed where the reward reads it.
-    bearing = "turn_to(e, v)" if _mentions(pays, "yaw_error") else ""
+    turn = ["turn_own(e, v)"] if has_yaw else ["turn_to(e, v)"] if _mentions(pays, "yaw_error") else []
     lines = {
         "clear": clear,
         "refer": ["refer(e, v, p)"] if "refer" in named else [],
-        "turn": ["turn_own(e, v)"] if has_yaw else [bearing] if bearing else [],
+        "turn": turn,
         "preview": ["preview_row(e, p, preview[i])"] if "preview_row" in named else [],
     }
     if interpreted:
@@ -185,7 +197,7 @@ def observe() -> Callable[..., None]:
     lines = []
     for code in range(len(specs)):
         lines += [f"{'el' if code else ''}if code == {code}:", f"    block_{code}(m, e, p, out)"]
-    given = _compiled_copies([blocks.reading, *used.values()])
+    given = _compiled_blocks()
     named = {name: given[function] for name, function in used.items()}
     shared = {
         "borrowed": rows.borrowed,
@@ -262,18 +274,13 @@ def _mentions(function: Any, name: str) -> bool:
     return False
 
 
-def _compiled_copies(functions: Iterable[Callable[..., Any]]) -> dict[Any, Any]:
-    """Return a compiled copy of each function, which calls compiled copies of the functions of its module."""
+def _compiled_blocks() -> dict[Any, Any]:
+    """Return a compiled copy of each function of `blocks`, which calls compiled copies of the others."""
+    namespace = dict(vars(blocks))
     copies: dict[Any, Any] = {}
-    modules: dict[int, dict[str, Any]] = {}
-    for function in functions:
-        assert isinstance(function, FunctionType)
-        own = function.__globals__
-        if id(own) not in modules:
-            namespace = modules[id(own)] = dict(own)
-            for name, other in own.items():
-                if isinstance(other, FunctionType) and other.__globals__ is own:
-                    copies[other] = namespace[name] = rows.row(
-                        FunctionType(other.__code__, namespace, other.__name__, other.__defaults__)
-                    )
+    for name, function in vars(blocks).items():
+        if isinstance(function, FunctionType) and function.__globals__ is vars(blocks):
+            copies[function] = namespace[name] = rows.row(
+                FunctionType(function.__code__, namespace, function.__name__, function.__defaults__)
+            )
     return copies

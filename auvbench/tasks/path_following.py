@@ -221,22 +221,28 @@ class PathFollowingTask(TrackingTask):
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, tasks.PathFollowing)
-        self.bounds, self.last, self.speed = task.bounds, task.waypoints - 1, task.speed
         distance = max(DEPTH_MARGIN, SHALLOWEST + task.overshoot)
         return {**super().own_parameters(task), "depth_distance": distance}
 
     def goal(self, i: int) -> Floats:
-        return np.array(self.episodes[i].points[self.last])
+        return np.array(self.episodes[i].points[self._last()])
+
+    def _last(self) -> int:
+        """Return the index of the last waypoint."""
+        return int(self.parameters[0].waypoints) - 1
 
     def own_metrics(self, i: int) -> dict[str, float]:
         e = self.episodes[i]
-        errors = self.errors(i, self.bounds)
+        bounds = self.limits["bounds"]
+        errors = self.errors(i, bounds)
         reached = e.outcome == SUCCESS
         speed_error = float(e.speed_error_sum) / float(e.counted)
         return {
             **errors,
-            "cross_track_rms_m": errors["position_error_rms_m"] if reached else self.bounds,
-            "completion": 1.0 if reached else float(e.progress) / self.last,
+            "cross_track_rms_m": errors["position_error_rms_m"] if reached else bounds,
+            "completion": 1.0 if reached else float(e.progress) / self._last(),
             # A path that is not followed to its end is followed no better than by a vehicle at rest.
-            "speed_error_m_per_s": speed_error if reached else max(speed_error, self.speed),
+            "speed_error_m_per_s": speed_error
+            if reached
+            else max(speed_error, float(self.parameters[0].speed)),
         }

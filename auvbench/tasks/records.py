@@ -227,9 +227,7 @@ def columns(dtype: np.dtype[Any], has_yaw: bool, has_goal: bool) -> list[str]:
 
     A digest of drawn scenarios covers them in this order (`evaluation.protocol`).
     """
-    left_out = {*_names(_COUNTERS), *_names(_STEP)}
-    left_out |= set() if has_yaw else {*_names(_YAW)}
-    left_out |= set() if has_goal else {*_names(_GOAL)}
+    left_out = _names([*_COUNTERS, *_STEP, *(() if has_yaw else _YAW), *(() if has_goal else _GOAL)])
     return [name for name in dtype.names or () if name not in left_out]
 
 

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from auvbench.config import rewards
 from auvbench.registry import REWARDS, resolve
-from auvbench.tasks.records import Record, of_schema
+from auvbench.tasks.records import Record
 from auvbench.tasks.rows import (
     COLLISION,
     OUT_OF_BOUNDS,
@@ -32,11 +31,6 @@ def function_of(reward: rewards.Reward) -> Callable[..., float]:
     """Return the function behind a reward's configuration."""
     function: Callable[..., float] = resolve(REWARDS[reward.name].code)
     return function
-
-
-def parameters(reward: rewards.Reward) -> dict[str, Any]:
-    """Return the parameters of a reward by name: `k` and the other fields of its schema."""
-    return of_schema(reward)
 
 
 @row

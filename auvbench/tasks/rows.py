@@ -9,24 +9,22 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
-from typing import Any, NamedTuple, TypeAlias, TypeVar, cast
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from llvmlite.ir import Constant
-from numba import njit
 from numba.core.errors import NumbaExperimentalFeatureWarning
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from auvbench import blocks
-from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.compiled import compiled, inline
 from auvbench.dynamics.random import COMMAND, SCENARIO, uniform4
+from auvbench.dynamics.vectors import product, rotation_matrix
 from auvbench.tasks.records import INTERPRETED, Record
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-F = TypeVar("F", bound=Callable[..., Any])
 Vector: TypeAlias = tuple[float, float, float]
 
 SUCCESS = 0
@@ -57,9 +55,8 @@ class Vehicle(NamedTuple):
     power: float  # W
 
 
-def row(function: F) -> F:
-    """Compile a function of one episode into its callers."""
-    return cast(F, njit(nogil=True, forceinline=True)(function))
+row = inline
+"""Compile a function of one episode into its callers."""
 
 
 @intrinsic
@@ -134,13 +131,7 @@ def roll_pitch(v: Vehicle) -> tuple[float, float]:
 @row
 def world_velocity(v: Vehicle) -> Vector:
     """Return the velocity in m/s, world axes."""
-    w, x, y, z = v.attitude
-    u, s, h = v.velocity
-    return (
-        (1.0 - 2.0 * (y * y + z * z)) * u + 2.0 * (x * y - w * z) * s + 2.0 * (x * z + w * y) * h,
-        2.0 * (x * y + w * z) * u + (1.0 - 2.0 * (x * x + z * z)) * s + 2.0 * (y * z - w * x) * h,
-        2.0 * (x * z - w * y) * u + 2.0 * (y * z + w * x) * s + (1.0 - 2.0 * (x * x + y * y)) * h,
-    )
+    return product(rotation_matrix(v.attitude), v.velocity)
 
 
 @row

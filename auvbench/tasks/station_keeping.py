@@ -72,12 +72,11 @@ class StationKeepingTask(TrackingTask):
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, tasks.StationKeeping)
-        self.bounds = task.bounds
         settling, hold = (round(seconds * self.frequency) for seconds in (task.settling, task.hold_time))
         return {**super().own_parameters(task), "settling_steps": settling, "hold_steps": hold}
 
     def own_metrics(self, i: int) -> dict[str, float]:
         return {
-            **self.errors(i, self.bounds),
+            **self.errors(i, self.limits["bounds"]),
             "settling_time_s": float(self.episodes[i].last_outside) * self.duration,
         }

@@ -188,7 +188,6 @@ class TrajectoryTrackingTask(TrackingTask):
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, tasks.TrajectoryTracking)
-        self.bounds = task.bounds
         return {**super().own_parameters(task), "curve": CURVES.index(task.curve)}
 
     def goal(self, i: int) -> Floats:
@@ -200,4 +199,4 @@ class TrajectoryTrackingTask(TrackingTask):
 
     def own_metrics(self, i: int) -> dict[str, float]:
         e = self.episodes[i]
-        return {**self.errors(i, self.bounds), "lag_s": float(e.behind) / float(e.counted)}
+        return {**self.errors(i, self.limits["bounds"]), "lag_s": float(e.behind) / float(e.counted)}

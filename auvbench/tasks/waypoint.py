@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from auvbench.config import tasks
-from auvbench.tasks.base import Floats, Integers, Task
+from auvbench.tasks.base import Task
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import (
     COLLISION,
@@ -106,11 +106,6 @@ class WaypointTask(Task):
         low, high = [*task.waypoint_low], [*task.waypoint_high]
         low[2], high[2] = max(low[2], task.depth_low), min(high[2], task.depth_high)
         return {**super().own_parameters(task), "waypoint_low": low, "waypoint_high": high}
-
-    def place(self, indices: Integers, pose: Floats, waypoint: Floats | None = None) -> None:
-        if waypoint is not None:
-            self.reference[indices] = waypoint
-        super().place(indices, pose)
 
     def own_metrics(self, i: int) -> dict[str, float]:
         x, y, z = self.reference[i].tolist()

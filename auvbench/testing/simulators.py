@@ -12,6 +12,7 @@ from auvbench.config.compose import compose
 from auvbench.config.simulators import Capabilities
 from auvbench.config.validate import train_config
 from auvbench.envs.simulator_factory import make_simulator
+from auvbench.simulators import guard
 from auvbench.simulators.base import Simulator
 from auvbench.testing import draws
 from auvbench.testing.draws import ConformanceError, same
@@ -56,11 +57,7 @@ def its_arrays_are_what_they_should(make: Make) -> None:
         raise ConformanceError("capabilities is no auvbench.plugin.Capabilities")
     start(simulator)
     fly(simulator)
-    n_u = len(simulator.vehicle.actuators)
-    shapes: dict[str, tuple[int, ...]] = {
-        "pose": (N, 7), "velocity": (N, 6), "command_force": (N, n_u), "power": (N,), "effectiveness": (N, n_u),
-    }  # fmt: skip
-    for name, shape in shapes.items():
+    for name, shape in guard.shapes(simulator).items():
         array = np.asarray(getattr(simulator, name))
         if array.shape != shape or array.dtype != np.float64:
             raise ConformanceError(f"{name} is {array.dtype}{array.shape}; it must be float64{shape}")

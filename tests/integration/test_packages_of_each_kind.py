@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import importlib.util
 import json
 from pathlib import Path
@@ -25,42 +26,7 @@ from tests.packages import Site, site
 
 __all__ = ["site"]
 
-STILL = """
-    import numpy as np
-    from dataclasses import dataclass
-    from auvbench.plugin import Capabilities, SimulatorConfig, SimulatorSpec, number
-    from auvbench.simulators.base import VehicleBatch
-
-    @dataclass(kw_only=True)
-    class StillConfig(SimulatorConfig):
-        drift: float = number(0.0, 1.0)  # m/s
-
-    CAN = Capabilities(exact_resume=True, deterministic=True, scales=False, currents="none")
-
-    class Still(VehicleBatch):
-        capabilities = CAN
-
-        def __init__(self, vehicle, n, drift):
-            super().__init__(vehicle, n, 0.01)
-            self.drift = drift
-
-        def reset(self, indices, pose, velocity, scales=None):
-            self._place(indices, pose, velocity)
-
-        def step(self, command, duration):
-            self.pose[:, 0] += self.drift * duration
-
-        def state_dict(self):
-            return {"pose": self.pose.copy()}
-
-        def load_state_dict(self, state):
-            self.pose[:] = state["pose"]
-
-    def make(settings, vehicle, n, longest):
-        return Still(vehicle, n, settings.drift)
-
-    SPEC = SimulatorSpec("still", "still:make", CAN, StillConfig)
-"""
+STILL = (Path(__file__).parents[2] / "examples" / "still.py").read_text(encoding="utf-8")
 STILL_YAML = "name: still\ndrift: 0.5\n"
 
 INLINE = """
@@ -207,6 +173,10 @@ def test_a_simulator(site: Site) -> None:
     environments.step(environments._action)
     environments.load_state_dict(state)
     assert (environments.simulator.pose == before + moved).all()
+    other = copy.deepcopy(environments)
+    other.step(other._action)
+    assert (environments.simulator.pose == before + moved).all()
+    assert (other.simulator.pose == before + 2 * moved).all()
 
 
 @pytest.mark.slow
@@ -278,7 +248,7 @@ def test_what_a_simulator_declares_wrong_is_one_line(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("self.pose[:, 0] += ", "self.pose[1, 0] = np.nan * "), "step gives pose of vehicle 1 a number that is not finite"),
+        (("self.pose[:, 0] += ", "self.pose[1, 0] = float('nan') * "), "step gives pose of vehicle 1 a number that is not finite"),
         (("self.drift = drift\n", "self.power = [0.0]\n"), "power is list; it must be float64 (2,)"),
         (("self.drift = drift\n", "self.pose = self.pose[:, :3]\n"), "pose is float64 (2, 3); it must be float64 (2, 7)"),
         (("self.pose[:, 0] += ", "self.nothing += "), "step fails: AttributeError"),

@@ -102,6 +102,26 @@ def test_automatic_reset_is_the_same_on_threads_and_with_disturbances(monkeypatc
         assert_same(one.reset(seed=seeds)[0], three.reset(seed=seeds)[0])
 
 
+@pytest.mark.parametrize("task", ["waypoint", "path_following"])
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_goes_on_by_itself_as_the_original_does(task, again):
+    made = [
+        WaypointVectorEnv(3, [f"task={task}", "task.max_steps=7", "disturbance=severe"]) for _ in range(2)
+    ]
+    plain, original = made
+    for env in made:
+        env.reset(seed=3)
+    copied = again(original)
+    for k, action in enumerate(plan(10, 3)):
+        expected = copy.deepcopy(plain.step(action))
+        for a, b in zip(expected, copied.step(action), strict=True):
+            assert_same(a, b)
+        if k % 2:
+            copied = again(copied)
+    original.step(plan(1, 3)[0])
+    assert original.batch.task.episodes.steps.tolist() == [1, 1, 1]
+
+
 def test_gymnasiums_wrappers_accept_it():
     from gymnasium.wrappers import vector as wrappers
 

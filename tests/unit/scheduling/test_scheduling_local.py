@@ -214,7 +214,7 @@ def test_two_sweeps_at_once_share_the_work(folder: Path) -> None:
     outputs = [process.communicate(timeout=LIMIT)[0] for process in sweeps]
     # 1 says that the other sweep still had runs of this one when it ended.
     for process, output in zip(sweeps, outputs, strict=True):
-        assert process.returncode == (1 if "  held: " in output else 0), output
+        assert process.returncode == (1 if "  locked: " in output else 0), output
     assert "locked by" in outputs[0] + outputs[1]
     for run in runs:
         assert (run.path / "result.txt").read_text() == fake_training.chain(50)
@@ -227,7 +227,7 @@ def test_a_held_run_is_left_alone_and_named(folder: Path) -> None:
         result, text = carry_out([held, free])
     assert result.exit_code == 1  # whoever goes on with `&&` counts on all of them
     assert set(result.of(Outcome.HELD)) == {held.path}
-    assert f"locked by another process: held by {interruption.host()}, pid {os.getpid()}" in text
+    assert f"locked: held by {interruption.host()}, pid {os.getpid()}" in text
     assert held.manifest()["state"] == "pending"
 
 

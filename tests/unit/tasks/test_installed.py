@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from pathlib import Path
 
 import gymnasium
@@ -230,6 +232,20 @@ def test_a_reward_gets_the_numbers_that_auvbench_s_own_get(site: Site) -> None:
     theirs = steps(batch(*place, "reward=view", n=5), 60)
     assert len({float(r) for step in own for r in step}) > 100
     assert np.array_equal(own, theirs)
+
+
+@pytest.mark.slow
+def test_a_copy_is_checked_and_goes_on_by_itself(site: Site) -> None:
+    tasking(site)
+    one = batch(*CIRCLING)
+    one.reset()
+    for other in (copy.deepcopy(one), pickle.loads(pickle.dumps(one))):
+        other.step(np.zeros((2, 8)))
+        assert one.task.episodes.steps.tolist() == [0, 0]
+        assert other.task.episodes.steps.tolist() == [1, 1]
+        other.task.parameters["centre"] = np.nan
+        with pytest.raises(AgentError, match="task=circling of auvbench-example"):
+            other.step(np.zeros((2, 8)))
 
 
 @pytest.mark.slow
