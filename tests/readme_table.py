@@ -162,10 +162,8 @@ def elsewhere() -> str:
         for row in _rows(TUNING, "tests.csv")
         if row["test"] == "elsewhere" and float(row["frequency_hz"]) == 10.0
     }
-    vehicles = dict.fromkeys(vehicle for vehicle, _ in found)
-    pairs = [
-        (v, a) for v in sorted(vehicles) for a in SEARCHED if (v, a) in found and (v, f"{a}_tuned") in found
-    ]
+    on = sorted({vehicle for vehicle, _ in found})
+    pairs = [(v, a) for v in on for a in SEARCHED if (v, a) in found and (v, f"{a}_tuned") in found]
     columns = [[SEARCHED[agent] for _, agent in pairs]]
     for suffix in ("", "_tuned"):
         here = [found[vehicle, agent + suffix] for vehicle, agent in pairs]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from auvbench.analysis.formatting import counted, difference, name, turned, unit
-from auvbench.analysis.labels import OBSERVATION, part, sort_key, unobserved
+from auvbench.analysis.labels import OBSERVATION, in_words, part, sort_key, unobserved
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
 from auvbench.analysis.records import Agent, Finding, Ranking, learns, run_ids, task_of
 from auvbench.analysis.typical import Typical
@@ -244,4 +244,5 @@ def _level(factor: str, level: Any, levels: Sequence[Any]) -> str:
     if factor == OBSERVATION:
         missing = unobserved(level, levels).replace("_", " ")
         return f"policies without {missing}" if missing else "policies with all observations"
-    return part(factor, level)
+    text = part(factor, level)
+    return f"policies trained with {text}" if in_words(factor, level) else text

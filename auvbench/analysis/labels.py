@@ -40,6 +40,19 @@ def is_fixed(key: str, frequency_fixed: bool) -> bool:
 LONGEST = 80
 """largest number of characters of a value in a label"""
 
+UNITS = {"reward.k": "K={}", FREQUENCY: "{} Hz", "vehicle": "{}", "simulator": "{}", "seed": "seed {}"}
+"""texts of values that do not need their key"""
+CURRENT, WAVES, FAULT = "disturbance.current", "disturbance.waves", "disturbance.fault"
+DRAWN = {
+    f"{CURRENT}.speed_high": ("current speeds up to {} m/s", "one current speed"),
+    f"{CURRENT}.direction": ("current towards {} rad", "drawn current directions"),
+    f"{WAVES}.direction": ("waves towards {} rad", "drawn wave directions"),
+    f"{WAVES}.spreading": ("wave spreading {}", "waves without spreading"),
+    f"{FAULT}.actuator": ("faults of {}", "faults of drawn actuators"),
+    f"{FAULT}.time_high": ("faults up to {} s", "faults at one time"),
+}
+"""texts of keys whose null has a meaning of its own: for a value, and for null"""
+
 BY = {FREQUENCY: "at", "simulator": "in"}
 """words before a value that an agent was trained with; other values follow their name"""
 
@@ -57,26 +70,31 @@ def part(name: str, value: Any) -> str:
     'observation=yaw_error, gravity'
     >>> part("disturbance.waves.height", 0.88)
     'waves.height=0.88'
+    >>> part("disturbance.current.speed_high", 1.2), part("disturbance.current.speed_high", None)
+    ('current speeds up to 1.2 m/s', 'one current speed')
+    >>> part("task.time_limit", None)
+    'no time_limit'
     """
     if name == "algo":
         return title(str(value))
-    shown = f"{value:g}" if isinstance(value, float) else "unset" if value is None else plain(str(value))
+    _, *below = name.split(".")
+    key = ".".join(below[-2:]) or name
+    if value is None:
+        return DRAWN[name][1] if name in DRAWN else f"no {key}"
+    shown = f"{value:g}" if isinstance(value, float) else plain(str(value))
     if blocks := _words(value):
         shown = ", ".join(blocks)
     if len(shown) > LONGEST:  # e.g. a list: show its beginning and a digest that distinguishes it
         shown = f"{shown[:LONGEST]}… ({hashlib.sha256(shown.encode()).hexdigest()[:6]})"
-    if name == "reward.k":
-        return f"K={shown}"
-    if name == "step.frequency":
-        return f"{shown} Hz"
     if name == "train.total_steps" and isinstance(value, int | float):
         return f"{in_short(value)} steps"
-    if name in ("vehicle", "simulator"):  # the value explains itself
-        return shown
-    if name == "seed":
-        return f"seed {shown}"
-    _, *below = name.split(".")
-    return f"{'.'.join(below[-2:]) or name}={shown}"
+    text = DRAWN[name][0] if name in DRAWN else UNITS.get(name, f"{key}={{}}")
+    return text.replace("{}", shown)
+
+
+def in_words(name: str, value: Any) -> bool:
+    """Return whether `part` gives words that follow a comma, not a value such as K=1 or 25 Hz."""
+    return value is None or name in DRAWN
 
 
 def title(algorithm: str) -> str:
@@ -187,11 +205,18 @@ def usual_sentence(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
 def label_of(key: Key, names: Sequence[str], frequency_fixed: bool) -> str:
     """Return a label for some values: 'PPO K=1, trained at 25 Hz in gazebo with disturbance=severe'."""
     fixed = [n for n in names if is_fixed(n, frequency_fixed)]
-    own = " ".join(part(n, key[n]) for n in names if n not in fixed) or "all runs"
+    own = _joined(key, [n for n in names if n not in fixed]) or "all runs"
     words = [f"{BY[n]} {part(n, key[n])}" for n in BY if n in fixed]
-    having = " ".join(part(n, key[n]) for n in fixed if n not in BY)
+    having = _joined(key, [n for n in fixed if n not in BY])
     words += [f"with {having}"] if having else []
     return f"{own}, trained {' '.join(words)}" if words else own
+
+
+def _joined(key: Key, names: Sequence[str]) -> str:
+    """Return values with spaces between them, then the words, with commas: 'PPO K=1, no time_limit'."""
+    values = " ".join(part(n, key[n]) for n in names if not in_words(n, key[n]))
+    words = [part(n, key[n]) for n in names if in_words(n, key[n])]
+    return ", ".join(filter(None, [values, *words]))
 
 
 def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:

@@ -183,9 +183,9 @@ def all_measures(agents: Sequence[Agent]) -> list[Measure]:
     never rank.
     """
     scenario, known = of_the_scenario(), measures()
-    columns = {c: None for agent in agents for c in agent.metrics if c not in scenario}
-    means = [known.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in columns]
+    measured = {c: None for agent in agents for c in agent.metrics if c not in scenario}
+    means = [known.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in measured]
     named = {str(agent.runs[0].config.get("task.name")) for agent in agents if agent.runs}
     ends = {end for name in named for end in TASKS.get(name, TASKS[DEFAULT_TASK]).outcomes}
     rates = [m for m in RATES if m.name.removesuffix("_rate") in ends] if ends else RATES
-    return [*rates, *means, *(m for m in PENALISED if m.column in columns)]
+    return [*rates, *means, *(m for m in PENALISED if m.column in measured)]

@@ -262,7 +262,7 @@ def _counts(primary: Primary, m: Measure) -> str:
         n = len(comparisons) - (verdict == AHEAD)
         if n > 0:
             noun = "" if parts else " agent" if n == 1 else " agents"
-            few = sum(c.few for c in comparisons) if verdict != OPEN else 0
-            stars = f" ({few} from few trainings, marked *)" if few else ""
+            starred = sum(c.starred for c in comparisons)
+            stars = f" ({starred} from few trainings, marked *)" if starred else ""
             parts.append(f"{n}{noun} {'is' if n == 1 else 'are'} {words}{stars}")
     return ", ".join(parts)

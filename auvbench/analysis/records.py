@@ -230,15 +230,18 @@ class Against:
 
     @property
     def few(self) -> bool:
-        """Return whether the verdict has too few trainings, so that it holds only if they cluster around the
-        typical one.
-        """
+        """Return whether a verdict from these trainings assumes that they cluster around the typical one."""
         return 0 < self.trainings < self.enough
 
     @property
-    def marked(self) -> str:
-        """Return the verdict, with a star if it holds only if trainings cluster around the typical one."""
-        return f"{self.verdict}*" if self.few and self.verdict != "open" else self.verdict
+    def starred(self) -> bool:
+        """Return whether it is decided by few trainings: tables mark the verdict with a star."""
+        return self.few and self.verdict != "open"
+
+    @property
+    def marked_verdict(self) -> str:
+        """Return the verdict, with a star if it is decided by few trainings."""
+        return f"{self.verdict}*" if self.starred else self.verdict
 
 
 @dataclass(frozen=True, slots=True)

@@ -181,13 +181,13 @@ def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunSt
     ready, unfinished = [], []
     for run in runs:
         try:
-            state: RunStatus | None = status.of(run)
+            present: RunStatus | None = status.of(run)
         except RunError:
-            state = None
-        if state is None or state.state is status.State.COMPLETE:
+            present = None
+        if present is None or present.state is status.State.COMPLETE:
             ready.append(run)
         else:
-            unfinished.append(state)
+            unfinished.append(present)
     return ready, unfinished
 
 

@@ -98,7 +98,7 @@ class CurrentProfile:
 
     top: float = number(0.0, 1e4)  # m, positive down
     bottom: float = number(0.0, 1e4, open_low=True)  # m, positive down
-    factor: float = number(-10.0, 10.0)  # speed at `bottom` over speed at `top`
+    factor: float = number(-3.0, 3.0)  # speed at `bottom` over speed at `top`; undercurrents reach about 3
     turn: float = number(-math.pi, math.pi)  # rad, direction at `bottom` less direction at `top`
 
 

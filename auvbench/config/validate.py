@@ -21,6 +21,8 @@ T = TypeVar("T")
 
 MOST_STEPS = 10_000_000
 """agent steps of an episode"""
+FASTEST_WATER = 10.0
+"""m/s, at any depth"""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
@@ -217,6 +219,9 @@ def check_across(config: schema.TrainConfig) -> None:
     _below("disturbance.fault.time", fault.time, "disturbance.fault.time_high", fault.time_high)
     top, bottom, key = current.profile.top, current.profile.bottom, "disturbance.current.profile"
     _below(f"{key}.top", top, f"{key}.bottom", bottom, strictly=True)
+    fastest, factor = max(current.speed, current.speed_high or 0.0), current.profile.factor
+    what = f"keep the current at the bottom, {fastest * abs(factor):g} m/s, within {FASTEST_WATER:g} m/s"
+    require(fastest * abs(factor) <= FASTEST_WATER, f"{key}.factor", factor, what)
     for name in schema.SCALES:
         scale, key = getattr(config.disturbance.randomisation, name), f"disturbance.randomisation.{name}"
         _below(f"{key}.low", scale.low, f"{key}.high", scale.high)

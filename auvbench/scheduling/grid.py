@@ -63,20 +63,20 @@ class Step:
 def _step(run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], object]) -> Step:
     try:
         check(run)
-        state = status.of(run, deep=True)
+        present = status.of(run, deep=True)
     except RunError as error:
         return Step(run, Action.REFUSE, str(error))
-    action, manifest = _ACTIONS[state.state], state.manifest
+    action, manifest = _ACTIONS[present.state], present.manifest
     if action is Action.LEAVE:
         if backend.adopt(run.path) is None:
-            return Step(run, action, f"by {state.holder}")
+            return Step(run, action, f"by {present.holder}")
         action = Action.RESUME  # A job of this backend is waited for.
     detail = ""
     if action is Action.RETRY:
         why = (manifest.get("error") or {}).get("message", "no reason given")
         detail = f"{why} (step {manifest['steps']})"
-    elif state.lost:
-        detail = f"{state.lost}: from its last checkpoint"
+    elif present.lost:
+        detail = f"{present.lost}: from its last checkpoint"
     elif action is Action.RESUME:
         detail = f"from step {manifest['steps']} of {manifest['total_steps']}"
     return Step(run, action, detail)

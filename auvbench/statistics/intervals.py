@@ -84,14 +84,15 @@ class Spread:
 
     def quantile(self, confidence: float) -> FloatArray:
         """Return the half width of the interval in standard errors."""
-        seeds, other = quantile(confidence, self.seeds_df), quantile(confidence, self.scenarios_df)
+        over_seeds, over_scenarios = (quantile(confidence, df) for df in (self.seeds_df, self.scenarios_df))
         with np.errstate(divide="ignore", invalid="ignore"):
             both = np.sqrt(
-                (self.seeds * seeds**2 + self.scenarios * other**2) / (self.seeds + self.scenarios)
+                (self.seeds * over_seeds**2 + self.scenarios * over_scenarios**2)
+                / (self.seeds + self.scenarios)
             )
         # With one source, or none, use that source's quantile; 0/0 would lose it.
-        both = np.where(self.scenarios == 0, seeds, both)
-        return np.where(self.seeds == 0, other, both)
+        both = np.where(self.scenarios == 0, over_seeds, both)
+        return np.where(self.seeds == 0, over_scenarios, both)
 
 
 def welch(parts: FloatArray, squares: FloatArray) -> FloatArray:

@@ -314,9 +314,9 @@ def trainings_that_decide(
         value = m1 - m2 + error * rng.normal(size=RESAMPLES)
         low = value - typical.join(np.hypot(m1 - l1, u2 - m2), t * error)
         high = value + typical.join(np.hypot(u1 - m1, m2 - l2), t * error)
-        count = (low > 0) | (high < 0) | ((low > -margin) & (high < margin))
-        return float(count.mean())
+        decides = (low > 0) | (high < 0) | ((low > -margin) & (high < margin))
+        return float(decides.mean())
 
     least = max(above + 1, typical.FEWEST)
-    count = seeds_needed(lambda S: decided(max(S, least)), power) if least <= MOST_SEEDS else None
-    return None if count is None else max(count, least)
+    trainings = seeds_needed(lambda S: decided(max(S, least)), power) if least <= MOST_SEEDS else None
+    return None if trainings is None else max(trainings, least)

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema, tasks
 from auvbench.config.schema import step_limit
-from auvbench.dynamics.waves import SPEED, components
+from auvbench.dynamics.layout import COMPONENT
+from auvbench.dynamics.waves import components
 from auvbench.observation import ObservationSpec
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
@@ -100,8 +101,8 @@ def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
     orbit = 0.0
     if sea := disturbance.sea:
         # At the surface a component moves the water at its speed both along its direction and up.
-        surface = components(sea.height, sea.period, sea.spectrum, vehicle.gravity)[:, SPEED]
-        orbit = math.hypot(*surface)
+        surface = components(sea.height, sea.period, sea.spectrum, vehicle.gravity)
+        orbit = math.hypot(*surface.reshape(-1).view(COMPONENT)["speed"])
     return (
         math.hypot(*axes) + max(1.0, abs(current.profile.factor)) * water + SIGMAS * math.hypot(wander, orbit)
     )

@@ -60,8 +60,8 @@ def prepare(service: str, experiment: str) -> None:
     """
     if service == LOCAL:
         return
-    with _refusals(f"train.log={service}"):
-        _client(service).prepare(experiment)
+    with _refusals(option := f"train.log={service}"):
+        _client(service, option).prepare(experiment)
 
 
 def start(service: str, key: str, config: Mapping[str, Any], name: str) -> Tracker | None:
@@ -79,8 +79,8 @@ def start(service: str, key: str, config: Mapping[str, Any], name: str) -> Track
     """
     if service == LOCAL:
         return None
-    with _refusals(f"train.log={service}"):
-        return _Lenient(_client(service).start(key, config, name), f"train.log={service}")
+    with _refusals(option := f"train.log={service}"):
+        return _Lenient(_client(service, option).start(key, config, name), option)
 
 
 def table(service: str, name: str, csv: str, files: list[Path]) -> None:
@@ -96,16 +96,16 @@ def table(service: str, name: str, csv: str, files: list[Path]) -> None:
         MissingExtraError: the client is not installed.
         ConfigError: the client cannot log; the message has its reason.
     """
-    with _refusals(f"--log {service}"):
-        _client(service).table(name, csv, files)
+    with _refusals(option := f"--log {service}"):
+        _client(service, option).table(name, csv, files)
 
 
 class _Lenient:
     """Tracker whose failure ends the log, not the training."""
 
-    def __init__(self, tracker: Tracker, what: str) -> None:
+    def __init__(self, tracker: Tracker, option: str) -> None:
         self._tracker: Tracker | None = tracker
-        self._what = what
+        self._option = option
 
     def write(self, scalars: Mapping[str, float], step: int) -> None:
         self._try(lambda tracker: tracker.write(scalars, step))
@@ -120,12 +120,12 @@ class _Lenient:
             action(self._tracker)
         except Exception as error:
             self._tracker = None
-            message = f"{self._what}: {_first_line(error)}; the training goes on without this log"
+            message = f"{self._option}: {_first_line(error)}; the training goes on without this log"
             warnings.warn(AuvbenchWarning(message), stacklevel=3)
 
 
-def _client(service: str) -> Service:
-    """Return the module of a service, which imports its client."""
+def _client(service: str, option: str) -> Service:
+    """Return the module of a service, which imports its client; `option` is what chose the service."""
     spec = TRACKERS.choose(service)
     try:
         module: Service = resolve(spec.code)
@@ -135,22 +135,20 @@ def _client(service: str) -> Service:
         raise MissingExtraError(service, extra=spec.extra, purpose=f"logging to {service}") from error
     lacking = [name for name in ("prepare", "start", "table") if not callable(getattr(module, name, None))]
     if lacking:
-        raise ConfigError(
-            f"train.log={service}: {spec.code} lacks {', '.join(lacking)} (auvbench.tracking.Service)"
-        )
+        raise ConfigError(f"{option}: {spec.code} lacks {', '.join(lacking)} (auvbench.tracking.Service)")
     return module
 
 
 @contextmanager
-def _refusals(what: str) -> Iterator[None]:
-    """Turn an exception of a client into one line for the user."""
+def _refusals(option: str) -> Iterator[None]:
+    """Turn an exception of a client into one line that names the option."""
     try:
         yield
     except AuvbenchError:
         raise
     except Exception as error:
         raise ConfigError(
-            f"{what}: {_first_line(error)}; docs/tracking.md names the client's settings"
+            f"{option}: {_first_line(error)}; docs/tracking.md names the client's settings"
         ) from error
 
 

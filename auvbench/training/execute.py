@@ -125,7 +125,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
 def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity.Entry]:
     """Try an agent from elsewhere that does not learn here; return the files to record in the manifest."""
-    if any(isinstance(part, complete.CONFIGS) for part in (config.algo, config.task, config.reward)):
+    if complete.releases(config):
         _try(config)
     if isinstance(config.algo, algorithms.ArduSub):
         from auvbench.agents.ardusub import ArduSubAgent
@@ -147,7 +147,7 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
 
 
 def _try(config: schema.TrainConfig) -> None:
-    """Use the agent, task and reward of installed packages once, so that a defect fails the run at its start."""
+    """Use the parts of installed packages once, so that a defect fails the run at its start."""
     from auvbench.envs.batch import Batch
 
     batch = Batch(config, 1)

@@ -22,6 +22,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.identity import run_id
 from auvbench.testing import ConformanceError, check_simulator
 from auvbench.testing.simulators import its_state_comes_back, motion_is_deterministic
+from tests import synthetic
 from tests.packages import Site, site
 
 __all__ = ["site"]
@@ -271,6 +272,17 @@ def test_what_a_simulator_computes_wrong_is_named(site: Site, change: tuple[str,
 
 
 @pytest.mark.slow
+def test_a_simulator_that_fails_at_its_first_step_fails_the_run_of_a_controller(
+    site: Site, capsys: pytest.CaptureFixture[str]
+) -> None:
+    simulating(site, ("self.pose[:, 0] += ", "self.nothing += "))
+    assert cli.main(["train", "algo=pid", "simulator=still"]) != 0
+    assert "simulator=still of still-water==1.0: step fails: AttributeError" in capsys.readouterr().err
+    (manifest,) = Path("outputs").rglob("manifest.json")
+    assert RunDirectory(manifest.parent).manifest()["state"] == "failed"
+
+
+@pytest.mark.slow
 def test_a_launcher(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     files = {
         "inline.py": INLINE,
@@ -320,6 +332,9 @@ def test_a_tracker_without_its_functions(site: Site, capsys: pytest.CaptureFixtu
     assert "train.log=filelog: filelog lacks table" in refused(
         capsys, "train", "algo=pid", "train.log=filelog"
     )
+    synthetic.write_experiment(site.folder / "study")
+    words = ["report", str(site.folder / "study"), "--log", "filelog", "--no-figures"]
+    assert "auvbench: --log filelog: filelog lacks table" in refused(capsys, *words)
 
 
 def test_a_command(site: Site, capsys: pytest.CaptureFixture[str]) -> None:

@@ -165,7 +165,7 @@ class Full:
 
 
 def test_a_client_that_fails_ends_the_log_and_not_the_training(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tracking, "_client", lambda _: Full())
+    monkeypatch.setattr(tracking, "_client", lambda *_: Full())
     tracker = tracking.start("wandb", "0" * 32, {}, "run")
     assert tracker is not None
     tracker.write({"loss": 1.0}, 1)

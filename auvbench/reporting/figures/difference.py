@@ -113,14 +113,14 @@ def _of_learners(primary: Primary) -> str:
     if not any(c.reliability for c in primary.comparisons):
         return ""
     text = " Learners: the typical training; on the right, the trainings that are not behind."
-    if any(c.marked.endswith("*") for c in primary.comparisons):
+    if any(c.starred for c in primary.comparisons):
         text += " * From few trainings: the verdict assumes that trainings cluster around the typical one."
     return text
 
 
 def _label(against: Against) -> str:
     """Return the agent, with a star where its verdict has fewer trainings than it needs."""
-    return f"{against.agent} *" if against.marked.endswith("*") else against.agent
+    return f"{against.agent} *" if against.starred else against.agent
 
 
 def _face(look: Look) -> str:

@@ -99,7 +99,7 @@ def label_of(row: Row) -> str:
 def result_of(against: Against) -> tuple[str, str]:
     """Return the verdict and what an open one lacks: "behind*", "open" and "(5 trainings; 8 needed)"."""
     if against.verdict != OPEN:
-        return against.marked, ""
+        return against.marked_verdict, ""
     if against.few:
         return OPEN, f"({against.trainings} trainings; {against.enough} needed)"
     return OPEN, needed_text(against.needed)
@@ -265,7 +265,7 @@ def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
     )
     some = [c for c in primary.comparisons if c.few]
     few = []
-    if any(c.verdict != OPEN for c in some):
+    if any(c.starred for c in some):
         few.append(
             f"* fewer than {some[0].enough} trainings: the verdict assumes that trainings cluster around the typical one."
         )

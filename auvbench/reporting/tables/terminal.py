@@ -125,11 +125,11 @@ def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
 
 
 def _problems(ranking: Ranking) -> list[RenderableType]:
-    lines_shown: list[RenderableType] = []
+    parts: list[RenderableType] = []
     for title, problems in grouped(ranking.problems):
-        lines_shown.append(Text(f"\n{title} ({len(problems)})", style="bold yellow"))
+        parts.append(Text(f"\n{title} ({len(problems)})", style="bold yellow"))
         lines = [Text.assemble((p.where, "bold"), f": {p.message}") for p in problems[:MOST_PROBLEMS]]
         if len(problems) > MOST_PROBLEMS:
             lines.append(Text(f"and {len(problems) - MOST_PROBLEMS} more (the written report lists all)"))
-        lines_shown += [Padding(line, (0, 0, 0, 2), expand=False) for line in lines]
-    return lines_shown
+        parts += [Padding(line, (0, 0, 0, 2), expand=False) for line in lines]
+    return parts

@@ -97,7 +97,7 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
         "baseline": primary.baseline if primary else None,
         "margin": primary.margin if primary else None,
         **_with_ends("difference", against.difference if against else None),
-        "verdict": against.marked if against else None,
+        "verdict": against.marked_verdict if against else None,
         "trainings": (against.trainings or None) if against else None,
         "enough": against.enough if against and against.trainings else None,
         "needed": needed.count if needed else None,

@@ -89,7 +89,7 @@ def test_a_key_that_only_some_runs_have_parts_them(tmp_path: Path) -> None:
             config["algo"]["clip_range"] = 0.1
 
     found, _ = made(tmp_path, clip, algorithms=("ppo",), seeds=(0, 1))
-    assert seeds(found) == {"PPO clip_range=0.1": [1], "PPO clip_range=unset": [0]}
+    assert seeds(found) == {"PPO clip_range=0.1": [1], "PPO, no clip_range": [0]}
 
 
 def test_what_three_of_four_learners_share_stands_below_the_table_once() -> None:
@@ -127,7 +127,7 @@ def test_what_another_choice_has_is_not_said_to_be_unset() -> None:
     said = ["PPO, trained in fossen", f"{trained}=corrected", f"{trained}=published"]
     assert labels(keys, [True] * 3) == said
     keys[1]["simulator.hydrodynamics"] = None  # of the same choice, one without
-    assert labels(keys, [True] * 3)[1] == f"{trained}=unset"
+    assert labels(keys, [True] * 3)[1] == "PPO, trained in gazebo with no hydrodynamics"
 
 
 def test_what_the_test_fixes_is_what_an_agent_was_trained_with(tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def test_few_trainings_say_what_they_lack_and_mark_what_they_decide() -> None:
         others = [agent(f"x{i}", level=2) for i in range(4)]
         c = primary(rank([one, PID, *others])).of(one.label)
         assert c is not None
-        assert (c.marked, c.trainings, c.enough) == (verdict, seeds, 8)
+        assert (c.marked_verdict, c.trainings, c.enough) == (verdict, seeds, 8)
         assert c.few == (seeds < 8)
         assert bool(np.isnan(c.difference.low)) == (seeds < 5)
         assert c.needed is None

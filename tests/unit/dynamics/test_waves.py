@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from auvbench.dynamics import waves
+from auvbench.dynamics.layout import COMPONENT
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.simulators.openloop import without_actuators
 from auvbench.vehicles.reader import sheet_names
@@ -36,8 +37,8 @@ def test_decay_with_depth():
 def test_the_components_have_the_height_and_the_motion_of_the_sea_at_each_depth(spectrum, height, period):
     found = waves.components(height, period, spectrum, G)
     assert found.shape == (waves.COMPONENTS, 3)
-    frequency, speed = 2 * np.pi * found[:, waves.FREQUENCY], found[:, waves.SPEED]
-    number = 2 * np.pi * found[:, waves.TURNS]
+    sea = found.reshape(-1).view(COMPONENT)
+    frequency, number, speed = 2 * np.pi * sea["frequency"], 2 * np.pi * sea["turns"], sea["speed"]
     np.testing.assert_allclose(number, frequency**2 / G, rtol=1e-12)
     assert 4.0 * np.sqrt(np.sum((speed / frequency) ** 2 / 2)) == pytest.approx(height, rel=1e-9)
     for depth in (1.0, 2.0, 5.0, 20.0):

@@ -118,6 +118,7 @@ def test_an_option_put_into_a_runs_configuration():
         ("disturbance.current.speed=nan", "disturbance.current.speed=nan: must be a finite number"),
         ("disturbance.current.direction=90", "disturbance.current.direction=90: must be at least -6.28"),
         ("disturbance.current.gauss_markov.mu=0", "disturbance.current.gauss_markov.mu=0: must be more than 0"),
+        ("disturbance.current.profile.factor=10", "profile.factor=10: must be at least -3 and at most 3"),
         ("disturbance.current.profile.top=80", "profile.top=80: must be below .*profile.bottom=60"),
         ("disturbance=sea_state_5", "disturbance=sea_state_5: no such option; did you mean 'sea_state_4'"),
         ("disturbance.waves.height=-1", "disturbance.waves.height=-1: must be at least 0 and at most 30"),
@@ -146,6 +147,10 @@ def test_a_mistake_is_one_line(override, message):
     ("overrides", "message"),
     [
         (["disturbance.current.speed=0.5", "disturbance.current.speed_high=0.1"], "speed=0.5: must be at most .*speed_high=0.1"),
+        (
+            ["disturbance.current.speed=5", "disturbance.current.profile.factor=-3"],
+            "profile.factor=-3: must keep the current at the bottom, 15 m/s, within 10 m/s",
+        ),
         (["disturbance.fault.time=5", "disturbance.fault.time_high=1"], "time=5: must be at most .*time_high=1"),
         (
             ["disturbance=fault", "disturbance.fault.actuator=thruster9"],
