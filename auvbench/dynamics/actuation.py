@@ -1,7 +1,7 @@
 """Compiled actuators: static curve once per step, exact linear dynamics per half substep, wrench.
 
 A command passes: normalised command -> static curve -> linear dynamics (exactly discretised for half a
-substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor (k rho D^4 n|n|) or identity
+substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor (k n|n|, n in rad/s) or identity
 -> effectiveness -> wrench [e; r x e] per newton (tau = T f, Fossen 2011, section 12.3).
 
 Tables (n_u, LANES) have a row for each actuator: `value`, what the static curve makes of the command; `output`, after the
@@ -161,7 +161,7 @@ def hold_commands(
             inner[j, lane] = states[i, j]
     for a in range(actuators.shape[0]):
         for lane in range(LANES):
-            thrust[a, lane] *= ws.vehicle.thrust[lane]
+            thrust[a, lane] *= ws.vehicle.thrust_factor[lane]
     static_curves(actuators, tables, value)
     for a in range(actuators.shape[0]):
         if actuators[a].kind == DROP_WEIGHT:

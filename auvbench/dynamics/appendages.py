@@ -3,10 +3,10 @@
 Only vehicles that have any of them come here; it is called before every Runge-Kutta stage, because a fin's force
 depends on the flow at that stage.
 
-* Fin: lift and drag in the plane across its hinge from the local relative flow, linear in the angle of attack up to
+* Fin: lift and drag in the plane normal to its hinge, which is normal to the x axis, from the local relative flow, linear in the angle of attack up to
   stall and with another slope beyond it; the model and the factor cos^2(sweep) are those of gz-sim's LiftDrag system,
   which the LRAUV's parameters were written for.
-* Mass shifter: moves weight along its axis; changes the restoring moment (its effect on M_RB is neglected).
+* Mass shifter: moves weight along its axis; changes the restoring moment (its effect on M_RB and its own inertia are neglected).
 * Buoyancy engine: rho g (V - V_neutral) upward at its position.
 * Drop weight: once released, its weight upward at its position (its mass stays in M_RB, its volume in B).
 """

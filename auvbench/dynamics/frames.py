@@ -67,7 +67,7 @@ def yaw(quaternion: ArrayLike) -> FloatArray:
 
 
 def quaternion(angles: ArrayLike) -> FloatArray:
-    """Unit quaternions (..., 4) = (w, x, y, z) of roll, pitch, yaw (..., 3) in rad (Fossen 2021, eq. 2.78).
+    """Unit quaternions (..., 4) = (w, x, y, z) of roll, pitch, yaw (..., 3) in rad (Fossen 2021, section 2.2).
 
     >>> quaternion([0.0, 0.0, 0.0])
     array([1., 0., 0., 0.])

@@ -1,4 +1,4 @@
-"""The compiled simulator: classical Runge-Kutta for many vehicles at once, in blocks of 16.
+"""The compiled simulator: classical Runge-Kutta for many vehicles at once, in blocks of 16. `equations` has the equations of motion.
 
 The state of the batch stays row by row, a vehicle after the other; each block is copied into a workspace in which the
 same quantity of 16 vehicles lies side by side, advanced there by all substeps of a step, and copied back.
@@ -48,6 +48,11 @@ from auvbench.dynamics.water import clear_momenta, clear_wrench, put_early
 from auvbench.dynamics.waves import add_water_inertia, move_water
 
 FloatArray = NDArray[np.float64]
+
+PARTS = 6.0, 3.0, 3.0, 6.0
+"""1 / b_i of the stages of the classical Runge-Kutta method"""
+AHEAD = 0.5, 0.5, 1.0, 0.0
+"""substeps from the start to the next stage"""
 
 
 @inline
@@ -134,7 +139,7 @@ def advance(
     h: float,
 ) -> None:
     """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
-    full, dynamic, special, early = flags
+    off_diagonal, dynamic, appendages, gazebo_8_11 = flags
     components, rays, time = waves
     wavy = components.shape[0] > 0
     n_u, count = command.shape[1], states.shape[1]
@@ -168,27 +173,26 @@ def advance(
             _begin(ws)
             # The classical Runge-Kutta method; one call in the source, so that it is compiled once.
             for stage in range(4):
-                weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
-                ahead = h / 2.0 if stage < 2 else h * (3 - stage)
+                share, ahead = h / PARTS[stage], h * AHEAD[stage]
                 if dynamic and (stage == 1 or stage == 3):
                     advance_actuators(ws, units, lags, value, output, thrust, inner)
-                if not (full or special or early or wavy):
+                if not (off_diagonal or appendages or gazebo_8_11 or wavy):
                     # With the constant the compiler drops the terms of the off-diagonal added mass, so that
                     # vehicles without it do not pay for it.
-                    runge_kutta_stage(ws, weight, ahead, False)
+                    runge_kutta_stage(ws, share, ahead, False)
                     continue
-                if full:
+                if off_diagonal:
                     put_off_diagonal(ws)
                 elif wavy:
                     clear_wrench(ws)
-                if early:
+                if gazebo_8_11:  # no sheet has off-diagonal added mass as well
                     put_early(ws)
-                if special:
+                if appendages:
                     apply_thrust(ws, units, output, thrust)
                     add_appendages(ws, units, output)
                 if wavy:
                     add_water_inertia(ws)
-                runge_kutta_stage(ws, weight, ahead, full or early or wavy)
+                runge_kutta_stage(ws, share, ahead, off_diagonal or gazebo_8_11 or wavy)
             _finish(ws)
         _scatter(ws, block, poses, velocities)
         for lane in range(min(LANES, poses.shape[0] - block * LANES)):

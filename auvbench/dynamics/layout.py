@@ -58,21 +58,22 @@ CURRENT_COLUMNS = CURRENT.itemsize // 8
 STATE = record(  # eta = [position; attitude], nu = [velocity; rates] = [v; omega]
     position=(3,), attitude=(4,), velocity=(3,), rates=(3,)
 )
-# A symmetric matrix of 3 x 3: xx yy zz xy xz yz. One of 6 x 6 in blocks: M = [M11 M12; M12^T M22] (theorem 3.2).
+# A symmetric matrix of 3 x 3: xx yy zz xy xz yz. One of 6 x 6 in blocks: M = [M11 M12; M12^T M22] (Fossen 2011, theorem 3.2).
 SYMMETRIC = (6,)
 SYMMETRIC_6 = record(M11=SYMMETRIC, M12=(3, 3), M22=SYMMETRIC)
 VEHICLE = record(
     m=(),  # kg
     m_r_g=(3,),  # m r_g, kg m
-    I_o=SYMMETRIC,  # kg m2
+    I_b=SYMMETRIC,  # inertia about CO, kg m2
     M_A=SYMMETRIC_6,
-    C_A=SYMMETRIC_6,  # M_A as C_A(nu_r) nu_r uses it: zero where the sheet switches this term off
+    # M_A as C_A(nu_r) nu_r uses it: 0 where the sheet switches this term off, -M_A for that of a Gazebo release.
+    M_A_coriolis=SYMMETRIC_6,
     D=VELOCITY,  # linear damping of v_r (N s/m) and omega (N m s)
     D_n=VELOCITY,  # quadratic damping (N s2/m2, N m s2)
     B_minus_W=(),  # N
-    lever=(3,),  # B r_b - W r_g, N m
+    B_r_b_minus_W_r_g=(3,),  # N m
     M_inverse=SYMMETRIC_6,  # (M_RB + M_A)^-1
-    thrust=(),  # scale of all thrust
+    thrust_factor=(),  # on all thrust
     displaced=(),  # mass of the displaced water rho V, kg
     displaced_r_b=(3,),  # rho V r_b, kg m
 )
@@ -85,7 +86,7 @@ WORKSPACE = side_by_side(
         x=STATE,  # at the start of a substep
         y=STATE,  # at the present stage
         s=STATE,  # sum of the stages
-        tau=WRENCH,  # of everything but water and weight
+        tau=WRENCH,  # of thrusters, appendages and `external`
         external=WRENCH,
         current=CURRENT,
         # What the plain added mass lacks: momenta of entries off the diagonal, and a wrench to subtract.
@@ -118,7 +119,7 @@ ACTUATOR = record(
     first_state=np.int64,  # of this actuator in the states of all
     rate=(),  # largest rate of a rate-limited actuator, per second; 0: none
     # Thruster.
-    rotor=(),  # k rho D^4, N s2; 0 where the curve gives newtons
+    rotor=(),  # force over n |n| with n in rad/s, N s2/rad2; 0 where the curve gives newtons
     per_newton=WRENCH,  # wrench [e; r x e]
     force_scale=(),  # of the electrical power
     power_scale=(),
@@ -126,7 +127,7 @@ ACTUATOR = record(
     # All others.
     position=(3,),  # m
     axis=(3,),
-    upward=(),  # mass shifter: N m per m; buoyancy engine: N per m3; drop weight: N when released
+    upward=(),  # mass shifter: its weight, N; buoyancy engine: N per m3; drop weight: N when released
     # Fin.
     area=(),  # m2
     lift_slope=(),  # 1/rad

@@ -4,7 +4,7 @@ Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control", Wiley 2011,
 
 Fossen's force is -C_A(nu_r) nu_r (2011, eq. 6.43). The plugin applies +C nu_r, by its source and as measured (docs/gazebo.md), with
 
-* `gz-sim-8.12` (and later, measured in 8.14.0): C = C_A, so that the term has the opposite sign;
+* `gz-sim-8.12` (and later, measured in 8.14.0): C = C_A, so that the term has the opposite sign: its Munk moment turns a hull into the flow;
 * `gz-sim-8.11` (and earlier, from its first version on; measured with the plugin of 8.11.0): a C that differs from C_A in two entries besides,
   C(0,5) = +A_22 v where C_A has -A_22 v, so that this force is Fossen's again, and C(5,0) = -A_33 w where C_A has A_22 v.
 

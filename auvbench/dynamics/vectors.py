@@ -98,21 +98,21 @@ def transposed_product(M: Matrix, a: Vector) -> Vector:
 
 @inline
 def hollow_product(off: Vector, a: Vector) -> Vector:
-    """Return S a of a symmetric matrix with a zero diagonal and `off` = xy xz yz."""
+    """Return N a of a symmetric matrix with a zero diagonal and `off` = xy xz yz."""
     xy, xz, yz = off
     return xy * a[1] + xz * a[2], xy * a[0] + yz * a[2], xz * a[0] + yz * a[1]
 
 
 @inline
 def plus_hollow_product(h: Vector, off: Vector, a: Vector) -> Vector:
-    """Return h + S a of a symmetric matrix with a zero diagonal and `off` = xy xz yz."""
+    """Return h + N a of a symmetric matrix with a zero diagonal and `off` = xy xz yz."""
     xy, xz, yz = off
     return h[0] + xy * a[1] + xz * a[2], h[1] + xy * a[0] + yz * a[2], h[2] + xz * a[0] + yz * a[1]
 
 
 @inline
 def rotation_matrix(q: Quaternion) -> Matrix:
-    """Return R(q), body to world, of a unit quaternion (Fossen 2011, eq. 2.65)."""
+    """Return R(q), body to world, of a quaternion, a rotation where it has length 1 (Fossen 2011, eq. 2.65)."""
     w, x, y, z = q
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
@@ -131,12 +131,12 @@ def up_axis(R: Matrix) -> Vector:
 def quaternion_rate(q: Quaternion, omega: Vector) -> Quaternion:
     """Return q' = T(q) omega of a body that turns with `omega` in body axes (Fossen 2011, section 2.2.2)."""
     w, x, y, z = q
-    p, r, s = omega
+    roll, pitch, yaw = omega
     return (
-        -0.5 * (x * p + y * r + z * s),
-        0.5 * (w * p + y * s - z * r),
-        0.5 * (w * r + z * p - x * s),
-        0.5 * (w * s + x * r - y * p),
+        -0.5 * (x * roll + y * pitch + z * yaw),
+        0.5 * (w * roll + y * yaw - z * pitch),
+        0.5 * (w * pitch + z * roll - x * yaw),
+        0.5 * (w * yaw + x * pitch - y * roll),
     )
 
 

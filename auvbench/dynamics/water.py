@@ -62,7 +62,7 @@ def put_early(ws: Record) -> None:
     for lane in range(LANES):
         _, _, (u, v, w) = through_water(ws, lane)
         _, _, r = three(ws.y.rates, lane)
-        # C_A has -M_A here, which gives the subtracted wrench its sign.
-        _, A_22, A_33 = diagonal(ws.vehicle.C_A.M11, lane)
+        # M_A_coriolis is -M_A here, which gives the subtracted wrench its sign.
+        _, A_22, A_33 = diagonal(ws.vehicle.M_A_coriolis.M11, lane)
         put3(force, lane, (2.0 * (A_22 * v) * r, 0.0, 0.0))
         put3(torque, lane, (0.0, 0.0, -(A_22 * v + A_33 * w) * u))

@@ -197,16 +197,16 @@ def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
     rows = np.zeros(scales.shape[0], layout.VEHICLE)
     rows["m"] = M_RB[:, 0, 0]
     rows["m_r_g"] = mass * (vehicle.mass * r_g)
-    rows["I_o"] = _symmetric(M_RB[:, 3:, 3:])
+    rows["I_b"] = _symmetric(M_RB[:, 3:, 3:])
     _put_symmetric_6(rows["M_A"], M_A)
-    _put_symmetric_6(rows["C_A"], vehicle.coriolis_sign * M_A)
+    _put_symmetric_6(rows["M_A_coriolis"], vehicle.coriolis_sign * M_A)
     _put_symmetric_6(rows["M_inverse"], np.linalg.inv(M_RB + M_A))
     for name, coefficients in (("D", vehicle.linear_damping), ("D_n", vehicle.quadratic_damping)):
         rows[name]["linear"], rows[name]["angular"] = np.split(damping * coefficients, 2, axis=1)
     weight, lift = mass * vehicle.weight, buoyancy * vehicle.buoyancy
     rows["B_minus_W"] = (lift - weight)[:, 0]
-    rows["lever"] = lift * vehicle.center_of_buoyancy - weight * r_g
-    rows["thrust"] = thrust[:, 0]
+    rows["B_r_b_minus_W_r_g"] = lift * vehicle.center_of_buoyancy - weight * r_g
+    rows["thrust_factor"] = thrust[:, 0]
     displaced = lift / vehicle.gravity
     rows["displaced"] = displaced[:, 0]
     rows["displaced_r_b"] = displaced * vehicle.center_of_buoyancy

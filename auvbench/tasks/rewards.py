@@ -41,7 +41,7 @@ def failed(e: Record) -> bool:
 
 @row
 def thesis(e: Record, v: Vehicle, p: Record) -> float:
-    """Return the reward of the original study: equation 2.1."""
+    """Return the reward of the original study, its equation 2.1. Only waypoints have it, whose `to_go` is the distance."""
     if failed(e):
         return float(p.collision)
     if e.outcome == SUCCESS:

@@ -34,7 +34,7 @@ OUT_OF_BOUNDS = 3
 GOES_ON = -1
 
 SHALLOWEST = 1.0
-"""m: no start is drawn nearer to a depth limit, unless what it is drawn round is nearer"""
+"""m: no start is drawn nearer to the upper or lower depth limit, unless what it is drawn round is nearer"""
 
 _TWO_PI = 2.0 * math.pi
 
@@ -51,7 +51,7 @@ class Vehicle(NamedTuple):
     rates: Vector  # rad/s, body axes
     action: Floats  # (n_u,) in [-1, 1], of this step
     previous: Floats  # (n_u,) of the step before
-    force: Floats  # (n_u,) N, of the actuators
+    force: Floats  # (n_u,) N that the command stands for, before lag and faults; 0 of what is no thruster
     power: float  # W
 
 
@@ -122,7 +122,7 @@ def yaw(v: Vehicle) -> float:
 
 @row
 def roll_pitch(v: Vehicle) -> tuple[float, float]:
-    """Return roll and pitch in rad, the bow up."""
+    """Return roll and pitch in rad, pitch positive with the bow up (`frames.euler`: with the bow down)."""
     w, x, y, z = v.attitude
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     return roll, -math.asin(min(1.0, max(-1.0, 2.0 * (w * y - x * z))))
@@ -173,7 +173,7 @@ def rise(u: float, centre: float, radius: float, p: Record) -> float:
 def start_in_ball(e: Record, radius: float, p: Record, u: float, v: float, w: float) -> None:
     """Put `e.start` into a ball of a radius in m round the reference, by three uniform draws.
 
-    It is uniform in the ball and stays within the depth limits (`rise`).
+    It is uniform in the ball; where the depth limits cut the ball, uniform on the part of each sphere within them (`rise`).
     """
     x, y, z = triple(e.reference)
     length = radius * u ** (1.0 / 3.0)

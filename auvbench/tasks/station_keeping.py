@@ -30,12 +30,12 @@ from auvbench.tasks.rows import (
 @row
 def draw(e: Record, p: Record, stream: int) -> float:
     """Put the reference on the station and draw the start; return its yaw."""
-    u, v, w, m = drawn(e, stream, 0)
+    u0, u1, u2, u3 = drawn(e, stream, 0)
     put(e.reference, triple(p.station))
     put(e.reference_velocity, (0.0, 0.0, 0.0))
     e.reference_yaw = p.yaw
-    start_in_ball(e, p.start_radius, p, v, w, m)
-    return wrap(2.0 * math.pi * u)
+    start_in_ball(e, p.start_radius, p, u1, u2, u3)
+    return wrap(2.0 * math.pi * u0)
 
 
 @row

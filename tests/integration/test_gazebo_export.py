@@ -74,7 +74,7 @@ def test_thruster_messages_move_it_as_the_embedded_simulator(tmp_path, hydrodyna
     if hydrodynamics == "published":
         from auvbench.dynamics.layout import VEHICLE, side_by_side
 
-        C_A = simulator._parameters.view(side_by_side(VEHICLE))["C_A"]
+        C_A = simulator._parameters.view(side_by_side(VEHICLE))["M_A_coriolis"]
         C_A["M11"] *= -1.0
         C_A["M22"] *= -1.0
     simulator.step(vehicle.action(np.array([NEWTONS])), 6.0)
