@@ -1,1 +1,1 @@
-"""How fast auvbench is: `make bench`."""
+"""Measure how fast auvbench is (`make bench`), and draw the pictures of docs/."""

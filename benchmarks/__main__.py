@@ -1,4 +1,4 @@
-"""`make bench`: measures and prints a table; `--write` renews the one in docs/performance.md."""
+"""Measure, and print a table (`make bench`); `--write` replaces the table in docs/performance.md."""
 
 from __future__ import annotations
 

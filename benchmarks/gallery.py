@@ -15,11 +15,11 @@ from benchmarks import hero, vehicle_pictures
 ASSETS = Path(__file__).parents[1] / "docs" / "assets"
 RESULTS = Path(__file__).parents[1] / "results"
 COLOURS = 64
-"""of a picture: a third of the bytes, and no difference to see"""
+"""colours of a picture: a third of the bytes, without a visible difference"""
 
 
 def main() -> None:
-    """Train, replay and store, task by task."""
+    """Train and replay PID on each task, and store the pictures."""
     for task in TASKS:
         with TemporaryDirectory() as folder:
             words = [f"task={task}", "algo=pid", "vehicle=bluerov2_heavy", f"output={folder}"]
@@ -32,7 +32,7 @@ def main() -> None:
 
 
 def _page() -> None:
-    """Store the first screen of the page of the published leaderboard, as Chromium shows it."""
+    """Store a Chromium screenshot of the top of the published leaderboard's page."""
     with TemporaryDirectory() as folder:
         if code := cli.main(["report", str(RESULTS / "leaderboard"), "--out", folder]):
             raise SystemExit(code)

@@ -1,7 +1,7 @@
-"""Film MPC, PID and PPO on the way to one waypoint: docs/assets/hero.gif (part of `make gallery`).
+"""Draw MPC, PID and PPO on their way to one waypoint as a film, docs/assets/hero.gif (part of `make gallery`).
 
-The agents are those of `experiment=quickstart`. A parallel projection shows depth; shadows lie on a grid below. The film
-starts with its last picture, so that a reader who sees a still picture sees the result.
+`experiment=quickstart` trains the agents. The projection is parallel; shadows on a grid below the vehicles show their place. The
+film starts with its last picture, so that programs that show only the first picture show the result.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from auvbench.runs.directory import find_runs
 
 TARGET = Path(__file__).parents[1] / "docs" / "assets" / "hero.gif"
 EPISODE = 1
-"""its times are near the means of 500 waypoints"""
+"""episode whose times are near the means of 500 waypoints"""
 SPEED = 2.5
 """seconds of the episode in a second of the film"""
 RATE = 12
-"""pictures a second"""
+"""pictures per second"""
 WATER, GRID, INK, MUTED = "#0b2a3f", "#1d4763", "#ffffff", "#9fc3d8"
 AGENTS = {"mpc": ("MPC", "#ffb000"), "pid": ("PID", "#ffffff"), "ppo": ("PPO", "#4cc9f0")}
 BODY = np.array([0.457, 0.338, 0.254]) * 4
-"""m: length, width, height of a BlueROV2, drawn larger"""
+"""m, length, width and height of a BlueROV2, which is drawn larger"""
 TURN, TILT = np.radians(5.0), np.radians(25.0)
-"""of the eye: about the vertical axis, and above the horizon"""
+"""direction of view, rad: angle about the vertical axis, and angle above the horizon"""
 
 Floats = NDArray[np.float64]
 
 
 def main() -> None:
-    """Train the three agents, and film them."""
+    """Train the three agents and draw their film."""
     with TemporaryDirectory() as folder:
         words = ["train", "-m", "experiment=quickstart", f"output={folder}"]
         if code := cli.main(words):
@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def film(folder: Path) -> None:
-    """Write the film of one run of each agent in a folder."""
+    """Write the film of an experiment's folder, with one run of each agent."""
     protocol = evaluate_config(compose("evaluate", ["protocol=test"])).protocol
     runs = {
         run.check()["algo"]["name"]: run
@@ -108,7 +108,7 @@ def _picture(episodes: dict[str, Replay], time: float) -> Image.Image:
 
 
 def _floor(axes: Any, episodes: dict[str, Replay], waypoint: Floats) -> float:
-    """Draw the waypoint, and below everything a grid of 5 m; return the grid's z (m)."""
+    """Draw the waypoint, and a grid of 5 m below it; return the grid's z (m)."""
     radius = tolerance(next(iter(episodes.values())).config.task)
     places = np.vstack(
         [*(episode.position for episode in episodes.values()), waypoint - radius, waypoint + radius]
@@ -145,7 +145,7 @@ def _body(axes: Any, position: Floats, yaw: float, colour: str) -> None:
     towards = np.array([-np.sin(TURN) * np.cos(TILT), -np.cos(TURN) * np.cos(TILT), np.sin(TILT)])
     for name, corners in faces.items():
         points = np.array(corners) @ turn.T
-        if points.mean(0) @ towards > 0:  # faces the eye
+        if points.mean(0) @ towards > 0:  # the side faces the viewer
             look = {"top": colour, "bow": "#333333"}.get(name, "#5b7f96")
             axes.fill(*_project(points + position).T, color=look, zorder=4, ec="#061a28", linewidth=0.8)
 

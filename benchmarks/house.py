@@ -1,7 +1,7 @@
 """Measure how the code is built: `python -m benchmarks.house`, or `make house`.
 
-It prints the measures next to their goals. `--show` lists the files and reads behind each number. Imports are measured in fresh
-processes which make an environment, evaluate a run, and write a report.
+It prints each measure and its goal. `--show` lists the files and reads that each number counts. New processes that make an
+environment, evaluate a run, or write a report measure the imports.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "auvbench"
 
 INTEGRATION = re.compile(r"ros ?2|rclpy|gazebo|ardusub|mavlink|slurm|wandb|mlflow|\bray\b", re.IGNORECASE)
-"""Foreign systems that an integration talks to."""
+"""Foreign systems that integrations talk to."""
 INTEGRATIONS = (
     "ros2",
     "mavlink",
@@ -49,7 +49,7 @@ KINDS = {
     "metric": ("settling_time_s", ""),
     "actuator": ("drop_weight", ""),
 }
-"""One of auvbench's own of each kind, and the folder of its YAML file."""
+"""An example of auvbench's own for each kind, and the folder of its YAML file."""
 
 TASKS = ("waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking")
 """auvbench's own tasks."""
@@ -91,7 +91,7 @@ def sources(folder: Path = PACKAGE) -> Iterator[tuple[Path, ast.Module]]:
 
 
 def words(tree: ast.AST) -> Iterator[str]:
-    """Yield the names and the texts of a syntax tree; docstrings and other texts that stand alone are left out."""
+    """Yield the names and texts of a syntax tree, without docstrings."""
     alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Name):
@@ -113,7 +113,7 @@ def words(tree: ast.AST) -> Iterator[str]:
 
 
 def naming_an_integration() -> list[str]:
-    """Return the files of the core in whose code the name of a foreign system occurs."""
+    """Return the core's files whose code names a foreign system."""
     found = []
     for path, tree in sources():
         place = path.relative_to(PACKAGE).as_posix()
@@ -123,7 +123,7 @@ def naming_an_integration() -> list[str]:
 
 
 def naming(name: str, folder: str) -> list[str]:
-    """Return the files that name a thing in code, and its YAML file: what its author had to touch."""
+    """Return the files whose code names a part, and the part's YAML file: the files that its author changes."""
     pattern = re.compile(rf"(?<![A-Za-z]){name}(?![A-Za-z])", re.IGNORECASE)
     camel = name.title().replace("_", "")
     found = [
@@ -136,7 +136,7 @@ def naming(name: str, folder: str) -> list[str]:
 
 
 def task_tests(tree: ast.AST) -> Iterator[tuple[int, str]]:
-    """Yield line and text of comparisons with a task's name, and of `isinstance` with a task's class or schema."""
+    """Yield the line and text of each comparison with a task's name and each `isinstance` with a task's class or schema."""
     names = "|".join(TASKS)
     classes = "|".join(name.title().replace("_", "") for name in TASKS)
     for node in ast.walk(tree):
@@ -151,7 +151,7 @@ def task_tests(tree: ast.AST) -> Iterator[tuple[int, str]]:
 
 
 def naming_a_task() -> list[str]:
-    """Return the lines outside `tasks/` that ask for a task's name or class."""
+    """Return the lines outside `tasks/` that test a task's name or class."""
     return [
         f"{path.relative_to(ROOT)}:{line}: {text}"
         for path, tree in sources()
@@ -161,9 +161,9 @@ def naming_a_task() -> list[str]:
 
 
 def reads(tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and text of reads of an array by a number or a numeric constant in compiled functions.
+    """Yield the line and text of each read of an array by a number or a numeric constant, in compiled functions.
 
-    An array is an argument with the type of one. A constant is a name in capitals.
+    An array is an argument whose annotation is an array type. A constant is a name in capitals.
     """
     for function in ast.walk(tree):
         if not isinstance(function, ast.FunctionDef):
@@ -201,7 +201,7 @@ def _is_number(node: ast.expr) -> bool:
 
 
 def closure(code: str, folder: str) -> list[Path]:
-    """Return the files of the package that a program has loaded when it calls `loaded()`."""
+    """Return the package's files that a program has imported when it calls `loaded()`."""
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
     )
@@ -222,7 +222,7 @@ def _closure(name: str, code: str, folder: str, goal: str) -> Measure:
 
 
 def measures(*, run: bool = True) -> Iterator[Measure]:
-    """Yield the measures; those of imports only with `run`."""
+    """Yield the measures; without `run`, leave out those of imports."""
     core = naming_an_integration()
     yield Measure("files of the core that name an integration", str(len(core)), "0", core)
     tests = naming_a_task()

@@ -1,4 +1,4 @@
-"""What is measured. Each function gives rows (what, figure, unit, remark)."""
+"""The measurements of `make bench`. Each function returns rows (what, number, unit, remark)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def configuration(*overrides: str) -> TrainConfig:
 
 
 def _stepper(batch: Batch, clock: Callable[[], float] = time.perf_counter) -> float:
-    """Seconds of one step of a batch: noise, physics, observation, reward, automatic reset."""
+    """Return the seconds of one step of a batch: noise, physics, observation, reward, automatic reset."""
     rng = np.random.default_rng(0)
     actions = [rng.uniform(-1, 1, (batch.n, len(batch.vehicle.actuators))) for _ in range(8)]
     batch.reset()
@@ -48,7 +48,7 @@ def _stepper(batch: Batch, clock: Callable[[], float] = time.perf_counter) -> fl
 
 
 def environments() -> Iterator[Row]:
-    """The full environment step."""
+    """Measure the full environment step."""
     for n in (1, 32, 1024):
         batch = Batch(configuration(f"step.frequency={FREQUENCY}"), n)
         seconds = _stepper(batch)
@@ -61,7 +61,7 @@ def environments() -> Iterator[Row]:
 
 
 def tasks() -> Iterator[Row]:
-    """The full environment step of each task, by processor time."""
+    """Measure the processor time of the full environment step of each task."""
     n, vehicle = 1024, "bluerov2_heavy"
     yield (
         "plain Python, `for i in range(n): x += i * 0.5`",
@@ -72,7 +72,7 @@ def tasks() -> Iterator[Row]:
     words = f"vehicle={vehicle}", f"step.frequency={FREQUENCY}"
     batches = {task: Batch(configuration(f"task={task}", *words), n) for task in TASKS}
     rates = dict.fromkeys(batches, 0.0)
-    for _ in range(3):  # in turns: the load of a machine changes
+    for _ in range(3):  # alternate the cases, since the load of a machine changes
         rates |= {
             task: max(rates[task], n / _stepper(batch, time.thread_time)) for task, batch in batches.items()
         }
@@ -86,7 +86,7 @@ def tasks() -> Iterator[Row]:
 
 
 def threads() -> Iterator[Row]:
-    """What a second thread gains on a large batch."""
+    """Measure how much faster a large batch is with a second thread."""
     for n in (1024, 4096, 8192):
         one, two = (
             _stepper(Batch(configuration(f"step.frequency={FREQUENCY}", f"simulator.threads={t}"), n))
@@ -101,7 +101,7 @@ def threads() -> Iterator[Row]:
 
 
 def disturbances() -> Iterator[Row]:
-    """What disturbances cost: processor time of the environment step with each, taken in turn."""
+    """Measure the processor time of the environment step with each disturbance, alternately."""
     n, names = 1024, ("none", "current", "waves", "severe")
     batches = {
         name: Batch(configuration(f"step.frequency={FREQUENCY}", f"disturbance={name}"), n) for name in names
@@ -118,7 +118,7 @@ def disturbances() -> Iterator[Row]:
 
 
 def vehicles() -> Iterator[Row]:
-    """Physics alone, for every vehicle."""
+    """Measure the physics of every vehicle, without a task."""
     n = 1024
     for name in sheet_names():
         vehicle = sheet.load(name)
@@ -135,7 +135,7 @@ def vehicles() -> Iterator[Row]:
 
 
 def reference() -> Iterator[Row]:
-    """The kernel against plain NumPy: the readable implementation of the same equations in tests/reference."""
+    """Compare the kernel's speed with the plain NumPy implementation of the same equations in tests/reference."""
     from tests.reference.fossen import constant, simulate, state_at
     from tests.reference.vehicles import BLUEROV2
 
@@ -157,7 +157,7 @@ def reference() -> Iterator[Row]:
 
 
 def learners() -> Iterator[Row]:
-    """Training with the default presets, as `auvbench train` does it, compilation and set-up left out."""
+    """Measure training with the default presets, as `auvbench train` does it, without compilation and set-up."""
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.plan import prepare
     from auvbench.training.execute import execute
@@ -177,7 +177,7 @@ def learners() -> Iterator[Row]:
 
 
 def record() -> Iterator[Row]:
-    """`algo=ppo_fast`: from nothing to a policy that passes the test, and what stands around it."""
+    """Measure `algo=ppo_fast`: the training of a policy that passes the test, and the rest of the command."""
     from auvbench.config.validate import evaluate_config
     from auvbench.evaluation.evaluate import evaluate
     from auvbench.runs.plan import prepare
@@ -185,7 +185,7 @@ def record() -> Iterator[Row]:
 
     protocol = evaluate_config(compose("evaluate")).protocol
     times, rates, around = [], [], []
-    for seed in range(100, 105):  # none of those the preset was chosen with
+    for seed in range(100, 105):  # seeds that were not used to choose the preset
         with tempfile.TemporaryDirectory() as folder:
             overrides = ["algo=ppo_fast", "train.total_steps=61440", f"seed={seed}", f"output={folder}"]
             run = prepare(compose("train", overrides))
@@ -217,7 +217,7 @@ def record() -> Iterator[Row]:
 
 
 def evaluation() -> Iterator[Row]:
-    """The test protocol."""
+    """Measure the test protocol."""
     from auvbench.config.validate import evaluate_config
     from auvbench.evaluation.evaluate import evaluate
     from auvbench.runs.plan import prepare
@@ -243,13 +243,13 @@ def evaluation() -> Iterator[Row]:
 
 
 def commands() -> Iterator[Row]:
-    """Whole commands, interpreter and imports included."""
+    """Measure whole commands, with the start of Python and all imports."""
     yield ("auvbench --help", f"{1e3 * command('--help'):.0f}", "ms", "")
     yield ("auvbench train --cfg job", f"{1e3 * command('train', '--cfg', 'job'):.0f}", "ms", "")
 
 
 def again() -> Iterator[Row]:
-    """Commands typed again where nothing is left to do: each run is looked at, none is carried out."""
+    """Measure commands typed again after all runs are complete: they check each run and train none."""
     runs = 50
     with tempfile.TemporaryDirectory() as folder:
         typed = {
@@ -264,7 +264,7 @@ def again() -> Iterator[Row]:
 
 
 def reports() -> Iterator[Row]:
-    """A whole report of many made-up runs, in all formats and with all figures."""
+    """Measure a whole report of many synthetic runs, in all formats and with all figures."""
     from tests.synthetic import write_experiment
 
     with tempfile.TemporaryDirectory() as folder:
@@ -301,7 +301,7 @@ SECTIONS = {
 
 
 def machine() -> str:
-    """The machine in one line."""
+    """Return one line that describes the machine."""
     from auvbench.runs.provenance import host, versions
 
     facts, installed = host(), versions()

@@ -1,4 +1,4 @@
-"""Updates of off-policy learners: Stable-Baselines3's, SBX's where it is installed (`pip install sbx-rl`), and compiled ones."""
+"""Measure updates of off-policy learners: Stable-Baselines3's, compiled ones, and SBX's if it is installed (`pip install sbx-rl`)."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from auvbench.registry import AGENTS
 
 UPDATES, ROUNDS, CALLS = 8, 10, 6
 STEPS = 4000
-"""of random actions that fill the replay buffer"""
+"""steps of random actions that fill the replay buffer"""
 
 
 def offpolicy() -> Iterator[tuple[str, str, str, str]]:
-    """Processor time of an update of 256 transitions, eight in a call, by SB3, SBX and compiled; the least of several rounds."""
+    """Return the processor time of an update of 256 transitions by SB3, SBX and compiled code: the least of several rounds of eight."""
     for algo in ("sac", "td3", "tqc", "crossq"):
         configs = {
             name: train_config(compose("train", [f"algo={algo}", f"algo.updates={name}"]))
@@ -40,7 +40,7 @@ def offpolicy() -> Iterator[tuple[str, str, str, str]]:
         for model in models.values():
             model.train(UPDATES, 256)  # compiles
         least = dict.fromkeys(models, float("inf"))
-        for _ in range(ROUNDS):  # in turns: the load of a machine changes
+        for _ in range(ROUNDS):  # alternate the learners, since the load of a machine changes
             for name, model in models.items():
                 begun = time.process_time()
                 for _ in range(CALLS):
@@ -66,7 +66,7 @@ def _ready(model: Any) -> Any:
 
 def _sbx(config: TrainConfig) -> Any:
     """Return SBX's learner on one core with the same networks and settings."""
-    # Read when JAX starts.
+    # JAX reads it when it starts.
     os.environ["XLA_FLAGS"] = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
     os.environ["JAX_PLATFORMS"] = "cpu"
     import flax.linen

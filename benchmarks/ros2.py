@@ -1,4 +1,4 @@
-"""Agent steps over ROS 2 in lock-step: `auvbench serve` and this process on one core."""
+"""Measure agent steps over ROS 2 in lock-step, with `auvbench serve` and this process on one core."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Row = tuple[str, str, str, str]
 
 
 def ros2() -> Iterator[Row]:
-    """Round trips: six commands to each vehicle, its odometry back."""
+    """Measure round trips: six commands to each vehicle, its odometry back."""
     from auvbench.ros2 import middleware
 
     try:
@@ -30,7 +30,7 @@ def ros2() -> Iterator[Row]:
     except ConfigError as error:
         yield ("agent steps over ROS 2", "-", "steps/s", str(error))
         return
-    # A domain of its own, on this machine alone.
+    # A DDS domain that no other process uses, only on this machine.
     os.environ |= {
         "ROS_DOMAIN_ID": str(random.SystemRandom().randint(1, 100)),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
@@ -45,7 +45,7 @@ def ros2() -> Iterator[Row]:
 
 
 def _processor_time(simulator: Any, action: Any, server: psutil.Process) -> float:
-    """Seconds of processor time of a step, of both ends: neighbours on a busy machine matter less to it."""
+    """Return the processor time of a step in s, of both processes. Other processes change it less than the wall time."""
     steps = 400
 
     def spent() -> float:

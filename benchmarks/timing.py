@@ -1,4 +1,4 @@
-"""Timing on a noisy machine: the best of several repetitions, so that ratios within one run mean something."""
+"""Measure times on a busy machine: the best of several repetitions, so that ratios within one run are meaningful."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def best(
     repetitions: int = 7,
     clock: Callable[[], float] = time.perf_counter,
 ) -> float:
-    """Seconds per call: the fastest of several repetitions, each as many calls as fill `seconds`."""
+    """Return the seconds per call: the fastest of several repetitions, each with enough calls to last `seconds`."""
     function()
     begun = clock()
     function()
@@ -33,7 +33,7 @@ def best(
 
 
 def loop_rate(turns: int = 2_000_000) -> float:
-    """Turns per second of processor time of the plain loop in `.ci/run`: rates of two machines compare once divided by it."""
+    """Return the turns of the plain loop of `.ci/run` per second of processor time. Divided by it, rates of two machines compare."""
 
     def loop() -> None:
         x = 0.0
@@ -44,9 +44,9 @@ def loop_rate(turns: int = 2_000_000) -> float:
 
 
 def command(*arguments: str, repetitions: int = 5, fresh: bool = False) -> float:
-    """Seconds of a whole `auvbench` command, interpreter and imports included; the fastest of several.
+    """Return the seconds of a whole `auvbench` command, with the start of Python and all imports: the fastest of several.
 
-    With `fresh`, each in an empty folder: what a command has written the next one would find done.
+    With `fresh`, each runs in an empty folder, since a command does not repeat finished work.
     """
     script = str(Path(sys.executable).with_name("auvbench"))
     fastest = float("inf")

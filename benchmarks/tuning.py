@@ -1,4 +1,4 @@
-"""The cost of a study's controller: proposals, decisions and the journal, over simulated trials."""
+"""Measure the overhead of a tuning study, with simulated trials: proposals, decisions and the journal."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from auvbench.tuning.search import Score, Search, open_study
 
 TRIALS = 1000
 PACE = 30_000.0
-"""steps per second of one core with PPO's preset (docs/performance.md)"""
+"""steps per second of PPO's preset on one core (docs/performance.md)"""
 
 
 def study() -> Iterator[tuple[str, str, str, str]]:

@@ -1,4 +1,4 @@
-"""Draw where the thrusters of the BlueROV2s push: docs/assets/vehicles.png (part of `make gallery`)."""
+"""Draw the thrusters of the BlueROV2s and their directions: docs/assets/vehicles.png (part of `make gallery`)."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from auvbench.vehicles.sheet import load
 
 TARGET = Path(__file__).parents[1] / "docs" / "assets" / "vehicles.png"
 LENGTH, WIDTH = 0.457, 0.338
-"""m, of a BlueROV2 (Blue Robotics, data sheet)"""
+"""m, length and width of a BlueROV2 (Blue Robotics, data sheet)"""
 VEHICLES = {"bluerov2": "bluerov2, six thrusters", "bluerov2_heavy": "bluerov2_heavy, eight thrusters"}
 ACROSS, UP = "#0072B2", "#D55E00"
 ARROW = 0.11
-"""m, of a thruster that pushes level"""
+"""m, length of an arrow of a horizontal thruster"""
 
 
 def main() -> None:
@@ -49,7 +49,7 @@ def _vehicle(axes: Any, name: str) -> None:
         place = np.array([-unit.position[1], unit.position[0]])
         push = np.array([-unit.direction[1], unit.direction[0]])
         number = unit.name.removeprefix("thruster")
-        if np.linalg.norm(push) < 0.5:  # pushes up
+        if np.linalg.norm(push) < 0.5:  # the thruster pushes up
             axes.add_patch(Circle((place[0], place[1]), 0.035, fc="white", ec=UP, linewidth=2))
             axes.plot(*place, "o", color=UP, markersize=4)
             axes.text(*(place + np.array([0.0, 0.055])), number, color=UP, fontsize=13, ha="center")

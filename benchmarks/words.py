@@ -1,7 +1,7 @@
 """Count how plain the texts are: `python -m benchmarks.words`, or `make words`.
 
 Three groups: pages (README, docs, studies), docstrings, and messages (errors, help, progress). For each it prints sentences, their
-length, and how often a pattern occurs that makes a reader start again. `--show N` lists the N longest sentences of each
+length, and how often patterns occur that make a reader read a sentence twice. `--show N` lists the N longest sentences of each
 group, `--sample N` draws N docstrings and messages to read aloud.
 """
 
@@ -17,9 +17,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 LONG = 25
-"""words of a sentence; a longer one is counted"""
+"""most words of a sentence; longer sentences are counted"""
 NUMBERS = 2
-"""numbers of a sentence; one with more is counted"""
+"""most numbers of a sentence; sentences with more are counted"""
 AVOIDED = {
     "roundabout": r"\b(?:beside|whoever|nobody|anybody|somebody|whatever|wherever|of which|is told|says so|there is none)\b",
     "points back": r"\b(?:those of|that of|the other|such|both)\b",
@@ -28,9 +28,9 @@ AVOIDED = {
 }
 """patterns of the table, by title"""
 NAMES = frozenset(("found", "held", "told", "kept", "made", "there", "who", "one"))
-"""local names that say nothing of what they are"""
+"""names of local variables that do not say what they are"""
 MESSAGES = frozenset(("print", "say", "_say", "note", "warn", "add_argument", "add"))
-"""functions whose texts a user reads, in addition to errors that are raised"""
+"""functions whose texts a user reads; errors that are raised count as well"""
 
 _GENERATED = re.compile(
     r"<!-- (?:begin|measured): .*?<!-- end[^>]*>|<!-- (\S+): begin -->.*?<!-- \1: end -->|^```.*?^```|^    [^\n]*|^\|[^\n]*"
@@ -48,7 +48,7 @@ class Text:
     content: str
 
     def sentences(self) -> list[str]:
-        """Return its sentences, without code and targets of links."""
+        """Return the text's sentences, without code and targets of links."""
         plain = re.sub(r"`[^`]*`", "code", re.sub(r"\]\([^)]*\)", "]", self.content))
         parts = re.split(
             r"\n\s*\n(?!\s*[*-]\s)|\n\s*(?:(?:[*-]|\d+\.)\s|(?=\w+:\s))|(?<=[.!?:;])\s+(?=[\[*A-Z{])", plain
@@ -57,19 +57,19 @@ class Text:
 
 
 def pages() -> Iterator[Text]:
-    """Yield what a person wrote on each page: no table, no code, no generated block."""
+    """Yield each paragraph of a page, without tables, code and generated blocks."""
     files = [
         ROOT / "README.md",
         *sorted((ROOT / "docs").glob("*.md")),
         *sorted((ROOT / "results").glob("*/README.md")),
     ]
     for path in files:
-        if path.name not in ("configuration.md", "verification.md"):  # a program writes them
+        if path.name not in ("configuration.md", "verification.md"):  # pages that a program writes
             yield Text(str(path.relative_to(ROOT)), _GENERATED.sub("\n", path.read_text(encoding="utf-8")))
 
 
 def docstrings() -> Iterator[Text]:
-    """Yield each docstring of the package, those of fields too."""
+    """Yield each docstring of the package, also of fields."""
     for path, tree in _modules():
         for node in ast.walk(tree):
             if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
@@ -113,7 +113,7 @@ def _literal(node: ast.expr) -> str:
 
 
 def vague_names() -> int:
-    """Return how often a local variable of the package has a name of `NAMES`."""
+    """Return how many local variables of the package have a name in `NAMES`."""
     return sum(
         isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in NAMES
         for _, tree in _modules()

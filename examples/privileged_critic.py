@@ -1,9 +1,9 @@
-"""Train PPO outside auvbench and test it inside: a critic that knows more than the policy (Pinto et al. 2018).
+"""Train a policy with your own program, here PPO with a privileged critic (Pinto et al. 2018), and test it with auvbench.
 
-Stable-Baselines3's PPO learns on auvbench's environments. Its critic also sees the factors by which each vehicle was drawn and the
-current, its policy what every policy sees. The policy becomes an ONNX file, which auvbench tests like any other agent:
+Stable-Baselines3's PPO learns on auvbench's environments. The policy observes what every policy observes; the critic also observes
+the current and the factors on each drawn vehicle. The program exports the policy as an ONNX file, and auvbench tests the file:
 
-    python privileged_critic.py mine.onnx --seed 100        # a million steps: some two minutes of a core
+    python privileged_critic.py mine.onnx --seed 100        # a million steps: about two minutes of one core
     auvbench train algo=onnx algo.path=mine.onnx vehicle=bluerov2_realistic_inertia task=waypoint_state
     auvbench evaluate outputs protocol=models
 """
@@ -31,7 +31,7 @@ PRIVILEGED = len(SCALES) + 3  # factors of the vehicle, and the current (x, y, z
 
 
 class Privileged(VecEnvWrapper):
-    """Appends what the critic alone may know to each observation."""
+    """Add the numbers that only the critic observes to each observation."""
 
     def __init__(self, venv: sb3.WaypointVecEnv) -> None:
         seen = venv.observation_space
@@ -41,7 +41,7 @@ class Privileged(VecEnvWrapper):
         self.privileged = self._draw()
 
     def _draw(self) -> np.ndarray:
-        """Draw the vehicles under way again: a draw is a function of seed, environment and episode."""
+        """Return the drawn vehicles and currents: the same key of seed, environment and episode gives the same draw."""
         drawn, task = self.disturbances, self.disturbances.task
         scales = np.ones((self.num_envs, len(SCALES)))
         kernels.draw_scales(np.arange(self.num_envs), task.rows, drawn.Q, task.stream, scales)
@@ -62,7 +62,7 @@ class Privileged(VecEnvWrapper):
 
 
 class Blind(FlattenExtractor):
-    """Hides the privileged numbers."""
+    """Set the privileged numbers to 0."""
 
     def forward(self, observations: torch.Tensor) -> torch.Tensor:
         seen = observations.clone()
@@ -71,7 +71,7 @@ class Blind(FlattenExtractor):
 
 
 class AsymmetricPolicy(ActorCriticPolicy):
-    """The critic sees all, the policy is blind."""
+    """A policy without the privileged numbers, and a critic with them."""
 
     def _build(self, lr_schedule: Any) -> None:
         self.pi_features_extractor = Blind(self.observation_space)
@@ -79,7 +79,7 @@ class AsymmetricPolicy(ActorCriticPolicy):
 
 
 class Actor(torch.nn.Module):
-    """The policy by itself, for raw observations."""
+    """The policy without the critic, for observations that are not normalised."""
 
     def __init__(self, policy: ActorCriticPolicy, normaliser: VecNormalize) -> None:
         super().__init__()
@@ -101,7 +101,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=1_000_000, help="environment steps of training")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    # Settings of algo=ppo_robust; results/robust tells of seeds 100 to 109.
+    # Settings of algo=ppo_robust. results/robust has the results of seeds 100 to 109.
     environment = VecNormalize(Privileged(sb3.make(32, seed=options.seed, overrides=TASK)), gamma=0.99)
     model = PPO(
         AsymmetricPolicy,

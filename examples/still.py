@@ -1,4 +1,4 @@
-"""A simulator that a package could bring: docs/adding-a-package.md."""
+"""An example simulator of a package (docs/adding-a-package.md)."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from auvbench.simulators.base import VehicleBatch
 
 @dataclass(kw_only=True)
 class StillConfig(SimulatorConfig):
-    """The keys of simulator/still.yaml."""
+    """Keys of simulator/still.yaml, with their types and ranges."""
 
     drift: float = number(0.0, 1.0)  # m/s
 

@@ -1,1 +1,1 @@
-"""The embedded simulator and Gazebo side by side: `make parity` and `make transfer`."""
+"""Compare the embedded simulator with Gazebo: `make parity`."""

@@ -1,4 +1,4 @@
-"""What both simulators are asked to do: motions from rest, under a wrench or under commands to the thrusters."""
+"""Motions from rest that both simulators compute, with a wrench or with commands to the thrusters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 INTERVAL = 0.1
-"""s between samples, and the shortest time for which a command is held."""
+"""s between samples; also the shortest time for which a command is held"""
 
 AT_REST = np.array([0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0])
 
@@ -28,8 +28,8 @@ AT_REST = np.array([0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0])
 class Case:
     """One motion, in ENU/FLU.
 
-    `wrench` (6,) acts on the body at its origin, thrusters off; `commands` (k, n_u) in [-1, 1] are held for
-    duration / k each.
+    `wrench` (6,) acts at the body's origin with the thrusters off. Each of the `commands` (k, n_u) in [-1, 1] is held for
+    duration / k.
     """
 
     name: str
@@ -56,7 +56,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Path:
-    """A motion at times (T,), every `INTERVAL` from 0."""
+    """A motion sampled at times (T,), every `INTERVAL` from 0."""
 
     time: Floats
     pose: Floats  # (T, 7)
@@ -64,13 +64,13 @@ class Path:
 
     @property
     def travelled(self) -> Floats:
-        """(T,) m along the path."""
+        """Return the distance travelled (T,) in m."""
         steps = np.linalg.norm(np.diff(self.pose[:, :3], axis=0), axis=1)
         return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def verification() -> list[Case]:
-    """The wrenches of docs/verification.md's trajectories, in FLU, each as long as that page compares it."""
+    """Return the wrenches, in FLU, and durations of the trajectories in docs/verification.md."""
     heavy, wu = "bluerov2_heavy", "bluerov2_heavy_wu2018"
     return [
         Case("surge 40 N", heavy, 12.0, (40.0, 0, 0, 0, 0, 0)),
@@ -84,7 +84,7 @@ def verification() -> list[Case]:
 
 
 def mixed() -> list[Case]:
-    """Commands that move the BlueROV2 in all axes at once."""
+    """Return commands that move the BlueROV2 in all axes at once."""
     ahead = np.array([[0.25, 0.25, 0.25, 0.25, 0.0, 0.0]])
     turning = np.array([[0.5, 0.3, 0.5, 0.3, 0.0, 0.0]])
     spiral = np.array([[0.6, 0.3, 0.6, 0.3, -0.3, 0.3]])
@@ -110,28 +110,28 @@ def mixed() -> list[Case]:
 
 
 def bare(vehicle: VehicleModel) -> VehicleModel:
-    """The vehicle without thrusters."""
+    """Return the vehicle without thrusters."""
     return dataclasses.replace(vehicle, units=(), controllable=())
 
 
 def embedded(case: Case, plugin: str = "") -> Path:
-    """The motion by the embedded simulator at .001 s.
+    """Return the embedded simulator's motion, with steps of .001 s.
 
     Args:
         case: the motion.
-        plugin: of this release of gz-sim its Coriolis term of added mass; "" is Fossen's.
+        plugin: release of gz-sim whose Coriolis term of the added mass is used; "": Fossen's term.
     """
     vehicle = dataclasses.replace(model(case), plugin=plugin)
     return follow(FossenSimulator(vehicle, 1, max_step=0.001), case)
 
 
 def gazebo(case: Case, hydrodynamics: str, step: float) -> Path:
-    """The motion by Gazebo with a physics step of `step` seconds."""
+    """Return Gazebo's motion with physics steps of `step` seconds."""
     return follow(GazeboSimulator(model(case), 1, max_step=step, hydrodynamics=hydrodynamics), case)
 
 
 class PluginsCurrent(GazeboSimulator):
-    """Corrected hydrodynamics in a current that is left to the Hydrodynamics plugin, as a user of the SDF has it."""
+    """Gazebo with corrected hydrodynamics and the plugin's own current, as for a user of the SDF file."""
 
     def _new_body(self, index: int, place: int) -> NewBody:
         text = sdf.model(
@@ -141,7 +141,7 @@ class PluginsCurrent(GazeboSimulator):
 
 
 def with_the_plugins_current(case: Case, step: float) -> Path:
-    """The motion by Gazebo with `<fluid_added_mass>` and `<default_current>`."""
+    """Return Gazebo's motion with `<fluid_added_mass>` and `<default_current>`."""
     return follow(PluginsCurrent(model(case), 1, max_step=step), case)
 
 

@@ -1,7 +1,7 @@
-"""`make parity`: the distance between Gazebo's vehicle and the embedded simulator's; the tables of docs/parity.md.
+"""Measure how far Gazebo's motions are from the embedded simulator's, for the tables of docs/parity.md (`make parity`).
 
-Run `python -m benchmarks.gazebo.parity` in the root of the repository; `--print` leaves the page alone. With
-`--plugin gz-sim-8.11` Gazebo must find the Hydrodynamics plugin of that release, and only its table is computed.
+Run `python -m benchmarks.gazebo.parity` in the root of the repository; `--print` prints instead of changing the page.
+`--plugin gz-sim-8.11` computes only that release's table; Gazebo must find its Hydrodynamics plugin.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ DEFAULT = 0.001
 
 
 def apart(path: Path, reference: Path) -> float:
-    """Return the largest distance between two motions in per cent of the way travelled."""
+    """Return the largest distance between two motions in per cent of the distance travelled."""
     distance = np.linalg.norm(path.pose[:, :3] - reference.pose[:, :3], axis=1)
     return 100.0 * float(distance.max()) / max(float(reference.travelled[-1]), 1e-9)
 
 
 def turned(path: Path, reference: Path) -> float:
-    """Return the largest angle in degrees between the two attitudes."""
+    """Return the largest angle between the attitudes of two motions, in degrees."""
     dot = np.abs(np.sum(path.pose[:, 3:] * reference.pose[:, 3:], axis=1))
     return float(np.degrees(2.0 * np.arccos(np.clip(dot, 0.0, 1.0))).max())
 
@@ -51,7 +51,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def figure(value: float) -> str:
-    """Return a number with three significant digits, and 0 below a nanometre."""
+    """Return a number with three significant digits; below a nanometre, 0."""
     return "0" if abs(value) < 1e-9 else f"{value:.3g}"
 
 
@@ -65,7 +65,7 @@ def row_of(case: Case, reference: Path, *numbers: str) -> list[str]:
 
 
 def steps_table(cases: Sequence[Case]) -> str:
-    """Return the corrected hydrodynamics by physics step."""
+    """Return rows that compare the corrected hydrodynamics, for several physics steps."""
     rows = []
     for case in cases:
         reference = embedded(case)
@@ -77,7 +77,7 @@ def steps_table(cases: Sequence[Case]) -> str:
 
 
 def signs_table(cases: Sequence[Case], plugin: str = GZ_SIM_8_12) -> str:
-    """Return the published hydrodynamics against Fossen's equations, and against the plugin's Coriolis term."""
+    """Return rows that compare the published hydrodynamics with Fossen's equations and with the plugin's Coriolis term."""
     rows = []
     for case in cases:
         right, wrong = embedded(case), embedded(case, plugin=plugin)
@@ -88,7 +88,7 @@ def signs_table(cases: Sequence[Case], plugin: str = GZ_SIM_8_12) -> str:
 
 
 def current_table(cases: Sequence[Case]) -> str:
-    """Return a current by `simulator=gazebo` and by the plugin alone, both with `<fluid_added_mass>`."""
+    """Return rows that compare a current of `simulator=gazebo` with the plugin's current, both with `<fluid_added_mass>`."""
     rows = []
     for case in cases:
         reference = embedded(case)
@@ -103,7 +103,7 @@ def environment() -> str:
 
 
 def write(sections: dict[str, str]) -> None:
-    """Put each section between its marks in the page."""
+    """Return the page with each section between its markers."""
     text = PAGE.read_text(encoding="utf-8")
     for name, body in sections.items():
         begin, end = f"<!-- {name}: begin -->", f"<!-- {name}: end -->"

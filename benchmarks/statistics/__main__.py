@@ -1,4 +1,4 @@
-"""Writes the measured tables into the pages of docs/: `python -m benchmarks.statistics [--replications N] [NAME...]`."""
+"""Write the measured tables into the pages of docs/: `python -m benchmarks.statistics [--replications N] [NAME...]`."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 
 def _judged(rows: Iterable[tuple[str, Sequence[Cell], str]], head: Sequence[str]) -> str:
-    """Return a table of measured shares (%), each line with its limit and whether it is within."""
+    """Return a table of measured shares (%); each line has its limit, and whether the share is within it."""
     lines = []
     for name, cells, limit in rows:
         within = ("yes" if all(cell.within for cell in cells) else "**no**") if limit else "–"
@@ -38,7 +38,7 @@ def _judged(rows: Iterable[tuple[str, Sequence[Cell], str]], head: Sequence[str]
 
 
 def _by_rows(*rows: str) -> list[str]:
-    """Return headings of columns: trainings in tables of so many rows."""
+    """Return the columns' headings: the number of trainings, in tables of this many rows."""
     return [
         f"{name}{n}"
         for row in rows
@@ -47,7 +47,7 @@ def _by_rows(*rows: str) -> list[str]:
 
 
 def false_verdicts(n: int) -> str:
-    """Tables with any false ahead or behind (%), and intervals of one row that hold."""
+    """Tabulate the share of tables with any false ahead or behind (%), and of single rows' intervals that contain the true value."""
     rows = [
         (design.name, verdicts.false_verdicts(design, n, required), "5 (n = 5: 7)" if required else "")
         for designs, required in ((verdicts.DESIGNS, True), (verdicts.STRESS, False))
@@ -57,7 +57,7 @@ def false_verdicts(n: int) -> str:
 
 
 def found(n: int) -> str:
-    """Rows of better learners that are decided rightly (%)."""
+    """Tabulate the share of better learners' rows whose verdict is right (%)."""
     rows = [
         (
             design.name,
@@ -70,21 +70,21 @@ def found(n: int) -> str:
 
 
 def equivalence(n: int) -> str:
-    """Tables with any false equivalent (%), and rows of equal learners that are found equivalent."""
+    """Tabulate the share of tables with any false equivalent (%), and of equal learners' rows with the verdict equivalent."""
     rows = [(f"at the margin: {d.name}", verdicts.equivalent(d, n, 2.0), "2") for d in verdicts.AT_MARGIN]
     rows += [(f"equal: {d.name}", verdicts.equivalent(d, n), "") for d in verdicts.EQUAL]
     return _judged(rows, ("learners", *_by_rows("k = 5", "k = 12")))
 
 
 def one_side(n: int) -> str:
-    """Open rows (%) whose interval of trainings, less the error of the scenarios, lies on one side of the baseline."""
+    """Tabulate the share of open rows whose interval over trainings, without the scenarios' error, is on one side of the baseline (%)."""
     designs = (*verdicts.APART, verdicts.DESIGNS[1], verdicts.DESIGNS[-3])
     rows = [(design.name, verdicts.undecided(design, max(n // 5, 1)), "0") for design in designs]
     return _judged(rows, ("learners", *_by_rows("k = 5", "k = 12")))
 
 
 def of_learners(n: int) -> str:
-    """Tables of five learners with any false difference from a learner as the baseline (%)."""
+    """Tabulate the share of tables of five learners with any false difference from a baseline that learns (%)."""
     rows = []
     for first, second in verdicts.PAIRS:
         shares = verdicts.of_learners(first, second, n)
@@ -94,7 +94,7 @@ def of_learners(n: int) -> str:
 
 
 def false_letters(n: int) -> str:
-    """By design, the tables with a false difference among all pairs (%), the highest of the rates."""
+    """Tabulate for each design the share of tables with any false difference among all pairs (%), the largest of the rates."""
     rows = []
     for place, design in enumerate(letters.equal(0.9, 5)):
         cells = []
@@ -106,13 +106,13 @@ def false_letters(n: int) -> str:
 
 
 def looks(n: int) -> str:
-    """Experiments with a learner and an equal controller in which a difference is found at some look (%)."""
+    """Tabulate the share of experiments in which some look finds a learner different from an equal controller (%)."""
     shares = stopping.found(n)
     return _table(("looks after", "found"), [(name, _percent(share)) for name, share in shares.items()])
 
 
 def plans(n: int) -> str:
-    """Trainings that a plan names for 90 against 95 %, and the power that they have with a controller (%)."""
+    """Tabulate the trainings that a plan names for 90 against 95 %, and their power in a comparison with a controller (%)."""
     rows = []
     for sd in planning.SDS:
         for (k, target), trainings in planning.planned(sd).items():
@@ -126,7 +126,7 @@ def plans(n: int) -> str:
 
 
 def intervals(n: int) -> str:
-    """Intervals of a mean rate that hold the truth (%)."""
+    """Tabulate the share of intervals of a mean rate that contain the true value (%)."""
     rows = []
     for name, world in WORLDS:
         held = [coverage(world, S, 200, replications=2 * n)[0] for S in (3, 5, 10)]
@@ -135,7 +135,7 @@ def intervals(n: int) -> str:
 
 
 def over_tasks(n: int) -> str:
-    """Intervals of interquartile means over conditions and vehicles that hold the truth (%)."""
+    """Tabulate the share of intervals of interquartile means over conditions and vehicles that contain the true value (%)."""
     rows = []
     for name, (vehicles, conditions) in aggregates.DESIGNS.items():
         held = [aggregates.coverage(vehicles, conditions, S, n) for S in (3, 5, 10)]
@@ -156,11 +156,11 @@ SECTIONS: dict[str, Callable[[int], str]] = {
     "looks": looks,
 }
 PAGES = {"looks": "planning.md", "plans": "planning.md"}
-"""of docs/, where it is not statistics-appendix.md"""
+"""pages of docs/ of sections that are not in statistics-appendix.md"""
 
 
 def replaced(page: str, name: str, table: str) -> str:
-    """The page with the table between the markers of that name.
+    """Return the page with the table between the markers of that name.
 
     Raises:
         ValueError: the page has no such markers.
@@ -173,7 +173,7 @@ def replaced(page: str, name: str, table: str) -> str:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Measure and write, section by section; return 1 where a line is not within its limit."""
+    """Measure and write each section; return 1 if a line is not within its limit."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.statistics", description=__doc__)
     parser.add_argument("--replications", type=int, default=500, help="tables or experiments per row")
     parser.add_argument("sections", nargs="*", metavar="NAME", help=", ".join(SECTIONS))

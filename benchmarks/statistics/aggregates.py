@@ -1,4 +1,4 @@
-"""How often the intervals of interquartile means over conditions and vehicles hold the truth."""
+"""Measure how often intervals of interquartile means over conditions and vehicles contain the true value."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from benchmarks.statistics.worlds import FloatArray
 LEVELS = (0.4, 2.9)
 """logits of the easiest and the hardest condition"""
 LUCK, REST = 1.0, 0.3
-"""logits by which trainings differ, under all conditions alike and under each"""
+"""logits by which trainings differ: the same under all conditions, and under each condition"""
 PID, RANDOM = 2.5, -2.5
-"""logits of the two agents that make the scale, under a condition of 0"""
+"""logits of the two agents that define the scale, under a condition of 0"""
 EPISODES = 200
 MANY, OFTEN = 4000, 4000
-"""trainings and scenarios that stand for all there could be"""
+"""trainings and scenarios that represent all possible ones"""
 
 DESIGNS = {
     "1 vehicle, 12 conditions": (1, 12),
@@ -35,7 +35,7 @@ def _learner(S: int) -> Agent:
 
 
 def draw(vehicles: int, conditions: int, S: int, rng: np.random.Generator) -> list[Cell]:
-    """Return trainings on each vehicle, tested under its conditions in `EPISODES` scenarios of their own."""
+    """Return trainings on each vehicle, tested under its conditions, each with its own `EPISODES` scenarios."""
     levels = np.linspace(*LEVELS, vehicles * conditions).reshape(vehicles, conditions)
     cells = []
     for level in levels:
@@ -59,7 +59,7 @@ def draw(vehicles: int, conditions: int, S: int, rng: np.random.Generator) -> li
 
 
 def truth(vehicles: int, conditions: int) -> float:
-    """Return the interquartile mean over all trainings and scenarios there could be."""
+    """Return the interquartile mean over all possible trainings and scenarios."""
     rng = np.random.default_rng(1)
     levels = np.linspace(*LEVELS, vehicles * conditions).reshape(vehicles, conditions)
     q = (np.arange(OFTEN) + 0.5) / OFTEN
@@ -77,7 +77,7 @@ def truth(vehicles: int, conditions: int) -> float:
 
 
 def coverage(vehicles: int, conditions: int, S: int, replications: int, seed: int = 0) -> float:
-    """Return the share of the intervals of interquartile means that hold the truth."""
+    """Return the share of intervals of interquartile means that contain the true value."""
     rng = np.random.default_rng(seed)
     true = truth(vehicles, conditions)
     held = 0

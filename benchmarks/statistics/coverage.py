@@ -1,4 +1,4 @@
-"""How often intervals of means hold the truth, for the t-type interval that the tables use and for two bootstraps."""
+"""Measure how often intervals of means contain the true value: the tables' t-type interval and two bootstraps."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ WORLDS = (
     *((f"{sd:g}", of_rate(0.98, sd)) for sd in (1.0, 2.0)),
     ("0.5, 3 of 10 fail", World(3.25, 0.5, failing=0.3)),
 )
-"""what is measured; the last as wild as trainings of reinforcement learning can be"""
+"""simulated trainings; the last vary as much as trainings of reinforcement learning can"""
 
 
 def coverage(
     world: World, S: int, E: int, *, replications: int, confidence: float = 0.95, seed: int = 0
 ) -> FloatArray:
-    """Return the share (2,) of experiments whose interval holds the truth: of the success rate and of the mean steps."""
+    """Return the share (2,) of experiments whose intervals of the success rate and of the mean steps contain the true value."""
     rng = np.random.default_rng(seed)
     inside, truth = np.zeros(2), world.truth()
     for start in range(0, replications, BATCH):
@@ -36,7 +36,7 @@ def coverage(
 def of_bootstraps(
     world: World, S: int, E: int, *, replications: int, resamples: int = 300, seed: int = 0
 ) -> dict[str, float]:
-    """Return by method the share of experiments whose 95 % interval of the rate holds the truth."""
+    """Return for each method the share of experiments whose 95 % interval of the rate contains the true value."""
     rng = np.random.default_rng(seed)
     truth = world.rate()
     inside = dict.fromkeys(("bootstrap", "rescaled"), 0)
@@ -44,7 +44,7 @@ def of_bootstraps(
         data = world.draw(S, E, rng.normal(size=E), rng)[0]
         by_seed = rng.multinomial(E, np.full(E, 1 / E), size=resamples) @ data.T / E
         for name in inside:
-            # Of S seeds S - 1 are drawn, which makes the variance right (Rao & Wu 1988, JASA 83:231).
+            # Draws S - 1 of S seeds, so that the variance is unbiased (Rao & Wu 1988, JASA 83:231).
             draws = max(S - 1, 1) if name == "rescaled" else S
             seeds = rng.multinomial(draws, np.full(S, 1 / S), size=resamples) / draws
             low, high = np.quantile((by_seed * seeds).sum(axis=1), [0.025, 0.975])

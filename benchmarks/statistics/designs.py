@@ -1,4 +1,4 @@
-"""Tables of simulated learners and a controller whose typical trainings have known values: rates, PAR-1 steps, RMS errors."""
+"""Simulate tables of learners and a controller whose typical trainings have known rates, PAR-1 steps or RMS errors."""
 
 from __future__ import annotations
 
@@ -15,43 +15,43 @@ FloatArray = NDArray[np.float64]
 
 EPISODES = 500
 LIMIT = 1000.0
-"""steps of an episode at most"""
+"""largest number of steps of an episode"""
 FAILED = 5.0
-"""logits by which a failing training is worse"""
+"""logits by which a failing training is worse than the others"""
 LOST = 0.9
-"""share of the episodes that a failing training loses in PAR-1 steps"""
+"""share of episodes that a failing training fails, for PAR-1 steps"""
 WORSE = 10.0
-"""factor of the RMS error of a failing training"""
+"""factor on the RMS error of a failing training"""
 _GRID = 20_001
-"""quantiles of a distribution of trainings, of which the typical one is the median"""
+"""quantiles of a distribution of trainings; the typical training is the median"""
 
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """Learners that are all alike, and the controller that they are compared with."""
+    """Equal learners, and the controller that they are compared with."""
 
     kind: str
-    """rate, par or rms"""
+    """kind of the values: rate, par or rms"""
     sd: float
-    """of trainings: in logits, or in logarithms of steps and errors"""
+    """standard deviation of trainings, in logits, or in logarithms of steps and errors"""
     value: float = 0.9
-    """rate of the typical training; other kinds have a scale of their own"""
+    """rate of the typical training; other kinds have their own scale"""
     shape: str = "normal"
-    """of trainings: normal; skew or skewup, exponential towards the worse or the better side; heavy, Student's t(3)"""
+    """distribution of trainings: normal; skew and skewup: exponential towards the worse or the better side; heavy: Student's t(3)"""
     rho: float = 1.0
-    """correlation of what is hard for learners and for the controller"""
+    """correlation of the scenarios' difficulty for learners and for the controller"""
     failing: float = 0.0
     """share of failing trainings"""
     inter: float = 0.0
-    """standard deviation of a training's own luck with each scenario, in logarithms"""
+    """standard deviation of the residual of a training and a scenario, in logarithms"""
     lost: float = 0.01
-    """share of the episodes that a training that does not fail loses in PAR-1 steps"""
+    """share of failed episodes of the trainings that do not fail, for PAR-1 steps"""
     controller: float | None = None
-    """value of the controller: a rate, or a factor of the typical training's steps or errors; None: the same value"""
+    """value of the controller: a rate, or a factor on the typical training's steps or errors; None: the typical training's value"""
 
     @property
     def rate(self) -> bool:
-        """Whether values are 0 and 1."""
+        """Return whether the values are 0 and 1."""
         return self.kind == "rate"
 
     @property
@@ -81,7 +81,7 @@ class Design:
     def learners(
         self, learners: int, trainings: int, hard: FloatArray, rng: np.random.Generator
     ) -> FloatArray:
-        """Return values (tables, learners, trainings, E) in scenarios of this difficulty (tables, E)."""
+        """Return values (tables, learners, trainings, E) for scenarios with these difficulties (tables, E)."""
         shape = (len(hard), learners, trainings)
         failing = rng.random(shape) < self.failing
         badness = self.sd * _standard(self.shape, shape, rng)
@@ -91,7 +91,7 @@ class Design:
         return self._values(self.value, 1.0, badness, failing, hard, rng)
 
     def _of_controller(self) -> tuple[float, float]:
-        """Return the rate of the controller, and the factor of its steps and errors."""
+        """Return the controller's rate, and the factor on its steps and errors."""
         if self.controller is None:
             return self.value, 1.0
         return (self.controller, 1.0) if self.rate else (self.value, self.controller)
@@ -121,11 +121,11 @@ class Design:
 
 
 _FAILS = {"rate": FAILED, "rms": float(np.log(WORSE)), "par": 100.0}
-"""by which a failing training is worse; one in PAR-1 steps is worse than any other"""
+"""how much worse a failing training is; for PAR-1 steps, worse than all others"""
 
 
 def _standard(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """Return how much worse trainings are than others, with mean 0 and standard deviation 1."""
+    """Return how much worse trainings are than the mean, with standard deviation 1."""
     if shape == "normal":
         return rng.normal(size=size)
     if shape == "heavy":
@@ -136,7 +136,7 @@ def _standard(shape: str, size: tuple[int, ...], rng: np.random.Generator) -> Fl
 
 @cache
 def _typical(kind: str, shape: str, sd: float, failing: float) -> float:
-    """Return how much worse the typical training is than one at 0, failing ones included."""
+    """Return how much worse the typical training is than a training at 0; failing trainings count."""
     q = (np.arange(_GRID) + 0.5) / _GRID
     quantiles = {
         "normal": stats.norm.ppf(q),
@@ -153,7 +153,7 @@ def _typical(kind: str, shape: str, sd: float, failing: float) -> float:
 
 @cache
 def level(rate: float) -> float:
-    """Return the logit at which a policy reaches this rate over scenarios of standard deviation 1."""
+    """Return the logit of a policy with this rate over scenarios of standard deviation 1."""
     if rate >= 1:
         return 100.0
     nodes, weights = np.polynomial.hermite_e.hermegauss(80)

@@ -1,4 +1,4 @@
-"""False differences among all pairs of agents whose typical trainings are equal."""
+"""Measure false differences among all pairs of agents with equal typical trainings."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from benchmarks.statistics.designs import FloatArray, level
 from benchmarks.statistics.worlds import World, successes
 
 BATCH = 50
-"""tables simulated at once: some 100 MB"""
+"""tables simulated at once: about 100 MB"""
 RATES = (0.6, 0.9, 0.98)
 SEEDS = (5, 10, 20)
 
 
 @dataclass(frozen=True, slots=True)
 class Design:
-    """A table of agents; one seed is a controller."""
+    """A table of agents; an agent with one seed is a controller."""
 
     name: str
     worlds: tuple[World, ...]
@@ -28,13 +28,13 @@ class Design:
 
 
 def _design(name: str, *groups: tuple[int, World, int]) -> Design:
-    """A design of groups (agents, their world, their seeds)."""
+    """Return a design of groups (number of agents, their world, their seeds)."""
     worlds = tuple(world for n, world, _ in groups for _ in range(n))
     return Design(name, worlds, tuple(S for n, _, S in groups for _ in range(n)))
 
 
 def equal(rate: float, S: int) -> list[Design]:
-    """Designs in which the typical training of every agent has the same rate, so that every resolved pair is false."""
+    """Return designs whose agents all have typical trainings of the same rate: every resolved pair is false."""
 
     def of(sd: float, tails: int = 0) -> World:
         return World(level(rate), sd, tails=tails)
@@ -61,7 +61,7 @@ def resolved(first: FloatArray, second: FloatArray, at: float) -> FloatArray:
 
 
 def false_letters(design: Design, replications: int, *, seed: int = 0, E: int = 200) -> float:
-    """Return the share of tables in which some pair is resolved; Holm's first step is Bonferroni's."""
+    """Return the share of tables with any resolved pair; the first step of Holm's procedure is Bonferroni's."""
     rng = np.random.default_rng(seed)
     pairs = list(combinations(range(len(design.worlds)), 2))
     wrong = 0

@@ -1,4 +1,4 @@
-"""Whether the trainings that `auvbench plan` names give the power that it promises, on trainings from another model."""
+"""Measure the power of the trainings that `auvbench plan` names, on trainings from another model."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ AGENTS = 6
 LOW, HIGH = 0.9, 0.95
 SDS = (0.3, 0.5)
 SLACK = 5.0
-"""points by which a plan's own simulation of 200 comparisons may miss, two standard errors at 80 %"""
+"""percentage points by which the plan's simulation of 200 comparisons may be off: two standard errors at 80 %"""
 
 
 def planned(sd: float) -> dict[tuple[int, float], int | None]:
-    """Return by rows of the table and power the trainings that a plan names for 90 against 95 %."""
+    """Return the trainings that a plan names for 90 against 95 %, by rows of the table and power."""
     need = needs(Rates(sd), (LOW, HIGH), EPISODES, agents=AGENTS, targets=TARGETS)
     return {(1, t): need.alone[t] for t in TARGETS} | {(AGENTS - 1, t): need.among[t] for t in TARGETS}
 
 
 def power(sd: float, trainings: int, rows: int, replications: int, shape: str = "normal") -> float:
-    """Return the share (%) of comparisons with a controller that find the difference, the lower of both directions."""
+    """Return the share of comparisons with a controller that find the difference (%), the lower of the two directions."""
     found = []
     for learner, controller in ((HIGH, LOW), (LOW, HIGH)):
         design = Design("rate", sd, learner, shape=shape, controller=controller)

@@ -1,4 +1,4 @@
-"""Who adds seeds and looks again until a difference is resolved: how often where there is none."""
+"""Measure how often adding seeds until a difference is resolved finds a false difference."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ LOOKS = {
 
 
 def found(replications: int, seed: int = 0, E: int = 500) -> dict[str, float]:
-    """By design of the looks, the share of experiments with a learner that find it different from an equal controller.
+    """Return for each series of looks the share of experiments that find a learner different from an equal controller.
 
-    Both of 90 %, trainings 0.5 logits apart. The first seeds of an experiment are those of its earlier looks.
+    The rate of each is 90 %; the standard deviation of trainings is 0.5 logits. A look keeps the seeds of earlier looks.
     """
     rng = np.random.default_rng(seed)
     learner, controller = World(level(0.9), 0.5), World(level(0.9), 0.0)

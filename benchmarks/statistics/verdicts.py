@@ -1,7 +1,7 @@
-"""How often verdicts about typical trainings are false, and how often true differences are found, with the limit of each line.
+"""Measure how often verdicts about typical trainings are false, and how often they find true differences; each line has a limit.
 
-A design is simulated once with tables of twelve learners of twenty trainings; smaller tables are the first five learners, and
-fewer trainings the first of the twenty. All verdicts are read off `statistics.typical`, as a report does.
+Each design is simulated once, as tables of twelve learners with twenty trainings. Smaller tables have the first five learners,
+smaller numbers of trainings the first ones. `statistics.typical` computes all verdicts, as in a report.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from benchmarks.statistics.designs import EPISODES, Design, FloatArray
 TRAININGS = (5, 8, 10, 20)
 ROWS = (5, 12)
 BATCH = 20
-"""tables simulated at once: some 100 MB"""
+"""tables simulated at once: about 100 MB"""
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One measured share in per cent and the limit it is held against."""
+    """A measured share in per cent, and its limit."""
 
     share: float
     limit: float = np.nan
@@ -32,7 +32,7 @@ class Cell:
 
     @property
     def within(self) -> bool:
-        """Whether the share keeps the limit, but for two standard errors of as many simulated tables; true without a limit."""
+        """Return whether the share is within the limit plus two standard errors of the simulation; True without a limit."""
         if np.isnan(self.limit):
             return True
         p = self.limit / 100
@@ -66,9 +66,9 @@ DESIGNS = (
     Design("rms", 0.2, failing=0.1),
     Design("rms", 0.05, inter=0.3),
 )
-"""learners whose typical training is worth what the controller is"""
+"""learners whose typical training equals the controller"""
 STRESS = (Design("rate", 0.5, 0.98, failing=0.3), Design("rate", 0.5, 0.98, failing=0.45))
-"""beyond what is required: configurations of which nearly half fail"""
+"""designs outside the guarantee: nearly half of the trainings fail"""
 APART = (
     Design("rate", 0.25, 0.95, controller=0.9),
     Design("rate", 0.3, 0.95, controller=0.9),
@@ -92,7 +92,7 @@ AT_MARGIN = (
     Design("rms", 0.05, controller=1 / 1.05),
     Design("rms", 0.5, controller=1 / 1.05),
 )
-"""learners whose typical training is off the controller by the margin: 2 points, or 5 % of the controller's value"""
+"""learners whose typical training differs from the controller by the margin: 2 points, or 5 % of the controller's value"""
 PAIRS = (
     (Design("rate", 0.5), Design("rate", 0.5)),
     (Design("rate", 2.0, shape="skew"), Design("rate", 0.3)),
@@ -100,12 +100,12 @@ PAIRS = (
     (Design("par", 0.3, shape="skew"), Design("par", 0.3, shape="skew")),
     (Design("rms", 1.0), Design("rms", 0.1)),
 )
-"""learners, and a learner as their baseline, whose typical trainings are equal"""
+"""learners and their baseline, a learner, with equal typical trainings"""
 EQUAL = (Design("rate", 0.3, 0.99), Design("rate", 0.3, 0.995), Design("rate", 0.3, 0.999))
 
 
 def contrasts(design: Design, replications: int, seed: int = 0) -> Iterator[dict[int, Contrast]]:
-    """By trainings, the comparisons (tables, 12) of learners with the controller, batch by batch."""
+    """Yield, for each batch, the comparisons (tables, 12) of learners with the controller, by number of trainings."""
     rng = np.random.default_rng(seed)
     for start in range(0, replications, BATCH):
         tables = min(BATCH, replications - start)
@@ -121,7 +121,7 @@ def shares(
     rows: Sequence[int] = ROWS,
     seed: int = 0,
 ) -> dict[tuple[int, int], FloatArray]:
-    """Return by rows of the table and trainings what `judge` says of each comparison at its level: (tables, rows)."""
+    """Return `judge`'s result for each comparison at its level (tables, rows), by rows of the table and trainings."""
     found: dict[tuple[int, int], list[FloatArray]] = {(k, n): [] for k in rows for n in TRAININGS}
     for batch in contrasts(design, replications, seed):
         for k, n in found:
@@ -130,18 +130,18 @@ def shares(
 
 
 def excludes_zero(found: Contrast, level: float) -> FloatArray:
-    """Return whether an interval excludes 0: ahead or behind."""
+    """Return whether an interval excludes 0, so that the verdict is ahead or behind."""
     low, high = found.ends(level)
     return np.asarray((low > 0) | (high < 0), dtype=np.float64)
 
 
 def holds_zero(found: Contrast, level: float) -> FloatArray:
-    """Return whether an interval holds 0."""
+    """Return whether an interval contains 0."""
     return 1 - excludes_zero(found, level)
 
 
 def false_verdicts(design: Design, replications: int, required: bool = True) -> list[Cell]:
-    """Tables with any false ahead or behind, by rows and trainings; then the intervals of one row that hold."""
+    """Return the share of tables with any false ahead or behind, by rows and trainings; then the share of single intervals that contain 0."""
     found = shares(design, replications, excludes_zero, (*ROWS, 1))
     cells = []
     for k in ROWS:
@@ -154,7 +154,7 @@ def false_verdicts(design: Design, replications: int, required: bool = True) -> 
 
 
 def power(design: Design, replications: int) -> list[Cell]:
-    """Rows that are decided rightly: alone, in a table of five and of twelve."""
+    """Return the share of rows with the right verdict, in tables of one, five and twelve."""
     better = 1 if design.rate else -1
 
     def right(found: Contrast, level: float) -> FloatArray:
@@ -171,7 +171,7 @@ def power(design: Design, replications: int) -> list[Cell]:
 
 
 def equivalent(design: Design, replications: int, limit: float = np.nan) -> list[Cell]:
-    """Rows found equivalent; with a limit, the tables with any such row."""
+    """Return the share of rows with the verdict equivalent; with a limit, of tables with any such row."""
 
     def within(found: Contrast, level: float) -> FloatArray:
         low, high = found.ends(level)
@@ -193,7 +193,7 @@ def equivalent(design: Design, replications: int, limit: float = np.nan) -> list
 
 
 def undecided(design: Design, replications: int) -> list[Cell]:
-    """Open rows whose interval of trainings, less the error of the scenarios, lies on one side of 0: there are none."""
+    """Return the share of open rows whose interval over trainings, without the scenarios' error, is on one side of 0: none."""
 
     def open_still(found: Contrast, level: float) -> FloatArray:
         low, _, high = median_interval(found.samples[0].means, level)
@@ -209,7 +209,7 @@ def undecided(design: Design, replications: int) -> list[Cell]:
 def of_learners(
     first: Design, second: Design, replications: int, seed: int = 0
 ) -> dict[tuple[int, int], float]:
-    """Return by trainings of both sides the tables of five learners in which any differs from a learner as the baseline (%)."""
+    """Return the share of tables of five learners in which any differs from a baseline that learns (%), by trainings of each."""
     rng = np.random.default_rng(seed)
     pairs = ((5, 5), (10, 10), (20, 20), (20, 5))
     found = dict.fromkeys(pairs, 0)

@@ -1,4 +1,4 @@
-"""Where simulated agents come from: success by a logistic model, steps gamma distributed and cut at 1000."""
+"""Simulate agents: success from a logistic model, steps from a gamma distribution cut at 1000."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from scipy.stats import t as student
 FloatArray = NDArray[np.float64]
 
 FAILED = 5.0
-"""logits by which a training that failed is worse: 19 % of the scenarios instead of 94 %"""
+"""logits by which a failed training is worse: it succeeds in 19 % of the scenarios instead of 94 %"""
 LIMIT = 1000.0
-"""steps of an episode at most"""
+"""largest number of steps of an episode"""
 
 
 @cache
@@ -31,7 +31,7 @@ class World:
     """The trainings of one configuration."""
 
     level: float
-    """logit of the success rate of a middling seed on a middling scenario"""
+    """logit of the success rate of a median seed on a median scenario"""
     seed_sd: float
     """standard deviation of a training seed's logit"""
     scenario_sd: float = 1.0
@@ -39,12 +39,12 @@ class World:
     failing: float = 0.0
     """share of the trainings that fail: their logit is lower by `FAILED`"""
     tails: int = 0
-    """seeds are Student's t with so many degrees of freedom, scaled to `seed_sd`; 0 for the normal"""
+    """degrees of freedom of the seeds' Student's t, scaled to `seed_sd`; 0: normal seeds"""
 
     def draw(
         self, S: int, E: int, scenarios: FloatArray, rng: np.random.Generator
     ) -> tuple[FloatArray, FloatArray]:
-        """Return success (S, E) in {0, 1} and steps (S, E) on scenarios (E,) of standard normal difficulty."""
+        """Return success (S, E) as 0 or 1, and steps (S, E), on scenarios with difficulties (E,) from a standard normal."""
         success, steps = drawn([self], [S], scenarios[None, :], rng)
         return success[0][0], steps[0][0]
 
@@ -56,21 +56,21 @@ class World:
 
     @property
     def _scale(self) -> float:
-        """Standard deviation of Student's t."""
+        """Return the standard deviation of Student's t."""
         return float(np.sqrt(self.tails / (self.tails - 2)))
 
     def rate(self) -> float:
-        """Return the success rate over all seeds and scenarios there could be."""
+        """Return the success rate over all possible seeds and scenarios."""
         weights, logit = self._nodes()
         return float(weights @ expit(logit))
 
     def truth(self) -> tuple[float, float]:
-        """Return the rate and the mean number of steps over all seeds and scenarios there could be."""
+        """Return the rate and the mean number of steps over all possible seeds and scenarios."""
         weights, logit = self._nodes()
         return self.rate(), float(weights @ _mean_steps(logit))
 
     def penalised(self) -> float:
-        """Return the true PAR-1 of the steps: a failure, independent of the steps given the logit, counts as the limit."""
+        """Return the true PAR-1 of the steps: a failure counts as the limit. Given the logit, failures and steps are independent."""
         weights, logit = self._nodes()
         return float(weights @ (expit(logit) * _mean_steps(logit) + (1 - expit(logit)) * LIMIT))
 
@@ -89,7 +89,7 @@ class World:
 
 
 def _mean_steps(logit: FloatArray) -> FloatArray:
-    """E[min(G, c)] of a gamma variable of shape 2, whose scale the logit gives: 2 F_3(c) + c (1 - F_2(c))."""
+    """Return E[min(G, c)] of a gamma variable G of shape 2 with the logit's scale: 2 F_3(c) + c (1 - F_2(c))."""
     scale = 100.0 * np.exp(-0.3 * logit)
     cut = LIMIT / scale
     return np.asarray(scale * (2 * gamma.cdf(cut, 3) + cut * gamma.sf(cut, 2)))
@@ -97,7 +97,7 @@ def _mean_steps(logit: FloatArray) -> FloatArray:
 
 @cache
 def of_rate(rate: float, seed_sd: float, failing: float = 0.0, tails: int = 0) -> World:
-    """Return the world of that true success rate; with `failing`, the rate is that of the trainings that do not fail."""
+    """Return the world with this true success rate; with `failing`, with this rate of the trainings that do not fail."""
     whole = World(0.0, seed_sd, tails=tails)
     level = brentq(lambda x: replace(whole, level=x).rate() - rate, -40, 60)
     return replace(whole, level=float(level), failing=failing)
@@ -109,7 +109,7 @@ def drawn(
     scenarios: FloatArray,
     rng: np.random.Generator,
 ) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return success and steps (tables, S_i, E) of an agent per world; `scenarios` (tables, E) are shared by them."""
+    """Return success and steps (tables, S_i, E) of one agent for each world, all on the same `scenarios` (tables, E)."""
     success, steps = [], []
     for world, S in zip(worlds, seeds, strict=True):
         logit = world.seeds((len(scenarios), S, 1), rng) + world.scenario_sd * scenarios[:, None, :]
@@ -121,7 +121,7 @@ def drawn(
 def successes(
     worlds: Sequence[World], seeds: Sequence[int], scenarios: FloatArray, rng: np.random.Generator
 ) -> list[FloatArray]:
-    """Return success alone, as `drawn` has it, in half the time."""
+    """Return the success of `drawn` without the steps, in half the time."""
     found = []
     for world, S in zip(worlds, seeds, strict=True):
         logit = world.seeds((len(scenarios), S, 1), rng) + world.scenario_sd * scenarios[:, None, :]
@@ -131,7 +131,7 @@ def successes(
 
 
 def shifted(world: World, points: float) -> World:
-    """Return the same world with a true rate that is lower by so much (0.02 is two points)."""
+    """Return the same world with a lower true rate (0.02: lower by two points)."""
     wanted = world.rate() - points
     level = brentq(lambda x: replace(world, level=x).rate() - wanted, -40, 60)
     return replace(world, level=float(level))

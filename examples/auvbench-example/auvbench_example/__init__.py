@@ -1,1 +1,1 @@
-"""Two agents, a task and a reward for auvbench."""
+"""A controller, a learner, a task and a reward for auvbench."""

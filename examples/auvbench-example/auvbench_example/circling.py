@@ -1,4 +1,4 @@
-"""A task: circle a pole and keep the bow, where the camera is, on it."""
+"""A task: circle a pole with the bow, which has the camera, towards the pole."""
 
 import math
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from auvbench.tasks.rows import (
 
 @dataclass(kw_only=True)
 class CirclingConfig(TaskConfig):
-    """Types and ranges of what conf/task/circling.yaml says."""
+    """Types and ranges of the keys of conf/task/circling.yaml."""
 
     centre: list[float]
     radius: float = number(0.0, 1e3, open_low=True)  # m
@@ -63,7 +63,7 @@ SPEC = TaskSpec(
 
 @row
 def follow(e, time, p):
-    """Write the reference at a time in s: a point of the circle, the yaw to the pole, the velocity."""
+    """Write the reference at a time in s: a point on the circle, the yaw towards the pole, and the velocity."""
     x, y, z = triple(p.centre)
     rate = e.turn * (p.speed / p.radius)
     angle = e.angle + rate * time
@@ -75,7 +75,7 @@ def follow(e, time, p):
 
 @row
 def draw(e, p, stream):
-    """Draw the place on the circle, the way round, and the start near it; return the yaw of the start."""
+    """Draw a point on the circle, the direction of travel and the start near the point; return the yaw at the start."""
     place, way, heading, _ = drawn(e, stream, 0)
     u, v, w, _ = drawn(e, stream, 1)
     e.angle = 2.0 * math.pi * place
@@ -88,7 +88,7 @@ def draw(e, p, stream):
 
 @row
 def refer(e, v, p):
-    """Move the reference on to now."""
+    """Move the reference to the present time."""
     follow(e, e.steps * p.duration, p)
 
 
@@ -98,7 +98,7 @@ def step(e, v, p):
     (x, y, _), (pole_x, pole_y, _) = v.position, triple(p.centre)
     dx, dy = pole_x - x, pole_y - y
     away = math.sqrt(dx * dx + dy * dy)
-    off = abs(wrap(math.atan2(dy, dx) - yaw(v)))  # of the pole from the bow
+    off = abs(wrap(math.atan2(dy, dx) - yaw(v)))  # angle between the pole and the bow
     if off < p.field_of_view and e.distance < p.tolerance:
         e.seen += 1.0
     e.closest = min(e.closest, away)
@@ -113,21 +113,21 @@ def step(e, v, p):
 
 
 class CirclingTask(TrackingTask):
-    """N episodes of the task."""
+    """The circling task for N episodes."""
 
     draw = staticmethod(draw)
     refer = staticmethod(refer)
     step = staticmethod(step)
     fields = (
-        ("angle", "f8"),  # rad, of the place on the circle where the episode begins
-        ("turn", "f8"),  # 1 or -1, the way round
+        ("angle", "f8"),  # rad, point on the circle where the episode begins
+        ("turn", "f8"),  # direction of travel: 1 counter-clockwise, -1 clockwise
         ("seen", "f8"),  # steps with the pole in view
-        ("closest", "f8"),  # m
+        ("closest", "f8"),  # m, smallest distance to the pole's axis
     )
-    success_ends = False  # success is a property of the whole episode
+    success_ends = False  # an episode continues after it meets the condition of success
 
     def own_metrics(self, i):
-        """Return the columns of the record of environment i, whose episode has ended."""
+        """Return the task's columns of the record of environment i when its episode has ended."""
         e, p = self.episodes[i], self.parameters[0]
-        in_view = e.seen / p.max_steps  # an episode that ends early sees no more
+        in_view = e.seen / p.max_steps  # after an early end the pole counts as out of view
         return {**self.errors(i, p.bounds), "in_view": in_view, "closest_m": e.closest}

@@ -1,4 +1,4 @@
-"""An agent that steers: thrust towards the waypoint in proportion to what is missing."""
+"""A controller: thrust towards the waypoint, proportional to the errors of position and heading."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from auvbench.plugin import AgentConfig, TrainConfig, VehicleModel, number
 
 @dataclass(kw_only=True)
 class PursuitConfig(AgentConfig):
-    """Types and ranges of what conf/algo/pursuit.yaml says."""
+    """Types and ranges of the keys of conf/algo/pursuit.yaml."""
 
     force_gain: float = number(0.0, 1e4, open_low=True)  # N/m
     turn_gain: float = number(0.0, 1e4, open_low=True)  # N m/rad
@@ -17,7 +17,7 @@ class PursuitConfig(AgentConfig):
 
 
 def in_body_axes(observation):
-    """Yaw error (n,) in rad and position error (n, 3) in m along the body's axes, from observations in the world's."""
+    """Return the yaw error (n,) in rad and the position error (n, 3) in m in body axes, from observations in world axes."""
     yaw_error, x, y, z = observation[:, :4].astype(np.float64).T
     yaw = np.arctan2(y, x) - yaw_error
     return yaw_error, np.stack(
@@ -26,7 +26,7 @@ def in_body_axes(observation):
 
 
 class Pursuit:
-    """Proportional control of position and heading; the thrusters share the work by the pseudo-inverse."""
+    """Proportional control of position and heading; the pseudo-inverse distributes the forces to the thrusters."""
 
     Config = PursuitConfig
 
@@ -37,14 +37,14 @@ class Pursuit:
         self.limit = config.algo.effort * np.abs(vehicle.force_limits).min()
 
     def reset(self, episodes):
-        """Nothing is remembered from step to step, so there is nothing to forget."""
+        """Do nothing: the agent has no memory of earlier steps."""
 
     def act(self, observation):
-        """Actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
+        """Return actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
         yaw_error, error = in_body_axes(observation)
         wanted = np.column_stack([self.gains.force_gain * error, self.gains.turn_gain * yaw_error])
         wanted[:, 2] -= self.vehicle.buoyancy - self.vehicle.weight
-        # Not a matrix product: it may round differently in a batch of another size.
+        # Not a matrix product, whose rounding may depend on the size of the batch.
         thrust = (wanted[:, None, :] * self.inverse).sum(axis=2)
         largest = np.abs(thrust).max(axis=1, keepdims=True)
         return self.vehicle.action(thrust * np.minimum(1.0, self.limit / np.maximum(largest, 1e-9)))

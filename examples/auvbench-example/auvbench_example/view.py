@@ -1,4 +1,4 @@
-"""A reward: near the reference with the bow on it, and little effort."""
+"""A reward for small distance to the reference, small yaw error, and little effort."""
 
 import math
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from auvbench.tasks.rows import row
 
 @dataclass(kw_only=True)
 class ViewConfig(RewardConfig):
-    """The parameters in addition to `k`."""
+    """Parameters of the reward in addition to `k`."""
 
     length: float = number(0.0, 1e3, open_low=True)  # m
     effort: float = number(0.0, 1e3)
