@@ -49,7 +49,7 @@ class ObservationSpec:
         """
         if name not in self._columns:
             raise ConfigError(
-                f"the task does not observe {name}, which this agent needs; it observes {', '.join(self._columns)}"
+                f"the task does not observe {name}, which this agent needs; the task observes {', '.join(self._columns)}"
             )
         return self._columns[name]
 

@@ -1,8 +1,8 @@
 """Count how plain the texts are: `python -m benchmarks.words`, or `make words`.
 
-Three groups: pages (README, docs, studies), docstrings, and messages (errors, help, progress). For each it prints sentences, their
+Four groups: pages (README, docs, studies), docstrings, messages (errors, help, progress), and comments (code and conf/). For each it prints sentences, their
 length, and how often patterns occur that make a reader read a sentence twice. `--show N` lists the N longest sentences of each
-group, `--sample N` draws N docstrings and messages to read aloud.
+group, `--sample N` draws N docstrings, messages and comments to read aloud.
 """
 
 from __future__ import annotations
@@ -96,6 +96,15 @@ def messages() -> Iterator[Text]:
                     yield Text(f"{path}:{call.lineno}", text)
 
 
+def comments() -> Iterator[Text]:
+    """Yield each comment of the package and of conf/; comments on consecutive lines are one."""
+    for path in [*sorted((ROOT / "auvbench").rglob("*.py")), *sorted((ROOT / "conf").rglob("*.yaml"))]:
+        text = path.read_text(encoding="utf-8")
+        for match in re.finditer(r"(?m)(?<![\"'\w])# (?!type:|noqa|fmt:|---)(.*(?:\n[ ]*# .*)*)", text):
+            place = f"{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}"
+            yield Text(place, re.sub(r"\n *# ", " ", match[1]))
+
+
 def _modules() -> Iterator[tuple[str, ast.Module]]:
     for path in sorted((ROOT / "auvbench").rglob("*.py")):
         yield str(path.relative_to(ROOT)), ast.parse(path.read_text(encoding="utf-8"))
@@ -149,11 +158,11 @@ def main() -> None:
         "--show", type=int, default=0, metavar="N", help="list the N longest sentences of each group"
     )
     parser.add_argument(
-        "--sample", type=int, default=0, metavar="N", help="draw N docstrings and messages to read"
+        "--sample", type=int, default=0, metavar="N", help="draw N docstrings, messages and comments to read"
     )
     parser.add_argument("--seed", type=int, default=0, help="seed of the sample (default: 0)")
     given = parser.parse_args()
-    groups = {"pages": list(pages()), "docstrings": list(docstrings()), "messages": list(messages())}
+    groups = {name.__name__: list(name()) for name in (pages, docstrings, messages, comments)}
     table = [["", "sentences", "words each", f"over {LONG} words", f"over {NUMBERS} numbers", *AVOIDED]]
     table += [[name, *row(texts)] for name, texts in groups.items()]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
@@ -172,7 +181,7 @@ def main() -> None:
         print(f"\n{name}:")
         for sentence, place in longest[: given.show]:
             print(f"* {place} ({len(sentence.split())} words): {sentence}")
-    pool = [*groups["docstrings"], *groups["messages"]]
+    pool = [text for name, texts in groups.items() if name != "pages" for text in texts]
     for text in random.Random(given.seed).sample(pool, min(given.sample, len(pool))):
         print(f"\n{text.place}\n  {' '.join(text.content.split())}")
 

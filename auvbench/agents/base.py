@@ -122,7 +122,7 @@ class Components:
             stream = io.BytesIO()
             for key, array in arrays.items():
                 if np.asarray(array).dtype.hasobject:
-                    raise TypeError(f"{name}.{key} holds Python objects, which only a pickle could store")
+                    raise TypeError(f"{name}.{key} has Python objects, which only a pickle could store")
             np.savez(stream, **arrays)  # type: ignore[arg-type]
             yield f"{name}.npz", stream.getvalue()
         for name, value in self.values.items():

@@ -28,7 +28,7 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
         agent = factory(config, vehicle)
     lacking = [name for name in ("reset", "act") if not callable(getattr(agent, name, None))]
     if lacking:
-        raise AgentError(f"{label}: what it makes, a {type(agent).__name__}, lacks {' and '.join(lacking)}")
+        raise AgentError(f"{label}: its result, a {type(agent).__name__}, lacks {' and '.join(lacking)}")
     kind = PluginLearner if algo.learns else PluginAgent
     return kind(agent, label, len(vehicle.actuators))
 
@@ -57,7 +57,7 @@ class PluginAgent:
         with registry.telling(self._who, "notes fails"):
             found = dict(self.inner.notes())
         if not all(isinstance(name, str) and type(number) is int for name, number in found.items()):
-            raise AgentError(f"{self._who}: notes gives something else than whole numbers by name")
+            raise AgentError(f"{self._who}: notes must give whole numbers by name")
         return found
 
     def reset(self, episodes: Integers) -> None:

@@ -105,7 +105,7 @@ class Archive:
         """Return the summary of each evaluation of a run, by protocol."""
         summaries = self.document(run, "evaluations")
         if not isinstance(summaries, dict):
-            raise Damage(f"{RUNS}: evaluations of {short(run, 60)} is no JSON object")
+            raise Damage(f"{RUNS}: evaluations of {short(run, 60)} is not a JSON object")
         return summaries
 
     def episodes(self, run: str, protocol: str) -> pd.DataFrame:

@@ -135,7 +135,7 @@ def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
     """Raise Damage unless each row that the summary counts is there exactly once."""
     expected = {c["name"]: c["episodes"] for c in summary["conditions"]}
     if len(expected) < max(1, len(summary["conditions"])):
-        raise Damage("summary.json has no conditions, or one of them twice")
+        raise Damage("summary.json has no conditions, or a condition twice")
     conditions = frame["condition"].tolist()
     counts = Counter(conditions)
     for name in [*expected, *counts]:

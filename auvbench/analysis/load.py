@@ -264,7 +264,7 @@ def _flattened(config: Any) -> dict[str, Any]:
     with named("config.yaml"):  # an anchor may contain itself
         flat = filters.flat(config)
     if not is_name(algo := flat.get("algo.name")):
-        raise Damage(f"config.yaml is not that of a run (algo.name is {_brief(algo)}, not a name)")
+        raise Damage(f"config.yaml is not a run's configuration (algo.name is {_brief(algo)}, not a name)")
     for key, value in flat.items():
         if _is_name_of_a_choice(key) and value is not None and not isinstance(value, str):
             raise Damage(f"config.yaml has the {short(key, 60)} {_brief(value)}, which is not a name")

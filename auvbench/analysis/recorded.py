@@ -96,7 +96,7 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
     raw = {n: arrays[key] for n, key in wanted.items() if n in REQUIRED or key in arrays}
     # Checked before conversion to float64: a byte would become eight.
     if any(array.dtype.kind != "f" for array in raw.values()):
-        raise ValueError(f"episode {episode} holds no floating-point numbers")
+        raise ValueError(f"episode {episode} has no floating-point numbers")
     path = {name: array.astype(np.float64) for name, array in raw.items()}
     position = path["position"]
     if position.ndim != 2 or position.shape[1] != 3 or len(position) == 0:
@@ -106,7 +106,7 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
         if array.shape != shapes.get(name, array.shape):
             raise ValueError(f"{name}_{suffix} has shape {array.shape}, expected {shapes[name]}")
     if not all(finite(values) for values in path.values()):
-        raise ValueError(f"episode {episode} holds numbers that are not finite")
+        raise ValueError(f"episode {episode} has numbers that are not finite")
     x, y, z = path["waypoint"].tolist()
     yaw = float(path["dock_yaw"][0]) if "dock_yaw" in path else None
     return StoredPath(episode, (x, y, z), position, path["time"], path.get("reference"), yaw)

@@ -60,7 +60,7 @@ def find_agent(
     source = path if path.exists() else folder
     if not source.exists():
         raise ReportError(
-            f"{name}: is not a run or folder; names of agents are looked up in --in FOLDER, and {missing(folder)}"
+            f"{name}: is not a run or folder; an agent's name must be one of the agents in --in FOLDER; {missing(folder)}"
         )
     runs, problems = load([source], protocol, where)
     require(runs, problems, protocol)
@@ -123,7 +123,7 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
     if first.fingerprint != second.fingerprint or first.outcome.shape[1] != second.outcome.shape[1]:
         raise ReportError(
             f"{first.label} and {second.label} met different scenarios ({first.fingerprint} and "
-            f"{second.fingerprint}): evaluate both by one protocol"
+            f"{second.fingerprint}): evaluate both with the same protocol"
         )
     task = TASKS.get(names[0], TASKS[DEFAULT_TASK])
     # A mean in which a failure counts replaces a mean that quick failures improve.

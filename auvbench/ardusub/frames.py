@@ -170,8 +170,8 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
             return Motors(vehicle, frame, *match)
     known = ", ".join(f"{frame.name} ({frame.motors} motors)" for frame in FRAMES.values())
     raise ConfigError(
-        f"vehicle={vehicle.name}: its thrusters fit none of ArduSub's frames {known}; auvbench serve takes their order"
-        f" for ArduSub's motors 1, 2, ..., with - where more PWM pushes backwards: --motors={','.join(vehicle.actuators)}"
+        f"vehicle={vehicle.name}: its thrusters fit none of ArduSub's frames {known}; name them in the order"
+        f" of ArduSub's motors 1, 2, ..., with - where more PWM pushes backwards: --motors={','.join(vehicle.actuators)}"
     )
 
 

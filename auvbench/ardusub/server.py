@@ -301,7 +301,9 @@ def started(address: str, port: int) -> str:
 
 def _listen(address: Address) -> socket.socket:
     if not address[0].strip():  # the socket would listen at all addresses
-        raise UserError("--address '': must be an IPv4 address of this machine; 0.0.0.0 listens at all")
+        raise UserError(
+            "--address '': must be an IPv4 address of this machine; 0.0.0.0 listens at all addresses"
+        )
     listener = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     listener.setblocking(False)
     try:
@@ -316,7 +318,7 @@ def _listen(address: Address) -> socket.socket:
         if code == errno.EACCES:
             raise UserError(f"--port {address[1]}: must be at least 1024 without special rights") from None
         raise UserError(
-            f"--address {address[0]}: is not an IPv4 address of this machine; 0.0.0.0 listens at all"
+            f"--address {address[0]}: is not an IPv4 address of this machine; 0.0.0.0 listens at all addresses"
         ) from None
     return listener
 

@@ -64,13 +64,13 @@ def parser() -> Parser:
         "--resolve",
         type=number(0.001, 1e6),
         metavar="D",
-        help="difference to resolve: points of a rate, else in the measure's unit",
+        help="difference to resolve, in percentage points for a rate, else in the measure's unit",
     )
     add(
         "--metric",
         metavar="METRIC",
         default=PRIMARY,
-        help="measure (default: the one that ranks the agents of the task)",
+        help="measure (default: the measure that ranks the task's agents)",
     )
     add(
         "--sd",
@@ -99,7 +99,7 @@ def parser() -> Parser:
         "--episodes",
         type=_several(whole(2, 1_000_000)),
         metavar="N,...",
-        help="test episodes (default: as in PATH, and four times as many)",
+        help="test episodes (default: as many as PATH has, and four times as many)",
     )
     add(
         "--confidence",
@@ -127,7 +127,7 @@ def _check(options: argparse.Namespace) -> None:
     if sd is not None and options.paths:
         raise UserError(f"--sd replaces the runs; leave out {options.paths[0]}")
     if (rates is None) == (options.resolve is None):
-        raise UserError("plan: give the difference by one of --resolve D (e.g. --resolve 5) and --rates A,B")
+        raise UserError("plan: type the difference as --resolve D (e.g. --resolve 5) or as --rates A,B")
 
 
 def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Measure]:

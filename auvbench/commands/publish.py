@@ -55,9 +55,8 @@ def parser() -> Parser:
     add(
         "--compact",
         action="store_true",
-        help="write a tenth of the size: of each test episode only outcome, steps, primary measure and "
-        "energy, with three digits; no "
-        "training episodes",
+        help="write about a tenth of the size: only outcome, steps, primary measure and energy of each test "
+        "episode, with three digits; no training episodes",
     )
     add("--policies", action="store_true", help="write each agent's best run as an ONNX file with its card")
     return parser

@@ -157,7 +157,7 @@ def parser() -> Parser:
     )
     add = parser.add_argument
     add("paths", nargs="+", type=Path, metavar="PATH", help="run directories, or folders that contain them")
-    add("--rank-by", metavar="METRIC", help="primary measure, one of those listed below")
+    add("--rank-by", metavar="METRIC", help="primary measure, from the list below")
     add(
         "--columns",
         metavar="NAME,...",

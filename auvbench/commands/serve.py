@@ -184,7 +184,7 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--address",
         default="127.0.0.1",
-        help="address to listen at (default: 127.0.0.1; 0.0.0.0: all of this machine)",
+        help="address to listen at (default: 127.0.0.1; 0.0.0.0: all addresses of this machine)",
     )
     group.add_argument(
         "--battery",
@@ -194,12 +194,14 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
         help="supply voltage; thrust is proportional to it (default: 16)",
     )
     group.add_argument(
-        "--thrust", default="t200", help="force by PWM: t200 (its measured curve) or sheet (default: t200)"
+        "--thrust",
+        default="t200",
+        help="force for a PWM: t200 (the T200's measured curve) or sheet (default: t200)",
     )
     group.add_argument(
         "--motors",
         metavar="NAME,-NAME,...",
-        help="thrusters in the order of ArduSub's motors, - for a reversed one (default: matched by direction of thrust)",
+        help="thrusters in the order of ArduSub's motors, - before a reversed one (default: the frame with the same directions)",
     )
     group.add_argument(
         "--give-up",

@@ -52,13 +52,13 @@ def parser() -> Parser:
         required=True,
         type=whole(0, 10**9),
         metavar="N",
-        help="number of settings tried before these; 0: none",
+        help="number of settings tried before the entered ones; 0: none",
     )
     add(
         "--tuned-on",
         default="",
         metavar="TEXT",
-        help="what the trials were tested on, e.g. validation scenarios, scenarios of seed 7",
+        help="scenarios of the trials, e.g. validation scenarios, scenarios of seed 7",
     )
     add("--protocol", default="test", metavar="NAME", help="test protocol of the rows; default test")
     add("--out", type=Path, metavar="FILE", help="file name of the archive; default NAME.zip")
@@ -106,7 +106,7 @@ def _check_words(given: argparse.Namespace) -> None:
             raise UserError(f"{flag}: must be one line of 1 to {most} characters, got {len(value)}")
     if given.trials and not given.tuned_on:
         raise UserError(
-            f"--trials {given.trials}: say what they were tested on: --tuned-on 'validation scenarios'"
+            f"--trials {given.trials}: name the scenarios of the trials: --tuned-on 'validation scenarios'"
         )
 
 

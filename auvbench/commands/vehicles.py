@@ -21,7 +21,7 @@ def parser() -> Parser:
         "vehicle", nargs="?", help="name of a sheet, or the path of a .yaml file; without it, a list"
     )
     alone = parser.add_mutually_exclusive_group()
-    alone.add_argument("--sheet", action="store_true", help="print the sheet, as a start for your own")
+    alone.add_argument("--sheet", action="store_true", help="print the sheet, as a template for your own")
     alone.add_argument(
         "--sdf",
         metavar="DIR",

@@ -336,7 +336,7 @@ class AgentSpec(Spec):
             lacking = [name for name in needed if not callable(getattr(thing, name, None))]
             lacking += [] if isinstance(exact, bool) else ["exact_resume, True or False"]
             if lacking:
-                raise found.error(f"learns and lacks {', '.join(lacking)} (auvbench.agents.base.Learner)")
+                raise found.error(f"learns but lacks {', '.join(lacking)} (auvbench.agents.base.Learner)")
         return cls(found.name, found.name, schema, found.value, exportable=True, trained=trained)
 
 

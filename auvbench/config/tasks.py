@@ -209,6 +209,6 @@ def check_observation(task: Task) -> None:
                 f"task.observation: {name} is not a block of task={task.name}; {closest(name, known)}"
             )
         if task.observation.count(name) > 1:
-            raise ConfigError(f"task.observation: {name} is there twice")
+            raise ConfigError(f"task.observation: {name} occurs twice")
     if not task.observation:
         raise ConfigError(f"task.observation=[]: must have at least one block: {', '.join(known)}")

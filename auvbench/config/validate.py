@@ -206,7 +206,7 @@ def check_across(config: schema.TrainConfig) -> None:
     if not 1 <= limit <= MOST_STEPS:
         raise ConfigError(
             f"task.time_limit={task.time_limit:g}: is {limit} steps at {frequency:g} Hz; must be from "
-            f"{1 / frequency:g} to {MOST_STEPS / frequency:g} s there"
+            f"{1 / frequency:g} to {MOST_STEPS / frequency:g} s"
         )
     task.check_length(frequency)
     current, fault = config.disturbance.current, config.disturbance.fault

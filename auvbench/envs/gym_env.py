@@ -97,7 +97,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._under_way and self.batch.task.episodes[0].steps == settings.STEPS < steps:
             warnings.warn(
                 f"an episode was cut short after {settings.STEPS} steps, though the task allows {steps}: "
-                f"say gymnasium.make(..., max_episode_steps={steps})",
+                f"type gymnasium.make(..., max_episode_steps={steps})",
                 AuvbenchWarning,
                 stacklevel=3,
             )

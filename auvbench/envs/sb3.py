@@ -100,7 +100,7 @@ class WaypointVecEnv(VecEnv):
         given = [settings.check_options(one) for one in self._options]
         names = given[0].keys()
         if any(one.keys() != names for one in given):
-            raise ConfigError("options: give the same ones to every environment")
+            raise ConfigError("options: must be the same for every environment")
         rows = {name: [one[name] for one in given] for name in names}
         bounds = self.batch.position_bounds
         return settings.places(rows, self.num_envs, self.batch.config.task, bounds)

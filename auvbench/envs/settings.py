@@ -72,19 +72,19 @@ def configuration(
     lines = shlex.split(overrides) if isinstance(overrides, str) else list(overrides)
     for line in lines:
         if not isinstance(line, str):
-            raise ConfigError(f"overrides: {line!r} is no text; an override is written 'reward.k=40'")
+            raise ConfigError(f"overrides: {line!r} is not a text; an override is written 'reward.k=40'")
     lines = [f"{KEYS[key]}={value}" for key, value in keywords.items() if value is not None] + lines
     if config is not None:
         if lines or conf is not None:
             raise ConfigError(
-                f"config: is complete; {(lines or [f'conf={conf}'])[0]} cannot be given as well"
+                f"config: is a complete configuration; leave out {(lines or [f'conf={conf}'])[0]}"
             )
         return config
     if conf is None:
         return copy.deepcopy(_composed(tuple(lines)))
     folder = Path(conf)
     if not folder.is_dir():
-        raise ConfigError(f"conf={conf}: there is no such folder")
+        raise ConfigError(f"conf={conf}: no such folder")
     return _compose(lines, folder)
 
 
@@ -177,14 +177,14 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
         for name in ("waypoint", "distance"):
             if options.get(name) is not None:
                 raise ConfigError(
-                    f"options[{name!r}]: task={task.name} has its own reference; give pose alone"
+                    f"options[{name!r}]: task={task.name} has its own reference; give only pose"
                 )
         return {"pose": pose}
     fixed: Any = task
     start = np.asarray([fixed.start]) if pose is None else pose[:, :3]
     waypoint, distance = options.get("waypoint"), options.get("distance")
     if waypoint is not None and distance is not None:
-        raise ConfigError("options['distance']: the waypoint is given already; give one of the two")
+        raise ConfigError("options['distance']: leave it out, since options['waypoint'] is given")
     if waypoint is not None:
         waypoint = _rows("waypoint", _numbers("waypoint", waypoint), (3,), count, "x, y, z in m")
         away = np.abs(waypoint - start).max(0)
@@ -223,7 +223,7 @@ def _within_depths(name: str, rows: Floats, task: tasks.Task) -> None:
     for z in rows[:, 2]:
         if not task.depth_low <= z <= task.depth_high:
             raise ConfigError(
-                f"options[{name!r}]: z = {z:g} m must lie within {task.depth_low:g} and {task.depth_high:g} m"
+                f"options[{name!r}]: z = {z:g} m must be within {task.depth_low:g} and {task.depth_high:g} m"
             )
 
 

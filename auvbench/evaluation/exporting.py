@@ -311,6 +311,6 @@ def _check_rows(policy: Policy, rows: Observations) -> None:
     differs = max(float(np.abs(together - turned).max()), float(np.abs(together[:8] - alone).max()))
     if differs > SLACK:
         raise PolicyError(
-            f"{policy.where}: its action for one observation depends on the others in the batch (it differs by "
-            f"{differs:.2g}); each row of the input must be computed independently"
+            f"{policy.where}: its action for an observation depends on the other rows of the batch (it differs by "
+            f"{differs:.2g}); the file must compute each row of its input independently"
         )

@@ -83,7 +83,7 @@ class Autopilot:
     def _need(self, condition: Callable[[], bool], what: str, ask: Callable[[], None]) -> None:
         if not self.until(condition, FOUND, ask):
             raise UserError(
-                f"--mavlink {self.link.address}: the vehicle did not tell {what} in {FOUND:g} s; is it ArduSub?"
+                f"--mavlink {self.link.address}: the vehicle did not send {what} in {FOUND:g} s; is it ArduSub?"
             )
 
     def until(

@@ -90,19 +90,19 @@ def check_endpoints(session: Session, node: Any, vehicles: Sequence[Endpoints], 
         for topic, publisher in ends.commands.items():
             if not discovered(lambda p=publisher: p.get_subscription_count() > 0, timeout):  # type: ignore[misc]
                 raise InterfaceError(
-                    f"{topic}: no subscriber: the server's vehicle has other actuators (check vehicle= on both sides, and"
+                    f"{topic}: no subscriber, so the server's vehicle has other actuators (check vehicle= on both sides, and"
                     " ros2 topic list)"
                 )
             # A client that has just left is still known for a moment.
             if not discovered(lambda topic=topic: count(topic) <= 1, LEAVING):  # type: ignore[misc]
                 raise InterfaceError(
-                    f"{topic}: another client commands this vehicle; stop it, or let runs go one after the other"
+                    f"{topic}: another client commands this vehicle; stop it, or do one run at a time"
                     " (evaluate workers=1, train launcher.workers=1)"
                 )
         for client, service in ((ends.reset, names.reset), (ends.parameters, names.parameters)):
             if not discovered(client.service_is_ready, timeout):
                 raise InterfaceError(
-                    f"{service}: no such service, and no episode can begin without it (ros2 service list; auvbench serve"
+                    f"{service}: no such service; an episode cannot begin without it (ros2 service list; auvbench serve"
                     " offers it)"
                 )
 

@@ -251,8 +251,8 @@ class Server:
     def _leave_to(self, topic: str) -> None:
         if topic:
             raise InterfaceError(
-                f"{topic}: another server publishes this topic; stop one of the two, or give one a "
-                "different name with --namespace"
+                f"{topic}: another server publishes this topic; stop one of the servers, or "
+                "choose another name with --namespace"
             )
 
     def _claimed(self, by: Literal["any", "server"] = "any") -> str:

@@ -238,18 +238,18 @@ def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicl
         )
         trained = short(str(card.document["task"].get("name", DEFAULT_TASK)), 40)
         raise ConfigError(
-            f"task={config.task.name}: {where} observes {what}, its card says; it was trained with task={trained} "
-            "(task.observation lists what is observed)"
+            f"task={config.task.name}: the card of {where} says that it observes {what}, for task={trained} "
+            "(task.observation lists the blocks)"
         )
     if card.task.position_frame != config.task.position_frame:
         raise ConfigError(
-            f"task.position_frame={config.task.position_frame}: {where} observes the position error in the "
-            f"{card.task.position_frame} frame, its card says; type task.position_frame={card.task.position_frame}"
+            f"task.position_frame={config.task.position_frame}: the card of {where} says that the position error is in the "
+            f"{card.task.position_frame} frame; type task.position_frame={card.task.position_frame}"
         )
     if card.frequency_hz != config.step.frequency:
         raise ConfigError(
-            f"step.frequency={config.step.frequency:g}: {where} acts at {card.frequency_hz:g} Hz, its card says; "
-            f"type step.frequency={card.frequency_hz:g} (a protocol may test it at another)"
+            f"step.frequency={config.step.frequency:g}: the card of {where} says that it acts at {card.frequency_hz:g} Hz; "
+            f"type step.frequency={card.frequency_hz:g} (a protocol may test it at another frequency)"
         )
 
 

@@ -215,7 +215,7 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
         needed = ("limit", "submit", "adopt", "wait", "close")
         if lacking := [name for name in needed if not hasattr(made, name)]:
             raise AgentError(
-                f"{who}: what it makes, a {type(made).__name__}, lacks {', '.join(lacking)} "
+                f"{who}: its result, a {type(made).__name__}, lacks {', '.join(lacking)} "
                 "(auvbench.scheduling.loop.Backend)"
             )
     return made

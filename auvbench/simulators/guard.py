@@ -41,7 +41,7 @@ def checked(made: Any, who: str) -> Simulator:
         name for name in ("vehicle", "n", "capabilities", "actuators", *_ARRAYS) if not hasattr(made, name)
     ]
     if lacking:
-        raise AgentError(f"{who}: what it makes, a {type(made).__name__}, lacks {', '.join(lacking)}")
+        raise AgentError(f"{who}: its result, a {type(made).__name__}, lacks {', '.join(lacking)}")
     for name, shape in shapes(made).items():
         value = getattr(made, name)
         if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.float64:

@@ -46,7 +46,7 @@ def _class(name: str, who: str) -> Callable[..., Task]:
     with registry.telling(who, "cannot be imported"):
         kind = base.factory(name)
     if not (isinstance(kind, type) and issubclass(kind, Task)):
-        raise AgentError(f"{who}: its factory is no class below auvbench.tasks.base.Task")
+        raise AgentError(f"{who}: its factory is not a class below auvbench.tasks.base.Task")
     for needed in ("draw", "step"):
         if not callable(getattr(kind, needed, None)):
             raise AgentError(f"{who}: {kind.__name__} lacks {needed}, a function of one episode")

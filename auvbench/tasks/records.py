@@ -27,10 +27,10 @@ Record = Any
 """a record of a structured array: `e`, an episode, or `p`, parameters"""
 
 _SUMS: Fields = (
-    ("reference", "f8", (3,)),  # m: where the vehicle is to be now
+    ("reference", "f8", (3,)),  # m, present reference position
     ("start", "f8", (3,)),  # m
     ("start_yaw", "f8"),  # rad
-    ("distance", "f8"),  # m, to the reference, now
+    ("distance", "f8"),  # m, present distance to the reference
     ("initial_distance", "f8"),  # m
     ("reward_sum", "f8"),
     ("deviation_sum", "f8"),  # m
@@ -38,38 +38,38 @@ _SUMS: Fields = (
     ("command_norm_sum", "f8"),  # N
     ("energy", "f8"),  # J
     ("path_length", "f8"),  # m
-    ("change_sum", "f8"),  # of norms of the change of the normalised action
-    ("depth_margin", "f8"),  # m, smallest so far
+    ("change_sum", "f8"),  # sum of the norms of the normalised action's changes
+    ("depth_margin", "f8"),  # m, smallest distance to a depth limit so far
     ("position", "f8", (3,)),  # m, at the previous step
 )
-"""of every task; sums run over the steps of the episode"""
+"""fields of every task; sums are over the steps of the episode"""
 _YAW: Fields = (
     ("reference_yaw", "f8"),  # rad
     ("reference_velocity", "f8", (3,)),  # m/s, world axes
     ("error_squared_sum", "f8"),  # m^2
     ("yaw_error_squared_sum", "f8"),  # rad^2
-    ("counted", "f8"),  # steps in these two sums
+    ("counted", "f8"),  # number of steps in these two sums
 )
-"""of tasks whose reference has a yaw of its own; 0 in others"""
+"""fields of tasks whose reference has its own yaw; 0 in other tasks"""
 _GOAL: Fields = (("goal", "f8", (3,)),)
-"""m; of tasks that offer the block `goal_error`"""
+"""m, field of tasks that offer the block `goal_error`"""
 _COUNTERS: Fields = (
     ("steps", "i8"),
     ("episode", "i8"),
     ("environment", "i8"),
     ("outcome", "i8"),  # -1 under way, else an index into record.OUTCOMES
-    ("seed", "i8"),  # 0 .. 2^32 - 1, of every draw of the episode
+    ("seed", "i8"),  # seed of the episode's draws, 0 .. 2^32 - 1
 )
 _STEP: Fields = (
-    ("last_distance", "f8"),  # m, after the step before
+    ("last_distance", "f8"),  # m, distance after the previous step
     (
         "yaw_error",
         "f8",
-    ),  # rad, yaw of the reference less yaw; without a yaw of its own, bearing of the reference less yaw
-    ("detour", "f8"),  # m, from the reference to the goal, where a task writes it
-    ("to_go", "f8"),  # m: distance + detour, which rewards take
+    ),  # rad, yaw of the reference less yaw; if the reference has no yaw, its bearing less yaw
+    ("detour", "f8"),  # m, from the reference to the goal; 0 unless the task writes it
+    ("to_go", "f8"),  # m, distance + detour, for rewards
 )
-"""written in each step before they are read"""
+"""fields that each step writes before it reads them"""
 
 
 @cache
@@ -94,7 +94,7 @@ PARAMETERS: Mapping[str, str] = {
     "depth_low": "f8",  # m
     "depth_high": "f8",  # m
     "max_steps": "i8",
-    "duration": "f8",  # s of one agent step
+    "duration": "f8",  # s, agent step
     "body_frame": "i8",  # 1: position error in the body frame
     "position_noise_low": "f8",  # m
     "position_noise_high": "f8",  # m
@@ -103,8 +103,8 @@ PARAMETERS: Mapping[str, str] = {
     "command_noise_low": "f8",
     "command_noise_high": "f8",
     "both_signs": "i8",  # 1: noise of random sign
-    "has_yaw": "i8",  # 1: the reference has a yaw of its own; 0: its yaw is the bearing of the reference
-    "history": "i8",  # observations in one
+    "has_yaw": "i8",  # 1: the reference has its own yaw; 0: its yaw is its bearing
+    "history": "i8",  # number of stacked observations
 }
 """the parameters that every task and every reward has"""
 _COMMON = _interned_type(np.dtype(list(PARAMETERS.items())))
@@ -113,7 +113,7 @@ _SHARED_KEYS = {"name", "package", "observation", "time_limit", "position_frame"
 
 
 class Row(np.void):  # type: ignore[misc]
-    """A record whose fields are attributes, whatever methods an array has: `p.size`, `e.mean`."""
+    """A record whose fields are attributes, also where an array has a method of this name: `p.size`, `e.mean`."""
 
     def __getattribute__(self, name: str) -> Any:
         field = np.void.__getattribute__(self, "dtype").fields.get(name)
@@ -129,7 +129,7 @@ class Row(np.void):  # type: ignore[misc]
 
 
 class Table(np.ndarray[Any, Any]):
-    """Records; the fields of all of them are attributes, unless an array has one of that name."""
+    """Records whose fields are attributes, unless an array has an attribute of this name."""
 
     def __getattr__(self, name: str) -> Any:
         if name in (self.dtype.names or ()):
@@ -259,7 +259,7 @@ def _table(n: int, fields: Fields, who: str) -> Any:
         if not str(name).isidentifier() or str(name).startswith("_") or name == "view":
             raise AgentError(f"{who}: {name} cannot be the name of a field; choose another one")
         if names.count(name) > 1:
-            raise AgentError(f"{who}: the field {name} is there twice")
+            raise AgentError(f"{who}: the field {name} occurs twice")
     try:
         dtype = np.dtype([tuple(field) for field in fields], align=True)
     except (TypeError, ValueError) as error:

@@ -168,7 +168,7 @@ def gym_dockauv(e: Record, v: Vehicle, p: Record) -> float:
     roll, pitch = roll_pitch(v)
     elevation = pitch - math.atan2(dz, level)
     heading = wrap(math.atan2(dy, dx) - yaw(v))
-    # Rates of the Euler angles. The source's episodes end at a pitch of 60 degrees: the rates grow no more beyond it.
+    # Rates of the Euler angles. The source's episodes end at a pitch of 60 degrees: beyond it the rates stay constant.
     roll_rate, q, r = v.rates
     turn = (q * math.sin(roll) + r * math.cos(roll)) / max(0.5, math.cos(pitch))
     roll_rate -= turn * math.sin(pitch)

@@ -166,7 +166,7 @@ class Follower(BaseCallback):
         self._callbacks = callbacks
 
     def _on_training_start(self) -> None:
-        # Building the learner and starting `learn` have by now drawn and set up what a checkpoint replaces.
+        # By now the learner and `learn` have drawn numbers and set up state, which a checkpoint replaces.
         if self._callbacks.begin():
             self.num_timesteps = self.model.num_timesteps
 

@@ -183,7 +183,9 @@ class CheckpointStore:
                 raise ValueError(f"{REPLAY}/{segment.name} is missing or differs from its hash")
         for name, mark in manifest.logs.items():
             if not mark.holds(child(self.run, name)):
-                raise LogMismatchError(f"{name} no longer begins with its {mark.bytes} bytes of that time")
+                raise LogMismatchError(
+                    f"{name} no longer begins with the {mark.bytes} bytes that it had then"
+                )
         return Checkpoint(path, step, Components.read(contents), manifest.replay, manifest.logs)
 
     def prune(self) -> None:

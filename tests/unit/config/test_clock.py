@@ -92,7 +92,7 @@ def test_what_is_replaced_does_not_count(override, replaced):
     [
         (
             "task.time_limit=0.01",
-            r"task.time_limit=0.01: is 0 steps at 10 Hz; must be from 0.1 to 1e\+06 s there",
+            r"task.time_limit=0.01: is 0 steps at 10 Hz; must be from 0.1 to 1e\+06 s",
         ),
         ("task.time_limit=-3", r"task.time_limit=-3: must be more than 0"),
         ("task.time_limit=5e6", r"task.time_limit=5e\+06: is 50000000 steps at 10 Hz"),

@@ -106,10 +106,10 @@ def test_what_is_typed_wrong_is_one_line(
             "class Mine:\n    Config = 3",
             "mine.steering:Mine of mine-package==1.0 has a Config that is no dataclass below",
         ),
-        ("class Mine:\n    def learn(self): pass", "learns and lacks save, load, exact_resume"),
+        ("class Mine:\n    def learn(self): pass", "learns but lacks save, load, exact_resume"),
         (
             "class Mine:\n    exact_resume = True\n    def learn(self): pass\n    save = load = state = learn",
-            "learns and lacks restore",
+            "learns but lacks restore",
         ),
     ],
 )

@@ -251,7 +251,7 @@ def test_options_place_vehicle_and_waypoint():
         ({"waypoint": [1, 0, -20], "distance": 3}, "one of the two"),
         ({"distance": -1}, "more than 0"),
         ({"distance": "far"}, "must be numbers"),
-        ({"pose": [0, 0, 5, 0]}, "must lie within -60 and -1"),
+        ({"pose": [0, 0, 5, 0]}, "must be within -60 and -1"),
         ({"pose": [0, 0, -5, 0, 0, 0, 0]}, "quaternion is 0"),
     ):
         with pytest.raises(ConfigError, match=message):

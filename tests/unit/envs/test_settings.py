@@ -36,7 +36,7 @@ def test_the_working_directory_counts_when_asked_for(tmp_path, monkeypatch):
     assert gymnasium.make("auvbench/Waypoint-v0").unwrapped.config.reward.k == 1
     (conf / "train.yaml").unlink()
     assert gymnasium.make("auvbench/Waypoint-v0", conf="conf").unwrapped.config.reward.k == 7
-    with pytest.raises(ConfigError, match="conf=cnof: there is no such folder"):
+    with pytest.raises(ConfigError, match="conf=cnof: no such folder"):
         gymnasium.make("auvbench/Waypoint-v0", conf="cnof")
 
 

@@ -339,7 +339,7 @@ def test_an_exported_policy_has_the_outcomes_of_its_run(tmp_path: Path) -> None:
     ("override", "message"),
     [
         ("vehicle=bluerov2_heavy", r"its card is of bluerov2, which has the actuators thruster1"),
-        ("step.frequency=25", r"acts at 10 Hz, its card says; type step.frequency=10"),
+        ("step.frequency=25", r"acts at 10 Hz; type step.frequency=10"),
         ("task.position_frame=body", r"type task.position_frame=world"),
     ],
 )
@@ -409,7 +409,7 @@ def test_a_policy_of_another_task_is_told_and_its_next_command_works(
     [
         (lambda: onnx_files.ending("Log"), "an action must be a finite number in [-1, 1]"),
         (lambda: onnx_files.ending("Identity", gain=3.0), "an action must be a finite number in [-1, 1]"),
-        (lambda: mixing(), "depends on the others in the batch"),
+        (lambda: mixing(), "depends on the other rows of the batch"),
     ],
 )
 def test_a_file_that_answers_no_actions_is_a_failed_run(

@@ -143,10 +143,10 @@ def test_what_is_declared_wrong_is_one_line(
         (("    success_ends = False", "    own_parameters = lambda self, task: {'x': math.nan}\n    success_ends = False"), "the parameter x is nan; it must be a number"),
         (("    success_ends = False", "    own_parameters = lambda self, task: {'x': 'y'}\n    success_ends = False"), "its parameters must be numbers or lists of numbers"),
         (('("seen", "f8")', '("a b", "f8")'), "a b cannot be the name of a field; choose another one"),
-        (('("seen", "f8")', '("steps", "f8")'), "the field steps is there twice"),
+        (('("seen", "f8")', '("steps", "f8")'), "the field steps occurs twice"),
         (('("seen", "f8")', '("seen", "number")'), "its fields must be (name, type) or (name, type, shape)"),
         (("    step = staticmethod(step)\n", ""), "CirclingTask lacks step, a function of one episode"),
-        (("circling:CirclingTask", "circling:SPEC"), "its factory is no class below auvbench.tasks.base.Task"),
+        (("circling:CirclingTask", "circling:SPEC"), "its factory is not a class below auvbench.tasks.base.Task"),
         (("circling:CirclingTask", "circling:Cycling"), "cannot be imported: AttributeError"),
     ],
 )  # fmt: skip

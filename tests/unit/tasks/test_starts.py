@@ -114,7 +114,7 @@ def test_a_distance_moves_no_waypoint_out_of_the_water() -> None:
 
 def test_a_waypoint_out_of_the_water_is_refused() -> None:
     env = WaypointEnv()
-    with pytest.raises(ConfigError, match=r"options\['waypoint'\]: z = 5 m must lie within -60 and -1 m"):
+    with pytest.raises(ConfigError, match=r"options\['waypoint'\]: z = 5 m must be within -60 and -1 m"):
         env.reset(seed=0, options={"waypoint": [0, 0, 5]})
 
 

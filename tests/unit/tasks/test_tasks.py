@@ -446,7 +446,7 @@ def test_gymnasium_knows_every_task() -> None:
         _, info = environment.reset(seed=1, options={"pose": [1.0, 0.5, -21.0]})
         assert info["pose"][:3].tolist() == [1.0, 0.5, -21.0]
         assert info["reference"].shape == (3,)
-        with pytest.raises(ConfigError, match="has its own reference; give pose alone"):
+        with pytest.raises(ConfigError, match="has its own reference; give only pose"):
             environment.reset(options={"waypoint": [1.0, 2.0, -20.0]})
 
 
@@ -485,7 +485,7 @@ def test_a_task_asks_no_more_of_a_simulator_than_gazebo_gives(
     [
         (["task=docking", "task.observation=[velocty]"], "velocty.*did you mean 'velocity'"),
         (["task.observation=[goal_error]"], "goal_error is not a block of task=waypoint"),
-        (["task=docking", "task.observation=[velocity,velocity]"], "velocity is there twice"),
+        (["task=docking", "task.observation=[velocity,velocity]"], "velocity occurs twice"),
         (["task=docking", "task.observation=[]"], "at least one block"),
         (["task=docking", "task.position_frame=world"], "position_frame"),
         (["task=docking", "reward=thesis"], "not available for task=docking; use reward=goal or tracking"),
