@@ -1,1 +1,1 @@
-"""Three faces of one batch of environments: gymnasium.Env, gymnasium.vector.VectorEnv, SB3's VecEnv."""
+"""Three interfaces to one batch of environments: gymnasium.Env, gymnasium.vector.VectorEnv, SB3's VecEnv."""

@@ -1,6 +1,6 @@
 """A batch of N environments: simulator, task and disturbances under one step, with automatic reset.
 
-The three faces (`gym_env`, `vector_env`, `sb3`) only translate between this and the interface they serve.
+The three interfaces (`gym_env`, `vector_env`, `sb3`) only translate.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ Booleans = NDArray[np.bool_]
 
 @dataclass(slots=True)
 class State:
-    """Where k vehicles are and where they are to be, without noise; world axes, m."""
+    """Poses of k vehicles and their references, without noise; world axes, m."""
 
     pose: Floats  # (k, 7) x, y, z, quaternion (w, x, y, z)
     reference: Floats  # (k, 3) the waypoint of the waypoint task
@@ -42,7 +42,7 @@ class State:
 
 @dataclass(slots=True)
 class Transition:
-    """What one step of the batch gives. Arrays are the batch's own: copy what must outlive the next step."""
+    """Result of one step of the batch. The next step overwrites the arrays: copy what you need later."""
 
     observation: NDArray[np.float32]  # (n, n_obs), already of the next episode where one ended
     reward: Floats  # (n,)
@@ -58,9 +58,9 @@ class Batch:
     """N environments.
 
     Args:
-        config: the typed configuration.
-        n: how many environments; None takes `algo.n_envs`.
-        seed: of every draw; None takes `config.seed`.
+        config: typed configuration.
+        n: number of environments; None: `algo.n_envs`.
+        seed: seed of all draws; None: `config.seed`.
         test: draw from the streams of test protocols.
         validation: draw from the streams of validation.
         autoreset: begin the next episode in the step that ended one.
@@ -92,12 +92,13 @@ class Batch:
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.autoreset = autoreset
         self.restarted: NDArray[np.float32] | None = None
-        """observations (n, n_obs) with which `load_state_dict` began the episodes in flight again, if it had to"""
+        """first observations (n, n_obs) of the episodes that `load_state_dict` had to restart"""
         self._all = np.arange(self.n, dtype=np.int64)
         self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
         self._none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._over: NDArray[np.bool_] = np.zeros(self.n, dtype=np.bool_)
-        """whose episode ended and was told of: without `autoreset` its vehicle swims on, and ends no more"""
+        """(n,) whether the end of the episode was reported: without `autoreset` the vehicle moves on, and no further
+        end is reported"""
         self._nowhere = self._state(self._none)
         self._unseen = self.task.observation[:0]
 
@@ -108,12 +109,12 @@ class Batch:
 
     @property
     def exact_resume(self) -> bool:
-        """Whether `load_state_dict` returns to the very state, in mid-episode."""
+        """Return whether `load_state_dict` restores every state exactly, also within an episode."""
         return self.simulator.capabilities.exact_resume
 
     @property
     def state(self) -> State:
-        """Poses, waypoints and distances of all n vehicles now. Arrays are the batch's own."""
+        """Return the present poses, waypoints and distances of all n vehicles; the next step overwrites the arrays."""
         task, simulator = self.task, self.simulator
         distance, force = task.distance, simulator.command_force
         return State(simulator.pose, task.reference, distance, force, task.reference_key)
@@ -133,7 +134,7 @@ class Batch:
         self.task.reseed(seed, indices)
 
     def reseed_each(self, indices: NDArray[np.int64], seeds: Sequence[int]) -> None:
-        """Give environments `indices` (k,) a seed each; each then draws as a single environment of that seed.
+        """Give each of the environments `indices` (k,) a seed; it then draws as a single environment with this seed.
 
         Raises:
             ConfigError: a seed is not in 0 .. 2^32 - 1.
@@ -150,16 +151,16 @@ class Batch:
         waypoint: Floats | None = None,
         distance: Floats | None = None,
     ) -> NDArray[np.float32]:
-        """Begin the next episode everywhere, or in environments `indices` (k,).
+        """Begin the next episode in all environments, or in environments `indices` (k,).
 
         Args:
             indices: None for all n.
-            pose: (k, 7) x, y, z in m, unit quaternion (w, x, y, z), where the vehicles start; None draws.
-            waypoint: (k, 3) x, y, z in m, where they are to go; None draws. Of tasks with a free goal.
-            distance: (k,) m, to which a drawn waypoint is moved along its direction from the start.
+            pose: (k, 7) x, y, z in m, unit quaternion (w, x, y, z) of the start; None: drawn.
+            waypoint: (k, 3) x, y, z in m, for tasks with a free goal; None: drawn.
+            distance: (k,) m, distance from the start to which a drawn waypoint is moved.
 
         Returns:
-            The observations (n, n_obs) of all environments; the batch's own array.
+            Observations (n, n_obs) of all environments; the next step overwrites the array.
         """
         rows = self._all if indices is None else indices
         self._reset(rows, pose, waypoint, distance)
@@ -204,7 +205,7 @@ class Batch:
         return start
 
     def _measured(self) -> tuple[Floats, Floats]:
-        """Return the poses (n, 7) and velocities (n, 6) that arrive now."""
+        """Return the poses (n, 7) and velocities (n, 6) of the measurements that arrive now."""
         if self.disturbances is None:
             return self.simulator.pose, self.simulator.velocity
         return self.disturbances.measured(self.simulator)
@@ -214,11 +215,11 @@ class Batch:
 
         Args:
             action: (n, n_u), clipped to [-1, 1].
-            begin: environments (k,) that begin their next episode instead: their actions do nothing, their rewards
+            begin: environments (k,) that begin their next episode instead; their actions are ignored, their rewards
                 are 0.
 
         Raises:
-            ActionError: `action` has another shape, or holds a NaN or an infinity; nothing has moved.
+            ActionError: `action` has a wrong shape, a NaN or an infinity; no vehicle has moved.
         """
         count = self._compute(action)
         if begin is not None and len(begin):
@@ -254,7 +255,7 @@ class Batch:
         return task.checked(count)
 
     def _compute_range(self, start: int, stop: int) -> int:
-        """Do the same for the environments start .. stop - 1 in compiled code, while other threads do the others."""
+        """Compute the same for environments start .. stop - 1 in compiled code; other threads compute the rest."""
         task, action, simulator = self.task, self._action, cast(FossenSimulator, self.simulator)
         pose, velocity = simulator.pose, simulator.velocity
         simulator.advance(task.add_noise(action, start, stop), task.duration, start, stop)
@@ -264,7 +265,9 @@ class Batch:
         return count
 
     def _conclude(self, ended_count: int) -> Transition:
-        """Return the transition of a computed step; begin the next episode where one of `ended_count` ended."""
+        """Return the transition of a computed step; begin the next episode of the `ended_count` environments whose
+        episode ended.
+        """
         task = self.task
         observation = task.observation
         if not ended_count:
@@ -296,10 +299,8 @@ class Batch:
         return state
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Return to a state that `state_dict` gave.
-
-        Where the simulator cannot (`capabilities.exact_resume`), the episodes that were in flight begin again with
-        the same draws, and `restarted` holds their first observations.
+        """Restore a state of `state_dict`. If the simulator cannot (`capabilities.exact_resume`), the present
+        episodes begin again with the same draws, and `restarted` has their first observations.
         """
         self.task.seed = int(state["seed"])
         self.task.load_state_dict(_below(state, "task."))
@@ -314,7 +315,7 @@ class Batch:
 
 
 def load_compiled() -> None:
-    """Load the compiled code of an environment, half a second of each process that is not forked from this one."""
+    """Load the compiled code of an environment. It takes half a second, which processes forked from this one save."""
     from auvbench.config.compose import compose
     from auvbench.config.validate import train_config
 
@@ -328,7 +329,7 @@ def admit(action: Any, clipped: Floats) -> None:
     """Write actions (n, n_u), clipped to [-1, 1], to `clipped`.
 
     Raises:
-        ActionError: they have another shape, are no numbers, or there is a NaN or an infinity among them.
+        ActionError: their shape or type is wrong, or one of them is NaN or infinite.
     """
     given = np.asarray(action)
     if given.shape != clipped.shape:
@@ -347,7 +348,7 @@ def admit(action: Any, clipped: Floats) -> None:
 
 @compiled()
 def clip(action: NDArray[Any], clipped: Floats) -> int:
-    """Write `action` (n, n_u), clipped to [-1, 1]; return -1, or the first row with a NaN or an infinity."""
+    """Write `action` (n, n_u), clipped to [-1, 1]; return the first row with a NaN or an infinity, else -1."""
     for i in range(action.shape[0]):
         for j in range(action.shape[1]):
             value = float(action[i, j])
@@ -358,9 +359,8 @@ def clip(action: NDArray[Any], clipped: Floats) -> int:
 
 
 def _at(distance: Floats, start: Floats, waypoint: Floats, depths: tuple[float, float]) -> Floats:
-    """Return waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); eastwards where they lay at the start.
-
-    Where the line leads out of the depth limits `depths`, the waypoint is at the limit, on the same course.
+    """Return waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); a waypoint at the start moves east. A
+    waypoint that would be beyond the depth limits `depths` is at the limit, on the same course.
     """
     line = waypoint - start
     length = np.linalg.norm(line, axis=1, keepdims=True)

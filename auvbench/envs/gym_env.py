@@ -1,4 +1,4 @@
-"""`gymnasium.make("auvbench/Waypoint-v0")`: one environment of the batch, by Gymnasium's interface."""
+"""Gymnasium's interface to one environment: `gymnasium.make("auvbench/Waypoint-v0")`."""
 
 from __future__ import annotations
 
@@ -26,14 +26,16 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """One vehicle and its task: `auvbench/Waypoint-v0`, `auvbench/Docking-v0` and the others.
 
     Args:
-        overrides: as on the command line, e.g. `["reward.k=40", "vehicle=rexrov"]`, or one string with spaces between.
-        config: a typed configuration instead of overrides and keywords.
+        overrides: overrides as on the command line, e.g. `["reward.k=40", "vehicle=rexrov"]`, or one string with
+            spaces between them.
+        config: typed configuration, instead of overrides and keywords.
         render_mode: None, `rgb_array` (a picture (352, 832, 3) of the episode so far) or `ansi` (a line).
-        conf: a folder with configuration files of your own, searched first.
-        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short for the overrides in `settings.KEYS`.
+        conf: folder with your own configuration files, which is searched first.
+        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short forms of the overrides in
+            `settings.KEYS`.
 
-    The same seed and actions give the same floats as environment 0 of the vectorised face. What `info` holds is in
-    `auvbench.envs.info`.
+    With the same seed and actions all floats equal those of environment 0 of `WaypointVectorEnv`.
+    `auvbench.envs.info` describes `info`.
 
     Raises:
         ConfigError: a setting is wrong.
@@ -68,11 +70,12 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode: episode 0 of `seed`, or the next one where no seed is given.
+        """Begin an episode: episode 0 of `seed`; without a seed, the next episode.
 
         Args:
-            seed: of any size; seeds of 2^32 and more are hashed to 32 bits.
-            options: `pose`, and `waypoint` or `distance`, instead of drawn ones; see `auvbench.envs.settings.places`.
+            seed: whole number of any size; seeds of 2^32 and more are hashed to 32 bits.
+            options: `pose`, and `waypoint` or `distance`, which replace drawn ones; see
+                `auvbench.envs.settings.places`.
 
         Raises:
             ConfigError: the seed or an option is wrong.
@@ -92,7 +95,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         return observation[0].copy(), info.single(self.batch.state, 0)
 
     def _warn_of_a_limit(self) -> None:
-        """Warn of an episode that a limit of Gymnasium cut short."""
+        """Warn that Gymnasium's limit of steps has cut an episode short."""
         steps = step_limit(self.config.task, self.config.step.frequency)
         if self._under_way and self.batch.task.episodes[0].steps == settings.STEPS < steps:
             warnings.warn(
@@ -107,7 +110,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         Raises:
             ResetNeeded: no episode is under way.
-            ActionError: the action has another shape, or holds a NaN or an infinity.
+            ActionError: the action has a wrong shape, a NaN or an infinity.
         """
         if not self._under_way:
             raise ResetNeeded("no episode is under way: call reset() before step()")
@@ -130,10 +133,10 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         )
 
     def render(self) -> Any:
-        """Return the picture or the line of the episode as it is now; None without a `render_mode`.
+        """Return the present picture or line of the episode; None without a `render_mode`.
 
         Raises:
-            ResetNeeded: there has been no episode.
+            ResetNeeded: no episode has begun.
         """
         if not self._seeded:
             raise ResetNeeded("there is nothing to show: call reset() before render()")

@@ -1,16 +1,16 @@
-"""`info`: the same keys from every face of the batch, numbers and arrays of numbers alone.
+"""Make `info`: all interfaces have the same keys, whose values are numbers or arrays of numbers.
 
 =============  ==================================================================================================
-`pose`         (7,) x, y, z in m, quaternion w, x, y, z: where the vehicle is, without noise; world axes (ENU)
-`waypoint`     (3,) x, y, z in m; `reference` in other tasks than that of waypoints: where the vehicle is to be now
-`distance`     m, from the one to the other
+`pose`         (7,) x, y, z in m, quaternion w, x, y, z: pose without noise; world axes (ENU)
+`waypoint`     (3,) x, y, z in m; in other tasks `reference`, the present reference position
+`distance`     m, distance from the vehicle to it
 `is_success`   whether the episode has ended with success
-`record`       when an episode ends: its row of the tables (`auvbench.record`), `outcome` as a code: 0 success,
+`record`       at the end of an episode: its record (`auvbench.record`), with `outcome` as a code: 0 success,
                1 collision, 2 timeout, 3 out of bounds
 =============  ==================================================================================================
 
-A batch has an array of n rows under each key, and under the key with an underscore before it which rows count, as
-Gymnasium's vector environments do.
+As in Gymnasium's vector environments, each key of a batch has an array of n rows; the key with an underscore before
+it says which rows are valid.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def numbers(record: Record) -> dict[str, int | float]:
 
 
 def single(state: State, i: int, record: Record | None = None) -> dict[str, Any]:
-    """Return the info of environment `i`; with a record where its episode ended."""
+    """Return the info of environment `i`, with a record if its episode has ended."""
     info: dict[str, Any] = {
         "pose": state.pose[i].copy(),
         state.key: state.reference[i].copy(),
@@ -50,7 +50,7 @@ def single(state: State, i: int, record: Record | None = None) -> dict[str, Any]
 
 
 def batch(state: State, success: NDArray[np.bool_], rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return the info of n environments; `rows` (n,) count, and `success` (n,) marks successful ends."""
+    """Return the info of n environments; `rows` (n,) marks valid rows, and `success` (n,) successful ends."""
     return {
         "pose": state.pose.copy(),
         "_pose": rows.copy(),
@@ -66,7 +66,9 @@ def batch(state: State, success: NDArray[np.bool_], rows: NDArray[np.bool_]) -> 
 def final(
     state: State, ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]
 ) -> dict[str, Any]:
-    """Return the info of environments `ended` (k,) at their ends, as arrays of n rows; `rows` (n,) count."""
+    """Return the info at the ends of environments `ended` (k,), as arrays of n rows; `rows` (n,) marks the valid
+    ones.
+    """
     n = len(rows)
     spread = replace(
         state,

@@ -1,7 +1,7 @@
-"""What an environment shows of an episode: a picture, drawn while it happens, or a line of text.
+"""Render an episode while it runs, as a picture or as a line of text.
 
-A picture has the episode in space, from above, and over time. What does not move is drawn once and kept as pixels; each picture
-adds the lines. It needs matplotlib, which is imported when the first picture is asked for.
+A picture shows the episode in space, from above, and over time. Everything that does not move is drawn once and kept
+as pixels; each picture adds the lines. The first picture imports Matplotlib.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Floats = NDArray[np.float64]
 
 SIZE = (10.4, 4.4)
 DPI = 80
-"""together 832 x 352 pixels, even as video codecs ask for"""
+"""inches and dots per inch: 832 x 352 pixels, even numbers for video codecs"""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
 PATH = "#0072B2"
 
 MODES = ("rgb_array", "ansi")
-"""of rendering, in addition to None"""
+"""modes of rendering, in addition to None"""
 
 LOOK: Any = {
     "font.size": 9,
@@ -47,12 +47,13 @@ LOOK: Any = {
     "figure.autolayout": False,
     "figure.constrained_layout.use": False,
 }
-"""what pictures of an environment and figures of a report have in common"""
+"""style of an environment's pictures and of a report's figures"""
 
 
 @contextmanager
 def own_style(style: dict[str, Any]) -> Iterator[None]:
-    """Apply a style over Matplotlib's defaults, so that no setting of the user counts, and restore the caller's.
+    """Apply a style over Matplotlib's defaults, so that the user's settings have no effect, then restore the caller's
+    style.
 
     Args:
         style: values of rcParams.
@@ -65,13 +66,15 @@ def own_style(style: dict[str, Any]) -> Iterator[None]:
 
 
 def speed(frequency: float) -> float | int:
-    """Pictures per second of a film in real time: one per agent step. Whole numbers as such, for writers of films."""
+    """Return the pictures per second of a film in real time: one per agent step. A whole number is an int, for film
+    writers.
+    """
     return int(frequency) if float(frequency).is_integer() else frequency
 
 
 @dataclass(slots=True)
 class Trail:
-    """What an episode left behind so far: T steps, T + 1 places."""
+    """Trail of an episode so far: T steps, T + 1 positions."""
 
     waypoint: Floats  # (3,) m, the goal of a task with another
     dock_yaw: float | None = None  # rad, in which a dock is entered
@@ -102,18 +105,19 @@ def panels(
     force: float,
     dock_yaw: float | None = None,
 ) -> tuple[Any, Any, Any, Any]:
-    """Axes in space, from above, of the distance and of the commands over time, with all that does not move.
+    """Return axes in space, from above, of the distance over time and of the commands over time, with everything that
+    does not move.
 
     Args:
-        task: its tolerance and depth limits are drawn.
+        task: task whose tolerance and depth limits are drawn.
         waypoint: (3,) m.
         start: (3,) m.
-        low: (3,) m, a corner of what must be seen; `high` is the opposite one.
-        high: (3,) m.
-        end: s, of the time axes.
-        farthest: m, of the axis of distances.
-        force: N, of the axis of commands.
-        dock_yaw: rad, in which a dock at the waypoint is entered.
+        low: (3,) m, lowest corner of the visible box.
+        high: (3,) m, highest corner of the visible box.
+        end: s, end of the time axes.
+        farthest: m, end of the axis of distances.
+        force: N, end of the axis of commands.
+        dock_yaw: rad, yaw with which a dock at the waypoint is entered.
     """
     from matplotlib.patches import Circle
 
@@ -164,7 +168,7 @@ def panels(
 
 
 def _cone(dock: Floats, yaw: float, task: Any) -> Floats:
-    """Return a line (36, 3) in m along the sides and round the rim of the cone in which a dock may be entered."""
+    """Return a line (36, 3) in m along the sides and the rim of the cone through which a dock may be entered."""
     out, side = np.array([-np.cos(yaw), -np.sin(yaw), 0.0]), np.array([np.sin(yaw), -np.cos(yaw), 0.0])
     turn = np.linspace(0.0, 2.0 * np.pi, 13)[:, None]
     wide = np.tan(task.cone) * (np.cos(turn) * side + np.sin(turn) * np.array([0.0, 0.0, 1.0]))
@@ -173,7 +177,7 @@ def _cone(dock: Floats, yaw: float, task: Any) -> Floats:
 
 
 def tolerance(task: tasks.Task) -> float:
-    """Return the distance in m from the goal that is near enough; 0 where a task has none."""
+    """Return the distance in m from the goal that counts as success; 0 for a task without one."""
     return float(getattr(task, "goal_radius", getattr(task, "tolerance", 0.0)))
 
 
@@ -181,7 +185,7 @@ class Scene:
     """Draw one episode after each of its steps.
 
     Args:
-        force: N, the largest force of an actuator.
+        force: largest force of an actuator, N.
     """
 
     def __init__(self, config: schema.TrainConfig, force: float, trail: Trail) -> None:
@@ -195,7 +199,7 @@ class Scene:
         self._canvas: Any = None
 
     def frame(self, heading: str) -> NDArray[np.uint8]:
-        """Return the picture (352, 832, 3) of the trail as it is now."""
+        """Return the picture (352, 832, 3) of the present trail."""
         trail, position = self._trail, np.asarray(self._trail.position)
         clock = self._duration * np.arange(len(position))
         inside = ((position >= self._low) & (position <= self._high)).all() and clock[-1] <= self._end
@@ -224,7 +228,7 @@ class Scene:
         return len(self._trail.command[0]) if self._trail.command else 0
 
     def _prepare(self, position: Floats) -> None:
-        """Draw axes that hold the trail and leave room to go on."""
+        """Draw axes that contain the trail and space for its continuation."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
         from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -276,7 +280,7 @@ class Scene:
 
 
 class Renderer:
-    """Follow the episodes of a batch and show them in a mode.
+    """Record the episodes of a batch and render them in a mode.
 
     Raises:
         ConfigError: the mode is unknown.
@@ -293,7 +297,7 @@ class Renderer:
         self._scenes: list[Scene | None] = [None] * batch.n
 
     def begin(self, indices: NDArray[np.int64]) -> None:
-        """Note that episodes have begun."""
+        """Record the start of episodes."""
         if self.mode is None:
             return
         self._steps[indices] = 0
@@ -309,7 +313,7 @@ class Renderer:
             trail.add(state.pose[i], state.distance[i])
 
     def follow(self, i: int, pose: Any, distance: float, force: Any, outcome: str | None = None) -> None:
-        """Note where environment `i` is after a step, and how its episode ended if it did."""
+        """Record the pose of environment `i` after a step, and the outcome if its episode ended."""
         self._steps[i] += 1
         self._outcome[i] = outcome
         trail = self._trails[i]
@@ -317,7 +321,7 @@ class Renderer:
             trail.add(pose, distance, force)
 
     def follow_step(self, result: Transition, begun: NDArray[np.int64]) -> None:
-        """Follow a step of the batch, except in environments `begun` (k,), whose episodes began with it."""
+        """Record a step of the batch, except in environments `begun` (k,), whose episodes began in this step."""
         state, last = self._batch.state, result.final_state
         at = {i: k for k, i in enumerate(result.ended.tolist())}
         for i in np.setdiff1d(np.arange(self._batch.n), begun).tolist():

@@ -1,4 +1,4 @@
-"""The batch as a Stable-Baselines3 `VecEnv`."""
+"""Stable-Baselines3's interface to the batch: a `VecEnv`."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ def make(
     """N environments for Stable-Baselines3's learners.
 
     Args:
-        n_envs: how many; one batch steps them all.
-        seed: of every draw; environment i draws from (seed, i). None takes the configuration's.
-        render_mode: as of `WaypointEnv`.
-        kwargs: overrides, config, conf, task, vehicle, k, frequency, noise, disturbance, as of `WaypointEnv`.
+        n_envs: number of environments in the batch.
+        seed: seed of all draws, environment i draws from (seed, i); None: the configuration's seed.
+        render_mode: see `WaypointEnv`.
+        kwargs: overrides, config, conf, task, vehicle, k, frequency, noise, disturbance; see `WaypointEnv`.
 
     Raises:
         ConfigError: a setting is wrong.
@@ -46,15 +46,16 @@ def make(
 
 
 class WaypointVecEnv(VecEnv):
-    """Feeds SB3's learners from a `Batch`; an episode that ends begins anew in the same step, as they expect.
+    """Environments of a `Batch` for SB3's learners; as they expect, the next episode begins in the step that ends an
+    episode.
 
     Args:
-        batch: with automatic reset.
-        detailed: fill the `info` of every environment at every step (`auvbench.envs.info`); without, only of those
-            whose episode ended, which is all that SB3's learners look at.
-        render_mode: as of `WaypointEnv`.
+        batch: batch with automatic reset.
+        detailed: whether every environment has an `info` at every step (`auvbench.envs.info`). If not, only
+            environments whose episode ended have one, which is enough for SB3's learners.
+        render_mode: see `WaypointEnv`.
 
-    `transition` is all that the last step gave.
+    `transition` is the result of the last step.
     """
 
     def __init__(self, batch: Batch, *, detailed: bool = True, render_mode: str | None = None) -> None:
@@ -74,7 +75,7 @@ class WaypointVecEnv(VecEnv):
 
     @property
     def spec(self) -> Any:
-        """The specification of the Gymnasium id, with this configuration's limit of steps."""
+        """Return the specification of the Gymnasium id, with this configuration's limit of steps."""
         import auvbench
 
         auvbench.register()

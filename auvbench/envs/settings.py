@@ -1,7 +1,7 @@
-"""What Python says to an environment: its configuration when it is made, and `reset(options=...)`.
+"""Read the settings of an environment in Python: its configuration, and `reset(options=...)`.
 
-A configuration has overrides, keywords for the usual ones, and a cache. The options say where an episode starts and where it is
-to go, instead of what is drawn.
+A configuration comes from overrides and from keywords for the usual overrides; a cache keeps it. The options replace
+the drawn start and goal of an episode.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 Overrides = str | Sequence[str]
 
 STEPS = 1000
-"""`max_episode_steps` of the registered ids; the thesis's episodes"""
+"""`max_episode_steps` of the registered ids, as in the original study"""
 
 KEYS = {
     "task": "task",
@@ -42,7 +42,7 @@ KEYS = {
     "noise": "noise",
     "disturbance": "disturbance",
 }
-"""What a keyword argument of an environment stands for."""
+"""Override of each keyword argument of an environment."""
 
 OPTIONS = ("pose", "waypoint", "distance")
 """of `reset`"""
@@ -57,11 +57,11 @@ def configuration(
     """Return the configuration of an environment: the given one, or one composed from the package's files.
 
     Args:
-        config: a typed one; nothing else may be said then.
-        overrides: as on the command line, a sequence, or one string with spaces between them.
-        conf: a folder that is searched before the package's files, e.g. with a vehicle of one's own in
-            `<conf>/vehicle/`. Unlike the command line, Python does not look into `./conf` by itself.
-        keywords: of KEYS; None says nothing. `overrides` have the last word.
+        config: typed configuration; all other arguments must then be left out.
+        overrides: overrides as on the command line: a sequence, or one string with spaces between them.
+        conf: folder that is searched before the package's files, e.g. with your own vehicle in `<conf>/vehicle/`.
+            Unlike the command line, Python does not search `./conf` by default.
+        keywords: values of KEYS; None has no effect. `overrides` take precedence.
 
     Raises:
         ConfigError: a keyword, a key, a type or a value is wrong, or there is no folder `conf`.
@@ -90,7 +90,9 @@ def configuration(
 
 @lru_cache(maxsize=256)
 def _composed(overrides: tuple[str, ...]) -> schema.TrainConfig:
-    """Composing takes some tenths of a second; the package's files do not change while it is in use."""
+    """Return a composed configuration, cached: composing takes tenths of a second, and the package's files do not
+    change.
+    """
     return _compose(overrides, None)
 
 
@@ -102,12 +104,11 @@ def _compose(overrides: Sequence[str], folder: Path | None) -> schema.TrainConfi
 
 
 def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig:
-    """Return the configuration with another limit of an episode's steps.
-
-    None and STEPS, which Gymnasium passes by default, leave it as it is; -1 takes it away.
+    """Return the configuration with another limit of an episode's steps. None and STEPS, which Gymnasium passes by
+    default, change nothing; -1 removes the limit.
 
     Raises:
-        ConfigError: another number below 1, or too few steps for the task.
+        ConfigError: the limit is less than 1 but not -1, or too small for the task.
     """
     if steps is None or steps == STEPS:
         return config
@@ -127,7 +128,7 @@ def folded(seed: Any) -> int:
     """Return a seed as 32 bits: itself below 2^32, a hash (numpy's SeedSequence) above.
 
     Raises:
-        ConfigError: it is no whole number, or negative.
+        ConfigError: the seed is negative or not a whole number.
     """
     try:
         number = operator.index(seed)
@@ -159,18 +160,19 @@ def check_options(options: Mapping[str, Any] | None, *more: str) -> Mapping[str,
 
 
 def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Floats) -> dict[str, Any]:
-    """Return where `count` environments start and go, as arguments of `Batch.reset`: pose, waypoint, distance.
+    """Return starts and goals of `count` environments as arguments of `Batch.reset`: pose, waypoint, distance.
 
     Args:
         options: `pose` (7,) for all or (count, 7): x, y, z in m and a quaternion w, x, y, z, which is normalised; or
             (3,), (4,): x, y, z, and yaw in rad. `waypoint` (3,) or (count, 3) in m, or `distance`, one number or
-            (count,) in m, to which the drawn waypoint is moved; of tasks with a free goal.
-        count: of environments.
-        task: its depth limits hold.
-        bounds: (3,) m, of the position error that the observation space admits.
+            (count,) in m, to which the drawn waypoint is moved (tasks with a free goal).
+        count: number of environments.
+        task: task with the depth limits.
+        bounds: (3,) m, largest position errors of the observation space.
 
     Raises:
-        ConfigError: a shape is another, a number is not finite or out of range, or a waypoint and a distance are given.
+        ConfigError: a shape is wrong, a number is not finite or out of range, or both waypoint and distance are
+            given.
     """
     pose = None if options.get("pose") is None else _pose(options["pose"], count, task)
     if not TASKS[task.name].free_goal:

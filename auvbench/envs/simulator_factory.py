@@ -1,4 +1,4 @@
-"""The simulator that a configuration names, and what follows from it: how many vehicles it has, how long its step may be."""
+"""Create the simulator of a configuration, with its number of vehicles and its longest step."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def at_once(config: schema.TrainConfig, wanted: int) -> int:
     """Return how many of `wanted` vehicles the simulator can have: all of them, or those of the ROS 2 server.
 
     Raises:
-        ConfigError: there is no such server.
+        ConfigError: the server does not exist.
     """
     served = SIMULATORS[config.simulator.name].served
     if not served:
@@ -34,13 +34,14 @@ def make_simulator(
 ) -> Simulator:
     """Return the simulator that the configuration names.
 
-    Its step is no longer than the shortest time constant of any vehicle that may be drawn, even if the configuration
-    allows. RK4 would be stable up to 2.78 of them: the rest is for currents and what turns faster than thrust alone
-    makes it.
+    Its step is at most the shortest time constant of all vehicles that may be drawn, even if the configuration allows
+    more. RK4 is stable up to 2.78 time constants: the margin is for currents, and for turns faster than with thrust
+    only.
 
     Args:
-        drawn: the ranges from which vehicles are drawn; None where all are the sheet's.
-        stand_in: what is simulated in the vehicle's place, with the vehicle's step: the same, commanded otherwise.
+        drawn: ranges of drawn vehicles; None if all vehicles are the sheet's.
+        stand_in: model that is simulated instead of the vehicle, with the vehicle's step: the same vehicle with other
+            commands.
     """
     limit = _shortest_time_constant(vehicle, drawn)
     sheet.refuse_stiff_vehicle(vehicle.name, limit)
@@ -66,5 +67,5 @@ def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation |
 
 
 def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainConfig:
-    """Return the configuration with another agent step."""
+    """Return the configuration with another duration of the agent step."""
     return dataclasses.replace(config, step=dataclasses.replace(config.step, frequency=frequency))

@@ -1,4 +1,4 @@
-"""`gymnasium.make_vec("auvbench/Waypoint-v0", num_envs=1024)`: the whole batch, by Gymnasium's vector interface."""
+"""Gymnasium's vector interface to a batch: `gymnasium.make_vec("auvbench/Waypoint-v0", num_envs=1024)`."""
 
 from __future__ import annotations
 
@@ -40,20 +40,21 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
     """N environments in one batch.
 
     Args:
-        num_envs: how many.
-        overrides: as of `WaypointEnv`, like all arguments that are not described here.
-        config: a typed configuration instead.
-        autoreset_mode: when the episode after one that ended begins. `NEXT_STEP`, as in Gymnasium's own vector
-            environments: with the next step, whose action is ignored and whose reward is 0. `SAME_STEP`: at once; the
-            last observation is then in `info["final_obs"]`, what else is known of the end in `info["final_info"]`.
-            `DISABLED`: when `reset(options={"reset_mask": ...})` asks for it.
-        max_episode_steps: of the task, instead of `task.max_steps`; 1000, which Gymnasium passes by itself, changes
-            nothing, and -1 takes the limit away.
-        render_mode: as of `WaypointEnv`; `render` gives one picture or line per environment.
-        conf: a folder with configuration files of your own.
-        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short for the overrides in `settings.KEYS`.
+        num_envs: number of environments.
+        overrides: see `WaypointEnv`, as for all arguments that are not described here.
+        config: typed configuration, instead of overrides and keywords.
+        autoreset_mode: when the next episode of an environment begins. `NEXT_STEP`, as in Gymnasium's own vector
+            environments: in the next step, whose action is ignored and whose reward is 0. `SAME_STEP`: in the same
+            step; `info["final_obs"]` then has the last observation, and `info["final_info"]` the info of the end.
+            `DISABLED`: by `reset(options={"reset_mask": ...})`.
+        max_episode_steps: limit that replaces `task.max_steps`; 1000, which Gymnasium passes by default, changes
+            nothing, and -1 removes the limit.
+        render_mode: see `WaypointEnv`; `render` returns one picture or line per environment.
+        conf: folder with your own configuration files, which is searched first.
+        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short forms of the overrides in
+            `settings.KEYS`.
 
-    Environment i of a batch seeded s draws from (s, i), for any N.
+    With the seed s, environment i draws from (s, i), for any N.
 
     Raises:
         ConfigError: a setting is wrong.
@@ -108,14 +109,14 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Begin an episode everywhere, or where `options["reset_mask"]` says so.
+        """Begin an episode in all environments, or in those of `options["reset_mask"]`.
 
         Args:
-            seed: one for all, environment i then draws from (seed, i); or one for each, which then draws what a
-                single environment with that seed does (None: its next episode). Of any size; seeds of 2^32 and more
+            seed: one seed, with which environment i draws from (seed, i); or one seed for each environment, which
+                then draws like a single environment with this seed (None: its next episode). Seeds of 2^32 and more
                 are hashed to 32 bits.
-            options: `reset_mask` (n,) of booleans; `pose`, and `waypoint` or `distance`, instead of drawn ones, for
-                all or a row for each environment that is reset (`auvbench.envs.settings.places`).
+            options: `reset_mask` (n,) of booleans; `pose`, and `waypoint` or `distance`, which replace drawn ones:
+                one value, or a row for each environment that is reset (`auvbench.envs.settings.places`).
 
         Raises:
             ConfigError: a seed or an option is wrong.
@@ -169,7 +170,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
 
         Raises:
             ResetNeeded: before the first `reset`; and with `DISABLED`, after an episode's end.
-            ActionError: the actions have another shape, or hold a NaN or an infinity.
+            ActionError: the actions have a wrong shape, a NaN or an infinity.
         """
         begin = np.flatnonzero(self._ended)
         if len(begin) and not (self._seeded and self.autoreset_mode == AutoresetMode.NEXT_STEP):
@@ -210,10 +211,10 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         return told
 
     def render(self) -> Any:
-        """Return a tuple with the picture or the line of each environment; None without a `render_mode`.
+        """Return the picture or line of each environment as a tuple; None without a `render_mode`.
 
         Raises:
-            ResetNeeded: there has been no episode.
+            ResetNeeded: no episode has begun.
         """
         if not self._seeded:
             raise ResetNeeded("there is nothing to show: call reset() before render()")
@@ -223,7 +224,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
 
 
 def _mode(given: AutoresetMode | str) -> AutoresetMode:
-    """Return the mode of a name, `NEXT_STEP` or `NextStep`.
+    """Return the mode with a name such as `NEXT_STEP` or `NextStep`.
 
     Raises:
         ConfigError: the name is unknown.
