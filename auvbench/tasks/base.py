@@ -1,7 +1,8 @@
-"""What a task is: N episodes of it, with start states, references, rewards, ends and records.
+"""Define a task: N episodes with start states, references, rewards, ends and records.
 
-The task of a file in this folder declares functions of one episode, `draw` and `step`, its fields, its parameters and its
-metrics. Everything else is here: command noise, readings, observation, records, resets, and the state that an exact resume needs.
+Each task's file declares functions of one episode, `draw` and `step`, and the task's fields, parameters and metrics.
+This module has everything else: command noise, readings, observations, records, resets, and the state for an exact
+resume.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ Integers = NDArray[np.int64]
 
 _STATE = ("preview", "previous", "offset", "observation")
 _TAKEN = ("_observe", "rows", "_common", "outcome", "reference", "distance", "loops", "_taken")
-"""attributes of a task that `Task._take` makes"""
+"""attributes of a task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
 """methods that `installed.guard` replaces"""
 
@@ -44,38 +45,39 @@ class Task:
     """State of N episodes of a task.
 
     Args:
-        seed: of all draws, 0 .. 2^32 - 1.
+        seed: seed of all draws, 0 .. 2^32 - 1.
         test: draw from the streams of tests, which no training uses.
         validation: draw from the streams of validation, which neither training nor tests use.
     """
 
     draw: ClassVar[Callable[..., float]]
-    """`draw(e, p, stream) -> yaw`: begins an episode e: writes its reference and `e.start`, returns the yaw of the start. Its own
-    fields are 0 before"""
+    """`draw(e, p, stream) -> yaw`: begins the episode e, whose own fields are 0: writes its reference and `e.start`,
+    and returns the yaw of the start"""
     step: ClassVar[Callable[..., int]]
-    """`step(e, v, p) -> outcome`: adds a step to what the episode remembers; returns how it ends, or GOES_ON. `e.distance`
-    and, where the reference has a yaw of its own, `e.yaw_error` are those of now"""
+    """`step(e, v, p) -> outcome`: adds a step to the episode's fields, and returns the outcome or GOES_ON.
+    `e.distance` and, if the reference has its own yaw, `e.yaw_error` have their present values"""
     refer: ClassVar[Callable[..., None]]
-    """`refer(e, v, p)`, optional: moves the reference, before `step`"""
+    """`refer(e, v, p)`, optional: moves the reference; called before `step`"""
     preview_row: ClassVar[Callable[..., None]]
-    """`preview_row(e, p, points)`, of tasks with the block `preview`: writes the next places (points, 3) of the reference"""
+    """`preview_row(e, p, points)`, for tasks with the block `preview`: writes the future positions (points, 3) of the
+    reference"""
     relocate: ClassVar[Callable[..., None]]
-    """`relocate(e, p)`, optional: writes the reference of an episode whose start was replaced"""
+    """`relocate(e, p)`, optional: writes the reference after the start of an episode was replaced"""
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
-    """what its episodes remember in addition to `records.EPISODE`: (name, type) or (name, type, shape)"""
+    """fields of an episode in addition to `records.EPISODE`: (name, type) or (name, type, shape)"""
     transient: ClassVar[tuple[str, ...]] = ()
-    """fields that are written in each step before they are read"""
+    """fields that each step writes before it reads them"""
     success_ends: ClassVar[bool] = True
-    """whether success ends the episode for good; otherwise it is a property of a whole episode, which then times out"""
+    """whether success ends the episode; if not, success is a property of the whole episode, which then times out"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
-    """columns of a record that a fingerprint covers (`evaluation.reference`); empty: all that the task has. Where they are
-    declared, a new metric leaves the fingerprints of published results valid."""
+    """columns of a record that a fingerprint covers (`evaluation.reference`); empty: all columns of the task. With
+    declared columns a new metric does not change the fingerprints of published results."""
     reference_blocks: ClassVar[tuple[str, ...]] = ()
-    """blocks of an observation that a fingerprint covers; empty: all that the task has"""
+    """blocks of an observation that a fingerprint covers; empty: all blocks of the task"""
     reference_key: ClassVar[str] = "reference"
-    """of the reference in `info`"""
+    """name of the reference in `info`"""
     owners: tuple[str, str] | None = None
-    """task and reward by name and package, where a package brings one of them: `installed` checks what they compute"""
+    """names and packages of task and reward if a package has one of them: `installed` checks their results"""
 
     def __init__(
         self,
@@ -96,11 +98,11 @@ class Task:
         self.spec: ObservationSpec = bounded_spec(config, vehicle)
         """of the observation"""
         self.reach = start_bounds(config, vehicle)
-        """(3,) m, largest position errors with which an episode may begin"""
+        """(3,) m, largest position errors at the start of an episode"""
         self.limits = _limits(config)
-        """what the errors of a failed episode count as, by the `failed` of their metrics"""
+        """values that the errors of a failed episode count as, by the `failed` of their metrics"""
         self.reads_velocity = reads(config.task, "velocity")
-        """whether the observation has more of a vehicle than its pose"""
+        """whether the observation contains more of the vehicle's state than its pose"""
         names = tasks.blocks(config.task)
         self._codes = np.array([[*BLOCKS].index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
@@ -111,12 +113,12 @@ class Task:
         self.prices = records.one_row(prices, shared, owner("reward", config.reward))
         """(1,) parameters of the reward"""
         self.duration = float(self.parameters[0].duration)
-        """simulated seconds of one agent step"""
+        """duration of an agent step, simulated s"""
         self.episodes = records.table(n, self.fields, who)
-        """(n,) records: what each episode remembers"""
+        """(n,) record of each episode"""
         points = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
         self.preview: Floats = np.zeros((n, points, 3))
-        """m: previewed places of the references"""
+        """m, future positions of the references"""
         self._reward = functions.function_of(config.reward)
         self._take(interpreted=False)
         self.seed = int(seed)
@@ -129,21 +131,21 @@ class Task:
         self.observation = np.zeros((n, self.spec.size), dtype=np.float32)
         self._all = np.arange(n)
         self.stream = VALIDATION if validation else TEST if test else 0
-        """flag of the streams of random numbers: 0, TEST or VALIDATION"""
+        """flag of the random streams: 0, TEST or VALIDATION"""
 
     def _take(self, *, interpreted: bool) -> None:
-        """Take the loops that call the task's functions and the reward, and views of the arrays in the forms that they need."""
+        """Store the loops that call the task's functions and reward, and views of the arrays for these loops."""
         self._interpreted = interpreted
         self._observe = loops.observe()
         self.rows = records.common(self.episodes)
-        """(n,) fields that every task has, for compiled functions of all tasks"""
+        """(n,) the fields that every task has, for compiled functions of all tasks"""
         self._common = records.common_row(self.parameters)
         self.outcome: Integers = self.episodes.outcome
-        """(n,) -1 while an episode is under way, else an index into OUTCOMES"""
+        """(n,) -1 during an episode, else an index into OUTCOMES"""
         self.reference: Floats = self.episodes.reference
-        """(n, 3) m: where the vehicles are to be now; for the waypoint task its waypoint"""
+        """(n, 3) m, present reference positions; the waypoint in the waypoint task"""
         self.distance: Floats = self.episodes.distance
-        """(n,) m, to the references now"""
+        """(n,) m, present distances to the references"""
         optional = [name for name in ("refer", "preview_row", "relocate") if hasattr(self, name)]
         named = {name: getattr(type(self), name) for name in ("draw", "step", *optional)}
         has_yaw = TASKS[self.name].has_yaw
@@ -153,7 +155,9 @@ class Task:
         self._taken = episodes, self.preview, parameters, prices
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what `__setstate__` makes: NumPy copies a view as an array of its own, which no longer follows the episodes."""
+        """Leave out the attributes that `__setstate__` creates: NumPy would copy a view as a separate array, which no
+        longer follows the episodes.
+        """
         return {name: value for name, value in self.__dict__.items() if name not in (*_TAKEN, *GUARDED)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -173,7 +177,7 @@ class Task:
         return {}
 
     def reseed(self, seed: int, indices: Integers | None = None) -> None:
-        """Put environments, all or some, before episode 0 of a seed; environment i draws from (seed, i)."""
+        """Set all or some environments before episode 0 of a seed; environment i draws from (seed, i)."""
         rows = np.arange(self.n) if indices is None else indices
         if len(rows) == self.n:
             self.seed = int(seed)
@@ -182,13 +186,15 @@ class Task:
         self.episodes.episode[rows] = -1
 
     def reseed_each(self, indices: Integers, seeds: Integers) -> None:
-        """Put environments `indices` (k,) before episode 0 of seeds (k,) of their own, as environment 0 of each."""
+        """Set environments `indices` (k,) before episode 0 of their seeds (k,); each draws as environment 0 of its
+        seed.
+        """
         self.episodes.seed[indices] = seeds
         self.episodes.environment[indices] = 0
         self.episodes.episode[indices] = -1
 
     def assign(self, episodes: Integers, environment: int = 0) -> None:
-        """Make row i the scenario of episode `episodes[i]` at its next reset (test protocols)."""
+        """Give row i the scenario of episode `episodes[i]` at its next reset (for test protocols)."""
         self.episodes.episode = np.asarray(episodes) - 1
         self.episodes.environment = environment
 
@@ -206,13 +212,12 @@ class Task:
         self.loops.draw(indices, *self._taken[:3], self.stream, pose)
 
     def step_rows(self, start: int, stop: int, *motion: Floats) -> int:
-        """Step episodes start .. stop - 1; return how many ended, or -1 - i: pose i is not finite."""
+        """Step episodes start .. stop - 1; return how many ended, or -1 - i if pose i is not finite."""
         return self.loops.step(start, stop, *motion, *self._taken, self.reward)
 
     def interpret(self) -> None:
-        """Run the task's functions and the reward as Python from now on, which checks each of their indices.
-
-        The functions of `rows` that they call stay compiled.
+        """From now on run the task's functions and the reward as Python, which checks their indices. The functions of
+        `rows` that they call stay compiled.
         """
         self._take(interpreted=True)
 
@@ -231,7 +236,7 @@ class Task:
         e.depth_margin[indices] = np.minimum(p.depth_high - depth, depth - p.depth_low)
 
     def misplaced(self, i: int) -> str:
-        """Return why environment i cannot begin where it was placed, and what is valid; empty if it can."""
+        """Return why environment i cannot begin at its start, with the valid range; '' if it can."""
         error = np.abs(self.reference[i] - self.episodes[i].start)
         if self.parameters[0].body_frame:
             error[:2] = np.hypot(error[0], error[1])
@@ -258,7 +263,7 @@ class Task:
         start: int = 0,
         stop: int | None = None,
     ) -> int:
-        """Compute reward and ends after one agent step; return what `checked` takes."""
+        """Compute rewards and ends after one agent step; return the argument of `checked`."""
         stop = self.n if stop is None else stop
         return self.step_rows(start, stop, pose, velocity, action, self.previous, force, power)
 
@@ -266,7 +271,7 @@ class Task:
         """Return the result of `advance`, a number of episodes.
 
         Raises:
-            TrainingError: the simulation left the finite numbers.
+            TrainingError: a simulated position is not finite.
         """
         if ended < 0:
             row = -1 - ended
@@ -284,7 +289,7 @@ class Task:
         return self.observation
 
     def goal(self, i: int) -> Floats:
-        """Return where environment i is to be at the end (3,) in m: waypoint, station, dock, end of the path or curve."""
+        """Return the goal (3,) of environment i in m: waypoint, station, dock, end of the path or curve."""
         return np.array(self.reference[i])
 
     def dock_yaw(self, i: int) -> float | None:
@@ -296,7 +301,7 @@ class Task:
         return [self._counted(self.measured(int(i))) for i in indices]
 
     def measured(self, i: int) -> Record:
-        """Return what the episode of environment i measured, before a failure counts as its bounds."""
+        """Return the measured columns of environment i's episode, before a failure counts as its bounds."""
         return record_of(self._totals(i), self.name)
 
     def _counted(self, record: Record) -> Record:
@@ -331,7 +336,7 @@ class Task:
         return {name: np.copy(value) for name, value in self._state().items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Return to a state of `state_dict`, or to that of a checkpoint of version 2."""
+        """Restore a state of `state_dict`, or of a checkpoint of version 2."""
         own = self._state()
         if "F" in state:
             rest = records.from_version_2(self.episodes, self.columns, state)
@@ -344,19 +349,19 @@ class Task:
 
     @property
     def columns(self) -> list[str]:
-        """The fields of `episodes` that a checkpoint of version 2 has as columns of floats."""
+        """Return the fields of `episodes` that a checkpoint of version 2 stores as columns of floats."""
         has_goal = "goal_error" in TASKS[self.name].blocks
         names = records.columns(self.episodes.dtype, TASKS[self.name].has_yaw, has_goal)
         return [name for name in names if name not in self.transient]
 
     def scenario(self) -> Floats:
-        """Return what the episodes remember (n, floats), for digests: `columns` and the preview."""
+        """Return the episodes' fields (n, floats) for digests: `columns` and the preview."""
         parts = [self.episodes[name] for name in self.columns] + [self.preview]
         return np.concatenate([np.reshape(part, (self.n, -1)) for part in parts], axis=1)
 
 
 class TrackingTask(Task):
-    """A task whose reference has a yaw of its own, with the errors that such tasks have in common."""
+    """Task whose reference has its own yaw, with the errors that these tasks share."""
 
     def misplaced(self, i: int) -> str:
         distance, most = float(self.episodes[i].distance), self.limits.get("bounds", math.inf)
@@ -365,11 +370,11 @@ class TrackingTask(Task):
         return super().misplaced(i)
 
     def errors(self, i: int, failed: float) -> dict[str, float]:
-        """Return root mean squares of the position and the yaw error, and start and goal.
+        """Return the root mean squares of position and yaw errors, and start and goal.
 
         Args:
-            i: the environment.
-            failed: m, stands for the position error of a failed episode.
+            i: index of the environment.
+            failed: value that the position error of a failed episode counts as, m.
         """
         e = self.episodes[i]
         squared, yaw_squared = float(e.error_squared_sum), float(e.yaw_error_squared_sum)
@@ -409,7 +414,9 @@ def _shared(config: schema.TrainConfig) -> dict[str, float]:
 
 
 def _limits(config: schema.TrainConfig) -> dict[str, float]:
-    """Return the time limit in s and, for auvbench's own tasks with bounds, these in m; `Metric.failed` names them."""
+    """Return the values by name that `Metric.failed` refers to: the time limit in s and, for auvbench's own tasks
+    with bounds, the bounds in m.
+    """
     task = config.task
     found = {"time": schema.step_limit(task, config.step.frequency) / config.step.frequency}
     if isinstance(task, tasks.Tracked) and not isinstance(task, tasks.TaskConfig):
@@ -418,7 +425,7 @@ def _limits(config: schema.TrainConfig) -> dict[str, float]:
 
 
 def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
-    """Return one unit of command noise in units of the normalised action (n_u,)."""
+    """Return one unit of command noise (n_u,) in units of the normalised action."""
     if noise.command_unit == "normalised":
         return np.ones(len(vehicle.actuators))
     limits = np.asarray(vehicle.command_limits, dtype=np.float64)
@@ -426,10 +433,10 @@ def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, **stream: bool) -> Task:
-    """Return N episodes of the task that the configuration names.
+    """Return N episodes of the configuration's task.
 
     Raises:
-        ConfigError: the vehicle cannot do it.
+        ConfigError: the vehicle cannot do the task.
     """
     check_vehicle(config.task, vehicle)
     if isinstance(config.task, tasks.TaskConfig) or isinstance(config.reward, rewards.RewardConfig):

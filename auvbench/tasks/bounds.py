@@ -1,4 +1,6 @@
-"""The bounds of an observation: how far a vehicle may get from where it is to be, and how wrong a reading may be."""
+"""Compute the bounds of an observation, from the largest distance to the reference and the largest errors of
+readings.
+"""
 
 from __future__ import annotations
 
@@ -19,10 +21,10 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 SIGMAS = 6.0
-"""standard deviations of a normal distribution that the bounds of the observation hold"""
+"""number of standard deviations of a normal distribution within the observation's bounds"""
 
 LONGEST = 1e6
-"""m; the bound where nothing slows a vehicle down"""
+"""m, bound if the vehicle has no damping"""
 
 
 def bounded_spec(config: schema.TrainConfig, vehicle: VehicleModel) -> ObservationSpec:
@@ -56,9 +58,8 @@ def _true_bounds(config: schema.TrainConfig, vehicle: VehicleModel, seconds: flo
 
 
 def _until_timeout(task: tasks.Waypoint, speed: float, seconds: float, frequency: float) -> Floats:
-    """Return how far away (3,) in m the waypoint may be at the start, and what a vehicle can move away until the end.
-
-    Vertically that is no farther than the depth limits.
+    """Return the largest distances (3,) in m to the waypoint: at the start, plus the distance that a vehicle can move
+    away until the end. The depth limits bound the vertical distance.
     """
     away = speed * seconds
     start, low, high = (
@@ -75,11 +76,10 @@ def _until_timeout(task: tasks.Waypoint, speed: float, seconds: float, frequency
 
 
 def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
-    """Return a speed over ground in m/s that nothing in an episode exceeds for long.
-
-    Through the water: the speeds that all thrusters together and the net buoyancy would give along each body axis
-    alone, the three at once, for the strongest, slipperiest vehicle that may be drawn. The water's own speed comes on
-    top. Infinite where an axis has no damping.
+    """Return a speed over ground in m/s that no vehicle exceeds for long. It is the sum of two speeds. The speed
+    through the water has the components that all thrusters and the net buoyancy could reach along each body axis, for
+    the drawn vehicle with the most thrust and the least damping. The other speed is the water's. The result is
+    infinite if an axis has no damping.
     """
     drawn = disturbance.randomisation
     force = np.abs(vehicle.allocation[:3]) @ np.abs(vehicle.force_limits).max(axis=1, initial=0.0)
@@ -109,7 +109,7 @@ def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
 
 
 def _misreading(config: schema.TrainConfig, seconds: float) -> Floats:
-    """Return by how much (3,) in m the readings of the position may be wrong."""
+    """Return the largest errors (3,) of position readings in m."""
     sensor = config.disturbance.sensor
     errors = [
         math.hypot(getattr(sensor.gaussian, axis), getattr(sensor.bias, axis))

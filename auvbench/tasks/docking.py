@@ -1,8 +1,8 @@
-"""Docking: into a dock from the front. docs/task.md defines it.
+"""Docking: enter a dock from the front (docs/task.md).
 
-The reference is the dock where the vehicle is near the axis in front of it; otherwise a point in front of the dock. For a
-vehicle at the side of the dock or behind it, the point lies on a circle round the dock, so that the way to the reference
-never leads through the dock.
+If the vehicle is near the axis in front of the dock, the reference is the dock; otherwise it is a point in front of
+the dock. For a vehicle beside or behind the dock, the point is on a circle round the dock, so that the path to the
+reference never leads through the dock.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ from auvbench.tasks.rows import (
 ALIGNED = 1.0 / 3.0
 """share of the cone within which the reference is the dock"""
 TURNED = 2.0
-"""share of the cone beyond which the way leads round the dock"""
+"""share of the cone outside which the reference leads round the dock"""
 
 
 @row
 def seen_from_dock(e: Record, position: Vector) -> tuple[float, float]:
-    """Return distance from the dock in m and angle to its axis in rad of a position."""
+    """Return a position's distance from the dock in m, and its angle to the dock's axis in rad."""
     (x, y, z), (dock_x, dock_y, dock_z) = position, triple(e.goal)
     dx, dy, dz = x - dock_x, y - dock_y, z - dock_z
     yaw = e.reference_yaw
@@ -53,7 +53,7 @@ def seen_from_dock(e: Record, position: Vector) -> tuple[float, float]:
 
 @row
 def lead(e: Record, position: Vector, distance: float, angle: float, p: Record) -> None:
-    """Write the reference of a vehicle at a position, and the length in m of the way from there into the dock."""
+    """Write the reference for a vehicle at a position, and the distance in m from the reference into the dock."""
     (x, y, z), (dock_x, dock_y, dock_z) = position, triple(e.goal)
     yaw, cone = e.reference_yaw, p.cone
     ax, ay = -math.cos(yaw), -math.sin(yaw)
@@ -75,7 +75,7 @@ def lead(e: Record, position: Vector, distance: float, angle: float, p: Record) 
 
 @row
 def tilted(v: Vehicle, p: Record) -> bool:
-    """Return whether roll or pitch are larger than the task allows."""
+    """Return whether roll or pitch is larger than the task allows."""
     if p.tilt >= math.pi:
         return False
     roll, pitch = roll_pitch(v)
@@ -84,7 +84,7 @@ def tilted(v: Vehicle, p: Record) -> bool:
 
 @row
 def draw(e: Record, p: Record, stream: int) -> float:
-    """Draw yaw of the dock and start; return the yaw of the start."""
+    """Draw the dock's yaw and the start; return the yaw at the start."""
     heading, far, high, bearing = drawn(e, stream, 0)
     turned, _, _, _ = drawn(e, stream, 1)
     dock_x, dock_y, dock_z = triple(p.dock)
@@ -109,14 +109,14 @@ def draw(e: Record, p: Record, stream: int) -> float:
 
 @row
 def relocate(e: Record, p: Record) -> None:
-    """Write reference and distance from the dock of an episode that begins at `e.start`."""
+    """Write the reference and the distance from the dock for an episode that begins at `e.start`."""
     e.dock_distance, angle = seen_from_dock(e, triple(e.start))
     lead(e, triple(e.start), e.dock_distance, angle, p)
 
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Lead the vehicle to the dock from where it is now."""
+    """Move the reference for the vehicle's present position."""
     e.dock_distance, e.dock_angle = seen_from_dock(e, v.position)
     lead(e, v.position, e.dock_distance, e.dock_angle, p)
 

@@ -1,6 +1,7 @@
-"""What fingerprints cover of the records and observations of auvbench's own tasks with a yaw (`evaluation.reference`).
+"""Columns and blocks that fingerprints cover, of auvbench's own tasks whose reference has a yaw
+(`evaluation.reference`).
 
-These lists do not grow: a new metric or block leaves the fingerprints of published results valid.
+The lists must not grow: then a new metric or block does not change the fingerprints of published results.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ COLUMNS = (
     "goal_y_m",
     "goal_z_m",
 )
-"""columns of a record; each task adds its own"""
+"""columns of a record; each task adds its own columns"""
 
 BLOCKS = (
     "yaw_error",

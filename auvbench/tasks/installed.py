@@ -1,4 +1,4 @@
-"""Tasks and rewards of installed packages behind the contract: what they compute is checked before it is used."""
+"""Check the results of installed packages' tasks and rewards before they are used."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, **stream: bool) -> Task:
-    """Return N episodes of a task, where an installed package brings the task, the reward or both.
+    """Return N episodes of a task if an installed package has the task, the reward or both.
 
     Raises:
-        AgentError: one of them cannot be made.
+        AgentError: the task or the reward cannot be created.
     """
     task, reward = config.task, config.reward
     who = paid = registry.owner("task", task)
@@ -54,7 +54,7 @@ def _class(name: str, who: str) -> Callable[..., Task]:
 
 
 def guard(task: Task) -> None:
-    """Let a task with `owners` check what its functions return, from now on."""
+    """From now on check the results of the functions of a task with `owners`."""
     assert task.owners is not None
     who, paid = task.owners
     draw_rows, step_rows = task.draw_rows, task.step_rows
@@ -112,7 +112,7 @@ def guard(task: Task) -> None:
 
 @contextmanager
 def _telling(who: str, what: str) -> Iterator[None]:
-    """Turn an exception of foreign code, or of compiling it, into an `AgentError`."""
+    """Turn an exception of a package's code, or of its compilation, into an `AgentError`."""
     with registry.telling(who, what):
         try:
             yield

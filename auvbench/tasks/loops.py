@@ -1,9 +1,10 @@
-"""The loops over episodes of each task and of the observation, written here as source text.
+"""Make the loops over episodes of each task and of the observation from source text.
 
-numba keeps compiled code on disk only for functions of a module: closures, and functions given as arguments, compile again in
-every process. So each loop is source that names the functions of one task and one reward, and is executed as part of the task's
-module. numba finds code on disk by a function's name, so that two loops of one name would take each other's code: the name
-contains a digest of all sources that the loop calls directly. `compiled` adds those that it calls indirectly.
+numba stores compiled code only for functions of a module; closures, and functions given as arguments, would compile
+again in every process. So each loop is a source text that names the functions of one task and one reward, and is
+executed in the task's module. numba finds stored code by a function's name, and would confuse two loops with one
+name. The name therefore contains a digest of all sources that the loop calls directly; `compiled` adds the sources
+that it calls indirectly.
 """
 
 from __future__ import annotations
@@ -127,12 +128,13 @@ _OF_EVERY_TASK: Functions = {
 
 
 class Loops(NamedTuple):
-    """The loops of a task and a reward; their arguments are in the source above."""
+    """Loops of a task and a reward; the source texts above have their arguments."""
 
     draw: Callable[..., None]
     step: Callable[..., int]
     relocate: Callable[..., None] | None
-    """puts the reference of an episode that begins at another place than the drawn one; None where no reference does"""
+    """writes the reference of an episode whose drawn start was replaced; None if the task's reference does not depend
+    on the start"""
 
 
 def of_task(
@@ -147,9 +149,9 @@ def of_task(
 
     Args:
         functions: the task's `draw` and `step`; `refer`, `preview_row` and `relocate`, if it has them.
-        reward: of a step.
-        own: the fields of its episodes, (name, type) or (name, type, shape).
-        has_yaw: whether the reference has a yaw of its own.
+        reward: function of one step.
+        own: the task's own fields: (name, type) or (name, type, shape).
+        has_yaw: whether the reference has its own yaw.
         interpreted: do not compile the loops and the functions of task and reward, so that Python checks each index.
     """
     clear = tuple(f"e.{name} = 0" if not shape else f"e.{name}[:] = 0" for name, _, *shape in own)
@@ -191,7 +193,7 @@ def _of_task(
 
 @cache
 def observe() -> Callable[..., None]:
-    """Return the compiled function that writes observations; codes are the places of blocks in `blocks.BLOCKS`."""
+    """Return the compiled function that writes observations; codes are indices of blocks in `blocks.BLOCKS`."""
     specs = list(blocks.BLOCKS.values())
     used = {f"block_{code}": spec.write for code, spec in enumerate(specs)}
     lines = []
@@ -211,7 +213,7 @@ def observe() -> Callable[..., None]:
 
 
 class _Maker:
-    """Executes the source of loops as part of the module of the first of the functions that they call."""
+    """Execute the source of loops in the module of the first function that they call."""
 
     def __init__(
         self,
@@ -243,7 +245,7 @@ class _Maker:
 
 
 def _filled(template: str, lines: Mapping[str, Iterable[str]]) -> str:
-    """Return a source in which each `{key}` on a line of its own is replaced by lines, indented alike."""
+    """Return a source in which lines replace each `{key}` that is alone on its line, with the same indentation."""
 
     def insert(match: re.Match[str]) -> str:
         own = lines.get(match["key"])

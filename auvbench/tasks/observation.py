@@ -1,4 +1,7 @@
-"""What tasks observe, and what they need of a vehicle. Nothing compiled is imported: a ROS 2 pilot and the check of a run read this file."""
+"""Define the observation of a task, and the forces that it needs from a vehicle.
+
+This module imports no compiled code, since ROS 2 pilots and the check of a run import it.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +21,12 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 def observation_spec(
     task: tasks.Task, actuators: Sequence[str], position_bounds: Sequence[float] = (math.inf,) * 3
 ) -> ObservationSpec:
-    """Return the observation of a task: its blocks, in their order, and older ones behind them (`task.history`).
+    """Return the observation of a task: its blocks in their order, then those of earlier steps (`task.history`).
 
     Args:
-        task: its `observation` names the blocks; its `position_frame` is that of the position error.
-        actuators: names of the vehicle's.
+        task: task with the names of the blocks (`observation`) and the frame of the position error
+            (`position_frame`).
+        actuators: names of the vehicle's actuators.
         position_bounds: (3,) m, largest position errors.
     """
     setting = _setting(task, actuators, tuple(position_bounds))
@@ -63,10 +67,10 @@ def reads(task: tasks.Task, what: str) -> bool:
 
 
 def check_vehicle(task: tasks.Task, vehicle: VehicleModel) -> None:
-    """Refuse a task that asks for forces which a vehicle's thrusters do not give.
+    """Reject a task that needs forces which the vehicle's thrusters cannot give.
 
     Raises:
-        ConfigError: names the tasks that the vehicle can do.
+        ConfigError: the vehicle cannot do the task; the error names the tasks that it can do.
     """
     free = [spec.name for spec in TASKS.values() if not spec.needs_thrusters]
     controlled = vehicle.allocation[[0, 1, 2, 5]]

@@ -1,7 +1,7 @@
-"""Path following: along a smooth path at a speed. docs/task.md defines it.
+"""Path following: follow a smooth path at a given speed (docs/task.md).
 
-The path goes through its points as cubic Hermite curves with the slopes of Catmull and Rom (1974). The reference is the
-point of the path next to the vehicle, with the speed asked for along the tangent.
+Cubic Hermite curves with the slopes of Catmull and Rom (1974) join the points of the path. The reference is the
+closest point of the path, with the given speed along the tangent.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from auvbench.tasks.rows import (
 
 MOST_POINTS = 16
 DEPTH_MARGIN = 5.0
-"""m from a depth limit: a path turns back before its points come nearer"""
+"""m, distance from a depth limit at which a path turns back"""
 SAMPLES = 16
-"""places of a piece of the path from which the nearest point is searched"""
+"""number of points per segment of the path from which the closest point is searched"""
 
 
 @row
@@ -67,7 +67,7 @@ def path(e: Record, progress: float, last: int) -> tuple[Vector, Vector]:
 
 @row
 def project(e: Record, position: Vector, last: int) -> None:
-    """Move the progress to the point of the path next to a position: two steps of Gauss and Newton."""
+    """Move the progress to the path's closest point to a position, by two Gauss-Newton steps."""
     x, y, z = position
     progress = e.progress
     for _ in range(2):
@@ -81,7 +81,7 @@ def project(e: Record, position: Vector, last: int) -> None:
 
 @row
 def search(e: Record, last: int, farthest: float) -> None:
-    """Put the progress, at most `farthest`, at the point of the path next to the start."""
+    """Set the progress to the path's closest point to the start, at most `farthest`."""
     x, y, z = triple(e.start)
     nearest = math.inf
     for sample in range(SAMPLES * last + 1):
@@ -99,7 +99,7 @@ def search(e: Record, last: int, farthest: float) -> None:
 
 @row
 def follow(e: Record, last: int, p: Record) -> None:
-    """Put the reference at the progress. At the end of the path it stands still."""
+    """Set the reference to the point at the progress; at the end of the path its velocity is 0."""
     place, (vx, vy, vz) = path(e, e.progress, last)
     scale = p.speed / math.sqrt(1e-12 + vx * vx + vy * vy + vz * vz)
     vx, vy, vz = vx * scale, vy * scale, vz * scale
@@ -112,7 +112,7 @@ def follow(e: Record, last: int, p: Record) -> None:
 
 @row
 def preview_row(e: Record, p: Record, points: Floats) -> None:
-    """Write where the reference will be."""
+    """Write the future positions of the reference."""
     last, progress = p.waypoints - 1, e.progress
     for k in range(points.shape[0]):
         _, (vx, vy, vz) = path(e, progress, last)
@@ -124,7 +124,7 @@ def preview_row(e: Record, p: Record, points: Floats) -> None:
 
 @row
 def draw(e: Record, p: Record, stream: int) -> float:
-    """Draw path and start; return the yaw of the start."""
+    """Draw the path and the start; return the yaw at the start."""
     heading, u, v, w = drawn(e, stream, 0)
     draw_path(e, p, stream)
     last = p.waypoints - 1
@@ -162,7 +162,7 @@ def draw_path(e: Record, p: Record, stream: int) -> None:
 
 @row
 def relocate(e: Record, p: Record) -> None:
-    """Put progress and reference at the point of the path next to the start."""
+    """Set progress and reference to the path's closest point to the start."""
     last = p.waypoints - 1
     search(e, last, float(last))
     follow(e, last, p)
@@ -170,7 +170,7 @@ def relocate(e: Record, p: Record) -> None:
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Measure the speed along the path from where the vehicle was; move the reference on."""
+    """Measure the speed along the path since the last step, and move the reference."""
     last = p.waypoints - 1
     (vx, vy, vz), (wx, wy, wz) = triple(e.reference_velocity), world_velocity(v)
     along = vx * wx + vy * wy + vz * wz

@@ -1,8 +1,8 @@
-"""What an episode remembers and what a task is told, as NumPy records: the only place that knows their layout.
+"""Define the NumPy records of episodes and of parameters; only this module knows their layout.
 
-An episode is one record of a structured array, its parameters are a structured array of one row. Compiled functions and Python read
-both by name: `e.distance`, `p.tolerance`. The first fields are the same in every task, so that the functions of all tasks are
-compiled once for a view of these fields.
+An episode is a record of a structured array; parameters are a structured array of one row. Compiled functions and
+Python read fields by name: `e.distance`, `p.tolerance`. The first fields are the same in every task: functions of all
+tasks are compiled once, for a view of these fields.
 """
 
 from __future__ import annotations
@@ -74,7 +74,9 @@ _STEP: Fields = (
 
 @cache
 def _interned(fields: tuple[tuple[Any, ...], ...]) -> np.dtype[Any]:
-    """Return one object for equal fields: numba looks types up in each call, and finds identical ones ten times faster."""
+    """Return one object for equal fields: numba looks up types in each call, which is ten times faster for the same
+    object.
+    """
     return np.dtype([*fields], align=True)
 
 
@@ -147,9 +149,9 @@ def table(n: int, fields: Fields, who: str) -> Any:
     """Return n episodes (n,), all zero, with the fields of every task and those of one.
 
     Args:
-        n: how many.
-        fields: of the task: (name, type) or (name, type, shape).
-        who: the task, for messages.
+        n: number of episodes.
+        fields: the task's own fields: (name, type) or (name, type, shape).
+        who: name of the task for messages.
 
     Raises:
         AgentError: a field has a wrong name or type.
@@ -161,9 +163,9 @@ def one_row(own: Mapping[str, Any], shared: Mapping[str, float], who: str) -> An
     """Return parameters (1,): those of every task, then the task's or the reward's own.
 
     Args:
-        own: number, or sequence of numbers, by name.
-        shared: by the names of `PARAMETERS`.
-        who: the task or reward, for messages.
+        own: numbers or sequences of numbers by name.
+        shared: numbers by the names of `PARAMETERS`.
+        who: name of the task or reward for messages.
 
     Raises:
         AgentError: a parameter has a wrong name, or is not a number.
@@ -199,15 +201,14 @@ def of_schema(config: Any) -> dict[str, Any]:
 
 
 def plain(array: Any) -> Any:
-    """Return a table as compiled functions take it: without attribute access in Python, which numba recognises faster.
-
-    Interpreted functions (NUMBA_DISABLE_JIT) need that access.
+    """Return a table without attribute access in Python, for compiled functions: numba recognises this type faster.
+    With NUMBA_DISABLE_JIT functions need the access, and the table is unchanged.
     """
     return array if INTERPRETED else bare(array)
 
 
 def bare(array: Any) -> Any:
-    """Return a view of a table as an array without attribute access, as files hold it."""
+    """Return a view of a table without attribute access, as in files."""
     return np.ndarray(array.shape, _interned_type(array.dtype), array, strides=array.strides)
 
 
@@ -223,9 +224,8 @@ def common_row(parameters: Any) -> Any:
 
 
 def columns(dtype: np.dtype[Any], has_yaw: bool, has_goal: bool) -> list[str]:
-    """Return the fields of an episode that are floats, in the order of the columns of checkpoints of version 2.
-
-    A digest of drawn scenarios covers them in this order (`evaluation.protocol`).
+    """Return an episode's fields of floats, in the column order of checkpoints of version 2. Digests of drawn
+    scenarios use this order (`evaluation.protocol`).
     """
     left_out = _names([*_COUNTERS, *_STEP, *(() if has_yaw else _YAW), *(() if has_goal else _GOAL)])
     return [name for name in dtype.names or () if name not in left_out]
@@ -235,10 +235,10 @@ def from_version_2(array: Any, names: Sequence[str], state: Mapping[str, NDArray
     """Write the columns `F` (n, floats) and `C` (n, integers) of a checkpoint of version 2 into episodes (n,).
 
     Returns:
-        What remains of `F`: previewed points (n, 3 k).
+        Remaining columns of `F`: previewed points (n, 3 k).
 
     Raises:
-        ValueError: the numbers of columns differ.
+        ValueError: the number of columns is wrong.
     """
     floats, integers = state["F"], state["C"]
     at = 0

@@ -1,7 +1,7 @@
-"""Rewards of one step. `config.rewards` has their parameters, docs/task.md their formulas and sources.
+"""Compute the reward of one step; `config.rewards` has the parameters, docs/task.md the formulas and sources.
 
-A reward is a function of `e`, the episode after the step (`e.outcome` is GOES_ON where it continues), `v`, its vehicle, and `p`, the
-parameters by the names of the reward's schema.
+A reward is a function of `e`, the episode after the step (`e.outcome` is GOES_ON if it continues), `v`, the vehicle,
+and `p`, the parameters with the names of the reward's schema.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def failed(e: Record) -> bool:
 
 @row
 def thesis(e: Record, v: Vehicle, p: Record) -> float:
-    """Return the reward of the original study, its equation 2.1. Only waypoints have it, whose `to_go` is the distance."""
+    """Return the reward of the original study (equation 2.1), only for waypoints, where `to_go` is the distance."""
     if failed(e):
         return float(p.collision)
     if e.outcome == SUCCESS:
@@ -51,7 +51,7 @@ def thesis(e: Record, v: Vehicle, p: Record) -> float:
 
 @row
 def exponential(e: Record, v: Vehicle, p: Record) -> float:
-    """Return a reward of the distance alone."""
+    """Return a reward of only the distance."""
     return float(p.failure if failed(e) else p.k * math.exp(-p.rate * e.to_go))
 
 
@@ -86,7 +86,7 @@ def errors(e: Record, v: Vehicle, p: Record) -> float:
 
 @row
 def end(e: Record, p: Record) -> float:
-    """Return what success or failure adds."""
+    """Return the reward for success or failure, 0 in other steps."""
     if e.outcome == SUCCESS:
         return float(p.success)
     return float(p.failure if failed(e) else 0.0)

@@ -1,8 +1,8 @@
-"""What the functions of tasks and rewards are made of: one episode, its vehicle, and what all tasks compute alike.
+"""Compiled functions of one episode, which tasks and rewards share.
 
-A task's functions take `e`, the record of an episode (`records.EPISODE` and the task's own fields), `v`, its vehicle now, and `p`,
-the record of its parameters. Every draw is a function of (seed, stream, environment, episode, step, channel), so that an episode
-depends on neither its neighbours nor the batch size.
+Arguments: `e`, the record of an episode (`records.EPISODE` and the task's own fields); `v`, the present vehicle; `p`,
+the record of the parameters. Every draw is a function of (seed, stream, environment, episode, step, channel), so an
+episode does not depend on other episodes or on the size of the batch.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ OUT_OF_BOUNDS = 3
 GOES_ON = -1
 
 SHALLOWEST = 1.0
-"""m: no start is drawn nearer to the upper or lower depth limit, unless what it is drawn round is nearer"""
+"""m, smallest distance of a drawn start from a depth limit, unless the centre of the draw is closer"""
 
 _TWO_PI = 2.0 * math.pi
 
@@ -72,10 +72,8 @@ def _borrowed(typing: Any, array: Any) -> Any:
 
 @row
 def borrowed(array: Any) -> Any:
-    """Return an array without its owner, for use while the caller holds the array.
-
-    numba counts the references to the owner of each row that is taken from an array; this costs more than the rest of a loop over
-    episodes.
+    """Return an array without its owner; the caller must keep the array meanwhile. Otherwise numba would count
+    references to the owner for each row, which costs more than the rest of a loop over episodes.
     """
     return array if INTERPRETED else _borrowed(array)  # type: ignore[call-arg]
 
@@ -136,7 +134,7 @@ def world_velocity(v: Vehicle) -> Vector:
 
 @row
 def between(a: Vector, b: Vector) -> float:
-    """Return the distance in m of two points."""
+    """Return the distance between two points in m."""
     (ax, ay, az), (bx, by, bz) = a, b
     dx, dy, dz = ax - bx, ay - by, az - bz
     return math.sqrt(dx * dx + dy * dy + dz * dz)
@@ -144,21 +142,21 @@ def between(a: Vector, b: Vector) -> float:
 
 @row
 def drawn(e: Record, stream: int, block: int) -> tuple[float, float, float, float]:
-    """Return four uniform draws in (0, 1) for the start of an episode; each `block` has others."""
+    """Return four uniform draws in (0, 1) for the start of an episode; each `block` has its own draws."""
     return uniform4(e.seed, SCENARIO | stream, block, 0, e.episode, e.environment)
 
 
 @row
 def rise(u: float, centre: float, radius: float, p: Record) -> float:
-    """Return the height of a place on a sphere over its centre, as a share of the radius, by a uniform draw.
+    """Return a drawn point's height over the centre of a sphere, as a share of the radius.
 
-    The place is uniform on the part of the sphere where starts may lie: at least SHALLOWEST within the depth limits, or
-    as near to them as the centre.
+    The point is uniform on the part of the sphere where starts are allowed: at least SHALLOWEST within the depth
+    limits, or as close to a limit as the centre.
 
     Args:
-        u: the draw.
+        u: uniform draw.
         centre: z of the centre in m, within the depth limits.
-        radius: m.
+        radius: radius of the sphere, m.
         p: parameters of the task.
     """
     share = 2.0 * u - 1.0
@@ -171,9 +169,8 @@ def rise(u: float, centre: float, radius: float, p: Record) -> float:
 
 @row
 def start_in_ball(e: Record, radius: float, p: Record, u: float, v: float, w: float) -> None:
-    """Put `e.start` into a ball of a radius in m round the reference, by three uniform draws.
-
-    It is uniform in the ball; where the depth limits cut the ball, uniform on the part of each sphere within them (`rise`).
+    """Draw `e.start` uniformly in a ball round the reference, of a radius in m, from three uniform draws. If the
+    depth limits cut the ball, the start is uniform on the allowed part of each sphere (`rise`).
     """
     x, y, z = triple(e.reference)
     length = radius * u ** (1.0 / 3.0)
@@ -202,7 +199,7 @@ def add_errors(e: Record) -> None:
 
 @row
 def begin(e: Record) -> None:
-    """Clear what an episode remembers."""
+    """Clear the fields of an episode."""
     e.steps = 0
     e.outcome = GOES_ON
     e.reward_sum = 0.0
@@ -220,7 +217,9 @@ def begin(e: Record) -> None:
 
 @row
 def start(e: Record, heading: float, p: Record, pose: Floats) -> None:
-    """Begin an episode at `e.start`, level, at rest, with a yaw in rad: write its pose (7,). The reference is set."""
+    """Begin an episode at `e.start`, level and at rest, with a yaw in rad: write its pose (7,). The reference must be
+    set.
+    """
     x, y, z = triple(e.start)
     put(e.position, (x, y, z))
     put(pose, (x, y, z))
@@ -244,13 +243,13 @@ def measure(e: Record, v: Vehicle) -> None:
 
 @row
 def turn(e: Record, v: Vehicle) -> None:
-    """Write the yaw error of a reference that has a yaw of its own."""
+    """Write the yaw error of a reference that has its own yaw."""
     e.yaw_error = wrap(e.reference_yaw - yaw(v))
 
 
 @row
 def turn_to(e: Record, v: Vehicle) -> None:
-    """Write the yaw error towards a reference without one: its bearing less the yaw."""
+    """Write the yaw error of a reference without a yaw: its bearing less the vehicle's yaw."""
     (x, y, _), (to_x, to_y, _) = v.position, triple(e.reference)
     e.yaw_error = wrap(math.atan2(to_y - y, to_x - x) - yaw(v))
 
@@ -277,7 +276,7 @@ def finish(e: Record, v: Vehicle, reward: float, p: Record) -> None:
 
 @row
 def noise(u: float, low: float, high: float, both_signs: bool) -> float:
-    """Return noise of magnitude uniform in [low, high] from one uniform draw; `both_signs`: of random sign."""
+    """Return noise from one uniform draw: its magnitude is uniform in [low, high], its sign random if `both_signs`."""
     if not both_signs:
         return low + (high - low) * u
     v = 2.0 * u - 1.0

@@ -1,4 +1,4 @@
-"""Station keeping: hold a position and a yaw. docs/task.md defines it."""
+"""Station keeping: hold a position and a yaw (docs/task.md)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from auvbench.tasks.rows import (
 
 @row
 def draw(e: Record, p: Record, stream: int) -> float:
-    """Put the reference on the station and draw the start; return its yaw."""
+    """Set the reference to the station and draw the start; return the yaw at the start."""
     u0, u1, u2, u3 = drawn(e, stream, 0)
     put(e.reference, triple(p.station))
     put(e.reference_velocity, (0.0, 0.0, 0.0))

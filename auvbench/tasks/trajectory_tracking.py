@@ -1,6 +1,6 @@
-"""Trajectory tracking: follow a curve in time. docs/task.md defines it.
+"""Trajectory tracking: follow a curve in time (docs/task.md).
 
-Every curve is, along each axis, a sum of three sines of the time, and a straight line for the helix:
+Along each axis a curve is a sum of three sines, plus a straight line for the helix:
 p(t) = c + b s + sum_j a_j sin(w_j s + f_j), where s = t (drawn speed) / (largest speed of the curve with s = t).
 """
 
@@ -36,14 +36,14 @@ HELIX, LEMNISCATE, ANY = 1, 2, 4
 
 X, Y, Z = range(3)
 SINES = 3
-"""of which a curve is the sum, per axis"""
+"""number of sines per axis of a curve"""
 TURNS, SAMPLES = 4, 600
-"""along which, and at how many places, the largest speed is looked for"""
+"""turns along which, and number of points at which, the largest speed is computed"""
 
 
 @row
 def place(e: Record, s: float, axis: int) -> float:
-    """Return the place of the curve at s along an axis in m."""
+    """Return the position of the curve at s along an axis, m."""
     x = e.centre[axis] + e.slope[axis] * s
     for j in range(SINES):
         x += e.amplitude[axis, j] * math.sin(e.frequency[axis, j] * s + e.phase[axis, j])
@@ -62,7 +62,7 @@ def slope(e: Record, s: float, axis: int) -> float:
 
 @row
 def follow(e: Record, time: float) -> None:
-    """Put the reference where the curve is at a time in s."""
+    """Set the reference to the curve at a time in s."""
     s = e.rate * time
     vx, vy, vz = e.rate * slope(e, s, X), e.rate * slope(e, s, Y), e.rate * slope(e, s, Z)
     put(e.reference, (place(e, s, X), place(e, s, Y), place(e, s, Z)))
@@ -72,7 +72,7 @@ def follow(e: Record, time: float) -> None:
 
 @row
 def preview_row(e: Record, p: Record, points: Floats) -> None:
-    """Write where the reference will be."""
+    """Write the future positions of the reference."""
     for k in range(points.shape[0]):
         s = e.rate * (e.steps * p.duration + (k + 1) * p.preview_interval)
         put(points[k], (place(e, s, X), place(e, s, Y), place(e, s, Z)))
@@ -87,7 +87,7 @@ def sine(e: Record, axis: int, j: int, amplitude: float, frequency: float, phase
 
 @row
 def draw_curve(e: Record, curve: int, size: float, stream: int) -> None:
-    """Draw the sines of a curve of a size (half its width, m), still at s = time."""
+    """Draw the sines of a curve of a size (half its width, m), with s = time."""
     for axis in range(3):
         for j in range(SINES):
             sine(e, axis, j, 0.0, 1.0, 0.0)
@@ -111,7 +111,7 @@ def draw_curve(e: Record, curve: int, size: float, stream: int) -> None:
 
 @row
 def fastest(e: Record) -> float:
-    """Return the largest speed of the curve at s = time in m/s."""
+    """Return the largest speed of the curve with s = time, m/s."""
     most = 0.0
     for sample in range(SAMPLES):
         s = TURNS * 2.0 * math.pi * sample / SAMPLES
@@ -121,7 +121,7 @@ def fastest(e: Record) -> float:
 
 @row
 def draw(e: Record, p: Record, stream: int) -> float:
-    """Draw curve, speed and start; return the yaw of the start."""
+    """Draw the curve, the speed and the start; return the yaw at the start."""
     turned, u, v, w = drawn(e, stream, 0)
     kind, large, fast, _ = drawn(e, stream, 1)
     curve = p.curve
@@ -137,7 +137,7 @@ def draw(e: Record, p: Record, stream: int) -> float:
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Move the reference on to now."""
+    """Move the reference to the present time."""
     follow(e, e.steps * p.duration)
 
 

@@ -1,4 +1,4 @@
-"""The waypoint task: come within the goal radius of a point (section 3 of the thesis). docs/task.md defines it."""
+"""The waypoint task: reach the goal radius of a point (section 3 of the original study; docs/task.md)."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ REFERENCE_COLUMNS = (
 
 @row
 def draw(e: Record, p: Record, stream: int) -> float:
-    """Draw start yaw and waypoint; return the yaw."""
+    """Draw the yaw at the start and the waypoint; return the yaw."""
     heading, u, v, w = drawn(e, stream, 0)
     (low_x, low_y, low_z), (high_x, high_y, high_z) = triple(p.waypoint_low), triple(p.waypoint_high)
     put(
@@ -75,9 +75,8 @@ def deviation(e: Record, v: Vehicle) -> float:
 
 @row
 def step(e: Record, v: Vehicle, p: Record) -> int:
-    """Return the outcome of an agent step, or GOES_ON.
-
-    Precedence of the ends: leaving the depth limits, then the goal, then the last step.
+    """Return the outcome of an agent step, or GOES_ON. The depth limits are checked first, then the goal, then the
+    last step.
     """
     off = deviation(e, v)
     e.deviation_sum += off
@@ -102,7 +101,7 @@ class WaypointTask(Task):
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, tasks.Waypoint)
-        # The part of the box between the depth limits, out of which no waypoint is reached.
+        # The part of the box within the depth limits: other waypoints cannot be reached.
         low, high = [*task.waypoint_low], [*task.waypoint_high]
         low[2], high[2] = max(low[2], task.depth_low), min(high[2], task.depth_high)
         return {**super().own_parameters(task), "waypoint_low": low, "waypoint_high": high}
