@@ -104,7 +104,7 @@ def informative(agents: Sequence[Agent]) -> bool:
 
 
 def learned(agent: Agent) -> bool:
-    """Return whether the best run of an agent succeeds more often than an untrained one may."""
+    """Return whether the best run of an agent succeeds more often than is plausible without training."""
     return bool(agent.success.mean(axis=1).max() > LEARNED)
 
 

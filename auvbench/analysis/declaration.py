@@ -21,7 +21,7 @@ NAMED = 3
 
 @dataclass(frozen=True, slots=True)
 class Analysed:
-    """What a report computes its verdicts with: options and rows."""
+    """Options and rows from which a report computes its verdicts."""
 
     rank_by: str
     baseline: str | None

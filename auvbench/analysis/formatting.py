@@ -85,7 +85,7 @@ def name(m: Measure) -> str:
 
 
 def unit(m: Measure) -> str:
-    """Return a measure's unit with a space in front; '' if it has none.
+    """Return a measure's unit, with a space in front; '' without a unit.
 
     >>> from auvbench.analysis.measures import measure
     >>> unit(measure("success_rate")), unit(measure("mean_energy_J")), unit(measure("mean_smoothness_per_s"))
@@ -102,7 +102,7 @@ def unit(m: Measure) -> str:
 
 
 def unit_of_difference(m: Measure) -> str:
-    """Return the unit of a measure's difference with a space in front: two rates differ by points."""
+    """Return the unit of a measure's difference, with a space in front: points for rates."""
     return " points" if m.rate else unit(m)
 
 

@@ -54,7 +54,7 @@ DRAWN = {
 """texts of keys whose null has a meaning of its own: for a value, and for null"""
 
 BY = {FREQUENCY: "at", "simulator": "in"}
-"""words before a value that an agent was trained with; other values follow their name"""
+"""words between 'trained' and these values; other values follow their key"""
 
 Key = Mapping[str, Any]
 

@@ -198,7 +198,9 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class Needed:
-    """What would decide an open comparison, with 80 % power if the observed difference is the true one."""
+    """Number of trainings or episodes that would decide an open comparison, with 80 % power if the observed
+    difference is the true one.
+    """
 
     unit: str
     """unit: trainings | episodes"""
@@ -212,8 +214,8 @@ class Against:
 
     agent: str
     difference: Estimate
-    """Typical training less the (typical) baseline; all intervals hold simultaneously. Without limits for
-    fewer than five trainings.
+    """Typical training less baseline (typical training, if the baseline learns); all intervals hold simultaneously.
+    With fewer than five trainings there are no limits.
     """
     verdict: str
     """verdict: ahead | equivalent | behind | open"""
@@ -294,7 +296,7 @@ class Limit:
     proven_seconds: float
     """mean over the scenarios of the proven lower bound"""
     gap: float
-    """median of the best known time over the lower bound"""
+    """median of the ratio of the best known time to the lower bound"""
     episodes: int
 
 

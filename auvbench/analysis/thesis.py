@@ -30,7 +30,7 @@ CELLS: dict[str, tuple[float, float]] = {
     "7": (40.0, 10.0),
     "8": (100.0, 10.0),
 }
-"""K, and f in Hz, of SAC_i and PPO_i"""
+"""K, and frequency in Hz, of the study's SAC_i and PPO_i"""
 
 FACTORS = {"algo": "algo.name", "reward.k": "reward.k", "step.frequency": "step.frequency"}
 """factors of the grid, by the short name in an agent's key"""
@@ -90,7 +90,7 @@ TITLES = {
 
 @dataclass(frozen=True, slots=True)
 class ComparisonRow:
-    """One number of the original study, and ours."""
+    """A number of the original study, and our estimate of it."""
 
     agent: str
     """name in the original study, e.g. SAC4"""

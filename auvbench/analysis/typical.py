@@ -65,7 +65,7 @@ class Typical:
         return Estimate(value, float(low), float(high), 1 - level, kind)
 
     def p_of(self, weights: dict[int, float]) -> float:
-        """Return the p-value of a weighted sum of 0; NaN where no verdict can be."""
+        """Return the p-value of a weighted sum being 0; NaN if no verdict is possible."""
         return self._contrast(weights).p_value() if self._decidable(weights) else math.nan
 
     def error(self, i: int, j: int) -> tuple[float, int]:
@@ -74,7 +74,7 @@ class Typical:
         return float(contrast.error), contrast.samples[0].middle.shape[-1]
 
     def fewest(self, places: Sequence[int]) -> int:
-        """Return the trainings of the learner with the fewest among some agents; 0 where none has several."""
+        """Return the smallest number of trainings of the learners among some agents; 0 without a learner."""
         return min((int(n) for n in self.trainings[list(places)] if n > 1), default=0)
 
     def _sum(self, weights: dict[int, float]) -> float:
@@ -105,7 +105,7 @@ class Typical:
 
 
 def _with_values(x: FloatArray) -> FloatArray:
-    """Return the trainings that have any value; those without are not in a mean either."""
+    """Return the trainings with a value; a training without a value is in no mean."""
     present = np.isfinite(x).any(axis=1)
     return x[present] if present.any() else x[:1]
 
@@ -120,7 +120,7 @@ def _sample(x: FloatArray) -> Sample:
 
 
 def _mean(x: FloatArray, axis: int) -> FloatArray:
-    """Return means of what is there; NaN where nothing is."""
+    """Return the means of the existing values; NaN without values."""
     count = np.isfinite(x).sum(axis=axis)
     total: ArrayLike = np.nansum(x, axis=axis)
     return np.asarray(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))

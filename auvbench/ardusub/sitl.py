@@ -220,8 +220,8 @@ class Sitl:
 
 
 def _eased(share: float) -> tuple[float, float, float]:
-    """Return way, speed and acceleration at a share of the time of a motion of length and time 1, at rest at
-    both ends.
+    """Return distance, speed and acceleration at a share of the duration of a motion of length 1 and duration 1 that
+    starts and ends at rest.
     """
     angle = math.pi * share
     return 0.5 - 0.5 * math.cos(angle), 0.5 * math.pi * math.sin(angle), 0.5 * math.pi**2 * math.cos(angle)

@@ -59,7 +59,7 @@ _LOCK = threading.RLock()
 
 @dataclasses.dataclass
 class Sweeper:
-    """hydra.sweeper of an experiment: axes that apply to every grid, and grids."""
+    """`hydra.sweeper` of an experiment: its grids, and axes that apply to all of them."""
 
     params: dict[str, Any] | None = None
     grids: list[Any] = dataclasses.field(default_factory=list)

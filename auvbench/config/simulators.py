@@ -205,7 +205,7 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
 
 
 def _current(current: Current) -> tuple[str, str]:
-    """Return the key with the largest demand on the current, and its kind of current."""
+    """Return the key that needs the most capable kind of current, and this kind."""
     speed, fluctuation, profile = current.speed_high or current.speed, current.gauss_markov, current.profile
     varies = fluctuation.sigma > 0.0 or fluctuation.sigma_vertical > 0.0
     if (speed > 0.0 or varies) and (profile.factor != 1.0 or profile.turn != 0.0):

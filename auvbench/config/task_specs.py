@@ -1,4 +1,4 @@
-"""What auvbench knows of a task without importing its code, and the specs of its own tasks."""
+"""Specs of tasks, which describe a task without an import of its code, and the specs of auvbench's own tasks."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ A command passes: normalised command -> static curve -> linear dynamics (exactly
 substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor (k n|n|, n in rad/s) or identity
 -> effectiveness -> wrench [e; r x e] per newton (tau = T f, Fossen 2011, section 12.3).
 
-Tables (n_u, LANES) have a row for each actuator: `value`, what the static curve makes of the command; `output`, after the
+Tables (n_u, LANES) have a row for each actuator: `value`, the static curve's value for the command; `output`, after the
 dynamics; `thrust`, effectiveness times thrust scale. `inner` (states, LANES) are the states of all dynamics.
 """
 
@@ -59,7 +59,7 @@ def polynomial(tables: FloatArray, row: int, points: int, x: float) -> float:
 
 @njit(nogil=True)
 def static_curves(actuators: Record, tables: FloatArray, value: FloatArray) -> None:
-    """Replace commands (n_u, LANES), clipped to [-1, 1], by what the static curves make of them."""
+    """Replace commands (n_u, LANES), clipped to [-1, 1], by the values of the static curves."""
     for a in range(actuators.shape[0]):
         actuator = actuators[a]
         for lane in range(LANES):
@@ -90,7 +90,7 @@ def report(
     force: FloatArray,
     power: FloatArray,
 ) -> None:
-    """Write the forces that the commands stand for, and the electrical power that they take."""
+    """Write the commanded forces and their electrical power."""
     middle = 0.5 * (POWER_POINTS - 1)
     for lane in range(min(LANES, force.shape[0] - first)):
         watts = 0.0
@@ -111,7 +111,7 @@ def report(
 
 @njit(nogil=True)
 def apply_thrust(ws: Record, actuators: Record, output: FloatArray, thrust: FloatArray) -> None:
-    """Set tau to the external wrench plus that of all thrusters; `thrust` is what multiplies each of their outputs."""
+    """Set tau to the external wrench plus the thrusters' wrench; `thrust` is a factor on each thruster's output."""
     tau, external, force = ws.tau, ws.external, ws.force
     for lane in range(LANES):
         put3(tau.force, lane, three(external.force, lane))
@@ -248,7 +248,7 @@ def advance_actuators(
     thrust: FloatArray,
     inner: FloatArray,
 ) -> None:
-    """Advance the actuator states by half a substep, exactly, and renew the wrench."""
+    """Advance the actuator states exactly by half a substep, and compute the new wrench."""
     for a in range(actuators.shape[0]):
         actuator = actuators[a]
         order, first = actuator.order, actuator.first_state

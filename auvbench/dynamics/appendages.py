@@ -1,7 +1,7 @@
 """Compiled actuators that are not thrusters: fins, mass shifter, buoyancy engine, drop weight.
 
-Only vehicles that have any of them come here; it is called before every Runge-Kutta stage, because a fin's force
-depends on the flow at that stage.
+Only vehicles with such actuators call it, before every Runge-Kutta stage, because a fin's force depends on the flow
+at that stage.
 
 * Fin: lift and drag in the plane normal to its hinge, which is normal to the x axis, from the local relative flow, linear in the angle of attack up to
   stall and with another slope beyond it; the model and the factor cos^2(sweep) are those of gz-sim's LiftDrag system,
@@ -73,7 +73,7 @@ def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
 
 @njit(nogil=True)
 def add_appendages(ws: Record, actuators: Record, output: FloatArray) -> None:
-    """Add to tau what the appendages do at the present stage."""
+    """Add the appendages' wrench at the present stage to tau."""
     force, torque = ws.tau.force, ws.tau.torque
     for lane in range(LANES):
         R, _, v_r = through_water(ws, lane)

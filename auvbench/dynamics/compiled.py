@@ -1,9 +1,9 @@
-"""Compiling with a cache on disk that notices every change.
+"""Compile functions with a cache on disk that notices every change of their sources.
 
-numba's own looks at the file of a function and not at what the function calls or which constants it imports: after a
-change in another file it would go on running the old code. `compiled` makes the cache look at all the sources that a
-function may reach into. What only other compiled functions call is compiled into them and not cached by itself: a
-plain `njit` does for it.
+numba's cache checks only the file of a function, not the functions that it calls or the constants that it imports:
+after a change in another file it would run the old code. `compiled` makes the cache check all sources that a function
+may use. Functions that only compiled functions call are compiled into them and need no cache: for these, a plain
+`njit` is enough.
 """
 
 from __future__ import annotations
@@ -23,16 +23,19 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def inline(function: F) -> F:
-    """Compile a small function of a kernel into its callers, so that its tuples cost nothing and their loops stay vectorised."""
+    """Compile a small function into its callers, so that its tuples cost nothing and the callers' loops stay
+    vectorised.
+    """
     return cast(F, njit(nogil=True, forceinline=True)(function))
 
 
 def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """`njit`, without the interpreter's lock and cached until a source changes that the function came from.
+    """Compile as `njit` does, without the interpreter's lock, and with a cache that is valid until one of the sources
+    changes.
 
     Args:
-        folders: of the package, besides the function's own, whose functions or constants it uses.
-        options: more of `njit`'s.
+        folders: folders of the package whose functions or constants the function uses, in addition to its own folder.
+        options: further options of `njit`.
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
@@ -51,7 +54,7 @@ def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], An
 
 
 def _tell_of_compiling(dispatcher: Any) -> None:
-    """Has a line printed, once in a process, when a function is not in the cache and so must be compiled."""
+    """Print a line, once in a process, when a function is not in the cache and must be compiled."""
     stored = dispatcher._cache.load_overload
 
     def load(*arguments: Any) -> Any:
@@ -65,7 +68,7 @@ def _tell_of_compiling(dispatcher: Any) -> None:
 
 @cache
 def announce() -> None:
-    """Says on standard error what takes so long."""
+    """Print on standard error that functions are being compiled."""
     print(
         "auvbench: compiling for this machine; the first use takes up to half a minute, later ones do not",
         file=sys.stderr,
@@ -75,7 +78,7 @@ def announce() -> None:
 
 @cache
 def fingerprint(folder: Path) -> str:
-    """A digest of the names and contents of all Python files in a folder."""
+    """Return a digest of the names and contents of all Python files in a folder."""
     digest = hashlib.sha256()
     for path in sorted(folder.glob("*.py")):
         digest.update(f"{path.name} {path.stat().st_size} ".encode())

@@ -129,7 +129,7 @@ def integrate_attitude(
 def runge_kutta_stage(ws: Record, share: float, ahead: float, with_extra: bool) -> None:
     """Compute k = [eta'; nu'] at y for each vehicle of the block; then s += share k and y = x + ahead k.
 
-    A single loop: cut in two, what passes between the halves would go through memory. With `with_extra`, `ws.extra` adds the terms of
+    One loop is faster than two, which would pass values through memory. With `with_extra`, `ws.extra` adds the terms of
     off-diagonal added mass, of Gazebo's early plugin and of waves.
     """
     x, y, s, vehicle, tau, extra = ws.x, ws.y, ws.s, ws.vehicle, ws.tau, ws.extra
@@ -167,7 +167,7 @@ def runge_kutta_stage(ws: Record, share: float, ahead: float, with_extra: bool) 
 
 @njit(nogil=True)
 def put_off_diagonal(ws: Record) -> None:
-    """Write to `ws.extra` the terms of the entries of M_A off its diagonal, for vehicles that have any."""
+    """Write the terms of M_A's off-diagonal entries to `ws.extra`, for vehicles with such entries."""
     M_A_coriolis, M_A, extra = ws.vehicle.M_A_coriolis, ws.vehicle.M_A, ws.extra
     for lane in range(LANES):
         omega = three(ws.y.rates, lane)

@@ -1,10 +1,10 @@
-"""Attitude in other words, and the other convention of axes: NED/FRD for ENU/FLU.
+"""Convert attitudes, and axes between the conventions ENU/FLU and NED/FRD.
 
-Marine papers have the body's axes forward, starboard, down (FRD); auvbench has forward, port, up (FLU). One is
-the other turned by half a turn about x, which changes the sign of the second and third component of every
-vector. The same half turn takes a world with z down to one with z up: north, east, down becomes north, west, up.
-Since water does not know where north is, a motion computed in north-west-up is the motion in east-north-up, seen
-with another zero of yaw. Turning only signs, it costs no rounding. Where north matters, as to ArduPilot, `ned` and `ned_attitude` turn.
+Marine papers use body axes forward, starboard, down (FRD); auvbench uses forward, port, up (FLU). They differ by half
+a turn about x, which changes the sign of the second and third component of every vector. The same half turn converts
+the world axes north, east, down to north, west, up. Water has no preferred direction, so a motion in north-west-up is
+a motion in east-north-up with another zero of yaw. Since only signs change, nothing is rounded. Where north matters,
+as for ArduPilot, use `ned` and `ned_attitude`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _SIGNS = np.array([1.0, -1.0, -1.0])
 
 
 def flip(vectors: ArrayLike) -> FloatArray:
-    """Vectors (..., 3) or wrenches and velocities (..., 6) in the other convention; its own inverse.
+    """Return vectors (..., 3), or wrenches and velocities (..., 6), in the other convention; its own inverse.
 
     >>> flip([1.0, 2.0, 3.0])
     array([ 1., -2., -3.])
@@ -31,13 +31,13 @@ def flip(vectors: ArrayLike) -> FloatArray:
 
 
 def flip_pose(pose: ArrayLike) -> FloatArray:
-    """Poses (..., 7) = x y z qw qx qy qz in the other convention; its own inverse."""
+    """Return poses (..., 7) = x y z qw qx qy qz in the other convention; its own inverse."""
     signs = np.concatenate([_SIGNS, [1.0], _SIGNS])
     return np.asarray(np.asarray(pose, dtype=np.float64) * signs + 0.0)
 
 
 def rotation(quaternion: ArrayLike) -> FloatArray:
-    """R (..., 3, 3), body to world, of unit quaternions (..., 4) = (w, x, y, z) (Fossen 2021, eq. 2.68)."""
+    """Return R (..., 3, 3), body to world, of unit quaternions (..., 4) = (w, x, y, z) (Fossen 2021, eq. 2.68)."""
     w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -48,10 +48,10 @@ def rotation(quaternion: ArrayLike) -> FloatArray:
 
 
 def euler(quaternion: ArrayLike) -> FloatArray:
-    """Roll, pitch, yaw (..., 3) in rad of unit quaternions (..., 4), z-y-x convention (Fossen 2021, eq. 2.74).
+    """Return roll, pitch, yaw (..., 3) in rad of unit quaternions (..., 4), z-y-x convention (Fossen 2021, eq. 2.74).
 
-    Pitch is in [-pi/2, pi/2], roll and yaw in [-pi, pi]. At a pitch of a quarter turn roll and yaw cannot be told
-    apart and their sum or difference is arbitrary.
+    Pitch is in [-pi/2, pi/2], roll and yaw in [-pi, pi]. At a pitch of a quarter turn, only the sum or the difference
+    of roll and yaw is defined.
     """
     R = rotation(quaternion)
     phi = np.arctan2(R[..., 2, 1], R[..., 2, 2])
@@ -61,13 +61,13 @@ def euler(quaternion: ArrayLike) -> FloatArray:
 
 
 def yaw(quaternion: ArrayLike) -> FloatArray:
-    """Yaw (...) in rad of unit quaternions (..., 4)."""
+    """Return the yaw (...) in rad of unit quaternions (..., 4)."""
     w, x, y, z = np.moveaxis(np.asarray(quaternion, dtype=np.float64), -1, 0)
     return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
 def quaternion(angles: ArrayLike) -> FloatArray:
-    """Unit quaternions (..., 4) = (w, x, y, z) of roll, pitch, yaw (..., 3) in rad (Fossen 2021, section 2.2).
+    """Return unit quaternions (..., 4) = (w, x, y, z) for roll, pitch, yaw (..., 3) in rad (Fossen 2021, section 2.2).
 
     >>> quaternion([0.0, 0.0, 0.0])
     array([1., 0., 0., 0.])
@@ -90,7 +90,7 @@ _HALF = 0.5**0.5
 
 
 def ned(vector: Sequence[float]) -> tuple[float, float, float]:
-    """Return a vector (3,) of the world east, north, up in north, east, down; its own inverse.
+    """Convert a vector (3,) from world axes east, north, up to north, east, down; its own inverse.
 
     >>> ned((1.0, 2.0, 3.0))
     (2.0, 1.0, -3.0)
@@ -100,9 +100,10 @@ def ned(vector: Sequence[float]) -> tuple[float, float, float]:
 
 
 def ned_attitude(quaternion: Sequence[float]) -> tuple[float, float, float, float]:
-    """Return the attitude (w, x, y, z) of a body FLU in a world ENU as that of the body FRD in the world NED.
+    """Convert the attitude (w, x, y, z) of an FLU body in an ENU world to that of the FRD body in an NED world.
 
-    It is (0, a, a, 0) q (0, 1, 0, 0) up to a sign, with a^2 = 1/2. A body that looks east has a yaw of 90 degrees:
+    It is (0, a, a, 0) q (0, 1, 0, 0) up to a sign, with a^2 = 1/2. A body with its bow to the east has a yaw of 90
+    degrees:
 
     >>> ned_attitude((1.0, 0.0, 0.0, 0.0))
     (0.7071067811865476, 0.0, 0.0, 0.7071067811865476)

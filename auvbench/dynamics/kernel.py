@@ -1,7 +1,7 @@
 """The compiled simulator: classical Runge-Kutta for many vehicles at once, in blocks of 16. `equations` has the equations of motion.
 
-The state of the batch stays row by row, a vehicle after the other; each block is copied into a workspace in which the
-same quantity of 16 vehicles lies side by side, advanced there by all substeps of a step, and copied back.
+The state of the batch has a row for each vehicle. Each block is copied into a workspace, in which each quantity is
+stored side by side for 16 vehicles, advanced there by all substeps of a step, and copied back.
 """
 
 from __future__ import annotations
@@ -209,7 +209,9 @@ def commanded(
     force: FloatArray,  # (n, n_u) out: N of the thrusters
     power: FloatArray,  # (n,) out: electrical W
 ) -> None:
-    """Write what commands stand for, for simulators that act elsewhere: the bits that `advance` leaves in `force` and `power`."""
+    """Write the forces and powers of commands, for simulators in other programs: the same bits as `force` and `power`
+    of `advance`.
+    """
     n, n_u = command.shape
     value = np.empty((n_u, LANES))
     for block in range((n + LANES - 1) // LANES):

@@ -1,7 +1,7 @@
 """Records that the compiled physics reads; `lanes` reads and writes them.
 
-The kernel works on blocks of `LANES` vehicles. Everything that a vehicle needs for a step is in one record, `WORKSPACE`, with the
-same number of 16 vehicles side by side: `ws.y.velocity[axis, lane]`. The innermost loops then run over vehicles, with a constant
+The kernel works on blocks of `LANES` vehicles. Everything that a vehicle needs for a step is in one record, `WORKSPACE`, with
+each number stored side by side for 16 vehicles: `ws.y.velocity[axis, lane]`. The innermost loops then run over vehicles, with a constant
 number of turns and constant offsets from one pointer. LLVM turns each of them into vector instructions without checks at run time.
 
 Symbols are Fossen's (2011). All vectors are in body axes from the body origin CO unless a field says otherwise.
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 LANES = 16
 
 Record = Any
-"""One record of a structured array; its dtype is below."""
+"""Record of a structured array; the dtypes are below."""
 Rows = NDArray[np.float64]
-"""One field of a block: (..., LANES)."""
+"""Field of a block: (..., LANES)."""
 Pair = tuple[float, float]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -27,14 +27,14 @@ Matrix = tuple[Vector, Vector, Vector]
 
 
 def record(**fields: Any) -> np.dtype[Any]:
-    """Return a record of `fields`: each a shape of floats, a type, or another record."""
+    """Return a record of `fields`: each value is a shape of floats, a type, or another record."""
     return np.dtype(
         (np.record, [(n, t) if not isinstance(t, tuple) else (n, np.float64, t) for n, t in fields.items()])
     )
 
 
 def side_by_side(one: np.dtype[Any]) -> np.dtype[Any]:
-    """Return the record `one` of LANES vehicles: each number of it becomes a row of LANES."""
+    """Return the record `one` for LANES vehicles: each number becomes a row of LANES."""
     fields: dict[str, Any] = {}
     for name in one.names or ():
         kind = one[name]

@@ -3,7 +3,7 @@
 Philox4x32-10 of Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3" (SC 2011),
 checked against the known-answer vectors of their Random123 library.
 
-A draw is addressed by `(seed, stream, channel, step, episode, environment)`:
+`(seed, stream, channel, step, episode, environment)` identifies a draw:
 
 =========  ====================================================================
 key 0      seed, 0 .. 2^32 - 1
@@ -14,8 +14,8 @@ counter 2  episode: how many resets the environment had
 counter 3  environment
 =========  ====================================================================
 
-so it does not depend on batch size, worker count or what was drawn before, and there is nothing to save for
-it but these counters. All functions are compiled and may be called from other compiled functions.
+A draw therefore does not depend on the batch size, on the number of workers or on earlier draws, and a checkpoint
+needs only these counters. All functions are compiled and may be called from other compiled functions.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ WAVES = 8
 TEST = 0x100
 """Test protocols draw from `stream | TEST`, so that no training scenario is a test scenario."""
 VALIDATION = 0x200
-"""Validation draws from `stream | VALIDATION`: what is chosen or watched on it has seen no test scenario."""
+"""Validation draws from `stream | VALIDATION`, so that no validation scenario is a test scenario."""
 
 _MASK = np.uint64(0xFFFFFFFF)
 _SHIFT = np.uint64(32)
@@ -52,7 +52,7 @@ _TWO_PI = 2.0 * math.pi
 def words(
     key0: int, key1: int, c0: int, c1: int, c2: int, c3: int
 ) -> tuple[np.uint64, np.uint64, np.uint64, np.uint64]:
-    """The four 32-bit words of one Philox4x32-10 block (as unsigned 64-bit integers below 2^32)."""
+    """Return the four 32-bit words of one Philox4x32-10 block (as unsigned 64-bit integers below 2^32)."""
     k0 = np.uint64(key0) & _MASK
     k1 = np.uint64(key1) & _MASK
     x0 = np.uint64(c0) & _MASK
@@ -78,14 +78,14 @@ def _unit(word: np.uint64) -> float:
 
 @njit(nogil=True)
 def uniform4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[float, float, float, float]:
-    """Four numbers uniform in the open interval (0, 1): (word + 1/2) 2^-32."""
+    """Return four numbers uniform in the open interval (0, 1): (word + 1/2) 2^-32."""
     w0, w1, w2, w3 = words(key0, key1, c0, c1, c2, c3)
     return _unit(w0), _unit(w1), _unit(w2), _unit(w3)
 
 
 @njit(nogil=True)
 def normal4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[float, float, float, float]:
-    """Four independent standard normal numbers: Box-Muller (1958) on each pair of words."""
+    """Return four independent standard normal numbers: Box-Muller (1958) on each pair of words."""
     u0, u1, u2, u3 = uniform4(key0, key1, c0, c1, c2, c3)
     radius0 = math.sqrt(-2.0 * math.log(u0))
     radius1 = math.sqrt(-2.0 * math.log(u2))
@@ -99,6 +99,6 @@ def normal4(key0: int, key1: int, c0: int, c1: int, c2: int, c3: int) -> tuple[f
 
 @njit(nogil=True)
 def uniform(seed: int, stream: int, channel: int, step: int, episode: int, environment: int) -> float:
-    """The uniform draw of one channel; channel c is entry c % 4 of `uniform4` at block c // 4."""
+    """Return the uniform draw of one channel; channel c is entry c % 4 of `uniform4` at block c // 4."""
     u = uniform4(seed, stream, channel // 4, step, episode, environment)
     return u[channel % 4]

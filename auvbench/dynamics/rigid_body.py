@@ -1,19 +1,20 @@
-"""Mass matrices and Coriolis terms in Fossen's notation, and the term of added mass that Gazebo has in its place.
+"""Mass matrices and Coriolis terms in Fossen's notation, and Gazebo's versions of the added-mass Coriolis term.
 
 Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control", Wiley 2011, chapter 3.
 
 Fossen's force is -C_A(nu_r) nu_r (2011, eq. 6.43). The plugin applies +C nu_r, by its source and as measured (docs/gazebo.md), with
 
 * `gz-sim-8.12` (and later, measured in 8.14.0): C = C_A, so that the term has the opposite sign: its Munk moment turns a hull into the flow;
-* `gz-sim-8.11` (and earlier, from its first version on; measured with the plugin of 8.11.0): a C that differs from C_A in two entries besides,
+* `gz-sim-8.11` (and earlier, from its first version on; measured with the plugin of 8.11.0): a C that also differs
+from C_A in two entries,
   C(0,5) = +A_22 v where C_A has -A_22 v, so that this force is Fossen's again, and C(5,0) = -A_33 w where C_A has A_22 v.
 
-A_22 and A_33 are the added masses in sway and heave, kg; v and w the velocities through the water. With the two entries the
-term is no longer skew-symmetric, so it does work: a vehicle that moves ahead and rises or sinks is turned in yaw.
+A_22 and A_33 are the added masses in sway and heave, kg; v and w the velocities through the water. With the two
+entries the term is not skew-symmetric, so it does work, and surge with heave turns a vehicle in yaw.
 
 Sources: gazebosim/gz-sim, src/systems/hydrodynamics/Hydrodynamics.cc, gz-sim8_8.6.0 and 57e28a0 (#3456, released in 8.12.0).
-What else the plugin does is not copied here: its added mass is the force of the step before, and up to 8.11 its first step kicks a
-vehicle that is set into a current.
+Other properties of the plugin are not copied: its added mass is a force from the previous step, and up to 8.11 its
+first step kicks a vehicle that starts in a current.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ RELEASES = (GZ_SIM_8_11, GZ_SIM_8_12)
 
 
 def skew(a: ArrayLike) -> FloatArray:
-    """S(a) with S(a) b = a x b (Fossen 2011, definition 2.2).
+    """Return S(a) with S(a) b = a x b (Fossen 2011, definition 2.2).
 
     >>> skew([1.0, 2.0, 3.0]) @ np.array([0.0, 0.0, 1.0])
     array([ 2., -1.,  0.])
@@ -57,9 +58,8 @@ def rigid_body_mass(mass: float, center_of_gravity: ArrayLike, inertia: ArrayLik
 
 
 def coriolis(M: ArrayLike, nu: ArrayLike) -> FloatArray:
-    """C(nu) (6, 6), skew-symmetric, from a symmetric mass matrix (Fossen 2011, theorem 3.2).
-
-    The same parametrisation serves M_RB and M_A; the kernel uses its product with nu in momentum form.
+    """Return C(nu) (6, 6), skew-symmetric, of a symmetric mass matrix, M_RB or M_A (Fossen 2011, theorem 3.2). The
+    kernel computes the product C(nu) nu from momenta.
     """
     M = np.asarray(M, dtype=np.float64)
     nu = np.asarray(nu, dtype=np.float64)
@@ -72,7 +72,7 @@ def coriolis(M: ArrayLike, nu: ArrayLike) -> FloatArray:
 
 
 def early(M_A: FloatArray, nu: FloatArray) -> FloatArray:
-    """What `gz-sim-8.11` adds to `gz-sim-8.12`: wrench (6,) in N and N m.
+    """Return the wrench (6,) in N and N m that `gz-sim-8.11` adds to `gz-sim-8.12`.
 
     Args:
         M_A: (6, 6) added mass, kg, kg m, kg m2.
@@ -83,6 +83,6 @@ def early(M_A: FloatArray, nu: FloatArray) -> FloatArray:
 
 
 def surge_and_yaw(M_A: FloatArray, nu: Any) -> tuple[Any, Any]:
-    """The two components of `early` that are not zero, of numbers or symbols `nu`."""
+    """Return the two nonzero components of `early`, for numbers or symbols `nu`."""
     u, v, w, r = nu[0], nu[1], nu[2], nu[5]
     return 2.0 * M_A[1, 1] * v * r, -(M_A[1, 1] * v + M_A[2, 2] * w) * u

@@ -1,7 +1,7 @@
-"""Vectors of three, matrices of three rows and unit quaternions (w, x, y, z), all as tuples.
+"""Vectors of three numbers, matrices of three rows and unit quaternions (w, x, y, z), all as tuples.
 
-Each function is inlined where it is called: LLVM dissolves the tuples, and a loop over vehicles stays one loop of vector
-instructions. Sums go from left to right as written, because results keep their last bit.
+Functions are inlined into their callers: LLVM removes the tuples, and a loop over vehicles stays one loop of vector
+instructions. The order of sums must not change, so that results keep their last bit.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def plus_product(h: Vector, M: Matrix, a: Vector) -> Vector:
 
 @inline
 def transposed_product(M: Matrix, a: Vector) -> Vector:
-    """Return M^T a; of a rotation matrix this is the rotation back."""
+    """Return M^T a; for a rotation matrix, the inverse rotation."""
     return (
         M[0][0] * a[0] + M[1][0] * a[1] + M[2][0] * a[2],
         M[0][1] * a[0] + M[1][1] * a[1] + M[2][1] * a[2],
@@ -112,7 +112,7 @@ def plus_hollow_product(h: Vector, off: Vector, a: Vector) -> Vector:
 
 @inline
 def rotation_matrix(q: Quaternion) -> Matrix:
-    """Return R(q), body to world, of a quaternion, a rotation where it has length 1 (Fossen 2011, eq. 2.65)."""
+    """Return R(q), body to world, of a quaternion; a rotation if q has length 1 (Fossen 2011, eq. 2.65)."""
     w, x, y, z = q
     return (
         (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),

@@ -1,4 +1,4 @@
-"""Linear (Airy) waves on deep water: their spectrum as components, and what they do to a block of vehicles, compiled.
+"""Linear (Airy) waves on deep water: the components of a spectrum, and their effect on a block of vehicles, compiled.
 
 At depth d, a component of amplitude a, wave number k, frequency w (w^2 = g k) and direction (c, s) moves the water with
 
@@ -7,10 +7,8 @@ At depth d, a component of amplitude a, wave number k, frequency w (w^2 = g k) a
 
 (Faltinsen 1990, chapter 2; z is up here). The components add up. A vehicle feels v as part of the water's velocity and
 v' as the inertia force (M_A + rho V) v' of the accelerated water: added mass and Froude-Krylov force, the latter at the
-centre of buoyancy. v' is the local derivative, as linear theory has it: what is of second order in the wave's steepness
-is left out.
-
-Both are taken once per substep, in its middle, at the place that the vehicle reaches there.
+centre of buoyancy. v' is the local derivative, as in linear theory: terms of second order in the wave's steepness are
+left out. Both are computed once per substep, for its middle, at the position that the vehicle reaches then.
 """
 
 from __future__ import annotations
@@ -80,12 +78,12 @@ class Waves:
 
 
 def still(n: int) -> Waves:
-    """Return no waves on n vehicles."""
+    """Return waves without components for n vehicles."""
     return on(np.zeros((0, 3)), n)
 
 
 def on(components: FloatArray, n: int) -> Waves:
-    """Return waves of `components` (m, 3) on n vehicles, their rays still to be written."""
+    """Return waves of `components` (m, 3) on n vehicles; the caller writes the rays."""
     return Waves(components, np.zeros((-(-n // LANES), len(components), 3, LANES)), np.zeros(n))
 
 
@@ -111,8 +109,8 @@ def density(frequency: FloatArray, height: float, period: float, spectrum: str) 
 def components(height: float, period: float, spectrum: str, gravity: float) -> FloatArray:
     """Return the components (COMPONENTS, 3) of a sea, as `Waves` has them.
 
-    Each stands for a bin of the spectrum and keeps its energy and the variance of the surface's velocity. The bins are
-    narrow where one of both is large: each has the same share of their mean.
+    Each component represents a bin of the spectrum, with the bin's energy and its variance of the surface's velocity.
+    All bins have the same mean of their shares of energy and variance.
     """
     peak = 2.0 * math.pi / period
     w = np.linspace(LOWEST * peak, HIGHEST * peak, 20_001)
@@ -132,7 +130,9 @@ def components(height: float, period: float, spectrum: str, gravity: float) -> F
 
 @inline
 def sine_cosine(turns: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle in turns, within 3e-9: in vector instructions, and the same bits on any machine."""
+    """Return sine and cosine of an angle in turns, within 3e-9, with vector instructions and the same bits on every
+    machine.
+    """
     half = math.pi * (turns - np.floor(turns + 0.5))
     q = half * half
     s = half * (1.0 + q * (S3 + q * (S5 + q * (S7 + q * (S9 + q * (S11 + q * S13))))))
@@ -142,7 +142,9 @@ def sine_cosine(turns: float) -> tuple[float, float]:
 
 @inline
 def decay(depth: float) -> float:
-    """Return exp(-depth) for a depth of at least 0 in units of 1/k, within 1e-9 of its value; the same advantages."""
+    """Return exp(-depth) for a depth >= 0 in units of 1/k, with a relative error of at most 1e-9, also with vector
+    instructions and the same bits on every machine.
+    """
     x = 0.5 - min(depth, DEEPEST) * (1.0 / DEEPEST)
     e = E0 + x * (
         E1 + x * (E2 + x * (E3 + x * (E4 + x * (E5 + x * (E6 + x * (E7 + x * (E8 + x * (E9 + x * E10))))))))
@@ -196,7 +198,9 @@ def move_water(
 
 @njit(nogil=True)
 def add_water_inertia(ws: Record) -> None:
-    """Take (M_A + rho V) v' of the accelerated water at the present stage from the wrench that is subtracted."""
+    """Subtract the accelerated water's (M_A + rho V) v' at the present stage from the wrench that is itself
+    subtracted.
+    """
     vehicle, y, extra = ws.vehicle, ws.y, ws.extra
     M_A = vehicle.M_A
     for lane in range(LANES):

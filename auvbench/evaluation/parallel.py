@@ -1,4 +1,4 @@
-"""Test many runs in parallel, or a slow run on all cores; no row depends on what is computed at the same time."""
+"""Test many runs in parallel, or a slow run on all cores; parallel work does not change any row."""
 
 from __future__ import annotations
 

@@ -210,9 +210,9 @@ def fingerprint(protocol: schema.Protocol, conditions: list[ResolvedCondition]) 
     """Return 16 hexadecimal digits: equal if and only if two agents met the same scenarios with the same
     physics.
 
-    They cover what is drawn (starts, waypoints), its sources (task, noise, disturbances, vehicle, simulator,
-    a fixed frequency), and the outcomes by the present code (`reference`). Rewards and names do not enter.
-    The first 200 episodes of `test` are the 200 of `thesis`, but tests of 500 and of 200 episodes differ.
+    The digest covers the draws (starts, waypoints), their sources (task, noise, disturbances, vehicle, simulator, a
+    fixed frequency), and outcomes of the present code (`reference`), but not rewards and names. The 200 episodes of
+    `thesis` are the first 200 of `test`; the digests differ, because the numbers of episodes differ.
     """
     return digest_of(fingerprint_parts(protocol, conditions), 16)
 
@@ -265,7 +265,7 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
 
 
 def _played(condition: ResolvedCondition) -> str:
-    """Return the digest of the reference play."""
+    """Return the digest of the scenarios' reference play (`reference`)."""
     key = digest_of(_physics(condition), 64)
     if key not in _plays:
         frequency = condition.config.step.frequency if condition.fixed_frequency else None

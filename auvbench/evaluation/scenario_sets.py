@@ -23,7 +23,7 @@ class ScenarioSet:
     fingerprints: tuple[str, ...]
     """One fingerprint for each of `VEHICLES`"""
     change: str
-    """What changed in this version"""
+    """Changes in this version"""
 
     @property
     def name(self) -> str:
@@ -51,7 +51,7 @@ SETS: tuple[ScenarioSet, ...] = (
     ),
     ScenarioSet("docking", "2026a", ("372a8e4102eeb023", "68ac90e484f69317", "e6b823ffe4dcd4b8"), FIRST),
 )
-"""All versions; of each task from the oldest to the newest"""
+"""All versions, for each task from the oldest to the newest"""
 
 
 def newest() -> dict[str, ScenarioSet]:

@@ -1,8 +1,8 @@
 """Compute reliability: how many trainings are not behind on these scenarios, and how failing trainings could
 change a mean.
 
-A median hides a failing tenth of the trainings by design, so every verdict about a typical training comes
-with these numbers. Given the scenarios, trainings are independent, so the interval of their share is exact
+A median does not show that a tenth of the trainings fail, so every verdict about a typical training comes with these
+numbers. Given the scenarios, trainings are independent, so the interval of their share is exact
 for any distribution (Clopper & Pearson 1934, Biometrika 26:404).
 """
 

@@ -71,8 +71,8 @@ class PhysicalCommands:
         """Return quantities (n, n_u) that convert back to `values` (n, n_u), in the curves' own units,
         without loss.
 
-        A rotor's thrust is quadratic in its speed, so that more numbers in newtons exist than speeds. In
-        extended precision each direction is rounded once, and the way back finds the speed to the last bit.
+        A rotor's thrust is quadratic in its speed, so there are more numbers in newtons than speeds. In extended
+        precision each conversion is rounded once, and the conversion back gives the speed to the last bit.
         """
         out = np.array(values, dtype=np.float64)
         for a in self._which:

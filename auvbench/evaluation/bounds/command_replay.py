@@ -65,7 +65,7 @@ class Trial:
         self.vehicle = self.batch.vehicle
 
     def run(self, scenario: Scenario, commands: Commands) -> Outcome:
-        """Apply commands (T, n_u) from the start until the commands or the episode end."""
+        """Apply commands (T, n_u) from the start, until there are no more commands or the episode ends."""
         batch = self.batch
         batch.reset(pose=scenario.pose[None], waypoint=scenario.waypoint[None])
         pose, velocity = [batch.simulator.pose[0].copy()], [batch.simulator.velocity[0].copy()]

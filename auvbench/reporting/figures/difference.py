@@ -119,7 +119,7 @@ def _of_learners(primary: Primary) -> str:
 
 
 def _label(against: Against) -> str:
-    """Return the agent, with a star where its verdict has fewer trainings than it needs."""
+    """Return the agent's label, with a star if its verdict is from few trainings."""
     return f"{against.agent} *" if against.starred else against.agent
 
 

@@ -88,7 +88,7 @@ def _rendered(table: Table, columns: Sequence[int], room: int, gap: int) -> Rich
 
 
 def _stacked(cell: Cell, line: Line) -> Text:
-    # The cell of a verdict ends in a word, and its symbol distinguishes it without colour.
+    # A verdict's cell has a symbol and a word, so that it is clear without colours.
     text = Text(
         cell.value,
         style=STYLES.get(line.verdict, "")
