@@ -31,11 +31,11 @@ class Agent(Protocol):
     An agent may also have:
 
     * `load(folder)`: read the run's `model/`; called before the first `reset`;
-    * `row_by_row = True` in its class: a batch does not speed up its actions, so that its tests are shared
-      among processes by episodes;
+    * `row_by_row = True` in its class: a batch does not make its actions faster, so processes share the episodes of a
+    test;
     * `ended(rows)`: called with the rows of the batch that have ended;
     * `simulator(config, vehicle)`: the simulator of its tests, with one vehicle, for an agent whose own loop
-      moves the actuators within an agent step; its actions are then only recorded, and command nothing;
+      moves the actuators within an agent step; its actions are then only recorded, not applied;
     * `notes()`: counters by name since the agent's creation; a test's summary has their sums.
     """
 

@@ -335,7 +335,7 @@ def _section(
 ) -> Section:
     subject, fingerprint = cell
     alone = [other for other in found if other[0] == subject] == [cell]
-    # Next to other tasks, the waypoint task is named as well.
+    # If there are other tasks, the title also names the waypoint task.
     named = subject if TASK in subject or not any(TASK in s for s, _ in found) else f"{subject}{TASK}waypoint"
     title = f"vehicle {named}" if alone else f"vehicle {named}, scenarios {fingerprint[:8]}"
     folder = re.sub(r"[^\w.-]+", "_", subject if alone else f"{subject}-{fingerprint[:8]}").lstrip(".") or "_"

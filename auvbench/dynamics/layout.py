@@ -1,8 +1,9 @@
 """Records that the compiled physics reads; `lanes` reads and writes them.
 
 The kernel works on blocks of `LANES` vehicles. Everything that a vehicle needs for a step is in one record, `WORKSPACE`, with
-each number stored side by side for 16 vehicles: `ws.y.velocity[axis, lane]`. The innermost loops then run over vehicles, with a constant
-number of turns and constant offsets from one pointer. LLVM turns each of them into vector instructions without checks at run time.
+each number stored side by side for 16 vehicles: `ws.y.velocity[axis, lane]`. The innermost loops then run over
+vehicles, with constant bounds and constant offsets from one pointer, and LLVM compiles each loop into vector
+instructions without checks at run time.
 
 Symbols are Fossen's (2011). All vectors are in body axes from the body origin CO unless a field says otherwise.
 """

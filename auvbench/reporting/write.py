@@ -140,7 +140,7 @@ def clear(out: Path) -> None:
 
 
 Facts = list[tuple[str, tuple[str, ...]]]
-"""titles of the report's entries, each with the distinct values of the runs"""
+"""names of facts, each with the distinct values of the runs"""
 
 
 def facts(runs: Sequence[RunRecord]) -> Facts:

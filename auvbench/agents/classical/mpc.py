@@ -49,7 +49,7 @@ class MPCController:
     """Controller of position, and of yaw if the task has its own yaw, for vehicles with only thrusters.
 
     Attributes:
-        row_by_row: a batch does not speed up an action, so a test may be shared among processes.
+        row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
 
     Raises:
         ConfigError: the vehicle has other actuators than thrusters.

@@ -48,7 +48,7 @@ CONTROLLERS = {"pid": controller, "mpc": MPCController, "mpc_tuned": MPCControll
 """Controllers by algorithm: a search starts from their commands, which are upper bounds themselves."""
 
 Job = tuple[schema.TrainConfig, schema.Protocol, int, Scenario]
-"""configuration of the condition, protocol, number of the episode, its scenario"""
+"""condition's configuration, protocol, and the episode's number and scenario"""
 
 
 def eligible(conditions: Sequence[ResolvedCondition]) -> tuple[list[ResolvedCondition], list[str]]:
