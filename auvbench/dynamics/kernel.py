@@ -122,8 +122,8 @@ def advance(
     states: FloatArray,  # (n, n_actuator_states)
     command: FloatArray,  # (n, n_u) in [-1, 1]
     effectiveness: FloatArray,  # (n, n_u)
-    force: FloatArray,  # (n, n_u) out: N that the command stands for
-    power: FloatArray,  # (n,) out: electrical W of that command
+    force: FloatArray,  # (n, n_u) out: commanded force, N
+    power: FloatArray,  # (n,) out: electrical power of the command, W
     current: FloatArray,  # (n, 8)
     external: FloatArray,  # (n, 6) body wrench
     waves: tuple[FloatArray, FloatArray, FloatArray],  # components, rays, time of `waves.Waves`
@@ -132,7 +132,7 @@ def advance(
     actuators: FloatArray,  # records of ACTUATOR (n_u,)
     discrete: FloatArray,  # records of DISCRETE (n_u,) for half a substep
     tables: FloatArray,  # (k, points)
-    # Off-diagonal added mass, actuators with dynamics, actuators that are no thrusters, C_A of Gazebo's early plugin.
+    # Off-diagonal added mass, actuators with dynamics, actuators that are not thrusters, C_A of Gazebo's early plugin.
     flags: tuple[bool, bool, bool, bool],
     blocks: tuple[int, int],  # first block, one past the last
     substeps: int,
@@ -205,7 +205,7 @@ def commanded(
     command: FloatArray,  # (n, n_u) in [-1, 1], clipped
     actuators: Record,  # (n_u,) of ACTUATOR
     tables: FloatArray,  # (k, points)
-    quantity: FloatArray,  # (n, n_u) out: what the curves make of the commands, N, rad/s, rad, m or m3
+    quantity: FloatArray,  # (n, n_u) out: values of the static curves, N, rad/s, rad, m or m3
     force: FloatArray,  # (n, n_u) out: N of the thrusters
     power: FloatArray,  # (n,) out: electrical W
 ) -> None:

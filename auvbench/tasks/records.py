@@ -195,7 +195,7 @@ def of_schema(config: Any) -> dict[str, Any]:
         elif value is None:
             values[field.name] = math.inf
         else:
-            # One type for each key, whatever was typed: compiled code depends on it.
+            # One type for each key, also if 1 is typed for 1.0: compiled code depends on it.
             values[field.name] = value if hints.get(field.name) in (int, bool) else np.float64(value)
     return values
 

@@ -51,7 +51,7 @@ class Vehicle(NamedTuple):
     rates: Vector  # rad/s, body axes
     action: Floats  # (n_u,) in [-1, 1], of this step
     previous: Floats  # (n_u,) of the step before
-    force: Floats  # (n_u,) N that the command stands for, before lag and faults; 0 of what is no thruster
+    force: Floats  # (n_u,) commanded force before lag and faults, N; 0 for actuators that are not thrusters
     power: float  # W
 
 
