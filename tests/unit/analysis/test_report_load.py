@@ -211,7 +211,7 @@ def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) 
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        ("a: 1", "not that of a run (algo.name is absent, not a name)"),
+        ("a: 1", "not a run's configuration (algo.name is absent, not a name)"),
         ("algo: {name: [1, 2]}", "algo.name is [1, 2], not a name"),
         (
             "algo: {name: ppo}\nstep: {frequency: fast}",
