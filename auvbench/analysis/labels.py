@@ -44,7 +44,7 @@ UNITS = {"reward.k": "K={}", FREQUENCY: "{} Hz", "vehicle": "{}", "simulator": "
 """texts of values that do not need their key"""
 CURRENT, WAVES, FAULT = "disturbance.current", "disturbance.waves", "disturbance.fault"
 DRAWN = {
-    f"{CURRENT}.speed_high": ("current speeds up to {} m/s", "one current speed"),
+    f"{CURRENT}.speed_high": ("current speeds up to {} m/s", "no drawn current speeds"),
     f"{CURRENT}.direction": ("current towards {} rad", "drawn current directions"),
     f"{WAVES}.direction": ("waves towards {} rad", "drawn wave directions"),
     f"{WAVES}.spreading": ("wave spreading {}", "waves without spreading"),
@@ -71,7 +71,7 @@ def part(name: str, value: Any) -> str:
     >>> part("disturbance.waves.height", 0.88)
     'waves.height=0.88'
     >>> part("disturbance.current.speed_high", 1.2), part("disturbance.current.speed_high", None)
-    ('current speeds up to 1.2 m/s', 'one current speed')
+    ('current speeds up to 1.2 m/s', 'no drawn current speeds')
     >>> part("task.time_limit", None)
     'no time_limit'
     """
