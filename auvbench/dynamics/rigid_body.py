@@ -41,7 +41,7 @@ def skew(a: ArrayLike) -> FloatArray:
 
 
 def rigid_body_mass(mass: float, center_of_gravity: ArrayLike, inertia: ArrayLike) -> FloatArray:
-    """M_RB (6, 6) at the body origin (Fossen 2011, eq. 3.44, with I_b by eq. 3.36).
+    """Return M_RB (6, 6) at the body origin (Fossen 2011, eq. 3.44, with I_b by eq. 3.36).
 
     Args:
         mass: kg.

@@ -141,10 +141,10 @@ Curve = tuple[FloatArray, FloatArray]
 
 
 def middle(y: FloatArray) -> FloatArray:
-    """Return the interquartile mean (n,) over the seeds with a value (seeds, n); the mean for fewer than four
-    seeds.
+    """Return the interquartile mean (n,) of values (seeds, n), over the seeds that have a value.
 
-    Of n values, floor(n/4) are left out at each end (Agarwal et al. 2021, NeurIPS).
+    Of k values the floor(k/4) smallest and largest are left out, so the result is the mean for fewer than four seeds
+    (Agarwal et al. 2021, NeurIPS).
     """
     ordered = np.sort(y, axis=0)  # NaN last
     count = np.isfinite(y).sum(axis=0)

@@ -99,8 +99,7 @@ class Networks(Trained):
     Args:
         networks: modules of each network.
         optimizer: optimizer of their parameters; None for target networks.
-        heads: linear layers of each network that share its last inputs and replace a last layer among the
-            modules.
+        heads: linear layers of each network that have the same inputs, in place of a last layer among the modules.
     """
 
     def __init__(
