@@ -248,7 +248,7 @@ def test_options_place_vehicle_and_waypoint():
         ({"waypoint": [0, 0]}, "has shape"),
         ({"waypoint": [0, np.nan, 0]}, "finite"),
         ({"waypoint": [1e5, 0, -20]}, "the observation reaches"),
-        ({"waypoint": [1, 0, -20], "distance": 3}, "one of the two"),
+        ({"waypoint": [1, 0, -20], "distance": 3}, "leave it out"),
         ({"distance": -1}, "more than 0"),
         ({"distance": "far"}, "must be numbers"),
         ({"pose": [0, 0, 5, 0]}, "must be within -60 and -1"),
