@@ -2,21 +2,31 @@
 
 These functions are plain Python and import nothing compiled: a pilot on a vehicle calls them as they are
 (`pilot.observation`), environments compile them (`tasks.loops.observe`). So both observe the same.
+
+The specs below are the lines of `registry.BLOCKS`; a package's block enters by the same kind of object.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from types import FunctionType
 from typing import Any, NamedTuple
 
+from auvbench.errors import closest
 from auvbench.observation import BODY, Block
+from auvbench.registry import Spec
+from auvbench.untrusted.text import short
 
 FASTEST = 50.0
 """m/s and rad/s: no vehicle comes near"""
 
 BODY_AXES = "body axes (forward, port, up)"
+
+READS = ("pose", "velocity", "action", "goal", "preview", "task")
+"""What a block may read: the action of the last step, a goal that is not the reference, the preview, a task's own fields."""
 
 
 class Reading(NamedTuple):
@@ -32,6 +42,7 @@ class Reading(NamedTuple):
     sine: float
     previous: Any  # (n_u,) action of the last step
     preview: Any  # (points, 3) m, the reference in the time to come, world axes
+    stream: int  # flag of the streams of random numbers, for `normals`
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,16 +60,37 @@ class Setting:
 
 
 @dataclass(frozen=True, slots=True)
-class BlockSpec:
-    """One block, which `task.observation` names."""
+class BlockSpec(Spec):
+    """Description of one block, which `task.observation` names."""
 
     name: str
+    """Entry of `task.observation`."""
     write: Callable[..., None]
-    """`write(m, e, p, out)`: writes the block's numbers to `out` from a `Reading` m, the episode e and the parameters p"""
+    """`write(m, e, p, out)`: writes the block's numbers to `out` from a `Reading` m, the episode e and the parameters p."""
     describe: Callable[[Setting], Block]
-    """size, unit, bounds, frame and meaning"""
+    """Function that returns labels, unit, bounds, frame and meaning."""
     reads: tuple[str, ...] = ("pose",)
-    """of `pose`, `velocity`, `action` (the last one), `goal` (a goal that is not the reference) and `preview`"""
+    """What `write` reads, of `READS`. A block that reads `task` suits only the tasks whose specs name it."""
+    schema: None = None
+
+    @property
+    def code(self) -> str:
+        """Return `module:function` of the block."""
+        return f"{self.write.__module__}:{self.write.__qualname__}"
+
+    def fault(self) -> str:
+        if not re.fullmatch(r"[a-z]\w*", self.name):
+            return "has a name that is not made of lower-case letters, digits and underscores"
+        for what, count in (("write", 4), ("describe", 1)):
+            function = getattr(self, what)
+            if not isinstance(function, FunctionType) or function.__code__.co_argcount != count:
+                return f"has a {what} that is not a function of {count} argument{'s' if count > 1 else ''}"
+        if self.write.__closure__ or "<" in self.write.__qualname__:
+            return "has a write that is not a function of its module"
+        for what in self.reads:
+            if what not in READS:
+                return f"reads {short(repr(what))}; {closest(str(what), READS)}"
+        return ""
 
 
 def wrap(angle: float) -> float:
@@ -69,6 +101,15 @@ def wrap(angle: float) -> float:
     """
     wrapped = angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
     return wrapped if wrapped < math.pi else -math.pi
+
+
+def normals(m: Reading, e: Any, channel: int) -> tuple[float, float, float, float]:
+    """Return four standard normal numbers for the noise of a block; zeros on a pilot, whose sensors have noise of their own.
+
+    Environments call a compiled function in its place (`tasks.loops`). Each block, channel, step, episode and environment
+    has other numbers.
+    """
+    return 0.0, 0.0, 0.0, 0.0
 
 
 def triple(vector: Any) -> tuple[float, float, float]:
@@ -88,6 +129,7 @@ def reading(
     yaw_noise: float,
     previous: Any,
     preview: Any,
+    stream: int,
 ) -> Reading:
     """Return what a vehicle reads.
 
@@ -103,6 +145,7 @@ def reading(
         yaw_noise: rad, error of the yaw.
         previous: (n_u,) action of the last step.
         preview: (points, 3) m.
+        stream: flag of the streams of random numbers: 0, TEST or VALIDATION.
     """
     w, qx, qy, qz = attitude
     # Proportional to cosine and sine of yaw: turning the bearing by them saves a second arctangent.
@@ -121,7 +164,7 @@ def reading(
         yaw = math.atan2(s, c) + yaw_noise
         c, s = math.cos(yaw), math.sin(yaw)
         ex, ey = c * ex + s * ey, c * ey - s * ex
-    return Reading(read, attitude, velocity, rates, (ex, ey, ez), yaw_error, c, s, previous, preview)
+    return Reading(read, attitude, velocity, rates, (ex, ey, ez), yaw_error, c, s, previous, preview, stream)
 
 
 def write_yaw_error(m: Reading, e: Any, p: Any, out: Any) -> None:
@@ -193,23 +236,23 @@ def _yaw_error(s: Setting) -> Block:
 
 
 def _position_error(s: Setting) -> Block:
-    return _vector("position_error", "m", s.bounds, f"{s.to} less position", s.axes)
+    return vector("position_error", "m", s.bounds, f"{s.to} less position", s.axes)
 
 
 def _velocity_error(s: Setting) -> Block:
-    return _vector("velocity_error", "m/s", (FASTEST,) * 3, "velocity of the reference less velocity", BODY)
+    return vector("velocity_error", "m/s", (FASTEST,) * 3, "velocity of the reference less velocity", BODY)
 
 
 def _velocity(s: Setting) -> Block:
-    return _vector("velocity", "m/s", (FASTEST,) * 3, "velocity over ground", BODY_AXES)
+    return vector("velocity", "m/s", (FASTEST,) * 3, "velocity over ground", BODY_AXES)
 
 
 def _angular_velocity(s: Setting) -> Block:
-    return _vector("angular_velocity", "rad/s", (FASTEST,) * 3, "angular velocity", BODY_AXES)
+    return vector("angular_velocity", "rad/s", (FASTEST,) * 3, "angular velocity", BODY_AXES)
 
 
 def _gravity(s: Setting) -> Block:
-    return _vector("gravity", "1", (1.0,) * 3, "direction of gravity", BODY_AXES)
+    return vector("gravity", "1", (1.0,) * 3, "direction of gravity", BODY_AXES)
 
 
 def _depth_margin(s: Setting) -> Block:
@@ -237,7 +280,7 @@ def _preview(s: Setting) -> Block:
 
 def _goal_error(s: Setting) -> Block:
     level, rise = _apart(s)
-    return _vector("goal_error", "m", (level, level, rise), "goal less position", BODY)
+    return vector("goal_error", "m", (level, level, rise), "goal less position", BODY)
 
 
 def _apart(s: Setting) -> tuple[float, float]:
@@ -245,23 +288,18 @@ def _apart(s: Setting) -> tuple[float, float]:
     return 2.0 * math.hypot(*s.bounds[:2]), 2.0 * s.bounds[2]
 
 
-def _vector(name: str, unit: str, bounds: tuple[float, ...], meaning: str, axes: str) -> Block:
+def vector(name: str, unit: str, bounds: tuple[float, ...], meaning: str, axes: str) -> Block:
+    """Return a block of three numbers, along x, y and z."""
     return Block(name, tuple(f"{name}_{axis}" for axis in "xyz"), unit, bounds, meaning, axes)
 
 
-BLOCKS: dict[str, BlockSpec] = {
-    spec.name: spec
-    for spec in (
-        BlockSpec("yaw_error", write_yaw_error, _yaw_error),
-        BlockSpec("position_error", write_position_error, _position_error),
-        BlockSpec("velocity_error", write_velocity_error, _velocity_error, ("pose", "velocity")),
-        BlockSpec("velocity", write_velocity, _velocity, ("velocity",)),
-        BlockSpec("angular_velocity", write_angular_velocity, _angular_velocity, ("velocity",)),
-        BlockSpec("gravity", write_gravity, _gravity),
-        BlockSpec("depth_margin", write_depth_margin, _depth_margin),
-        BlockSpec("previous_action", write_previous_action, _previous_action, ("action",)),
-        BlockSpec("preview", write_preview, _preview, ("pose", "preview")),
-        BlockSpec("goal_error", write_goal_error, _goal_error, ("pose", "goal")),
-    )
-}
-"""by name"""
+yaw_error = BlockSpec("yaw_error", write_yaw_error, _yaw_error)
+position_error = BlockSpec("position_error", write_position_error, _position_error)
+velocity_error = BlockSpec("velocity_error", write_velocity_error, _velocity_error, ("pose", "velocity"))
+velocity = BlockSpec("velocity", write_velocity, _velocity, ("velocity",))
+angular_velocity = BlockSpec("angular_velocity", write_angular_velocity, _angular_velocity, ("velocity",))
+gravity = BlockSpec("gravity", write_gravity, _gravity)
+depth_margin = BlockSpec("depth_margin", write_depth_margin, _depth_margin)
+previous_action = BlockSpec("previous_action", write_previous_action, _previous_action, ("action",))
+preview = BlockSpec("preview", write_preview, _preview, ("pose", "preview"))
+goal_error = BlockSpec("goal_error", write_goal_error, _goal_error, ("pose", "goal"))

@@ -1,5 +1,5 @@
-"""Public names for packages that add agents, tasks, rewards, simulators, launchers, trackers or commands to
-auvbench.
+"""Public names for packages that add agents, tasks, rewards, blocks of observations, simulators, launchers,
+trackers or commands to auvbench.
 
 The entry point of an agent names a function `factory(config, vehicle)`, which gets the whole configuration.
 Its attribute `Config` is the dataclass of the agent's YAML file. A task is a `TaskSpec`, a reward a
@@ -8,6 +8,7 @@ and `auvbench.tasks.rows` too.
 """
 
 from auvbench.agents.base import Agent, Callbacks, Components, Learner
+from auvbench.blocks import BlockSpec
 from auvbench.config.algorithms import AgentConfig, AgentSpec
 from auvbench.config.commands import CommandSpec
 from auvbench.config.launchers import LauncherConfig, LauncherSpec
@@ -20,6 +21,7 @@ from auvbench.config.trackers import TrackerSpec
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import AgentError, ConfigError, RunError, TrainingError
 from auvbench.metrics import column
+from auvbench.observation import Block
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 __all__ = [
@@ -29,6 +31,8 @@ __all__ = [
     "AgentError",
     "AgentSpec",
     "Batch",
+    "Block",
+    "BlockSpec",
     "Callbacks",
     "Capabilities",
     "CommandSpec",

@@ -22,6 +22,7 @@ from auvbench.errors import AgentError, AuvbenchError, ConfigError, PluginImport
 from auvbench.untrusted.text import first_line, short
 
 if TYPE_CHECKING:
+    from auvbench.blocks import BlockSpec
     from auvbench.config.algorithms import AgentSpec
     from auvbench.config.commands import CommandSpec
     from auvbench.config.launchers import LauncherSpec
@@ -348,6 +349,18 @@ REWARDS: Kind[RewardSpec] = Kind(
     ),
 )
 
+_BLOCKS = "auvbench.blocks"
+BLOCKS: Kind[BlockSpec] = Kind(
+    "auvbench.blocks",
+    "task.observation",
+    f"{_BLOCKS}:BlockSpec",
+    _lines(
+        _BLOCKS,
+        *("yaw_error", "position_error", "velocity_error", "velocity", "angular_velocity"),
+        *("gravity", "depth_margin", "previous_action", "preview", "goal_error"),
+    ),
+)
+
 _SIMULATORS = "auvbench.config.simulators"
 SIMULATORS: Kind[SimulatorSpec] = Kind(
     "auvbench.simulators",
@@ -393,7 +406,16 @@ COMMANDS: Kind[CommandSpec] = Kind(
     ),
 )
 
-KINDS: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS, LAUNCHERS, TRACKERS, COMMANDS)
+KINDS: tuple[Kind[Any], ...] = (
+    AGENTS,
+    TASKS,
+    REWARDS,
+    BLOCKS,
+    SIMULATORS,
+    LAUNCHERS,
+    TRACKERS,
+    COMMANDS,
+)
 
 
 def forget() -> None:

@@ -7,7 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 from auvbench.analysis.records import Agent, Ranking, RunRecord, run_learns
-from auvbench.registry import AGENTS
+from auvbench.registry import AGENTS, BLOCKS
+from auvbench.untrusted.text import short
 
 VELOCITIES = ("velocity", "angular_velocity", "velocity_error")
 """observation blocks that are true velocities"""
@@ -41,6 +42,8 @@ def knowledge(run: RunRecord) -> tuple[str, ...]:
         known["preview"] = None
     if reads and any(block in observed for block in VELOCITIES):
         known["true velocities"] = None
+    if reads:  # what a package's block measures is known by its name only
+        known |= dict.fromkeys(short(str(block), 40) for block in observed if block not in BLOCKS.own)
     return tuple(known)
 
 

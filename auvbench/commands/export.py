@@ -109,7 +109,8 @@ def _task(task: Mapping[str, Any]) -> list[str]:
     from auvbench.runs.run_filter import flat
 
     def observed(values: Mapping[str, Any]) -> dict[str, Any]:
-        return flat({key: values[key] for key in OBSERVED if key in values}, "task.")
+        typed = [key for key in OBSERVED if key in values and key != "block_packages"]
+        return flat({key: values[key] for key in typed}, "task.")
 
     wanted, name = observed(task), str(task["name"])
     others = [choice for choice in folders.options("task") if choice != name]

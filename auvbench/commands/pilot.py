@@ -316,7 +316,7 @@ def task_of_policy(
     Raises:
         UserError: a pilot cannot give the reference of the task, or cannot supply an observation.
     """
-    from auvbench.pilot.observation import SUPPLIED
+    from auvbench.pilot.observation import supplied
     from auvbench.tasks.observation import observation_spec
 
     named = card.document["task"]
@@ -326,10 +326,10 @@ def task_of_policy(
             f"--task {asked}: the card of {word} says task={short(trained, 40)}; leave --task out"
         )
     task = task_of(trained, f"{word}: its task is")
+    packages = _block_packages(word, named)
+    known = supplied()
     # "velocity_x" and "velocity_error_x" both begin with "velocity", so blocks are matched as a whole.
-    blocks = [
-        max((b for b in SUPPLIED if label.startswith(b)), key=len, default="") for label in card.observed
-    ]
+    blocks = [max((b for b in known if label.startswith(b)), key=len, default="") for label in card.observed]
     try:
         changed: dict[str, Any] = {
             "depth_low": float(named["depth_low_m"]),
@@ -340,16 +340,31 @@ def task_of_policy(
             changed["goal_radius"] = float(named["goal_radius_m"])
     except (KeyError, TypeError, ValueError) as error:
         raise UserError(f"{word}: its card has an invalid task entry: {short(error)}") from error
-    observation = list(dict.fromkeys(filter(None, blocks))) or [*SUPPLIED]
-    task = replace(task, position_frame=card.task.position_frame, observation=observation, **changed)
+    observation = list(dict.fromkeys(filter(None, blocks))) or [*known]
+    changed |= {"observation": observation, "block_packages": packages}
+    task = replace(task, position_frame=card.task.position_frame, **changed)
     spec = observation_spec(task, vehicle.actuators)
-    supplied = [entry["name"] for entry in spec.card()]
-    if supplied != list(card.observed):
-        wrong = next((name for name in card.observed if name not in supplied), card.observed[-1])
+    offered = [entry["name"] for entry in spec.card()]
+    if offered != list(card.observed):
+        wrong = next((name for name in card.observed if name not in offered), card.observed[-1])
         raise UserError(
-            f"{word}: observes {short(wrong, 40)}, which a pilot cannot supply; valid: {', '.join(SUPPLIED)}"
+            f"{word}: observes {short(wrong, 40)}, which a pilot cannot supply; valid: {', '.join(known)}"
         )
     return task, spec
+
+
+def _block_packages(word: str, task: Any) -> dict[str, str]:
+    """Enter the packages' blocks that a policy observes, by the task entry of its card; return their releases.
+
+    Raises:
+        UserError: the entry is invalid, or a package is not installed in this release.
+    """
+    packages = task.get("block_packages", {})
+    if not isinstance(packages, dict) or not all(isinstance(value, str) for value in packages.values()):
+        raise UserError(f"{word}: its card has an invalid task entry: block_packages={short(packages)}")
+    for name, release in packages.items():
+        registry.BLOCKS.choose(str(name), release)
+    return packages
 
 
 def defaults(group: str, name: str) -> dict[str, Any]:

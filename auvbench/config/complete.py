@@ -3,8 +3,8 @@ packages.
 
 The YAML files of auvbench start from a schema. A package's `algo/NAME.yaml` has only values and comments; its
 values are typed here, by the schema of its spec. A package's parts get the key `package` (name and version of
-the installed package), and agents the key `learns`. The keys are part of a run's identity: another version is
-another run.
+the installed package), agents the key `learns`, and a task with blocks of packages the key `block_packages`. The keys
+are part of a run's identity: another version is another run.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict
 
 from auvbench.config import algorithms, rewards, schema, simulators, tasks
 from auvbench.errors import ConfigError
-from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
+from auvbench.registry import AGENTS, BLOCKS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
 from auvbench.untrusted.text import short
 
 COMPUTE: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS)
@@ -63,7 +63,33 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
             added["learns"] = spec.learns
         with open_dict(config):
             config[key] = _typed(spec.keys, key, node, added)
+    _complete_blocks(config, frozen)
     return config
+
+
+def _complete_blocks(config: DictConfig, frozen: bool) -> None:
+    """Enter the packages' blocks in `task.observation`; write their releases to `task.block_packages`, absent without any."""
+    task = config.get("task")
+    if not isinstance(task, DictConfig):
+        return
+    given = task.get("block_packages")
+    recorded = {str(k): str(v) for k, v in given.items()} if isinstance(given, DictConfig) else {}
+    chosen: dict[str, str] = {}
+    for name in task.get("observation") or ():
+        found, release = BLOCKS.find(str(name)), recorded.get(str(name), "")
+        if (found is None and release) or (found and frozen and release != found.release):
+            raise BLOCKS.missing(str(name), release)
+        if found is not None:
+            BLOCKS.enter(found)
+            chosen[str(name)] = found.release
+    if recorded and recorded != chosen:
+        raise ConfigError(
+            f"task.block_packages={short(recorded)}: auvbench sets it ({short(chosen)}); leave it out"
+        )
+    with open_dict(task):
+        task.pop("block_packages", None)
+        if chosen:
+            task.block_packages = chosen
 
 
 def _typed(kind: type, key: str, node: DictConfig, added: Mapping[str, Any]) -> DictConfig:
@@ -86,11 +112,15 @@ def _typed(kind: type, key: str, node: DictConfig, added: Mapping[str, Any]) -> 
 def releases(config: Any) -> dict[str, str]:
     """Return the versions of the packages of a configuration (typed or plain) by name, for a manifest."""
     found = {}
+
+    def value(node: Any, key: str) -> Any:
+        return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
+
     for kind in COMPUTE:
-        group = kind.key.partition(".")[0]
-        node = config.get(group) if isinstance(config, Mapping) else getattr(config, group)
-        package = node.get("package") if isinstance(node, Mapping) else getattr(node, "package", None)
-        if package:
-            name, _, version = str(package).partition("==")
-            found[name] = version
+        node = value(config, kind.key.partition(".")[0])
+        blocks = value(node, "block_packages")
+        for release in (value(node, "package"), *(blocks.values() if isinstance(blocks, Mapping) else ())):
+            if release:
+                name, _, version = str(release).partition("==")
+                found[name] = version
     return found

@@ -320,7 +320,7 @@ def run(
             if parsed.help:
                 shown = f"{_help(Hydra('auvbench', loader), entry, overrides)}\n"
             elif parsed.cfg:
-                shown = OmegaConf.to_yaml(grids.single(loader, entry, overrides))
+                shown = OmegaConf.to_yaml(complete.complete(grids.single(loader, entry, overrides)))
             elif parsed.multirun and grid is None:
                 raise ConfigError(f"-m: {entry} takes one value for each key; grids are for auvbench train")
             else:
@@ -348,7 +348,7 @@ def _help(hydra: Hydra, entry: str, overrides: list[str]) -> str:
     config = hydra.compose_config(entry, [o for o in overrides if o != EVERY_KEY], RunMode.RUN)
     if EVERY_KEY in overrides:
         config.hydra.help.template += "\nevery key and its value (KEY=VALUE):\n\n$CONFIG"
-    shown = hydra.get_sanitized_cfg(copy.deepcopy(config), "job")
+    shown = complete.complete(hydra.get_sanitized_cfg(copy.deepcopy(config), "job"))
     return str(hydra.get_help(config.hydra.help, shown, _parser(entry), resolve=False))
 
 

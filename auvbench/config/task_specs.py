@@ -10,7 +10,7 @@ from auvbench import metrics, record
 from auvbench.config import tasks
 from auvbench.errors import closest
 from auvbench.metrics import Metric
-from auvbench.registry import TASKS, Spec
+from auvbench.registry import BLOCKS, TASKS, Spec
 from auvbench.untrusted.text import short
 
 
@@ -65,7 +65,7 @@ class TaskSpec(Spec):
 
     def fault(self) -> str:
         for what, values, known in (
-            ("block", self.blocks, tasks.BLOCKS),
+            ("block", self.blocks, BLOCKS.names()),
             ("outcome", self.outcomes, record.OUTCOMES),
         ):
             for value in values:

@@ -14,13 +14,11 @@ from auvbench.config import feasible
 from auvbench.config.schema import choice, choice_of, later, number
 from auvbench.config.schema import name as plain_name
 from auvbench.errors import ConfigError, closest
-from auvbench.registry import TASKS
+from auvbench.registry import BLOCKS, TASKS
 
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
 ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")
-BLOCKS = (*ERRORS, "preview", "goal_error")
-"""observation blocks that a task may have"""
 
 
 @dataclass(kw_only=True)
@@ -34,6 +32,7 @@ class Task:
     time_limit: float | None = later(number(0.0, 1e7, open_low=True))  # s
     position_frame: str = choice("world", "body")
     observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
+    block_packages: dict[str, str] = field(default_factory=dict)  # releases by block; `complete` writes them
     history: int = later(number(1, 64), 1)
 
     def check(self) -> None:
@@ -202,9 +201,12 @@ def check_observation(task: Task) -> None:
     Raises:
         ConfigError: the message names the block and the closest one, or what is missing.
     """
-    known = TASKS[task.name].blocks
+    own = TASKS[task.name].blocks
+    known = tuple(dict.fromkeys([*own, *(name for name in BLOCKS.names() if name not in BLOCKS.own)]))
     for name in task.observation:
-        if name not in known:
+        if name in task.block_packages:
+            _check_reads(task, name)
+        elif name not in own:
             raise ConfigError(
                 f"task.observation: {name} is not a block of task={task.name}; {closest(name, known)}"
             )
@@ -212,3 +214,20 @@ def check_observation(task: Task) -> None:
             raise ConfigError(f"task.observation: {name} occurs twice")
     if not task.observation:
         raise ConfigError(f"task.observation=[]: must have at least one block: {', '.join(known)}")
+
+
+def _check_reads(task: Task, name: str) -> None:
+    """Refuse a package's block that reads what the task does not have."""
+    own, reads = TASKS[task.name].blocks, BLOCKS[name].reads
+    points = task.preview.points if isinstance(task, Tracked) and "preview" in own else 0
+    for what, able, hint in (
+        ("goal", "goal_error" in own, ""),
+        ("preview", points > 0, "; task.preview.points sets it" if "preview" in own else ""),
+        ("task", name in own, ""),
+    ):
+        if what in reads and not able:
+            thing = f"fields that only other tasks have, not task={task.name}" if what == "task" else ""
+            raise ConfigError(
+                f"task.observation: {name} of {task.block_packages[name]} reads "
+                f"{thing or f'the {what}, which task={task.name} does not have here'}{hint}"
+            )

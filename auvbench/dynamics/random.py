@@ -34,6 +34,8 @@ RANDOMISATION = 5
 BIAS = 6
 DRIFT = 7
 WAVES = 8
+BLOCK = 0x80
+"""blocks of an observation that packages bring"""
 TEST = 0x100
 """Test protocols draw from `stream | TEST`, so that no training scenario is a test scenario."""
 VALIDATION = 0x200

@@ -205,6 +205,7 @@ def make_card(
         "task": {
             "name": task.name,
             "position_frame": task.position_frame,
+            **({"block_packages": dict(task.block_packages)} if task.block_packages else {}),
             **task.card(),
             "depth_low_m": task.depth_low,
             "depth_high_m": task.depth_high,

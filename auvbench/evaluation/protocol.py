@@ -24,7 +24,7 @@ from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
 
-OBSERVED = ("position_frame", "observation", "history", "preview")
+OBSERVED = ("position_frame", "observation", "block_packages", "history", "preview")
 """task keys that belong to the agent, not to the scenario"""
 WITHIN = {"noise", "disturbance"}
 """groups that most conditions change; all other groups are then resolved only once"""
@@ -155,8 +155,8 @@ def _resolve(
         _set(node, override, where)
     # The observation belongs to the agent, not to the scenario.
     for key in OBSERVED:
-        if key in config["task"] and key in node.task:
-            OmegaConf.update(node, f"task.{key}", config["task"][key])
+        if key in config["task"] and (key in node.task or key == "block_packages"):
+            OmegaConf.update(node, f"task.{key}", config["task"][key], force_add=True)
     try:
         return typed(node)
     except ConfigError as error:

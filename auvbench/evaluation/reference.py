@@ -25,7 +25,7 @@ from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.evaluation.rollout import embedded
 from auvbench.record import OUTCOMES, record_columns
-from auvbench.registry import TASKS
+from auvbench.registry import BLOCKS, TASKS
 from auvbench.tasks.base import factory
 
 Floats = NDArray[np.float64]
@@ -121,9 +121,10 @@ def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.Tra
 def _observed(task: tasks.Task) -> dict[str, Any]:
     """Return the observation of the reference play, the same for every agent."""
     declared = factory(task.name).reference_blocks
-    known = [*declared] or [name for name in TASKS[task.name].blocks if name != "preview"]
+    able = [name for name in TASKS[task.name].blocks if name in BLOCKS.own and name != "preview"]
+    known = [*declared] or able
     frame = {} if isinstance(task, tasks.Tracked) else {"position_frame": "world"}
-    return {**frame, "observation": known, "history": 1}
+    return {**frame, "observation": known, "block_packages": {}, "history": 1}
 
 
 def _set_out(batch: Batch) -> None:

@@ -11,15 +11,18 @@ from types import SimpleNamespace
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.blocks import BLOCKS, reading
+from auvbench.blocks import reading
 from auvbench.observation import BODY, ObservationSpec
+from auvbench.registry import BLOCKS
 
 Floats = NDArray[np.float64]
 
-SUPPLIED = tuple(name for name, block in BLOCKS.items() if not {"goal", "preview"} & {*block.reads})
-"""The blocks that odometry and a goal at rest can supply."""
-
 _NO_ERROR = (0.0, 0.0, 0.0)
+
+
+def supplied() -> tuple[str, ...]:
+    """Return the blocks that odometry and a goal at rest can supply: auvbench's own, and chosen ones of packages."""
+    return tuple(name for name in BLOCKS if not {"goal", "preview", "task"} & {*BLOCKS[name].reads})
 
 
 def observe(
@@ -35,7 +38,7 @@ def observe(
     """Return the observation (n_obs,).
 
     Args:
-        spec: observation; its blocks must be in `SUPPLIED`.
+        spec: observation; its blocks must be in `supplied()`.
         pose: (7,) x, y, z in m, unit quaternion (w, x, y, z).
         velocity: (6,) m/s and rad/s, body axes.
         waypoint: (3,) waypoint or station in m, world axes.
@@ -51,7 +54,7 @@ def observe(
     p = SimpleNamespace(has_yaw=yaw is not None, body_frame=levelled, depth_low=low, depth_high=high)
     place, motion = pose.tolist(), velocity.tolist()
     own = place[:3], place[3:], motion[:3], motion[3:]
-    m = reading(e, p, *own, _NO_ERROR, _NO_ERROR, 0.0, previous, ())
+    m = reading(e, p, *own, _NO_ERROR, _NO_ERROR, 0.0, previous, (), 0)
     seen = np.empty(spec.size, dtype=np.float32)
     for name in spec.blocks:
         BLOCKS[name].write(m, e, p, seen[spec[name]])

@@ -44,6 +44,7 @@ labels of the controller of a residual learner.
 LATER: dict[str, Any] = {
     "task.time_limit": None,
     "task.observation": ["yaw_error", "position_error", "previous_action"],
+    "task.block_packages": {},
     "task.history": 1,
     "task.tilt": None,
     "algo.horizon_s": None,

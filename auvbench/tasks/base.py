@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench import metrics
-from auvbench.blocks import BLOCKS
 from auvbench.config import rewards, schema, tasks
 from auvbench.dynamics import frames
 from auvbench.dynamics.random import TEST, VALIDATION
@@ -23,11 +22,11 @@ from auvbench.errors import TrainingError
 from auvbench.metrics import Totals
 from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
-from auvbench.registry import TASKS, owner, resolve
+from auvbench.registry import BLOCKS, TASKS, owner, resolve
 from auvbench.tasks import loops, records
 from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
-from auvbench.tasks.observation import check_vehicle, reads
+from auvbench.tasks.observation import check_vehicle, owner_of_block, reads
 from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, add_command_noise
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -35,10 +34,10 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _STATE = ("preview", "previous", "offset", "observation")
-_TAKEN = ("_observe", "rows", "_common", "outcome", "reference", "distance", "loops", "_taken")
+_TAKEN = ("_observe", "rows", "_common", "outcome", "reference", "distance", "loops", "_taken", "_read")
 """attributes of a task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
-"""methods that `installed.guard` replaces"""
+"""methods that `installed.guard` replaces for a package's task or reward, and `observe` for its blocks"""
 
 
 class Task:
@@ -103,8 +102,11 @@ class Task:
         """values that the errors of a failed episode count as, by the `failed` of their metrics"""
         self.reads_velocity = reads(config.task, "velocity")
         """whether the observation contains more of the vehicle's state than its pose"""
-        names = tasks.blocks(config.task)
-        self._codes = np.array([[*BLOCKS].index(name) for name in names], dtype=np.int64)
+        self._names = names = tasks.blocks(config.task)
+        self.block_owners = {name: owner_of_block(name, config.task) for name in config.task.block_packages}
+        """packages' blocks with their names in messages; `installed` checks the numbers that they write"""
+        codes = [spec.name for spec in loops.observed(names)]
+        self._codes = np.array([codes.index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
         shared, who = _shared(config), owner("task", config.task)
         self.parameters = records.one_row(self.own_parameters(config.task), shared, who)
@@ -136,7 +138,6 @@ class Task:
     def _take(self, *, interpreted: bool) -> None:
         """Store the loops that call the task's functions and reward, and views of the arrays for these loops."""
         self._interpreted = interpreted
-        self._observe = loops.observe()
         self.rows = records.common(self.episodes)
         """(n,) the fields that every task has, for compiled functions of all tasks"""
         self._common = records.common_row(self.parameters)
@@ -153,17 +154,23 @@ class Task:
         tables = self.episodes, self.parameters, self.prices
         episodes, parameters, prices = tables if interpreted else map(records.plain, tables)
         self._taken = episodes, self.preview, parameters, prices
+        self._observe = loops.observe(loops.observed(self._names), interpreted=interpreted)
+        own = interpreted or any("task" in BLOCKS[name].reads for name in self._names)
+        self._read = (episodes, parameters) if own else (self.rows, self._common)
+        """episodes and parameters, with their own fields only where a block reads these"""
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the attributes that `__setstate__` creates: NumPy would copy a view as a separate array, which no
         longer follows the episodes.
         """
-        return {name: value for name, value in self.__dict__.items() if name not in (*_TAKEN, *GUARDED)}
+        return {
+            name: value for name, value in self.__dict__.items() if name not in (*_TAKEN, *GUARDED, "observe")
+        }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._take(interpreted=self._interpreted)
-        if self.owners:
+        if self.owners or self.block_owners:
             from auvbench.tasks import installed
 
             installed.guard(self)
@@ -216,7 +223,7 @@ class Task:
         return self.loops.step(start, stop, *motion, *self._taken, self.reward)
 
     def interpret(self) -> None:
-        """From now on run the task's functions and the reward as Python, which checks their indices. The functions of
+        """From now on run the task's functions, reward and blocks as Python, which checks their indices. The functions of
         `rows` that they call stay compiled.
         """
         self._take(interpreted=True)
@@ -284,7 +291,8 @@ class Task:
     def observe(self, pose: Floats, velocity: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
         """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed."""
         rows = self._all if indices is None else indices
-        state = self.previous, self.rows, self.preview, self._common, self._codes, self._sizes
+        episodes, parameters = self._read
+        state = self.previous, episodes, self.preview, parameters, self._codes, self._sizes
         self._observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation)
         return self.observation
 
@@ -439,7 +447,8 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
         ConfigError: the vehicle cannot do the task.
     """
     check_vehicle(config.task, vehicle)
-    if isinstance(config.task, tasks.TaskConfig) or isinstance(config.reward, rewards.RewardConfig):
+    theirs = isinstance(config.task, tasks.TaskConfig) or isinstance(config.reward, rewards.RewardConfig)
+    if theirs or config.task.block_packages:
         from auvbench.tasks import installed
 
         return installed.make(config, vehicle, n, seed, **stream)

@@ -1,4 +1,4 @@
-"""Check the results of installed packages' tasks and rewards before they are used."""
+"""Check the results of installed packages' tasks, rewards and blocks before they are used."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from numba.core.errors import NumbaError
 
 from auvbench import metrics, registry
-from auvbench.config import rewards, schema
+from auvbench.config import rewards, schema, tasks
 from auvbench.errors import AgentError
 from auvbench.record import OUTCOMES, Record
 from auvbench.tasks import base
@@ -23,7 +23,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, **stream: bool) -> Task:
-    """Return N episodes of a task if an installed package has the task, the reward or both.
+    """Return N episodes of a task if an installed package has the task, the reward or a block of the observation.
 
     Raises:
         AgentError: the task or the reward cannot be created.
@@ -37,7 +37,8 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
     kind = _class(task.name, who)
     with registry.telling(who, "cannot be made"):
         made: Task = kind(config, vehicle, n, seed, **stream)
-    made.owners = who, paid
+    if isinstance(task, tasks.TaskConfig) or paid != who:
+        made.owners = who, paid
     guard(made)
     return made
 
@@ -54,9 +55,14 @@ def _class(name: str, who: str) -> Callable[..., Task]:
 
 
 def guard(task: Task) -> None:
-    """From now on check the results of the functions of a task with `owners`."""
-    assert task.owners is not None
-    who, paid = task.owners
+    """From now on check the results of packages' functions: those of the task, its reward and its blocks."""
+    if task.owners:
+        _guard_functions(task, *task.owners)
+    if task.block_owners:
+        _guard_blocks(task)
+
+
+def _guard_functions(task: Task, who: str, paid: str) -> None:
     draw_rows, step_rows = task.draw_rows, task.step_rows
     own_metrics, records = task.own_metrics, task.records
     columns = {*metrics.SHARED, *(metric.name for metric in registry.TASKS[task.name].metrics)}
@@ -108,6 +114,30 @@ def guard(task: Task) -> None:
         base.GUARDED, (checked_draw, checked_step, checked_metrics, checked_records), strict=True
     ):
         setattr(task, name, function)
+
+
+def _guard_blocks(task: Task) -> None:
+    """From now on check the numbers that packages' blocks write."""
+    observe, bounds = task.observe, task.spec.bounds
+
+    def checked_observe(pose: Floats, velocity: Floats, indices: Integers | None = None) -> Any:
+        with _telling(", ".join(task.block_owners.values()), "write fails"):
+            seen = observe(pose, velocity, indices)
+        rows = np.arange(task.n) if indices is None else indices
+        motion = np.concatenate([pose[rows], velocity[rows]], axis=1)
+        moving = np.isfinite(motion).all(axis=1)  # otherwise the simulation is to blame
+        for name, who in task.block_owners.items():
+            columns = task.spec[name]
+            written, most = seen[rows, columns], bounds[columns]
+            good = (np.abs(written) <= most) | ~moving[:, None]  # NaN is not
+            if not good.all():
+                row, column = np.argwhere(~good)[0]
+                what = f"write gives {task.spec.blocks[name].labels[column]}={written[row, column]:g}"
+                limit = f"; it must be within [{-most[column]:g}, {most[column]:g}]"
+                _refuse(task, who, rows, good.all(axis=1), what + limit)
+        return seen
+
+    task.observe = checked_observe  # type: ignore[method-assign]
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import math
 import re
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from pathlib import Path
@@ -20,7 +21,8 @@ from typing import Any, NamedTuple
 
 from auvbench import blocks
 from auvbench.dynamics.compiled import compiled
-from auvbench.dynamics.random import SENSOR, uniform4
+from auvbench.dynamics.random import BLOCK, SENSOR, normal4, uniform4
+from auvbench.registry import BLOCKS
 from auvbench.tasks import rows
 
 Functions = Mapping[str, Callable[..., Any]]
@@ -102,6 +104,7 @@ def {name}(
             turned,
             previous[i],
             preview[i],
+            stream,
         )
         newest = observation.shape[1] // p.history
         if p.history > 1:
@@ -191,24 +194,39 @@ def _of_task(
     )
 
 
+def observed(names: Iterable[str]) -> tuple[blocks.BlockSpec, ...]:
+    """Return the blocks in the order of their codes: all of auvbench's, so that most tasks share one function, then packages'."""
+    return tuple(BLOCKS[name] for name in (*BLOCKS.own, *sorted(set(names) - {*BLOCKS.own})))
+
+
 @cache
-def observe() -> Callable[..., None]:
-    """Return the compiled function that writes observations; codes are indices of blocks in `blocks.BLOCKS`."""
-    specs = list(blocks.BLOCKS.values())
-    used = {f"block_{code}": spec.write for code, spec in enumerate(specs)}
+def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -> Callable[..., None]:
+    """Return the function that writes observations.
+
+    Args:
+        specs: blocks in the order of their codes (`observed`).
+        interpreted: do not compile the function, so that Python checks each index.
+    """
+    compile_row = _plain if interpreted else rows.row
+    own = _with_compiled(vars(blocks), {}, compile_row)
+    named = {"reading": own["reading"]}
     lines = []
-    for code in range(len(specs)):
+    for code, spec in enumerate(specs):
         lines += [f"{'el' if code else ''}if code == {code}:", f"    block_{code}(m, e, p, out)"]
-    given = _compiled_blocks()
-    named = {name: given[function] for name, function in used.items()}
+        given = own
+        if spec.name not in BLOCKS.own:
+            noise = compile_row(_noise_of(spec))
+            theirs = {id(plain): own[name] for name, plain in vars(blocks).items()}
+            given = _with_compiled(spec.write.__globals__, theirs | {id(blocks.normals): noise}, compile_row)
+        named[f"block_{code}"] = given[spec.write.__name__]
     shared = {
-        "borrowed": rows.borrowed,
-        "reading": given[blocks.reading],
+        "borrowed": (lambda array: array) if interpreted else rows.borrowed,
         "noise": rows.noise,
         "uniform4": uniform4,
         "SENSOR": SENSOR,
     }
-    make = _Maker([blocks.reading, *used.values()], {**named, **shared}, False, rows.__file__, rows.__name__)
+    functions = [blocks.reading, *(spec.write for spec in specs)]
+    make = _Maker(functions, {**named, **shared}, interpreted, rows.__file__, rows.__name__)
     return make("observe", _OBSERVE, {"blocks": lines})
 
 
@@ -276,13 +294,38 @@ def _mentions(function: Any, name: str) -> bool:
     return False
 
 
-def _compiled_blocks() -> dict[Any, Any]:
-    """Return a compiled copy of each function of `blocks`, which calls compiled copies of the others."""
-    namespace = dict(vars(blocks))
-    copies: dict[Any, Any] = {}
-    for name, function in vars(blocks).items():
-        if isinstance(function, FunctionType) and function.__globals__ is vars(blocks):
-            copies[function] = namespace[name] = rows.row(
-                FunctionType(function.__code__, namespace, function.__name__, function.__defaults__)
+def _with_compiled(
+    module: dict[str, Any], others: Mapping[int, Any], compile_row: Callable[..., Any]
+) -> dict[str, Any]:
+    """Return the names of a module of blocks with compiled copies of its functions, which call each other.
+
+    Args:
+        module: the names of the module.
+        others: compiled functions of `blocks`, by the identity of the plain functions that they replace.
+        compile_row: compiles a function.
+    """
+    namespace = dict(module)
+    for name, value in module.items():
+        if isinstance(value, FunctionType) and value.__globals__ is module:
+            copy = FunctionType(
+                value.__code__, namespace, value.__name__, value.__defaults__, value.__closure__
             )
-    return copies
+            namespace[name] = compile_row(copy)
+        elif isinstance(value, FunctionType):
+            namespace[name] = others.get(id(value), value)
+    return namespace
+
+
+FIRST_CHANNEL = 0
+"""Channel of a block's first draws; `_noise_of` gives each block one of its own."""
+
+
+def _normals(m: blocks.Reading, e: Any, channel: int) -> tuple[float, float, float, float]:
+    """Return the noise of a block in an environment: `blocks.normals`."""
+    return normal4(e.seed, BLOCK | m.stream, FIRST_CHANNEL + channel, e.steps, e.episode, e.environment)
+
+
+def _noise_of(spec: blocks.BlockSpec) -> Callable[..., Any]:
+    """Return `_normals` with channels of one block."""
+    first = zlib.crc32(spec.name.encode())
+    return FunctionType(_normals.__code__, {**globals(), "FIRST_CHANNEL": first}, "normals")

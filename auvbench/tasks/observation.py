@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
-from auvbench.blocks import BLOCKS, Setting
+from auvbench.blocks import Setting
 from auvbench.config import tasks
-from auvbench.errors import ConfigError
+from auvbench.errors import AgentError, ConfigError
 from auvbench.observation import BODY, WORLD, Block, ObservationSpec
-from auvbench.registry import TASKS
+from auvbench.registry import BLOCKS, TASKS, telling
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 
@@ -30,7 +31,7 @@ def observation_spec(
         position_bounds: (3,) m, largest position errors.
     """
     setting = _setting(task, actuators, tuple(position_bounds))
-    newest = [BLOCKS[name].describe(setting) for name in tasks.blocks(task)]
+    newest = [_described(name, setting, task) for name in tasks.blocks(task)]
     older = [
         Block(
             f"{block.name}_{age}_steps_ago",
@@ -44,6 +45,37 @@ def observation_spec(
         for block in newest
     ]
     return ObservationSpec(*newest, *older)
+
+
+def owner_of_block(name: str, task: tasks.Task) -> str:
+    """Return what a message calls a block of a package: `task.observation=sonar of sonars==1.0`."""
+    return f"task.observation={name} of {task.block_packages[name]}"
+
+
+def _described(name: str, setting: Setting, task: tasks.Task) -> Block:
+    """Return labels, unit and bounds of a block; those of a package's block are checked.
+
+    Raises:
+        AgentError: a package's block describes itself wrongly.
+    """
+    if name not in task.block_packages:
+        return BLOCKS[name].describe(setting)
+    who = owner_of_block(name, task)
+    with telling(who, "describe fails"):
+        block: Any = BLOCKS[name].describe(setting)
+        if not isinstance(block, Block) or block.name != name:
+            raise AgentError(f"{who}: describe must return an auvbench.plugin.Block of that name")
+        labels, bounds = block.labels, np.asarray(block.bounds, dtype=np.float64)
+        if not labels or len(set(labels)) < len(labels) or not all(_labels(name, label) for label in labels):
+            raise AgentError(f"{who}: its labels must be different names that begin with {name}")
+        if bounds.shape != (len(labels),) or not (bounds > 0.0).all():
+            raise AgentError(f"{who}: its bounds must be {len(labels)} positive numbers, one for each label")
+    return block
+
+
+def _labels(name: str, label: Any) -> bool:
+    """Return whether a label shows its block, as the card of a policy needs."""
+    return isinstance(label, str) and (label == name or label.startswith(f"{name}_"))
 
 
 def _setting(task: tasks.Task, actuators: Sequence[str], bounds: tuple[float, ...]) -> Setting:

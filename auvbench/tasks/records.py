@@ -111,7 +111,15 @@ PARAMETERS: Mapping[str, str] = {
 """the parameters that every task and every reward has"""
 _COMMON = _interned_type(np.dtype(list(PARAMETERS.items())))
 
-_SHARED_KEYS = {"name", "package", "observation", "time_limit", "position_frame", *PARAMETERS}
+_SHARED_KEYS = {
+    "name",
+    "package",
+    "observation",
+    "block_packages",
+    "time_limit",
+    "position_frame",
+    *PARAMETERS,
+}
 
 
 class Row(np.void):  # type: ignore[misc]

@@ -18,7 +18,7 @@ from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, RunError, UserError
 from auvbench.evaluation.replay import read_mission
 from auvbench.pilot.mission import Logbook, Mission
-from auvbench.pilot.observation import SUPPLIED, observe
+from auvbench.pilot.observation import observe, supplied
 from auvbench.pilot.steering import Limits, Steering
 from auvbench.record import record_columns
 from auvbench.registry import TASKS
@@ -93,8 +93,8 @@ def test_observations_are_the_same_bits_and_rows_the_same_numbers(frame, vehicle
 
 @pytest.mark.parametrize("task", ["waypoint", "station_keeping"])
 def test_every_block_that_topics_supply_has_the_same_bits(task):
-    blocks = [name for name in SUPPLIED if name in TASKS[task].blocks]
-    assert len(blocks) >= len(SUPPLIED) - 1
+    blocks = [name for name in supplied() if name in TASKS[task].blocks]
+    assert len(blocks) >= len(supplied()) - 1
     words = [f"task={task}", "vehicle=bluerov2_heavy", "noise=none", f"task.observation=[{','.join(blocks)}]"]
     station = ["task.yaw=-2.0", "task.station=[1.0,2.0,-7.0]"] if task == "station_keeping" else []
     batch = Batch(train_config(compose("train", [*words, *station], folder=None)), 1, seed=5)

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 import auvbench
-from auvbench import blocks
 from auvbench.agents.base import Components
-from auvbench.config.tasks import BLOCKS, TASKS
+from auvbench.config.tasks import TASKS
 from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError, TrainingError
 from auvbench.runs import integrity
@@ -218,10 +217,6 @@ def test_every_task_runs_interpreted(tmp_path: Path) -> None:
     interpreted, _ = run(tmp_path, *words, NUMBA_DISABLE_JIT="1")
     for one, other in zip(compiled, interpreted, strict=True):
         np.testing.assert_allclose(numbers(one), numbers(other), rtol=1e-12)
-
-
-def test_every_block_is_declared_and_no_other() -> None:
-    assert set(BLOCKS) == set(blocks.BLOCKS)
 
 
 def test_a_field_may_have_the_name_of_an_attribute_of_arrays() -> None:
