@@ -1,4 +1,4 @@
-"""pytest's plug-in of auvbench: `pytest --auvbench algo=NAME --auvbench task=NAME --auvbench simulator=NAME` runs the conformance suites.
+"""pytest's plug-in of auvbench: `pytest --auvbench algo=NAME --auvbench task=NAME` and so on runs the conformance suites.
 
 A module outside the package, because pytest imports it in every session of an environment that has auvbench, and
 until `--auvbench` is given it imports nothing but pytest.
@@ -20,8 +20,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         metavar="OVERRIDES",
-        help="check an agent ('algo=NAME ...'), a task ('task=NAME ...') or a simulator ('simulator=NAME ...') against auvbench's contracts; may be given "
-        "several times",
+        help="check an agent ('algo=NAME ...'), task, reward, launcher or simulator, blocks ('task.observation=[NAME]'), a tracker ('train.log=NAME') or "
+        "a command ('command=NAME') against auvbench's contracts; may be given several times",
     )
     group.addoption(
         "--auvbench-steps",
@@ -46,24 +46,28 @@ def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
     from auvbench.errors import AuvbenchError
 
     overrides = typed.split()
+    chosen: list[tuple[Any, Callable[[], None]]] = []
+    for prefix, (of_a_name, check) in testing.NAMED.items():
+        if len(overrides) == 1 and overrides[0].startswith(prefix):
+            name = overrides[0].removeprefix(prefix)
+            chosen = [(one, partial(check, name, only=one)) for one in of_a_name]
+            return _items(session, typed, chosen)
     try:
         algo = compose("train", overrides).algo
     except AuvbenchError as error:
         raise pytest.UsageError(f"--auvbench '{typed}': {error}") from None
-    chosen: list[tuple[Any, Callable[[], None]]] = []
     checks: tuple[Any, ...]
-    if any(word.startswith("task=") for word in overrides):
-        for one_of_a_task in testing.TASK_CHECKS:
-            chosen.append((one_of_a_task, partial(testing.check_task, *overrides, only=one_of_a_task)))
-    if any(word.startswith("simulator=") for word in overrides):
-        for one_of_a_simulator in testing.SIMULATOR_CHECKS:
-            chosen.append(
-                (one_of_a_simulator, partial(testing.check_simulator, *overrides, only=one_of_a_simulator))
-            )
+    for prefix, (checks, check) in testing.SUITES.items():
+        if any(word.startswith(prefix) for word in overrides):
+            chosen += [(one, partial(check, *overrides, only=one)) for one in checks]
     if any(word.startswith("algo=") for word in overrides) or not chosen:
         checks = (*testing.AGENT_CHECKS, *(testing.LEARNER_CHECKS if learns(algo) else ()))
         for one in checks:
             chosen.append((one, partial(testing.check_agent, *overrides, steps=steps, only=one)))
+    return _items(session, typed, chosen)
+
+
+def _items(session: pytest.Session, typed: str, chosen: list[tuple[Any, Callable[[], None]]]) -> list[Check]:
     return [
         Check.from_parent(session, name=f"auvbench[{typed}]::{check.__name__}", call=call)
         for check, call in chosen
@@ -71,7 +75,7 @@ def _checks(session: pytest.Session, typed: str, steps: int) -> list[Check]:
 
 
 class Check(pytest.Item):
-    """One check of one agent, task or simulator."""
+    """One check of one thing."""
 
     def __init__(self, *, call: Callable[[], None], **named: Any) -> None:
         super().__init__(**named)
@@ -81,9 +85,10 @@ class Check(pytest.Item):
         self._call()
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
+        from auvbench.errors import AuvbenchError
         from auvbench.testing import ConformanceError
 
-        if isinstance(excinfo.value, ConformanceError):
+        if isinstance(excinfo.value, ConformanceError | AuvbenchError):
             return str(excinfo.value)
         return super().repr_failure(excinfo, style)
 

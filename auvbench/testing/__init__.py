@@ -1,28 +1,65 @@
-"""Conformance suites: checks that every agent, task and simulator must pass, auvbench's own included.
+"""Conformance suites: checks that every agent, task, reward, block, simulator, launcher, tracker and command must pass,
+auvbench's own included.
 
->>> from auvbench.testing import check_agent, check_simulator, check_task
+>>> from auvbench.testing import check_agent, check_block, check_simulator, check_task
 >>> check_agent("algo=pid")
 >>> check_task("task=docking", "vehicle=bluerov2_heavy")
 >>> check_simulator("simulator=fossen")
+>>> check_block("task.observation=[position_error,velocity]")
 
-Each function raises a `ConformanceError` (an `AssertionError`) with what is wrong. `pytest --auvbench
-algo=NAME --auvbench task=NAME --auvbench simulator=NAME` runs the same checks without any code, one test each.
+Each function raises a `ConformanceError` (an `AssertionError`) with what is wrong. `pytest --auvbench algo=NAME --auvbench
+task=NAME --auvbench reward=NAME` and so on runs the same checks without any code, one test each (`SUITES`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from auvbench.testing.agents import AGENT_CHECKS, LEARNER_CHECKS, check_agent
+from auvbench.testing.blocks import BLOCK_CHECKS, check_block
+from auvbench.testing.commands import COMMAND_CHECKS, check_command
 from auvbench.testing.draws import ConformanceError
+from auvbench.testing.launchers import LAUNCHER_CHECKS, check_launcher
+from auvbench.testing.rewards import REWARD_CHECKS, check_reward
 from auvbench.testing.simulators import SIMULATOR_CHECKS, check_simulator
 from auvbench.testing.tasks import TASK_CHECKS, check_task
+from auvbench.testing.trackers import TRACKER_CHECKS, check_tracker
+
+SUITES: dict[str, tuple[tuple[Callable[[Any], None], ...], Callable[..., None]]] = {
+    "task=": (TASK_CHECKS, check_task),
+    "reward=": (REWARD_CHECKS, check_reward),
+    "task.observation=": (BLOCK_CHECKS, check_block),
+    "simulator=": (SIMULATOR_CHECKS, check_simulator),
+    "launcher=": (LAUNCHER_CHECKS, check_launcher),
+}
+"""Checks of a kind, and the function that runs them, by the override that chooses it; `algo=` has two suites."""
+
+NAMED: dict[str, tuple[tuple[Callable[[Any], None], ...], Callable[..., None]]] = {
+    "train.log=": (TRACKER_CHECKS, check_tracker),
+    "command=": (COMMAND_CHECKS, check_command),
+}
+"""The same for kinds of which a name is all that there is to choose."""
 
 __all__ = [
     "AGENT_CHECKS",
+    "BLOCK_CHECKS",
+    "COMMAND_CHECKS",
+    "LAUNCHER_CHECKS",
     "LEARNER_CHECKS",
+    "NAMED",
+    "REWARD_CHECKS",
     "SIMULATOR_CHECKS",
+    "SUITES",
     "TASK_CHECKS",
+    "TRACKER_CHECKS",
     "ConformanceError",
     "check_agent",
+    "check_block",
+    "check_command",
+    "check_launcher",
+    "check_reward",
     "check_simulator",
     "check_task",
+    "check_tracker",
 ]

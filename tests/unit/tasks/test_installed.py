@@ -17,7 +17,7 @@ from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError
-from auvbench.record import record_columns
+from auvbench.record import measure_names, record_columns
 from auvbench.registry import REWARDS, TASKS
 from auvbench.testing import ConformanceError, check_task
 from auvbench.testing.tasks import its_functions_stay_within_their_arrays
@@ -64,6 +64,24 @@ def test_it_is_chosen_with_its_reward_its_types_and_its_package(site: Site) -> N
     assert TASKS["circling"].title == "circling a pole"
     assert record_columns("circling")[-2:] == ("in_view", "closest_m")
     assert set(metrics.SHARED) < set(record_columns("circling"))
+
+
+@pytest.mark.slow
+def test_a_new_metric_of_a_package_touches_the_file_of_its_task_only(site: Site) -> None:
+    line = 'column("closest_m", "m", "closest", "least distance to the axis of the pole", "higher"),'
+    more = 'column("turned_rad", "rad", "turned", "way round the pole", "higher"),'
+    tasking(
+        site,
+        (line, f"{line}\n        {more}"),
+        ('"closest_m": e.closest', '"closest_m": e.closest, "turned_rad": e.turn + 2.0'),
+    )
+    one = batch(*CIRCLING, "task.time_limit=0.2", interpreted=True)
+    one.reset()
+    records = [one.step(np.zeros((2, 8))).records for _ in range(2)][-1]
+    assert [record["turned_rad"] for record in records] == (one.task.episodes.turn + 2.0).tolist()
+    assert "mean_turned_rad" in measure_names()
+    assert "| `turned_rad` | rad | higher | way round the pole |" in metrics.definitions()
+    assert "turned_rad" not in record_columns("docking")
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+import math
 import os
 import shutil
 import subprocess
@@ -177,6 +178,29 @@ def test_packages_with_rewards_of_one_name_do_not_take_each_other_s_code(site: S
     assert first == again
     assert other == once_more
     np.testing.assert_allclose(numbers(other[0]), 2.0 * np.asarray(numbers(first[0])))
+
+
+@pytest.mark.slow
+def test_packages_with_tasks_of_one_name_do_not_take_each_other_s_code(site: Site, tmp_path: Path) -> None:
+    """Two environments at one path with one cache, as two containers of a machine have: numba sees the same file and names."""
+    words = "task=circling vehicle=bluerov2_heavy"
+    environments = []
+    for changes in ((), (("add_errors(e)\n", "add_errors(e)\n    e.distance += 0.5\n    e.to_go += 0.5\n"),)):
+        tasking(site, *changes)
+        (site.folder / "auvbench_example" / "__pycache__").unlink(missing_ok=True)
+        shutil.rmtree(site.folder / "auvbench_example" / "__pycache__", ignore_errors=True)
+        (site.folder / "auvbench_example" / "__pycache__").write_text(
+            "a file: the code is kept in the user's cache"
+        )
+        environments.append([run(tmp_path, words) for _ in range(2)])
+    (first, again), (other, once_more) = environments
+    assert (first[1], again[1]) == (other[1], once_more[1]) == (True, False)
+    assert first[0] == again[0]
+    assert other[0] == once_more[0]
+    # 0.5 m farther from the reference, at a length of 1 m of the reward.
+    effort = 0.02 * 0.25  # of reward.view for commands of 0.5
+    near, far = (np.asarray(numbers(lines[0])) + effort for lines in (first[0], other[0]))
+    np.testing.assert_allclose(far, near * math.exp(-0.5), rtol=1e-9)
 
 
 @pytest.mark.slow

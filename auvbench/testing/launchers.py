@@ -1,0 +1,137 @@
+"""Check launchers."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig
+
+from auvbench.config.compose import compose
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.plan import prepare
+from auvbench.scheduling.grid import backend
+from auvbench.scheduling.loop import Backend, Job, Status
+from auvbench.testing.draws import ConformanceError, run_checks
+
+WAIT = 600.0
+"""s that a run of a check may take at most"""
+
+
+@dataclass
+class Launches:
+    """Runs of a controller, in a folder of their own, and the backend that carries them out."""
+
+    overrides: tuple[str, ...]
+    folder: Path
+    _made: list[Backend] = field(default_factory=list)
+
+    def config(self, name: str, *more: str) -> DictConfig:
+        words = ["algo=pid", *self.overrides, *more, f"output={self.folder}", f"name={name}"]
+        return compose("train", words)
+
+    def run(self, name: str, *more: str) -> RunDirectory:
+        """Return a run that has not started."""
+        return prepare(self.config(name, *more))
+
+    def backend(self) -> Backend:
+        made = backend(self.config("any").launcher, learning=False)
+        self._made.append(made)
+        return made
+
+    def close(self) -> None:
+        for made in self._made:
+            made.close()
+
+
+def until_ended(place: Backend, job: Job) -> Status:
+    """Wait for the end of a job."""
+    end = time.monotonic() + WAIT
+    while time.monotonic() < end:
+        if (status := job.poll()).ended:
+            return status
+        place.wait(0.1)
+    raise ConformanceError(f"{job} has not ended after {WAIT:g} s: {job.poll().phase}")
+
+
+def it_carries_runs_out(launches: Launches) -> None:
+    """Check that a submitted run ends with exit code 0 and is complete, and that another job is another run."""
+    place = launches.backend()
+    runs = [launches.run("first", f"seed={seed}") for seed in (0, 1)]
+    for run in runs:
+        job = place.submit(run.path)
+        if Path(job.run) != run.path:
+            raise ConformanceError(f"submit({run.path}) returns a job of the run {job.run}")
+        status = until_ended(place, job)
+        if status.code not in (0, None) or run.manifest()["state"] != "complete":
+            raise ConformanceError(
+                f"a run ends as {run.manifest()['state']}, and its job {status.describe()}; it must be complete"
+            )
+
+
+def it_reports_a_run_that_fails(launches: Launches) -> None:
+    """Check that the job of a folder without a run ends with an exit code other than 0."""
+    place = launches.backend()
+    (launches.folder / "empty").mkdir()
+    status = until_ended(place, place.submit(launches.folder / "empty"))
+    if status.code == 0:
+        raise ConformanceError("a job whose worker finds no run ends with exit code 0")
+
+
+def an_ended_job_stays_as_it_is(launches: Launches) -> None:
+    """Check that polling and cancelling an ended job change nothing, and that no ended run is adopted."""
+    place = launches.backend()
+    run = launches.run("ended")
+    job = place.submit(run.path)
+    status = until_ended(place, job)
+    job.cancel()
+    job.cancel(force=True)
+    if job.poll() != status:
+        raise ConformanceError(f"after cancel an ended job is {job.poll()}; it was {status}")
+    if run.manifest()["state"] != "complete":
+        raise ConformanceError("cancel changes a run that has ended")
+    if (adopted := place.adopt(run.path)) is not None:
+        raise ConformanceError(f"adopt returns {adopted} for a run that has ended; it must return None")
+
+
+def it_closes_twice(launches: Launches) -> None:
+    """Check that a backend can be closed before its first run, and a second time."""
+    place = launches.backend()
+    place.close()
+    place.close()
+
+
+LAUNCHER_CHECKS: tuple[Callable[[Launches], None], ...] = (
+    it_carries_runs_out,
+    it_reports_a_run_that_fails,
+    an_ended_job_stays_as_it_is,
+    it_closes_twice,
+)
+"""Checks of every launcher."""
+
+
+def check_launcher(*overrides: str, only: Callable[[Any], None] | None = None) -> None:
+    """Check a launcher against its contract (`auvbench.scheduling.loop.Backend`).
+
+    Args:
+        overrides: arguments of `auvbench train`: the launcher, `launcher=NAME`, and its options.
+        only: one of `LAUNCHER_CHECKS`; default: all.
+
+    Raises:
+        ConformanceError: the launcher breaks its contract.
+        ConfigError: an override is wrong.
+    """
+
+    def call(check: Callable[[Launches], None]) -> None:
+        with tempfile.TemporaryDirectory(prefix="auvbench-testing-") as folder:
+            launches = Launches(overrides, Path(folder))
+            try:
+                check(launches)
+            finally:
+                launches.close()
+
+    run_checks(LAUNCHER_CHECKS, only, overrides, call)

@@ -1,0 +1,133 @@
+"""Check rewards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+
+from auvbench.config import schema
+from auvbench.config.compose import compose
+from auvbench.config.validate import train_config
+from auvbench.envs.batch import Batch
+from auvbench.errors import AgentError
+from auvbench.record import OUTCOMES
+from auvbench.registry import TASKS
+from auvbench.tasks import rows
+from auvbench.tasks.rewards import function_of
+from auvbench.testing.draws import ConformanceError, actions, reseed_generators, run_checks, same, untouched
+from auvbench.testing.tasks import play
+
+N, STEPS = 5, 30
+"""number of parallel episodes, number of steps of a check"""
+
+
+def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
+    """Check that a step gives the same finite reward in any batch, and that it comes from no global generator."""
+    reseed_generators(1)
+    together = Batch(config, N, seed=3)
+    together.reset()
+    with untouched("the reward"):
+        seen, _ = play(together, range(STEPS))
+    if not np.isfinite(seen["reward"]).all():
+        raise ConformanceError(f"a reward is {seen['reward'][~np.isfinite(seen['reward'])][0]:g}")
+    for row in (0, N - 1):
+        alone = Batch(config, row + 1, seed=3)
+        alone.reset()
+        own, _ = play(alone, range(STEPS))
+        same(own["reward"][:, row], seen["reward"][:, row], f"rewards of row {row} in a batch of {row + 1}")
+
+
+def it_pays_every_end(config: schema.TrainConfig) -> None:
+    """Check that each end of an episode, at and far from the reference, has a finite reward."""
+    for batch, pay in _plain(config):
+        e = batch.task.episodes[0]
+        for distance in (0.0, 1e-9, float(e.distance), 1e4):
+            e.distance = e.to_go = e.last_distance = distance
+            for outcome in ("", *TASKS[batch.task.name].outcomes):
+                e.outcome = OUTCOMES.index(outcome) if outcome else rows.GOES_ON
+                paid = pay()
+                if not np.isfinite(paid):
+                    end = f"a step that ends by {outcome}" if outcome else "a step on the way"
+                    raise ConformanceError(f"{end}, {distance:g} m from the reference, gives {paid}")
+
+
+def it_changes_nothing_that_it_reads(config: schema.TrainConfig) -> None:
+    """Check that the reward changes neither the episode nor its vehicle nor the parameters."""
+    for batch, pay in _plain(config):
+        task = batch.task
+        read = {
+            "the episode": task.episodes,
+            "the parameters": task.prices,
+            "the action": task.command,
+            "the last action": task.previous,
+            "the force": batch.simulator.command_force,
+        }
+        before = {name: value.tobytes() for name, value in read.items()}
+        pay()
+        for name, value in read.items():
+            if value.tobytes() != before[name]:
+                raise ConformanceError(f"it changes {name}")
+
+
+def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
+    """Check that the reward, run as Python, accesses nothing that does not exist, and gives what its compiled form gives."""
+    compiled, plain = Batch(config, 2, seed=3), Batch(config, 2, seed=3)
+    plain.task.interpret()
+    try:
+        for batch in (compiled, plain):
+            batch.reset()
+        for step in range(3):
+            action = actions(step, 2, len(plain.vehicle.actuators))
+            pays = [batch.step(action).reward.copy() for batch in (compiled, plain)]
+            if not np.allclose(*pays, rtol=1e-9, atol=1e-9):
+                raise ConformanceError(
+                    f"compiled it gives {pays[0].tolist()}, as Python {pays[1].tolist()}, in step {step}"
+                )
+    except (AgentError, IndexError) as error:
+        raise ConformanceError(f"run as Python: {error}") from error
+
+
+def _plain(config: schema.TrainConfig) -> Iterator[tuple[Batch, Callable[[], float]]]:
+    """Yield environments after a few steps, with a function that pays the last step of the first one."""
+    batch = Batch(config, 2, seed=3)
+    batch.reset()
+    function = getattr(function_of(config.reward), "py_func", function_of(config.reward))
+    for step in range(2):
+        batch.step(actions(step, 2, len(batch.vehicle.actuators)))
+    task, simulator = batch.task, batch.simulator
+    vehicle = rows.vehicle(
+        0,
+        simulator.pose,
+        simulator.velocity,
+        task.command,
+        task.previous,
+        simulator.command_force,
+        simulator.power,
+    )
+    yield batch, lambda: float(function(task.episodes[0], vehicle, task.prices[0]))
+
+
+REWARD_CHECKS: tuple[Callable[[schema.TrainConfig], None], ...] = (
+    its_numbers_do_not_depend_on_the_batch,
+    it_pays_every_end,
+    it_changes_nothing_that_it_reads,
+    it_stays_within_its_arrays,
+)
+"""Checks of every reward."""
+
+
+def check_reward(*overrides: str, only: Callable[[Any], None] | None = None) -> None:
+    """Check a reward against its contract (`auvbench.tasks.rewards`).
+
+    Args:
+        overrides: arguments of `auvbench train`: the reward, `reward=NAME`, and possibly a task and a vehicle.
+        only: one of `REWARD_CHECKS`; default: all.
+
+    Raises:
+        ConformanceError: the reward breaks its contract.
+        ConfigError: an override is wrong, or the reward does not suit the task.
+    """
+    config = train_config(compose("train", list(overrides)))
+    run_checks(REWARD_CHECKS, only, overrides, lambda check: check(config))

@@ -1,0 +1,119 @@
+"""Check trackers."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from omegaconf import OmegaConf
+
+from auvbench import tracking
+from auvbench.config.compose import compose
+from auvbench.errors import AuvbenchError, ConfigError, closest
+from auvbench.registry import TRACKERS, resolve
+from auvbench.testing.draws import ConformanceError, run_checks, untouched
+from auvbench.tracking import Service
+
+KEY = "0123456789abcdef0123456789abcdef"
+SCALARS = {"train/loss": 0.5, "rollout/return": -3.0, "train/not_finite": float("nan")}
+
+
+@contextmanager
+def _telling(what: str) -> Iterator[None]:
+    """Turn an exception of the tracker into one of the check."""
+    try:
+        yield
+    except (ConformanceError, AuvbenchError):
+        raise
+    except Exception as error:
+        raise ConformanceError(f"{what} fails: {type(error).__name__}: {error}") from error
+
+
+def _config() -> dict[str, Any]:
+    plain = OmegaConf.to_container(compose("train", ["algo=ppo"]), resolve=True)
+    assert isinstance(plain, dict)
+    return {str(key): value for key, value in plain.items()}
+
+
+def it_logs_a_training(service: Service) -> None:
+    """Check that a log opens, takes numbers, NaN too, and ends, without a draw from a global generator."""
+    with untouched("logging"):
+        with _telling("prepare"):
+            service.prepare("conformance")
+        with _telling("start"):
+            log = service.start(KEY, _config(), "ppo-first")
+        for step in (0, 1, 1000):
+            with _telling("write"):
+                log.write(SCALARS, step)
+        with _telling("close"):
+            log.close(None)
+
+
+def an_attempt_continues_the_log_of_an_earlier_one(service: Service) -> None:
+    """Check that a log of the same key opens again after a failure, and takes a step that it has already seen."""
+    with _telling("prepare"):
+        service.prepare("conformance")
+    for step, error in ((10, RuntimeError("struck down to see how it goes on")), (5, None)):
+        with _telling("start, close, and start with the same key"):
+            log = service.start(KEY, _config(), "ppo-first")
+            log.write(SCALARS, step)
+            log.close(error)
+
+
+def it_changes_nothing_that_it_gets(service: Service) -> None:
+    """Check that the configuration and the scalars of a run are as before."""
+    config, scalars = _config(), {"train/loss": 0.5}
+    with _telling("start"):
+        log = service.start(KEY, config, "ppo-first")
+    with _telling("write"):
+        log.write(scalars, 1)
+    with _telling("close"):
+        log.close(None)
+    if config != _config():
+        raise ConformanceError("start changes the configuration of the run")
+    if scalars != {"train/loss": 0.5}:
+        raise ConformanceError("write changes the scalars of the run")
+
+
+def it_logs_a_table(service: Service) -> None:
+    """Check that a ranked table with the files of its report is logged, and that the files stay."""
+    with tempfile.TemporaryDirectory(prefix="auvbench-testing-") as folder:
+        file = Path(folder) / "table.csv"
+        csv = "agent,success_rate\nppo,0.5\n"
+        file.write_text(csv)
+        with _telling("table"):
+            service.table("conformance", csv, [file])
+        if not file.is_file() or file.read_text() != csv:
+            raise ConformanceError("table changes a file of the report")
+
+
+TRACKER_CHECKS: tuple[Callable[[Service], None], ...] = (
+    it_logs_a_training,
+    an_attempt_continues_the_log_of_an_earlier_one,
+    it_changes_nothing_that_it_gets,
+    it_logs_a_table,
+)
+"""Checks of every tracker."""
+
+
+def check_tracker(name: str, only: Callable[[Any], None] | None = None) -> None:
+    """Check a tracker against its contract (`auvbench.tracking.Service`); it logs to wherever its client's settings say.
+
+    Args:
+        name: value of `train.log`.
+        only: one of `TRACKER_CHECKS`; default: all.
+
+    Raises:
+        ConformanceError: the tracker breaks its contract.
+        ConfigError: the name is unknown, or the tracker lacks a function.
+        MissingExtraError: its client is not installed.
+    """
+    if name not in TRACKERS.names():
+        raise ConfigError(f"train.log={name}: unknown; {closest(name, TRACKERS.names())}")
+    tracking.prepare.cache_clear()
+    tracking.prepare(name, "conformance")
+    service: Service = resolve(TRACKERS[name].code)
+    run_checks(TRACKER_CHECKS, only, (f"train.log={name}",), lambda check: check(service))
