@@ -42,8 +42,8 @@ def register() -> None:
         if name not in registry:
             add(
                 id=name,
-                entry_point="auvbench.envs.gym_env:WaypointEnv",
-                vector_entry_point="auvbench.envs.vector_env:WaypointVectorEnv",
+                entry_point="auvbench.envs.gym_env:AuvEnv",
+                vector_entry_point="auvbench.envs.vector_env:AuvVectorEnv",
                 # Tasks other than the waypoint task have their own time limit, in seconds.
                 max_episode_steps=None if "task" in keywords else 1000,
                 kwargs=keywords,

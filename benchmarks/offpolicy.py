@@ -17,7 +17,7 @@ from auvbench.config.compose import compose
 from auvbench.config.schema import TrainConfig
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
-from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.registry import AGENTS
 
 UPDATES, ROUNDS, CALLS = 8, 10, 6
@@ -53,7 +53,7 @@ def offpolicy() -> Iterator[tuple[str, str, str, str]]:
 
 
 def _environment(config: TrainConfig) -> VecNormalize:
-    return VecNormalize(WaypointVecEnv(Batch(config), detailed=False))
+    return VecNormalize(AuvVecEnv(Batch(config), detailed=False))
 
 
 def _ready(model: Any) -> Any:

@@ -33,7 +33,7 @@ PRIVILEGED = len(SCALES) + 3  # factors of the vehicle, and the current (x, y, z
 class Privileged(VecEnvWrapper):
     """Add the numbers that only the critic observes to each observation."""
 
-    def __init__(self, venv: sb3.WaypointVecEnv) -> None:
+    def __init__(self, venv: sb3.AuvVecEnv) -> None:
         seen = venv.observation_space
         high = np.append(seen.high, np.full(PRIVILEGED, 10.0, dtype=np.float32))
         super().__init__(venv, Box(-high, high, dtype=np.float32))

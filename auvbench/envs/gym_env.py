@@ -22,7 +22,7 @@ Observation = NDArray[np.float32]
 _FIRST = np.zeros(1, dtype=np.int64)
 
 
-class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
+class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     """One vehicle and its task: `auvbench/Waypoint-v0`, `auvbench/Docking-v0` and the others.
 
     Args:
@@ -141,3 +141,7 @@ class WaypointEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if not self._seeded:
             raise ResetNeeded("there is nothing to show: call reset() before render()")
         return self._renderer.show(0)
+
+
+WaypointEnv = AuvEnv
+"""Earlier name of `AuvEnv`."""

@@ -21,14 +21,14 @@ from auvbench.errors import ConfigError
 
 def make(
     n_envs: int = 1, *, seed: int | None = None, render_mode: str | None = None, **kwargs: Any
-) -> WaypointVecEnv:
+) -> AuvVecEnv:
     """N environments for Stable-Baselines3's learners.
 
     Args:
         n_envs: number of environments in the batch.
         seed: seed of all draws, environment i draws from (seed, i); None: the configuration's seed.
-        render_mode: see `WaypointEnv`.
-        kwargs: overrides, config, conf, task, vehicle, k, frequency, noise, disturbance; see `WaypointEnv`.
+        render_mode: see `AuvEnv`.
+        kwargs: overrides, config, conf, task, vehicle, k, frequency, noise, disturbance; see `AuvEnv`.
 
     Raises:
         ConfigError: a setting is wrong.
@@ -42,10 +42,10 @@ def make(
         raise ConfigError(f"n_envs={n_envs}: must be at least 1")
     config = settings.configuration(**kwargs)
     number = None if seed is None else settings.folded(seed)
-    return WaypointVecEnv(Batch(config, n_envs, seed=number), render_mode=render_mode)
+    return AuvVecEnv(Batch(config, n_envs, seed=number), render_mode=render_mode)
 
 
-class WaypointVecEnv(VecEnv):
+class AuvVecEnv(VecEnv):
     """Environments of a `Batch` for SB3's learners; as they expect, the next episode begins in the step that ends an
     episode.
 
@@ -53,7 +53,7 @@ class WaypointVecEnv(VecEnv):
         batch: batch with automatic reset.
         detailed: whether every environment has an `info` at every step (`auvbench.envs.info`). If not, only
             environments whose episode ended have one, which is enough for SB3's learners.
-        render_mode: see `WaypointEnv`.
+        render_mode: see `AuvEnv`.
 
     `transition` is the result of the last step.
     """
@@ -168,3 +168,7 @@ class WaypointVecEnv(VecEnv):
         if self.render_mode != "rgb_array" or not self._begun:
             return [None] * self.num_envs
         return [self._renderer.show(i) for i in range(self.num_envs)]
+
+
+WaypointVecEnv = AuvVecEnv
+"""Earlier name of `AuvVecEnv`."""

@@ -36,12 +36,12 @@ else:
 Arrays = NDArray[Any]
 
 
-class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
+class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
     """N environments in one batch.
 
     Args:
         num_envs: number of environments.
-        overrides: see `WaypointEnv`, as for all arguments that are not described here.
+        overrides: see `AuvEnv`, as for all arguments that are not described here.
         config: typed configuration, instead of overrides and keywords.
         autoreset_mode: when the next episode of an environment begins. `NEXT_STEP`, as in Gymnasium's own vector
             environments: in the next step, whose action is ignored and whose reward is 0. `SAME_STEP`: in the same
@@ -49,7 +49,7 @@ class WaypointVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             `DISABLED`: by `reset(options={"reset_mask": ...})`.
         max_episode_steps: limit that replaces `task.max_steps`; 1000, which Gymnasium passes by default, changes
             nothing, and -1 removes the limit.
-        render_mode: see `WaypointEnv`; `render` returns one picture or line per environment.
+        render_mode: see `AuvEnv`; `render` returns one picture or line per environment.
         conf: folder with your own configuration files, which is searched first.
         keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short forms of the overrides in
             `settings.KEYS`.
@@ -237,3 +237,7 @@ def _mode(given: AutoresetMode | str) -> AutoresetMode:
     raise ConfigError(
         f"autoreset_mode={given}: unknown; {closest(str(given), [m.name for m in AutoresetMode])}"
     )
+
+
+WaypointVectorEnv = AuvVectorEnv
+"""Earlier name of `AuvVectorEnv`."""

@@ -27,7 +27,7 @@ from auvbench.agents.base import Actions, Agent, Components, Integers, Observati
 from auvbench.agents.learned.sb3 import SB3Learner
 from auvbench.config import algorithms, schema
 from auvbench.envs.batch import Batch, Transition
-from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Arrays = dict[str, NDArray[Any]]
@@ -97,7 +97,7 @@ def _extended(observation: Observations, action: NDArray[np.float64]) -> Observa
 class ResidualVecEnv(VecEnvWrapper):
     """Environments as the learner of a residual sees them."""
 
-    def __init__(self, face: WaypointVecEnv, base: Base) -> None:
+    def __init__(self, face: AuvVecEnv, base: Base) -> None:
         whole = face.observation_space
         assert isinstance(whole, spaces.Box)
         assert face.action_space.shape is not None
@@ -166,7 +166,7 @@ class ResidualLearner(SB3Learner):
         self._seen: ResidualVecEnv | None = None
 
     def _faced(self, environment: Batch) -> ResidualVecEnv:
-        self._seen = ResidualVecEnv(WaypointVecEnv(environment, detailed=False), self._base)
+        self._seen = ResidualVecEnv(AuvVecEnv(environment, detailed=False), self._base)
         return self._seen
 
     def _frozen(self, model: BaseAlgorithm) -> Agent:

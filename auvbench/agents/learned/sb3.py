@@ -20,7 +20,7 @@ from auvbench.agents.learned.trained_policy import FrozenPolicy, LearnedPolicy, 
 from auvbench.config import schema
 from auvbench.config.schema import discount
 from auvbench.envs.batch import Batch
-from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 
@@ -72,7 +72,7 @@ class SB3Learner:
 
     def _faced(self, environment: Batch) -> Any:
         """Return the environment as SB3 expects it; its `transition` is the result of its last step."""
-        return WaypointVecEnv(environment, detailed=False)
+        return AuvVecEnv(environment, detailed=False)
 
     def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:
         """Train as the contract says; PPO may exceed the budget by up to a rollout, as SB3 does.

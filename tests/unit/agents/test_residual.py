@@ -16,7 +16,7 @@ from auvbench.analysis.labels import title
 from auvbench.config import schema
 from auvbench.config.compose import run, typed
 from auvbench.envs.batch import Batch
-from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
 from auvbench.runs.identity import run_id
@@ -36,7 +36,7 @@ def configured(*overrides: str) -> schema.TrainConfig:
 
 def wrapped(config: schema.TrainConfig, n: int) -> ResidualVecEnv:
     batch = Batch(config, n)
-    return ResidualVecEnv(WaypointVecEnv(batch, detailed=False), Base(config, batch.vehicle))
+    return ResidualVecEnv(AuvVecEnv(batch, detailed=False), Base(config, batch.vehicle))
 
 
 def state_of(environment: ResidualVecEnv) -> dict[str, dict[str, np.ndarray]]:

@@ -13,7 +13,7 @@ from auvbench.config.compose import compose, typed
 from auvbench.config.schema import discount, step_limit
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
-from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError
 from auvbench.runs import identity
@@ -54,7 +54,7 @@ def test_a_reward_one_horizon_ahead_weighs_the_same_at_every_frequency(frequency
 
 def test_learner_and_reward_statistics_take_the_discount_of_the_horizon():
     config = configuration("algo.horizon_s=2", "step.frequency=25", "algo.n_envs=2", "algo.batch_size=64")
-    model = learners.make(config, WaypointVecEnv(Batch(config)))
+    model = learners.make(config, AuvVecEnv(Batch(config)))
     assert model.gamma == pytest.approx(np.exp(-1 / 50), rel=1e-15)
 
 

@@ -13,7 +13,7 @@ from stable_baselines3.common.env_checker import check_env as sb3_check
 
 import auvbench
 from auvbench.envs.batch import Batch
-from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.simulators import fossen
 from tests import configs
 
@@ -138,7 +138,7 @@ def test_vector_environment_is_the_single_one_many_times():
 
 
 def test_episodes_end_and_begin_anew_in_the_same_step():
-    env = WaypointVecEnv(Batch(configuration("task.max_steps=5"), 4))
+    env = AuvVecEnv(Batch(configuration("task.max_steps=5"), 4))
     env.reset()
     for step in range(1, 11):
         env.step_async(np.zeros((4, 6), dtype=np.float32))

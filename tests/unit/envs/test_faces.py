@@ -13,9 +13,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import auvbench
-from auvbench.envs import sb3, settings
+from auvbench.envs import gym_env, sb3, settings, vector_env
 from auvbench.envs.batch import Batch
-from auvbench.envs.vector_env import WaypointVectorEnv
+from auvbench.envs.vector_env import AuvVectorEnv
 from auvbench.errors import ActionError, AuvbenchWarning, ConfigError
 from auvbench.simulators import fossen
 
@@ -63,7 +63,7 @@ def test_the_vector_environment_is_gymnasiums_own_around_single_ones(mode):
 
 
 def test_without_automatic_reset_a_mask_says_who_begins():
-    env = WaypointVectorEnv(3, "task.max_steps=7", autoreset_mode="DISABLED")
+    env = AuvVectorEnv(3, "task.max_steps=7", autoreset_mode="DISABLED")
     with pytest.raises(ResetNeeded, match="environment 0 and 2 others"):
         env.step(np.zeros((3, 6)))
     env.reset(seed=1)
@@ -89,8 +89,8 @@ def test_automatic_reset_is_the_same_on_threads_and_with_disturbances(monkeypatc
     monkeypatch.setattr(fossen, "THREADED", 8)
     for disturbance in ("none", "severe"):
         overrides = [*SHORT, f"disturbance={disturbance}"]
-        one = WaypointVectorEnv(20, overrides)
-        three = WaypointVectorEnv(20, [*overrides, "simulator.threads=3"])
+        one = AuvVectorEnv(20, overrides)
+        three = AuvVectorEnv(20, [*overrides, "simulator.threads=3"])
         assert len(three.batch.simulator.each(lambda start, stop: stop)) > 1
         assert_same(one.reset(seed=4)[0], three.reset(seed=4)[0])
         three = pickle.loads(pickle.dumps(three))  # its threads stay behind
@@ -105,9 +105,7 @@ def test_automatic_reset_is_the_same_on_threads_and_with_disturbances(monkeypatc
 @pytest.mark.parametrize("task", ["waypoint", "path_following"])
 @pytest.mark.parametrize("again", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_a_copy_goes_on_by_itself_as_the_original_does(task, again):
-    made = [
-        WaypointVectorEnv(3, [f"task={task}", "task.max_steps=7", "disturbance=severe"]) for _ in range(2)
-    ]
+    made = [AuvVectorEnv(3, [f"task={task}", "task.max_steps=7", "disturbance=severe"]) for _ in range(2)]
     plain, original = made
     for env in made:
         env.reset(seed=3)
@@ -134,7 +132,7 @@ def test_gymnasiums_wrappers_accept_it():
     for action in plan(8, 2):
         *_, info = envs.step(torch.as_tensor(action))
     assert isinstance(info["pose"], torch.Tensor)
-    same = wrappers.NumpyToTorch(WaypointVectorEnv(2, SHORT, autoreset_mode="SAME_STEP"))
+    same = wrappers.NumpyToTorch(AuvVectorEnv(2, SHORT, autoreset_mode="SAME_STEP"))
     same.reset(seed=1)
     for action in plan(7, 2)[:, :, :]:
         *_, info = same.step(torch.as_tensor(action))
@@ -174,7 +172,7 @@ def test_an_episode_that_gymnasiums_limit_cuts_short_is_told():
 def test_info_has_the_same_keys_from_all_faces():
     single, vector, stable = (
         gymnasium.make(ID, overrides=SHORT),
-        WaypointVectorEnv(2, SHORT),
+        AuvVectorEnv(2, SHORT),
         sb3.make(2, overrides=SHORT),
     )
     _, a = single.reset(seed=1)
@@ -213,7 +211,7 @@ def test_success_is_told():
 
 def test_sb3_infos_are_not_shared():
     for detailed in (True, False):
-        env = sb3.WaypointVecEnv(Batch(settings.configuration(overrides=SHORT), 3), detailed=detailed)
+        env = sb3.AuvVecEnv(Batch(settings.configuration(overrides=SHORT), 3), detailed=detailed)
         env.reset()
         _, _, _, infos = env.step(np.zeros((3, 6), np.float32))
         infos[0]["mine"] = 1
@@ -240,7 +238,7 @@ def test_options_place_vehicle_and_waypoint():
     np.testing.assert_allclose(observation[:4], [0, 0, 10, 0], atol=0.1)  # thesis noise
     _, _, _, _, info = env.step(np.ones(6))
     assert info["distance"] < 10.1
-    envs = WaypointVectorEnv(2)
+    envs = AuvVectorEnv(2)
     _, info = envs.reset(seed=1, options={"waypoint": [[5, 0, -20], [0, 5, -20]]})
     np.testing.assert_array_equal(info["waypoint"], [[5, 0, -20], [0, 5, -20]])
     for options, message in (
@@ -306,7 +304,7 @@ def test_seeds_of_any_size():
     np.testing.assert_array_equal(a, b)
     assert not np.array_equal(a, c)
     assert env.np_random_seed == 1
-    envs = WaypointVectorEnv(2)
+    envs = AuvVectorEnv(2)
     lists, _ = envs.reset(seed=[1, 2**32 + 1])
     np.testing.assert_array_equal(lists, [c, a])
     again, _ = envs.reset(seed=[None, 1])
@@ -383,3 +381,9 @@ def test_importing_registers_once():
     auvbench.register()
     auvbench.register()
     assert gymnasium.spec(auvbench.ID).max_episode_steps == 1000
+
+
+def test_programs_may_use_the_earlier_names() -> None:
+    assert gym_env.WaypointEnv is gym_env.AuvEnv
+    assert vector_env.WaypointVectorEnv is vector_env.AuvVectorEnv
+    assert sb3.WaypointVecEnv is sb3.AuvVecEnv

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 import auvbench
 from auvbench.envs import sb3
-from auvbench.envs.vector_env import WaypointVectorEnv
+from auvbench.envs.vector_env import AuvVectorEnv
 from auvbench.errors import ConfigError
 
 assert auvbench.__version__
@@ -78,7 +78,7 @@ def test_modes():
     silent.reset(seed=0)
     assert silent.unwrapped.render() is None
     with pytest.raises(ConfigError, match="render_mode=rgb: unknown; did you mean 'rgb_array'"):
-        WaypointVectorEnv(2, render_mode="rgb")
+        AuvVectorEnv(2, render_mode="rgb")
     with pytest.raises(ResetNeeded):
         gymnasium.make(ID, render_mode="ansi").unwrapped.render()
 
@@ -86,7 +86,7 @@ def test_modes():
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["NEXT_STEP", "SAME_STEP", "DISABLED"])
 def test_a_batch_shows_each_environment(mode):
-    envs = WaypointVectorEnv(2, "task.max_steps=3", render_mode="ansi", autoreset_mode=mode)
+    envs = AuvVectorEnv(2, "task.max_steps=3", render_mode="ansi", autoreset_mode=mode)
     envs.reset(seed=1)
     lines = []
     for _ in range(3):
@@ -100,7 +100,7 @@ def test_a_batch_shows_each_environment(mode):
     if mode == "NEXT_STEP":
         envs.step(np.zeros((2, 6)))
         assert all(line.startswith("step 0 (") for line in envs.render())
-    pictures = WaypointVectorEnv(2, render_mode="rgb_array")
+    pictures = AuvVectorEnv(2, render_mode="rgb_array")
     pictures.reset(seed=1)
     pictures.step(np.zeros((2, 6)))
     one, other = pictures.render()

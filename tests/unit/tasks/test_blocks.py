@@ -180,7 +180,9 @@ def test_what_it_reads_a_task_must_have(
 ) -> None:
     measuring(site, ('reads=("velocity",)', f'reads=("velocity", "{reads}")'))
     more = ["task.preview.points=0"] if reads == "preview" else []
-    assert message in refused(capsys, "train", "algo=pid", f"task={task}", "vehicle=bluerov2_heavy", SEEN, *more)
+    assert message in refused(
+        capsys, "train", "algo=pid", f"task={task}", "vehicle=bluerov2_heavy", SEEN, *more
+    )
 
 
 @pytest.mark.parametrize(

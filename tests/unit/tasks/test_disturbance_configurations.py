@@ -14,7 +14,7 @@ from auvbench.agents.learned import learners
 from auvbench.config.compose import option, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
-from auvbench.envs.sb3 import WaypointVecEnv
+from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.errors import ConfigError
 from tests import configs
 
@@ -63,7 +63,7 @@ def test_every_file_trains_a_few_steps(name):
             "task.max_steps=20",
         )
     )
-    environment = WaypointVecEnv(Batch(config))
+    environment = AuvVecEnv(Batch(config))
     model = learners.make(config, VecNormalize(environment))
     model.set_logger(Logger(None, []))  # the one that SB3 would make leaves an empty folder in /tmp
     model.learn(128)

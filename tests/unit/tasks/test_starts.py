@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from auvbench.envs.batch import Batch
-from auvbench.envs.gym_env import WaypointEnv
+from auvbench.envs.gym_env import AuvEnv
 from auvbench.errors import ConfigError
 from auvbench.tasks import rows
 from tests import configs
 from tests.unit.tasks.test_tasks import HEAVY, advance, batch_of, path_of, put
 
 
-def env_of(task: str, *overrides: str) -> WaypointEnv:
-    return WaypointEnv([f"task={task}", HEAVY, "noise=none", *overrides])
+def env_of(task: str, *overrides: str) -> AuvEnv:
+    return AuvEnv([f"task={task}", HEAVY, "noise=none", *overrides])
 
 
 @pytest.mark.parametrize("depth", [-1.0, -3.0, -59.5])
@@ -113,7 +113,7 @@ def test_a_distance_moves_no_waypoint_out_of_the_water() -> None:
 
 
 def test_a_waypoint_out_of_the_water_is_refused() -> None:
-    env = WaypointEnv()
+    env = AuvEnv()
     with pytest.raises(ConfigError, match=r"options\['waypoint'\]: z = 5 m must be within -60 and -1 m"):
         env.reset(seed=0, options={"waypoint": [0, 0, 5]})
 
