@@ -80,10 +80,10 @@ def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
             batch.reset()
         for step in range(3):
             action = actions(step, 2, len(plain.vehicle.actuators))
-            pays = [batch.step(action).reward.copy() for batch in (compiled, plain)]
-            if not np.allclose(*pays, rtol=1e-9, atol=1e-9):
+            one, other = (batch.step(action).reward.copy() for batch in (compiled, plain))
+            if not np.allclose(one, other, rtol=1e-9, atol=1e-9):
                 raise ConformanceError(
-                    f"compiled it gives {pays[0].tolist()}, as Python {pays[1].tolist()}, in step {step}"
+                    f"compiled it gives {one.tolist()}, as Python {other.tolist()}, in step {step}"
                 )
     except (AgentError, IndexError) as error:
         raise ConformanceError(f"run as Python: {error}") from error
