@@ -155,7 +155,7 @@ def test_a_test_observes_it_and_meets_the_same_scenarios(site: Site) -> None:
     ("words", "message"),
     [
         (("task.observation=[doppler,dopler]",), "dopler is not a block of task=waypoint; did you mean 'doppler'?"),
-        (("task.observation=[doppler,doppler]",), "doppler is there twice"),
+        (("task.observation=[doppler,doppler]",), "doppler occurs twice"),
         ((SEEN, "+task.block_packages={doppler: x}"), "task.block_packages={'doppler': 'x'}: auvbench sets it"),
         (("task.block_packages={velocity: x}",), "task.block_packages.velocity: unknown key"),
     ],
