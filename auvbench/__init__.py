@@ -7,7 +7,6 @@
 """
 
 import os
-import re
 import sys
 from itertools import product
 
@@ -33,10 +32,8 @@ def register() -> None:
     ids: dict[str, dict[str, object]] = {"Waypoint": {}}
     for k, hz in product((1, 40, 100), (10, 25, 55)):
         ids[f"Waypoint-K{k}-{hz}Hz"] = {"k": k, "frequency": hz}
-    for task in ("StationKeeping", "TrajectoryTracking", "PathFollowing", "Docking"):
-        ids[task] = {"task": re.sub("(?<!^)(?=[A-Z])", "_", task).lower()}
-    for one in TASKS.declared():
-        ids.setdefault("".join(word.capitalize() for word in one.name.split("_")), {"task": one.name})
+    for task in TASKS.names():
+        ids.setdefault("".join(word.capitalize() for word in task.split("_")), {"task": task})
     for short, keywords in ids.items():
         name = f"auvbench/{short}-v0"
         if name not in registry:

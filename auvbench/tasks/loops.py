@@ -214,10 +214,11 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
     for code, spec in enumerate(specs):
         lines += [f"{'el' if code else ''}if code == {code}:", f"    block_{code}(m, e, p, out)"]
         given = own
-        if spec.name not in BLOCKS.own:
-            noise = compile_row(_noise_of(spec))
-            theirs = {id(plain): own[name] for name, plain in vars(blocks).items()}
-            given = _with_compiled(spec.write.__globals__, theirs | {id(blocks.normals): noise}, compile_row)
+        if spec.name not in BLOCKS.own or _mentions(spec.write, "normals"):
+            module = spec.write.__globals__
+            theirs = {} if module is vars(blocks) else {id(vars(blocks)[name]): own[name] for name in own}
+            noise = {id(blocks.normals): compile_row(_noise_of(spec))}
+            given = _with_compiled(module, theirs | noise, compile_row)
         named[f"block_{code}"] = given[spec.write.__name__]
     shared = {
         "borrowed": (lambda array: array) if interpreted else rows.borrowed,
@@ -301,18 +302,18 @@ def _with_compiled(
 
     Args:
         module: the names of the module.
-        others: compiled functions of `blocks`, by the identity of the plain functions that they replace.
+        others: compiled functions by the identity of the plain functions that they replace.
         compile_row: compiles a function.
     """
     namespace = dict(module)
     for name, value in module.items():
-        if isinstance(value, FunctionType) and value.__globals__ is module:
+        if id(value) in others:
+            namespace[name] = others[id(value)]
+        elif isinstance(value, FunctionType) and value.__globals__ is module:
             copy = FunctionType(
                 value.__code__, namespace, value.__name__, value.__defaults__, value.__closure__
             )
             namespace[name] = compile_row(copy)
-        elif isinstance(value, FunctionType):
-            namespace[name] = others.get(id(value), value)
     return namespace
 
 
