@@ -77,8 +77,9 @@ def test_a_new_metric_of_a_package_touches_the_file_of_its_task_only(site: Site)
     )
     one = batch(*CIRCLING, "task.time_limit=0.2", interpreted=True)
     one.reset()
-    records = [one.step(np.zeros((2, 8))).records for _ in range(2)][-1]
-    assert [record["turned_rad"] for record in records] == (one.task.episodes.turn + 2.0).tolist()
+    one.step(np.zeros((2, 8)))
+    turned = (one.task.episodes.turn + 2.0).tolist()
+    assert [record["turned_rad"] for record in one.step(np.zeros((2, 8))).records] == turned
     assert "mean_turned_rad" in measure_names()
     assert "| `turned_rad` | rad | higher | way round the pole |" in metrics.definitions()
     assert "turned_rad" not in record_columns("docking")

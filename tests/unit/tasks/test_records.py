@@ -186,12 +186,11 @@ def test_packages_with_tasks_of_one_name_do_not_take_each_other_s_code(site: Sit
     words = "task=circling vehicle=bluerov2_heavy"
     environments = []
     for changes in ((), (("add_errors(e)\n", "add_errors(e)\n    e.distance += 0.5\n    e.to_go += 0.5\n"),)):
+        cache = site.folder / "auvbench_example" / "__pycache__"
+        cache.unlink(missing_ok=True)
         tasking(site, *changes)
-        (site.folder / "auvbench_example" / "__pycache__").unlink(missing_ok=True)
-        shutil.rmtree(site.folder / "auvbench_example" / "__pycache__", ignore_errors=True)
-        (site.folder / "auvbench_example" / "__pycache__").write_text(
-            "a file: the code is kept in the user's cache"
-        )
+        shutil.rmtree(cache, ignore_errors=True)
+        cache.write_text("a file in its place: the code is kept in the user's cache, which both share")
         environments.append([run(tmp_path, words) for _ in range(2)])
     (first, again), (other, once_more) = environments
     assert (first[1], again[1]) == (other[1], once_more[1]) == (True, False)

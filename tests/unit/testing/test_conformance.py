@@ -158,9 +158,10 @@ def pytest_says(*words: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.slow
 def test_pytest_runs_the_checks_one_by_one(site: Site) -> None:
     steering(site, "return np.full((len(observation), self.n_u), 1.5)")
-    done = pytest_says("--auvbench", "algo=mine", "--auvbench", "task=waypoint", "-rA")
+    words = ("--auvbench", "algo=mine", "--auvbench", "task=waypoint", "--auvbench", "command=verify")
+    done = pytest_says(*words, "-rA")
     assert done.returncode == 1
-    assert f"{len(testing.TASK_CHECKS)} passed" in done.stdout
+    assert f"{len(testing.TASK_CHECKS) + len(testing.COMMAND_CHECKS)} passed" in done.stdout
     assert f"{len(testing.AGENT_CHECKS)} failed" in done.stdout
     assert "gets the action 1.5; actions must be in [-1, 1]" in done.stdout
     assert "Traceback" not in done.stdout
