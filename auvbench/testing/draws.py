@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.errors import AgentError
+from auvbench.errors import AgentError, AuvbenchError
 
 
 class ConformanceError(AssertionError):
@@ -36,6 +36,17 @@ def run_checks(
         except (ConformanceError, AgentError) as error:
             name = check.__name__.replace("_", " ")
             raise ConformanceError(f"{' '.join(overrides)}: {name}: {error}") from error
+
+
+@contextmanager
+def failing(what: str) -> Iterator[None]:
+    """Turn an unexpected exception into a `ConformanceError`: `write fails: ValueError: ...`."""
+    try:
+        yield
+    except (ConformanceError, AuvbenchError):
+        raise
+    except Exception as error:
+        raise ConformanceError(f"{what} fails: {type(error).__name__}: {error}") from error
 
 
 def actions(step: int, n: int, n_u: int, first: int = 0) -> NDArray[np.float64]:

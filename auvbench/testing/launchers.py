@@ -16,7 +16,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import prepare
 from auvbench.scheduling.grid import backend
 from auvbench.scheduling.loop import Backend, Job, Status
-from auvbench.testing.draws import ConformanceError, run_checks
+from auvbench.testing.draws import ConformanceError, failing, run_checks
 
 WAIT = 600.0
 """s that a run of a check may take at most"""
@@ -129,9 +129,10 @@ def check_launcher(*overrides: str, only: Callable[[Any], None] | None = None) -
     def call(check: Callable[[Launches], None]) -> None:
         with tempfile.TemporaryDirectory(prefix="auvbench-testing-") as folder:
             launches = Launches(overrides, Path(folder))
-            try:
-                check(launches)
-            finally:
-                launches.close()
+            with failing("the launcher"):
+                try:
+                    check(launches)
+                finally:
+                    launches.close()
 
     run_checks(LAUNCHER_CHECKS, only, overrides, call)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +11,13 @@ from omegaconf import OmegaConf
 
 from auvbench import tracking
 from auvbench.config.compose import compose
-from auvbench.errors import AuvbenchError, ConfigError, closest
+from auvbench.errors import ConfigError, closest
 from auvbench.registry import TRACKERS, resolve
-from auvbench.testing.draws import ConformanceError, run_checks, untouched
+from auvbench.testing.draws import ConformanceError, failing, run_checks, untouched
 from auvbench.tracking import Service
 
 KEY = "0123456789abcdef0123456789abcdef"
 SCALARS = {"train/loss": 0.5, "rollout/return": -3.0, "train/not_finite": float("nan")}
-
-
-@contextmanager
-def _telling(what: str) -> Iterator[None]:
-    """Turn an exception of the tracker into one of the check."""
-    try:
-        yield
-    except (ConformanceError, AuvbenchError):
-        raise
-    except Exception as error:
-        raise ConformanceError(f"{what} fails: {type(error).__name__}: {error}") from error
 
 
 def _config() -> dict[str, Any]:
@@ -41,23 +29,23 @@ def _config() -> dict[str, Any]:
 def it_logs_a_training(service: Service) -> None:
     """Check that a log opens, takes numbers, NaN too, and ends, without a draw from a global generator."""
     with untouched("logging"):
-        with _telling("prepare"):
+        with failing("prepare"):
             service.prepare("conformance")
-        with _telling("start"):
+        with failing("start"):
             log = service.start(KEY, _config(), "ppo-first")
         for step in (0, 1, 1000):
-            with _telling("write"):
+            with failing("write"):
                 log.write(SCALARS, step)
-        with _telling("close"):
+        with failing("close"):
             log.close(None)
 
 
 def an_attempt_continues_the_log_of_an_earlier_one(service: Service) -> None:
     """Check that a log of the same key opens again after a failure, and takes a step that it has already seen."""
-    with _telling("prepare"):
+    with failing("prepare"):
         service.prepare("conformance")
     for step, error in ((10, RuntimeError("struck down to see how it goes on")), (5, None)):
-        with _telling("start, close, and start with the same key"):
+        with failing("start, close, and start with the same key"):
             log = service.start(KEY, _config(), "ppo-first")
             log.write(SCALARS, step)
             log.close(error)
@@ -66,11 +54,11 @@ def an_attempt_continues_the_log_of_an_earlier_one(service: Service) -> None:
 def it_changes_nothing_that_it_gets(service: Service) -> None:
     """Check that the configuration and the scalars of a run are as before."""
     config, scalars = _config(), {"train/loss": 0.5}
-    with _telling("start"):
+    with failing("start"):
         log = service.start(KEY, config, "ppo-first")
-    with _telling("write"):
+    with failing("write"):
         log.write(scalars, 1)
-    with _telling("close"):
+    with failing("close"):
         log.close(None)
     if config != _config():
         raise ConformanceError("start changes the configuration of the run")
@@ -84,7 +72,7 @@ def it_logs_a_table(service: Service) -> None:
         file = Path(folder) / "table.csv"
         csv = "agent,success_rate\nppo,0.5\n"
         file.write_text(csv)
-        with _telling("table"):
+        with failing("table"):
             service.table("conformance", csv, [file])
         if not file.is_file() or file.read_text() != csv:
             raise ConformanceError("table changes a file of the report")

@@ -174,12 +174,12 @@ def test_a_launcher_that_keeps_its_contract(site: Site) -> None:
 @pytest.mark.parametrize(
     ("check", "change", "message"),
     [
-        (launchers.it_carries_runs_out, ("work(run, target=self.target)", "0"), "a run ends as created, and its job ended with exit code 0"),
+        (launchers.it_carries_runs_out, ("work(run, target=self.target)", "0"), "a run ends as pending, and its job ended with exit code 0"),
         (launchers.it_carries_runs_out, ("self.run, self.status = run,", "self.run, self.status = run.parent,"), "returns a job of the run"),
-        (launchers.it_reports_a_run_that_fails, ("return Job(run, 1)", "return Job(run, 0)"), "finds no run ends with exit code 0"),
+        (launchers.it_reports_a_run_that_fails, ("work(run, target=self.target))", "0 * work(run, target=self.target))"), "finds no run ends with exit code 0"),
         (launchers.an_ended_job_stays_as_it_is, ("        pass\n\nclass Backend", "        self.status = Status(Phase.ENDED, 7)\n\nclass Backend"), "after cancel an ended job is"),
         (launchers.an_ended_job_stays_as_it_is, ("        return None", "        return Job(run, 0)"), "for a run that has ended; it must return None"),
-        (launchers.it_closes_twice, ("    def close(self):\n        pass", "    def close(self):\n        del self.target"), "it closes twice"),
+        (launchers.it_closes_twice, ("    def close(self):\n        pass", "    def close(self):\n        del self.target"), "it closes twice: the launcher fails: AttributeError"),
     ],
 )  # fmt: skip
 def test_a_launcher_that_breaks_its_contract(
