@@ -20,7 +20,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="append",
         default=[],
         metavar="OVERRIDES",
-        help="check an agent ('algo=NAME ...'), task, reward, launcher or simulator, blocks ('task.observation=[NAME]'), a tracker ('train.log=NAME') or "
+        help="check an agent ('algo=NAME ...'), task, reward, disturbance, launcher or simulator, blocks ('task.observation=[NAME]'), a tracker ('train.log=NAME') or "
         "a command ('command=NAME') against auvbench's contracts; may be given several times",
     )
     group.addoption(

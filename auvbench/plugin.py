@@ -1,16 +1,17 @@
-"""Public names for packages that add agents, tasks, rewards, blocks of observations, simulators, launchers,
-trackers or commands to auvbench.
+"""Public names for packages that add agents, tasks, rewards, blocks of observations, disturbances, simulators,
+launchers, trackers or commands to auvbench.
 
 The entry point of an agent names a function `factory(config, vehicle)`, which gets the whole configuration.
 Its attribute `Config` is the dataclass of the agent's YAML file. A task is a `TaskSpec`, a reward a
 `RewardSpec`, and so on (docs/adding-a-package.md); the code of tasks and rewards takes `auvbench.tasks.base`
-and `auvbench.tasks.rows` too.
+and `auvbench.tasks.rows` too, that of disturbances `auvbench.tasks.disturbances.base`.
 """
 
 from auvbench.agents.base import Agent, Callbacks, Components, Learner
 from auvbench.blocks import BlockSpec
 from auvbench.config.algorithms import AgentConfig, AgentSpec
 from auvbench.config.commands import CommandSpec
+from auvbench.config.disturbances import DisturbanceConfig, DisturbanceSpec, Need, below, forces
 from auvbench.config.launchers import LauncherConfig, LauncherSpec
 from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number
@@ -38,9 +39,12 @@ __all__ = [
     "CommandSpec",
     "Components",
     "ConfigError",
+    "DisturbanceConfig",
+    "DisturbanceSpec",
     "LauncherConfig",
     "LauncherSpec",
     "Learner",
+    "Need",
     "RewardConfig",
     "RewardSpec",
     "RunError",
@@ -53,7 +57,9 @@ __all__ = [
     "TrainingError",
     "Transition",
     "VehicleModel",
+    "below",
     "choice",
     "column",
+    "forces",
     "number",
 ]

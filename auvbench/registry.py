@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from auvbench.blocks import BlockSpec
     from auvbench.config.algorithms import AgentSpec
     from auvbench.config.commands import CommandSpec
+    from auvbench.config.disturbances import DisturbanceSpec
     from auvbench.config.launchers import LauncherSpec
     from auvbench.config.rewards import RewardSpec
     from auvbench.config.simulators import SimulatorSpec
@@ -369,6 +370,14 @@ SIMULATORS: Kind[SimulatorSpec] = Kind(
     _lines(_SIMULATORS, "fossen", "gazebo", "ros2"),
 )
 
+_DISTURBANCES = "auvbench.config.disturbances"
+DISTURBANCES: Kind[DisturbanceSpec] = Kind(
+    "auvbench.disturbances",
+    "disturbance",
+    f"{_DISTURBANCES}:DisturbanceSpec",
+    _lines(_DISTURBANCES, "current", "waves", "fault", "delay", "sensor", "randomisation"),
+)
+
 _LAUNCHERS = "auvbench.config.launchers"
 LAUNCHERS: Kind[LauncherSpec] = Kind(
     "auvbench.launchers",
@@ -411,6 +420,7 @@ KINDS: tuple[Kind[Any], ...] = (
     TASKS,
     REWARDS,
     BLOCKS,
+    DISTURBANCES,
     SIMULATORS,
     LAUNCHERS,
     TRACKERS,

@@ -24,7 +24,6 @@ from stable_baselines3.common.vec_env import VecEnvWrapper, VecNormalize
 
 from auvbench.config.schema import SCALES
 from auvbench.envs import sb3
-from auvbench.tasks.disturbances import kernels
 
 TASK = ("vehicle=bluerov2_realistic_inertia", "task=waypoint_state", "disturbance=unknown_vehicle")
 PRIVILEGED = len(SCALES) + 3  # factors of the vehicle, and the current (x, y, z) in m/s
@@ -38,26 +37,24 @@ class Privileged(VecEnvWrapper):
         high = np.append(seen.high, np.full(PRIVILEGED, 10.0, dtype=np.float32))
         super().__init__(venv, Box(-high, high, dtype=np.float32))
         self.disturbances = venv.batch.disturbances
-        self.privileged = self._draw()
+        self.privileged = np.zeros((self.num_envs, PRIVILEGED), dtype=np.float32)
 
-    def _draw(self) -> np.ndarray:
-        """Return the drawn vehicles and currents: the same key of seed, environment and episode gives the same draw."""
-        drawn, task = self.disturbances, self.disturbances.task
-        scales = np.ones((self.num_envs, len(SCALES)))
-        kernels.draw_scales(np.arange(self.num_envs), task.rows, drawn.Q, task.stream, scales)
-        current = drawn.D[:, kernels.D_TOP : kernels.D_TOP + 3]
+    def _known(self) -> np.ndarray:
+        """Return what is known of the vehicles under way."""
+        scales = self.disturbances["randomisation"].state.scales
+        current = self.disturbances["current"].state.top
         return np.concatenate([np.log(scales), current], axis=1).astype(np.float32)
 
     def reset(self) -> np.ndarray:
         observation = self.venv.reset()
-        self.privileged = self._draw()
+        self.privileged = self._known()
         return np.concatenate([observation, self.privileged], axis=1)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         observation, reward, done, infos = self.venv.step_wait()
         for i in np.flatnonzero(done):
             infos[i]["terminal_observation"] = np.append(infos[i]["terminal_observation"], self.privileged[i])
-        self.privileged = self._draw()
+        self.privileged = self._known()
         return np.concatenate([observation, self.privileged], axis=1), reward, done, infos
 
 

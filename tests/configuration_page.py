@@ -7,6 +7,7 @@ the schema.
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 import typing
 from collections.abc import Iterator
@@ -136,8 +137,8 @@ def _class(hint: Any) -> type:
 
 
 def _range(low: float, high: float, open_low: bool) -> str:
-    lower = "" if low == -schema.INF else f"{'>' if open_low else '≥'} {limit(low, least=True, digits=6)}"
-    upper = "" if high == schema.INF else f"≤ {limit(high, least=False, digits=6)}"
+    lower = "" if low == -math.inf else f"{'>' if open_low else '≥'} {limit(low, least=True, digits=6)}"
+    upper = "" if high == math.inf else f"≤ {limit(high, least=False, digits=6)}"
     return ", ".join(part for part in (lower, upper) if part)
 
 

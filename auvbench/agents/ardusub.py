@@ -24,6 +24,7 @@ from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
 from auvbench.ardusub.radio import MODES, dialect
 from auvbench.ardusub.sensors import Sensors
 from auvbench.config import algorithms, schema, simulators
+from auvbench.config.disturbances import COMMANDS, READINGS, TIMING
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.runs import interruption
 from auvbench.simulators.base import IntArray
@@ -203,14 +204,13 @@ def refuse(config: schema.TrainConfig) -> None:
         raise ConfigError(
             f"noise={noise.name}: cannot be applied to algo=ardusub, {own}; use protocol=ardusub, or noise=none"
         )
-    sensor = disturbance.sensor
-    if any(
-        value > 0.0 for part in (sensor.gaussian, sensor.bias, sensor.drift) for value in vars(part).values()
-    ):
-        raise ConfigError(f"disturbance.sensor: cannot be applied to algo=ardusub, {own}")
-    if disturbance.delay.action > 0.0 or disturbance.delay.observation > 0.0:
-        raise ConfigError("disturbance.delay: cannot be applied to algo=ardusub, which has its own loop")
-    if disturbance.fault.mode in ("stuck", "any"):
-        raise ConfigError(
-            f"disturbance.fault.mode={disturbance.fault.mode}: cannot be applied to algo=ardusub; use dead or weak"
-        )
+    reasons = {
+        READINGS: own,
+        TIMING: "which has its own loop",
+        COMMANDS: "which commands the actuators; use dead or weak",
+    }
+    for name, factor in disturbance.active():
+        for altered, part in factor.alters().items():
+            raise ConfigError(
+                f"disturbance.{name}{part}: cannot be applied to algo=ardusub, {reasons[altered]}"
+            )

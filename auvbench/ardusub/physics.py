@@ -12,12 +12,13 @@ from auvbench.ardusub.frames import LONGEST, THRUST, VOLTAGE, Motors, motors_of
 from auvbench.ardusub.protocol import SensorState
 from auvbench.ardusub.sensors import Sensors, to_body
 from auvbench.config import schema, simulators
+from auvbench.config.disturbances import READINGS, TIMING
 from auvbench.config.schema import SCALES
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ConfigError, closest
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import base as tasks
-from auvbench.tasks.disturbances import Disturbances
+from auvbench.tasks import disturbances
 from auvbench.vehicles import sheet
 from auvbench.vehicles.curves import t200_table
 from auvbench.vehicles.physical import PhysicalCommands
@@ -75,8 +76,8 @@ class Physics:
         self._start = np.array([[*config.task.start, *NORTH]])
         self._task = tasks.make(config, self.vehicle, 1, config.seed)
         self._task.assign(np.array([1]))  # episode 0
-        self._disturbances = Disturbances(config, self.vehicle, self._task)
-        _refuse_errors(self._disturbances)
+        _refuse_errors(config.disturbance)
+        self._disturbances = disturbances.of(config, self.vehicle, self._task)
         pulses = np.repeat(np.arange(LONGEST + 1)[:, None], len(self.motors.order), axis=1)
         commands = physical(self.motors.forces(pulses, thrust, voltage))
         self._commands = [commands[:, a].tolist() for a in self.motors.order]
@@ -92,14 +93,10 @@ class Physics:
         """Put the vehicle at rest at its start, at time 0, in the same water."""
         self._task.episodes.steps = 0
         disturbances, simulator = self._disturbances, self.simulator
-        disturbances.D[:] = 0.0
-        disturbances.I[:] = 0
+        disturbances.clear()
         scales = disturbances.draw(_FIRST)
         simulator.reset(_FIRST, self._start, np.zeros((1, 6)), scales)
         disturbances.begin(_FIRST, simulator)
-        if disturbances.sea is not None:
-            disturbances.sea.waves.time[:] = 0.0
-            simulator.set_waves(disturbances.sea.waves)
         self._sensors.reset()
 
     @property
@@ -117,14 +114,15 @@ class Physics:
         simulator, disturbances, row = self.simulator, self._disturbances, self._command[0]
         for channel, a in enumerate(self.motors.order):
             row[a] = self._commands[channel][min(pwm[channel], LONGEST)]
-        disturbances.fail(simulator, self._command)
+        disturbances.act(simulator, self._command)
         self._float()
+        disturbances.push(simulator, self._command, duration)
         simulator.step(self._command, duration)
         state = self._sensors.read(duration)
         e = self._task.episodes[0]
         if self.time >= (e.steps + 1) * self._task.duration:
             e.steps += 1
-            disturbances.move_current(simulator)
+            disturbances.before(simulator, running=True)
         return state
 
     def _float(self) -> None:
@@ -151,12 +149,12 @@ def _check_t200(motors: Motors) -> None:
         )
 
 
-def _refuse_errors(disturbances: Disturbances) -> None:
+def _refuse_errors(disturbance: schema.Disturbance) -> None:
     """Reject sensor errors and delays, which ArduSub simulates itself."""
-    for key, present in (("delay", disturbances.delayed), ("sensor", disturbances.misreads)):
-        if present:
+    for name, factor in disturbance.active():
+        if factor.alters().keys() & {READINGS, TIMING}:
             raise ConfigError(
-                f"disturbance.{key}: is not available with serve --face ardusub, since ArduSub simulates "
+                f"disturbance.{name}: is not available with serve --face ardusub, since ArduSub simulates "
                 "its own sensors (SIM_ parameters); use"
                 " currents, waves, faults and randomisation"
             )

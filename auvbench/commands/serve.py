@@ -128,10 +128,12 @@ def _server(given: argparse.Namespace) -> Server:
     config = train_config(compose("train", given.overrides))
     if isinstance(config.simulator, simulators.Ros2):
         raise ConfigError("simulator=ros2: cannot be served; use simulator=fossen or simulator=gazebo")
-    if sea := config.disturbance.sea:
-        raise ConfigError(
-            f"disturbance.waves.height={sea.height:g}: serve cannot simulate waves; use simulator=fossen without ROS 2"
-        )
+    for name, factor in config.disturbance.active():
+        for need in factor.needs(f"disturbance.{name}"):
+            if not need.able(simulators.ros2.capabilities):
+                raise ConfigError(
+                    f"{need.key}: serve cannot simulate {need.what}; use simulator=fossen without ROS 2"
+                )
     vehicle = sheet.load(config.vehicle)
     physical = PhysicalCommands(vehicle)
     drawn = config.disturbance.randomisation

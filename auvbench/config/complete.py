@@ -9,16 +9,20 @@ are part of a run's identity: another version is another run.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
+from omegaconf.errors import ConfigKeyError
 
 from auvbench.config import algorithms, rewards, schema, simulators, tasks
 from auvbench.errors import ConfigError
-from auvbench.registry import AGENTS, BLOCKS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
+from auvbench.registry import AGENTS, BLOCKS, DISTURBANCES, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
 from auvbench.untrusted.text import short
 
+DISTURBANCE = frozenset(field.name for field in dataclasses.fields(schema.Disturbance))
+"""Keys of `disturbance` that every configuration has."""
 COMPUTE: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS)
 """Kinds that are a group of a configuration and change the result of a run."""
 CONFIGS = (
@@ -64,6 +68,7 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
         with open_dict(config):
             config[key] = _typed(spec.keys, key, node, added)
     _complete_blocks(config, frozen)
+    _complete_disturbance(config, frozen=frozen)
     return config
 
 
@@ -92,9 +97,51 @@ def _complete_blocks(config: DictConfig, frozen: bool) -> None:
             task.block_packages = chosen
 
 
+def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:
+    """Give the disturbances that not every configuration has their types and packages."""
+    node = config.get("disturbance")
+    more = [str(name) for name in node if name not in DISTURBANCE] if isinstance(node, DictConfig) else []
+    if not isinstance(node, DictConfig) or not more:
+        return
+    schemas: dict[str, type] = {}
+    values: dict[str, Any] = {str(name): value for name, value in OmegaConf.to_container(node).items()}  # type: ignore[union-attr]
+    for name in more:
+        found, own = DISTURBANCES.find(name), values[name]
+        release = str(own.get("package") or "") if isinstance(own, dict) else ""
+        if found is None and name not in DISTURBANCES.own:
+            raise DISTURBANCES.missing(name, release) if release else _unknown(name, own)
+        if found and frozen and release != found.release:
+            raise DISTURBANCES.missing(name, release)
+        schemas[name] = (DISTURBANCES[name] if found is None else DISTURBANCES.enter(found)).keys
+        key = f"disturbance.{name}"
+        if not isinstance(own, dict):
+            raise ConfigError(f"{key}={short(own)}: must have keys: {', '.join(schema.keys(schemas[name]))}")
+        added = {"package": found.release} if found else {}
+        values[name] = _values(schemas[name], key, own, added)
+    kind = schema.with_disturbances(tuple(schemas.items()))
+    with open_dict(config):
+        config["disturbance"] = _merged(kind, "disturbance", values)
+
+
+def _unknown(name: str, own: Any) -> ConfigKeyError:
+    """Return the error of a key that is unknown, which `compose.translate` explains; `own` is what was typed below it."""
+    key = f"disturbance.{name}"
+    while isinstance(own, dict) and own:
+        last, own = next(iter(own.items()))
+        key += f".{last}"
+    error = ConfigKeyError(key)
+    error.full_key = key
+    return error
+
+
 def _typed(kind: type, key: str, node: DictConfig, added: Mapping[str, Any]) -> DictConfig:
     """Return the values of a group with the types of its schema, and the added keys."""
     values: dict[str, Any] = {str(name): value for name, value in OmegaConf.to_container(node).items()}  # type: ignore[union-attr]
+    return _merged(kind, key, _values(kind, key, values, added))
+
+
+def _values(kind: type, key: str, values: dict[str, Any], added: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a group with whole numbers as such, and with the added keys."""
     for name, value in added.items():
         if values.get(name) not in (None, value):
             raise ConfigError(f"{key}.{name}={short(values[name])}: auvbench sets it ({value}); leave it out")
@@ -102,9 +149,14 @@ def _typed(kind: type, key: str, node: DictConfig, added: Mapping[str, Any]) -> 
         if hint in (int, int | None) and isinstance(values.get(name), float):
             number = schema.whole(str(values[name]))
             values[name] = values[name] if number is None else number
+    return values | dict(added)
+
+
+def _merged(kind: type, key: str, values: dict[str, Any]) -> DictConfig:
+    """Return values with the types of a schema."""
     root = OmegaConf.create({key: OmegaConf.structured(kind)})
     OmegaConf.set_struct(root, True)
-    typed = OmegaConf.select(OmegaConf.merge(root, {key: values | dict(added)}), key)
+    typed = OmegaConf.select(OmegaConf.merge(root, {key: values}), key)
     assert isinstance(typed, DictConfig)
     return typed
 
@@ -123,4 +175,9 @@ def releases(config: Any) -> dict[str, str]:
             if release:
                 name, _, version = str(release).partition("==")
                 found[name] = version
+    disturbance = value(config, "disturbance")
+    for part in (disturbance if isinstance(disturbance, Mapping) else vars(disturbance)).values():
+        if release := value(part, "package"):
+            name, _, version = str(release).partition("==")
+            found[name] = version
     return found

@@ -88,7 +88,12 @@ def _register_schemas(store: ConfigStore) -> None:
 @cache
 def _node(name: str, kind: type) -> ConfigNode:
     """Return the node of a schema; cached, since building one is slow and Hydra copies it before use."""
-    return ConfigNode(name=name, node=OmegaConf.structured(kind), group=None, package=None, provider=None)
+    node = OmegaConf.structured(kind)
+    if kind is schema.TrainConfig:
+        # Keys of disturbances that not every configuration has are checked in `complete`.
+        node.disturbance = OmegaConf.structured(schema.Disturbance)
+        OmegaConf.set_struct(node.disturbance, False)
+    return ConfigNode(name=name, node=node, group=None, package=None, provider=None)
 
 
 class _Repository(ConfigRepository):
@@ -190,6 +195,7 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         merged.simulator = _empty(config, "simulator.name", _schemas(SIMULATORS))
         merged.task = _empty(config, "task.name", _schemas(TASKS))
         merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
+        merged.disturbance = OmegaConf.structured(_disturbance(config))
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:
         raise translate(error) from error
@@ -254,6 +260,12 @@ def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
     return OmegaConf.structured(schemas[name])
 
 
+def _disturbance(config: DictConfig) -> type:
+    """Return the schema of a completed configuration's disturbances."""
+    known = OmegaConf.get_type(config, "disturbance")
+    return known if isinstance(known, type) and issubclass(known, schema.Disturbance) else schema.Disturbance
+
+
 def with_groups(config: schema.TrainConfig, groups: Mapping[str, Mapping[str, Any]]) -> schema.TrainConfig:
     """Return a checked configuration with new values of some groups, much faster than `typed`.
 
@@ -269,8 +281,10 @@ def with_groups(config: schema.TrainConfig, groups: Mapping[str, Mapping[str, An
     replaced = {}
     for name, values in groups.items():
         try:
-            empty = {name: OmegaConf.structured(type(getattr(config, name)))}
-            merged = OmegaConf.select(OmegaConf.merge(empty, {name: dict(values)}), name)
+            given = complete.complete(OmegaConf.create({name: dict(values)}))
+            kind = _disturbance(given) if name == "disturbance" else type(getattr(config, name))
+            empty = {name: OmegaConf.structured(kind)}
+            merged = OmegaConf.select(OmegaConf.merge(empty, given), name)
         except OmegaConfBaseException as error:
             raise translate(error) from error
         replaced[name] = OmegaConf.to_object(merged)

@@ -7,52 +7,30 @@ Defaults, and the comments that explain them, are only in the YAML files in `con
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
-from dataclasses import dataclass, field, is_dataclass
-from typing import Any, get_args, get_type_hints
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, make_dataclass
+from functools import cache
+from typing import Any
 
+from auvbench.config.disturbances import SCALES as SCALES
+from auvbench.config.disturbances import (
+    Current,
+    Delay,
+    Factor,
+    Fault,
+    Sensor,
+    Waves,
+    still,
+)
+from auvbench.config.disturbances import Randomisation as Randomisation
+from auvbench.config.fields import choice as choice
+from auvbench.config.fields import choice_of as choice_of
+from auvbench.config.fields import keys as keys
+from auvbench.config.fields import later as later
+from auvbench.config.fields import name as name
+from auvbench.config.fields import number as number
 from auvbench.record import PRIMARY, measure_names
 from auvbench.registry import TRACKERS
-
-INF = math.inf
-
-
-def number(low: float = -INF, high: float = INF, *, open_low: bool = False) -> Any:
-    """Return a field with the range [low, high], or (low, high] with `open_low`; infinities and NaN are never
-    valid.
-    """
-    return field(metadata={"low": low, "high": high, "open_low": open_low})
-
-
-def choice(*names: str) -> Any:
-    """Return a field that takes one of a few names."""
-    return choice_of(lambda: names)
-
-
-def choice_of(names: Callable[[], Collection[str]]) -> Any:
-    """Return a field that takes a name of a registry; the registry is read when a value is checked."""
-    return field(metadata={"choices": names})
-
-
-def later(declared: Any, default: Any = None) -> Any:
-    """Return a field that is missing in runs of earlier versions; they load with `default`, which changes nothing."""
-    return field(default=default, metadata=declared.metadata)
-
-
-def name() -> Any:
-    """Return a field for a part of a path: letters, digits, dots, dashes and underscores."""
-    return field(metadata={"name": True})
-
-
-def keys(kind: type, prefix: str = "") -> dict[str, Any]:
-    """Return the dotted keys of a schema and of its nested schemas, with their types."""
-    types = {}
-    for key, hint in get_type_hints(kind).items():
-        types[f"{prefix}{key}"] = hint
-        for kind in (hint, *get_args(hint)):  # A nested schema may be null.
-            if isinstance(kind, type) and is_dataclass(kind):
-                types |= keys(kind, f"{prefix}{key}.")
-    return types
 
 
 @dataclass(kw_only=True)
@@ -84,133 +62,35 @@ class Noise:
 
 
 @dataclass(kw_only=True)
-class GaussMarkov:
-    """First-order Gauss-Markov fluctuation of the current about its mean."""
-
-    sigma: float = number(0.0, 10.0)  # m/s, stationary standard deviation of the east and the north component
-    sigma_vertical: float = number(0.0, 10.0)  # m/s, stationary standard deviation of the vertical component
-    mu: float = number(0.0, 1e3, open_low=True)  # 1/s, inverse of the correlation time
-
-
-@dataclass(kw_only=True)
-class CurrentProfile:
-    """Mean current over depth: linear between two depths, constant above and below."""
-
-    top: float = number(0.0, 1e4)  # m, positive down
-    bottom: float = number(0.0, 1e4, open_low=True)  # m, positive down
-    factor: float = number(-3.0, 3.0)  # speed at `bottom` over speed at `top`; undercurrents reach about 3
-    turn: float = number(-math.pi, math.pi)  # rad, direction at `bottom` less direction at `top`
-
-
-@dataclass(kw_only=True)
-class Current:
-    """Motion of the water."""
-
-    speed: float = number(0.0, 10.0)  # m/s
-    speed_high: float | None = number(0.0, 10.0)  # m/s
-    direction: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
-    elevation: float = number(-math.pi / 2, math.pi / 2)  # rad
-    gauss_markov: GaussMarkov
-    profile: CurrentProfile
-
-
-@dataclass(kw_only=True)
-class Waves:
-    """Waves on deep water."""
-
-    height: float = number(0.0, 30.0)  # m, significant wave height
-    period: float = number(0.5, 30.0)  # s, peak period of the spectrum
-    spectrum: str = choice("jonswap", "pierson_moskowitz")
-    direction: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
-    spreading: float | None = number(1.0, 1000.0)  # exponent n of cos^n
-
-
-def _still() -> Waves:
-    """Return no waves, as in runs of earlier versions."""
-    return Waves(height=0.0, period=7.5, spectrum="jonswap", direction=None, spreading=2.0)
-
-
-@dataclass(kw_only=True)
-class Fault:
-    """Failure of one actuator in an episode."""
-
-    mode: str = choice("none", "dead", "weak", "stuck", "any")
-    probability: float = number(0.0, 1.0)  # probability per episode
-    actuator: str | None
-    time: float = number(0.0, 1e9)  # s
-    time_high: float | None = number(0.0, 1e9)  # s
-    factor: float = number(0.0, 1.0)  # share of its force that a weak thruster keeps
-
-
-@dataclass(kw_only=True)
-class Delay:
-    """Dead times between the agent and the vehicle."""
-
-    action: float = number(0.0, 10.0)  # s
-    observation: float = number(0.0, 10.0)  # s
-
-
-@dataclass(kw_only=True)
-class Channels:
-    """One number per sensor reading."""
-
-    x: float = number(0.0, 1e3)
-    y: float = number(0.0, 1e3)
-    z: float = number(0.0, 1e3)
-    yaw: float = number(0.0, 1e3)
-
-
-@dataclass(kw_only=True)
-class Sensor:
-    """Errors of the position and yaw readings, in addition to `noise`."""
-
-    gaussian: Channels  # m and rad, standard deviation
-    bias: Channels  # m and rad, standard deviation over episodes
-    drift: Channels  # m/sqrt(s) and rad/sqrt(s)
-
-
-@dataclass(kw_only=True)
-class Scale:
-    """Range of a factor."""
-
-    low: float = number(0.01, 100.0)
-    high: float = number(0.01, 100.0)
-
-
-SCALES = ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust")
-"""Factors of `Randomisation`, in the order in which simulators take them"""
-
-
-@dataclass(kw_only=True)
-class Randomisation:
-    """Randomised vehicle in each episode: factors on the numbers of its sheet."""
-
-    distribution: str = choice("uniform", "log_uniform")
-    keep_trim: bool
-    mass: Scale
-    buoyancy: Scale
-    inertia: Scale
-    added_mass: Scale
-    damping: Scale
-    thrust: Scale
-
-
-@dataclass(kw_only=True)
 class Disturbance:
-    """Disturbances of an episode: water, actuators, sensors, and the uncertainty of the sheet."""
+    """Disturbances of an episode: the keys that every configuration has. A configuration that chooses others has keys of theirs
+    (`with_disturbances`).
+    """
 
     name: str = name()
     current: Current
-    waves: Waves = field(default_factory=_still)
+    waves: Waves = field(default_factory=still)
     fault: Fault
     delay: Delay
     sensor: Sensor
     randomisation: Randomisation
 
-    @property
-    def sea(self) -> Waves | None:
-        """Return the waves; None for still water."""
-        return self.waves if self.waves.height > 0.0 else None
+    def factors(self) -> Iterator[tuple[str, Factor]]:
+        """Yield the keys of each disturbance with its name."""
+        for part in fields(self):
+            value = getattr(self, part.name)
+            if isinstance(value, Factor):
+                yield part.name, value
+
+    def active(self) -> Iterator[tuple[str, Factor]]:
+        """Yield the disturbances that change anything."""
+        return ((name, factor) for name, factor in self.factors() if factor.active)
+
+
+@cache
+def with_disturbances(more: tuple[tuple[str, type], ...]) -> type[Disturbance]:
+    """Return the schema of `disturbance` with the keys of more disturbances, by name."""
+    return make_dataclass("Disturbance", more, bases=(Disturbance,), kw_only=True)
 
 
 @dataclass(kw_only=True)

@@ -6,19 +6,15 @@ A configuration that needs more than its simulator's capabilities is rejected be
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from auvbench.config.schema import SCALES, Current, Disturbance, Scale, choice, choice_of, number
-from auvbench.config.schema import name as plain_name
+from auvbench.config.disturbances import CURRENTS
+from auvbench.config.fields import choice, choice_of, number
+from auvbench.config.fields import name as plain_name
+from auvbench.config.schema import Disturbance
 from auvbench.errors import ConfigError
 from auvbench.registry import SIMULATORS, Spec
-
-CURRENTS = ("none", "steady", "varying", "sheared")
-"""Kinds of current, each including the previous ones: constant in an episode, varying in it, and changing
-with depth.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +31,8 @@ class Capabilities:
     """largest kind of current that `set_current` takes, one of `CURRENTS`"""
     waves: bool = False
     """whether it has `set_waves`"""
+    forces: bool = False
+    """whether it has `current` and `external_wrench` (`simulators.base.VehicleBatch`)"""
 
 
 @dataclass(kw_only=True)
@@ -133,13 +131,15 @@ _SHEARED = Capabilities(exact_resume=False, deterministic=True, scales=True, cur
 fossen = SimulatorSpec(
     "fossen",
     f"{_SIMULATORS}.fossen:make",
-    Capabilities(exact_resume=True, deterministic=True, scales=True, currents="sheared", waves=True),
+    Capabilities(
+        exact_resume=True, deterministic=True, scales=True, currents="sheared", waves=True, forces=True
+    ),
     Fossen,
 )
 gazebo = SimulatorSpec(
     "gazebo",
     f"{_SIMULATORS}.gazebo.simulator:make",
-    _SHEARED,
+    replace(_SHEARED, forces=True),
     Gazebo,
     full="simulator.hydrodynamics=corrected",
     check=f"{_SIMULATORS}.gazebo.simulator:check",
@@ -175,41 +175,18 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
     Raises:
         ConfigError: the message names the key, and the simulators that are capable.
     """
-
-    def need(key: str, what: str, able: Callable[[Capabilities], bool]) -> None:
-        if able(capabilities(simulator)):
-            return
-        here = SIMULATORS[simulator.name]
-        own = [here.full] if here.full and able(here.capabilities) else []
-        others = [
-            f"simulator={name}"
-            for name, spec in SIMULATORS.items()
-            if able(spec.capabilities) and name != simulator.name
-        ]
-        raise ConfigError(
-            f"{key}: asks for {what}, which simulator={simulator.name} does not have here; use {' or '.join(own + others)}"
-        )
-
-    key, current = _current(disturbance.current)
-    need(key, f"a {current} current", lambda can: CURRENTS.index(can.currents) >= CURRENTS.index(current))
-    if disturbance.sea is not None:
-        need(f"disturbance.waves.height={disturbance.sea.height:g}", "waves", lambda can: can.waves)
-    for part in SCALES:
-        scale: Scale = getattr(disturbance.randomisation, part)
-        if scale.low != 1.0 or scale.high != 1.0:
-            need(
-                f"disturbance.randomisation.{part}",
-                "drawn vehicles (factors that differ from the sheet)",
-                lambda can: can.scales,
+    for name, factor in disturbance.active():
+        for need in factor.needs(f"disturbance.{name}"):
+            if need.able(capabilities(simulator)):
+                continue
+            here = SIMULATORS[simulator.name]
+            own = [here.full] if here.full and need.able(here.capabilities) else []
+            others = [
+                f"simulator={name}"
+                for name, spec in SIMULATORS.items()
+                if need.able(spec.capabilities) and name != simulator.name
+            ]
+            raise ConfigError(
+                f"{need.key}: asks for {need.what}, which simulator={simulator.name} does not have here; "
+                f"use {' or '.join(own + others)}"
             )
-
-
-def _current(current: Current) -> tuple[str, str]:
-    """Return the key that needs the most capable kind of current, and this kind."""
-    speed, fluctuation, profile = current.speed_high or current.speed, current.gauss_markov, current.profile
-    varies = fluctuation.sigma > 0.0 or fluctuation.sigma_vertical > 0.0
-    if (speed > 0.0 or varies) and (profile.factor != 1.0 or profile.turn != 0.0):
-        return "disturbance.current.profile", "sheared"
-    if varies:
-        return "disturbance.current.gauss_markov", "varying"
-    return "disturbance.current.speed", "steady" if speed > 0.0 else "none"

@@ -13,6 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from auvbench.config import algorithms, rewards, schema, simulators, tasks
+from auvbench.config.disturbances import below
 from auvbench.errors import ConfigError, closest
 from auvbench.registry import AGENTS
 from auvbench.untrusted.text import short
@@ -21,8 +22,6 @@ T = TypeVar("T")
 
 MOST_STEPS = 10_000_000
 """agent steps of an episode"""
-FASTEST_WATER = 10.0
-"""m/s, at any depth"""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
@@ -198,10 +197,10 @@ def check_across(config: schema.TrainConfig) -> None:
     _task(task)
     rewards.check_reward(task.name, config.reward.name)
     if isinstance(config.reward, rewards.GymDockauv):
-        _below("reward.near", config.reward.near, "reward.far", config.reward.far, strictly=True)
+        below("reward.near", config.reward.near, "reward.far", config.reward.far, strictly=True)
     for name in ("position", "yaw", "command"):
         span = getattr(noise, name)
-        _below(f"noise.{name}.low", span.low, f"noise.{name}.high", span.high)
+        below(f"noise.{name}.low", span.low, f"noise.{name}.high", span.high)
     limit = schema.step_limit(task, frequency)
     if not 1 <= limit <= MOST_STEPS:
         raise ConfigError(
@@ -209,22 +208,8 @@ def check_across(config: schema.TrainConfig) -> None:
             f"{1 / frequency:g} to {MOST_STEPS / frequency:g} s"
         )
     task.check_length(frequency)
-    current, fault = config.disturbance.current, config.disturbance.fault
-    _below("disturbance.current.speed", current.speed, "disturbance.current.speed_high", current.speed_high)
-    if sea := config.disturbance.sea:
-        # Shortest period by DNV-RP-C205, section 3.5.5: steeper waves break.
-        least, height = 3.6 * math.sqrt(sea.height), f"disturbance.waves.height={sea.height:g}"
-        what = f"be at least {least:.3g} s for {height}: steeper waves break"
-        require(sea.period >= least, "disturbance.waves.period", sea.period, what)
-    _below("disturbance.fault.time", fault.time, "disturbance.fault.time_high", fault.time_high)
-    top, bottom, key = current.profile.top, current.profile.bottom, "disturbance.current.profile"
-    _below(f"{key}.top", top, f"{key}.bottom", bottom, strictly=True)
-    fastest, factor = max(current.speed, current.speed_high or 0.0), current.profile.factor
-    what = f"keep the current at the bottom, {fastest * abs(factor):g} m/s, within {FASTEST_WATER:g} m/s"
-    require(fastest * abs(factor) <= FASTEST_WATER, f"{key}.factor", factor, what)
-    for name in schema.SCALES:
-        scale, key = getattr(config.disturbance.randomisation, name), f"disturbance.randomisation.{name}"
-        _below(f"{key}.low", scale.low, f"{key}.high", scale.high)
+    for part, factor in config.disturbance.factors():
+        factor.check(f"disturbance.{part}")
     simulators.check_disturbance(config.simulator, config.disturbance)
     alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
     what = (
@@ -242,7 +227,7 @@ def _task(task: tasks.Task) -> None:
         fits = value is None or (len(value) == 3 and all(map(math.isfinite, value)))
         require(fits, f"task.{key}", value, "be three finite numbers [x, y, z] in m")
     low, high = task.depth_low, task.depth_high
-    _below("task.depth_low", low, "task.depth_high", high, strictly=True)
+    below("task.depth_low", low, "task.depth_high", high, strictly=True)
     for key in ("start", "station", "centre", "dock"):
         point = getattr(task, key, None)
         inside = point is None or low <= point[2] <= high
@@ -250,15 +235,9 @@ def _task(task: tasks.Task) -> None:
     for key in ("size", "speed", "start"):
         low_key, high_key = f"{key}_low", f"{key}_high"
         if hasattr(task, low_key):
-            _below(f"task.{low_key}", getattr(task, low_key), f"task.{high_key}", getattr(task, high_key))
+            below(f"task.{low_key}", getattr(task, low_key), f"task.{high_key}", getattr(task, high_key))
     task.check()
     tasks.check_observation(task)
-
-
-def _below(low_key: str, low: float, high_key: str, high: float | None, strictly: bool = False) -> None:
-    if high is not None:
-        fits = low < high if strictly else low <= high
-        require(fits, low_key, low, f"be {'below' if strictly else 'at most'} {high_key}={high:g}")
 
 
 def _algorithm(algo: algorithms.Algorithm) -> None:

@@ -36,6 +36,7 @@ DRIFT = 7
 WAVES = 8
 BLOCK = 0x80
 """blocks of an observation that packages bring"""
+# Streams 64 to 127 are those of packages' disturbances.
 TEST = 0x100
 """Test protocols draw from `stream | TEST`, so that no training scenario is a test scenario."""
 VALIDATION = 0x200

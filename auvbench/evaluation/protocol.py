@@ -19,7 +19,7 @@ from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError, VehicleError
 from auvbench.evaluation import reference, sealed
 from auvbench.evaluation.rollout import batch_of, embedded
-from auvbench.registry import TASKS
+from auvbench.registry import DISTURBANCES, TASKS
 from auvbench.runs.identity import digest_of, without_descriptions
 from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -250,8 +250,9 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
     config = condition.config
     # A time limit in seconds enters only if it is set, since older fingerprints lack it.
     limit = "time_limit" if config.task.time_limit is None else "max_steps"
-    # Likewise for waves and a largest tilt.
-    calm = () if config.disturbance.sea else ("waves",)
+    # Likewise for a largest tilt, and disturbances that were added later.
+    factors = config.disturbance.factors()
+    calm = [name for name, factor in factors if DISTURBANCES[name].added and not factor.active]
     level = ("tilt",) if getattr(config.task, "tilt", None) is None else ()
     task = {key: value for key, value in asdict(config.task).items() if key not in (*OBSERVED, limit, *level)}
     return {

@@ -133,13 +133,12 @@ class VehicleBatch:
         Raises:
             ConfigError: the second depth is not below the first.
         """
-        top = np.asarray(depths[0], dtype=np.float64)
-        thickness = np.asarray(depths[1], dtype=np.float64) - top
-        if not np.all(thickness > 0.0):
+        top, thickness = depths[0], np.subtract(depths[1], depths[0])
+        if not (thickness > 0.0 if isinstance(thickness, float) else np.all(thickness > 0.0)):
             raise ConfigError(
                 f"current from depth {depths[0]} to {depths[1]} m: the second depth must be larger"
             )
         rows = self.current.view(CURRENT)[:, 0]
         rows["velocity"] = velocity
-        rows["change"] = 0.0 if bottom is None else np.asarray(bottom) - np.asarray(velocity)
-        rows["top"], rows["per_thickness"] = -top, 1.0 / thickness
+        rows["change"] = 0.0 if bottom is None else np.subtract(bottom, velocity)
+        rows["top"], rows["per_thickness"] = np.negative(top), 1.0 / thickness

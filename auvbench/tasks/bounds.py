@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema, tasks
 from auvbench.config.schema import step_limit
-from auvbench.dynamics.layout import COMPONENT
-from auvbench.dynamics.waves import components
 from auvbench.observation import ObservationSpec
+from auvbench.tasks.disturbances.base import misreading, water_speed
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -93,27 +92,11 @@ def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
         terminal_speed(float(f), least * float(d), least * float(q))
         for f, d, q in zip(force, vehicle.linear_damping[:3], vehicle.quadratic_damping[:3], strict=True)
     ]
-    current = disturbance.current
-    water = current.speed if current.speed_high is None else max(current.speed, current.speed_high)
-    wander = math.hypot(
-        current.gauss_markov.sigma, current.gauss_markov.sigma, current.gauss_markov.sigma_vertical
-    )
-    orbit = 0.0
-    if sea := disturbance.sea:
-        # At the surface a component moves the water at its speed both along its direction and up.
-        surface = components(sea.height, sea.period, sea.spectrum, vehicle.gravity)
-        orbit = math.hypot(*surface.reshape(-1).view(COMPONENT)["speed"])
-    return (
-        math.hypot(*axes) + max(1.0, abs(current.profile.factor)) * water + SIGMAS * math.hypot(wander, orbit)
-    )
+    mean, spread = water_speed(disturbance, vehicle)
+    return math.hypot(*axes) + mean + SIGMAS * spread
 
 
 def _misreading(config: schema.TrainConfig, seconds: float) -> Floats:
     """Return the largest errors (3,) of position readings in m."""
-    sensor = config.disturbance.sensor
-    errors = [
-        math.hypot(getattr(sensor.gaussian, axis), getattr(sensor.bias, axis))
-        + getattr(sensor.drift, axis) * math.sqrt(seconds)
-        for axis in "xyz"
-    ]
-    return config.noise.position.high * config.noise.scale + SIGMAS * np.asarray(errors)
+    errors = misreading(config.disturbance, seconds)
+    return config.noise.position.high * config.noise.scale + SIGMAS * errors

@@ -74,14 +74,14 @@ def _guard_functions(task: Task, who: str, paid: str) -> None:
         task.episodes.start[indices] = np.nan
         if has_goal:
             task.episodes.goal[indices] = np.nan
-        with _telling(who, "draw fails"):
+        with telling(who, "draw fails"):
             draw_rows(indices, pose)
         what = "draw gives no start: it must write finite numbers to e.start and return a finite yaw"
         _refuse(task, who, indices, np.isfinite(pose).all(axis=1), what)
         check_finite(indices, "draw")
 
     def checked_step(start: int, stop: int, *motion: Floats) -> int:
-        with _telling(who if paid == who else f"{who}, {paid}", "step fails"):
+        with telling(who if paid == who else f"{who}, {paid}", "step fails"):
             ended = step_rows(start, stop, *motion)
         pose, rows, mine = motion[0], np.arange(start, stop), slice(start, stop)
         if not np.isfinite(pose[mine]).all():
@@ -121,7 +121,7 @@ def _guard_blocks(task: Task) -> None:
     observe, bounds = task.observe, task.spec.bounds
 
     def checked_observe(pose: Floats, velocity: Floats, indices: Integers | None = None) -> Any:
-        with _telling(", ".join(task.block_owners.values()), "write fails"):
+        with telling(", ".join(task.block_owners.values()), "write fails"):
             seen = observe(pose, velocity, indices)
         rows = np.arange(task.n) if indices is None else indices
         motion = np.concatenate([pose[rows], velocity[rows]], axis=1)
@@ -141,7 +141,7 @@ def _guard_blocks(task: Task) -> None:
 
 
 @contextmanager
-def _telling(who: str, what: str) -> Iterator[None]:
+def telling(who: str, what: str) -> Iterator[None]:
     """Turn an exception of a package's code, or of its compilation, into an `AgentError`."""
     with registry.telling(who, what):
         try:

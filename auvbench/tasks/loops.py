@@ -170,8 +170,8 @@ def _of_task(
     interpreted: bool,
 ) -> Loops:
     """Make the loops once per process: reading compiled code from disk costs more than an episode."""
-    named = {name: _plain(function) for name, function in functions}
-    pays = _plain(reward)
+    named = {name: plain_function(function) for name, function in functions}
+    pays = plain_function(reward)
     if interpreted:
         given = {**named, "reward": pays}
     else:
@@ -186,7 +186,7 @@ def _of_task(
     }
     if interpreted:
         given["borrowed"] = lambda array: array
-    make = _Maker([*named.values(), pays], {**_OF_EVERY_TASK, **given}, interpreted)
+    make = Maker([*named.values(), pays], {**_OF_EVERY_TASK, **given}, interpreted)
     return Loops(
         make("draw", _DRAW, lines),
         make("step", _STEP, lines),
@@ -207,7 +207,7 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
         specs: blocks in the order of their codes (`observed`).
         interpreted: do not compile the function, so that Python checks each index.
     """
-    compile_row = _plain if interpreted else rows.row
+    compile_row = plain_function if interpreted else rows.row
     own = _with_compiled(vars(blocks), {}, compile_row)
     named = {"reading": own["reading"]}
     lines = []
@@ -227,11 +227,11 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
         "SENSOR": SENSOR,
     }
     functions = [blocks.reading, *(spec.write for spec in specs)]
-    make = _Maker(functions, {**named, **shared}, interpreted, rows.__file__, rows.__name__)
+    make = Maker(functions, {**named, **shared}, interpreted, rows.__file__, rows.__name__)
     return make("observe", _OBSERVE, {"blocks": lines})
 
 
-class _Maker:
+class Maker:
     """Execute the source of loops in the module of the first function that they call."""
 
     def __init__(
@@ -273,7 +273,7 @@ def _filled(template: str, lines: Mapping[str, Iterable[str]]) -> str:
     return re.sub(r"(?P<indent> +)\{(?P<key>\w+)\}\n", insert, template)
 
 
-def _plain(function: Any) -> Any:
+def plain_function(function: Any) -> Any:
     """Return the Python function behind a compiled one."""
     return getattr(function, "py_func", function)
 
@@ -281,7 +281,7 @@ def _plain(function: Any) -> Any:
 def _mentions(function: Any, name: str) -> bool:
     """Return whether a function, or one that it calls by a name of its module, mentions a name."""
     seen: set[CodeType] = set()
-    waiting = [_plain(function)]
+    waiting = [plain_function(function)]
     while waiting:
         one = waiting.pop()
         code: CodeType = one.__code__
@@ -290,7 +290,7 @@ def _mentions(function: Any, name: str) -> bool:
         seen.add(code)
         if name in code.co_names:
             return True
-        called = (_plain(one.__globals__.get(other)) for other in code.co_names)
+        called = (plain_function(one.__globals__.get(other)) for other in code.co_names)
         waiting += [other for other in called if isinstance(other, FunctionType)]
     return False
 

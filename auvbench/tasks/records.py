@@ -167,6 +167,15 @@ def table(n: int, fields: Fields, who: str) -> Any:
     return _table(n, [*_fields(EPISODE), *fields], who)
 
 
+def state(n: int, fields: Fields, who: str) -> Any:
+    """Return what n episodes remember of something (n,), all zero.
+
+    Raises:
+        AgentError: a field has a wrong name or type.
+    """
+    return _table(n, fields or [("nothing", "i8")], who)
+
+
 def one_row(own: Mapping[str, Any], shared: Mapping[str, float], who: str) -> Any:
     """Return parameters (1,): those of every task, then the task's or the reward's own.
 
@@ -223,7 +232,7 @@ def bare(array: Any) -> Any:
 def common(array: Any, dtype: np.dtype[Any] = EPISODE) -> Any:
     """Return a view (n,) of the fields that every task has, as compiled functions take it."""
     view = np.ndarray(array.shape, dtype, array, strides=array.strides)
-    return _named(view) if INTERPRETED else view
+    return named(view) if INTERPRETED else view
 
 
 def common_row(parameters: Any) -> Any:
@@ -272,10 +281,10 @@ def _table(n: int, fields: Fields, who: str) -> Any:
         dtype = np.dtype([tuple(field) for field in fields], align=True)
     except (TypeError, ValueError) as error:
         raise AgentError(f"{who}: its fields must be (name, type) or (name, type, shape): {error}") from error
-    return _named(np.zeros(n, dtype))
+    return named(np.zeros(n, dtype))
 
 
-def _named(array: NDArray[Any]) -> Any:
+def named(array: NDArray[Any]) -> Any:
     """Return a view of records whose fields are attributes."""
     return array.view(np.dtype((Row, array.dtype))).view(Table)
 

@@ -112,6 +112,14 @@ def vehicle(
 
 
 @row
+def current_at(w: Record, z: float) -> Vector:
+    """Return the current in m/s, world axes, at a height z in m; `w` is what `Simulator.set_current` set for a vehicle."""
+    below = min(max((w.top - z) * w.per_thickness, 0.0), 1.0)
+    (x, y, up), (dx, dy, d_up) = triple(w.velocity), triple(w.change)
+    return x + below * dx, y + below * dy, up + below * d_up
+
+
+@row
 def yaw(v: Vehicle) -> float:
     """Return the yaw in rad."""
     w, x, y, z = v.attitude

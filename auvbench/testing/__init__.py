@@ -1,9 +1,10 @@
-"""Conformance suites: checks that every agent, task, reward, block, simulator, launcher, tracker and command must pass,
+"""Conformance suites: checks that every agent, task, reward, block, disturbance, simulator, launcher, tracker and command must pass,
 auvbench's own included.
 
->>> from auvbench.testing import check_agent, check_block, check_simulator, check_task
+>>> from auvbench.testing import check_agent, check_block, check_disturbance, check_simulator, check_task
 >>> check_agent("algo=pid")
 >>> check_task("task=docking", "vehicle=bluerov2_heavy")
+>>> check_disturbance("disturbance=severe")
 >>> check_simulator("simulator=fossen")
 >>> check_block("task.observation=[position_error,velocity]")
 
@@ -19,6 +20,7 @@ from typing import Any
 from auvbench.testing.agents import AGENT_CHECKS, LEARNER_CHECKS, check_agent
 from auvbench.testing.blocks import BLOCK_CHECKS, check_block
 from auvbench.testing.commands import COMMAND_CHECKS, check_command
+from auvbench.testing.disturbances import DISTURBANCE_CHECKS, check_disturbance
 from auvbench.testing.draws import ConformanceError
 from auvbench.testing.launchers import LAUNCHER_CHECKS, check_launcher
 from auvbench.testing.rewards import REWARD_CHECKS, check_reward
@@ -30,6 +32,7 @@ SUITES: dict[str, tuple[tuple[Callable[[Any], None], ...], Callable[..., None]]]
     "task=": (TASK_CHECKS, check_task),
     "reward=": (REWARD_CHECKS, check_reward),
     "task.observation=": (BLOCK_CHECKS, check_block),
+    "disturbance=": (DISTURBANCE_CHECKS, check_disturbance),
     "simulator=": (SIMULATOR_CHECKS, check_simulator),
     "launcher=": (LAUNCHER_CHECKS, check_launcher),
 }
@@ -45,6 +48,7 @@ __all__ = [
     "AGENT_CHECKS",
     "BLOCK_CHECKS",
     "COMMAND_CHECKS",
+    "DISTURBANCE_CHECKS",
     "LAUNCHER_CHECKS",
     "LEARNER_CHECKS",
     "NAMED",
@@ -57,6 +61,7 @@ __all__ = [
     "check_agent",
     "check_block",
     "check_command",
+    "check_disturbance",
     "check_launcher",
     "check_reward",
     "check_simulator",

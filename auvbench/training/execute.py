@@ -21,7 +21,7 @@ from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
-from auvbench.tasks.disturbances import parameters
+from auvbench.tasks import disturbances
 from auvbench.tasks.observation import check_vehicle
 from auvbench.training import worker
 from auvbench.vehicles import sheet
@@ -42,7 +42,7 @@ def check_runnable(config: schema.TrainConfig) -> None:
     tracking.prepare(config.train.log, config.name)
     vehicle = sheet.load(config.vehicle)
     check_vehicle(config.task, vehicle)
-    parameters.check(config, vehicle)
+    disturbances.check(config, vehicle)
     if check := SIMULATORS[config.simulator.name].check:
         resolve(check)(config.simulator, vehicle)
     residual = getattr(config.algo, "residual", None)

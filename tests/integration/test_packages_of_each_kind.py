@@ -1,4 +1,4 @@
-"""Simulators, launchers, trackers and commands of installed packages: chosen, used, and refused in one line."""
+"""Disturbances, simulators, launchers, trackers and commands of installed packages: chosen, used, and refused in one line."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from omegaconf import OmegaConf
 
 from auvbench import cli, tracking
 from auvbench.commands.completion import candidates
+from auvbench.config.complete import releases
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
@@ -20,7 +22,11 @@ from auvbench.errors import AgentError, ConfigError
 from auvbench.registry import COMMANDS, KINDS, LAUNCHERS, SIMULATORS, TRACKERS
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.identity import run_id
-from auvbench.testing import ConformanceError, check_simulator
+from auvbench.testing import ConformanceError, check_disturbance, check_simulator
+from auvbench.testing.disturbances import (
+    it_changes_the_motion_or_the_readings,
+    its_functions_stay_within_their_arrays,
+)
 from auvbench.testing.simulators import its_state_comes_back, motion_is_deterministic
 from tests import synthetic
 from tests.packages import Site, site
@@ -268,6 +274,135 @@ def test_what_a_simulator_computes_wrong_is_named(site: Site, change: tuple[str,
     with pytest.raises(AgentError) as raised:
         step_once()
     assert "simulator=still of still-water==1.0: " in str(raised.value)
+    assert message in str(raised.value)
+
+
+SURGE = (Path(__file__).parents[2] / "examples" / "surge.py").read_text(encoding="utf-8")
+SURGE_YAML = "defaults: [none, _self_]\nname: surge\nsurge: {force: 10.0, period: 5.0}\n"
+
+
+def surging(site: Site, *changes: tuple[str, str], version: str = "1.0") -> None:
+    text = SURGE
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    files = {"surge.py": text, "surge_conf/__init__.py": "", "surge_conf/disturbance/surge.yaml": SURGE_YAML}
+    points = {"auvbench.disturbances": {"surge": "surge:SPEC"}}
+    site.install("swell", files, points=points, conf="surge_conf", version=version)
+
+
+@pytest.mark.slow
+def test_a_disturbance(site: Site) -> None:
+    surging(site)
+    pushed = batch("disturbance=surge", "disturbance.surge.force=20", "disturbance.delay.action=0.05")
+    assert pushed.config.disturbance.surge.package == "swell==1.0"
+    assert list(pushed.disturbances.parts) == ["delay", "surge"]
+    pushed.reset()
+    phase = pushed.disturbances["surge"].state.phase
+    assert 0.0 < phase[0] < 1.0
+    assert phase[0] != phase[1]
+    pushed.step(pushed._action)
+    assert pushed.simulator.external_wrench[:, 0] == pytest.approx(20.0 * np.sin(2.0 * np.pi * phase))
+    before = pushed.simulator.pose.copy()
+    other = copy.deepcopy(pushed)
+    other.step(other._action)
+    assert (pushed.simulator.pose == before).all()
+    assert (other.simulator.pose != before).any()
+    assert batch("disturbance=surge", "disturbance.surge.force=0").disturbances is None
+
+
+@pytest.mark.slow
+def test_a_disturbance_is_added_to_any_other(site: Site) -> None:
+    surging(site)
+    both = batch("disturbance=severe", "+disturbance.surge={force: 20, period: 5}")
+    assert list(both.disturbances.parts) == ["current", "fault", "delay", "sensor", "randomisation", "surge"]
+
+
+@pytest.mark.slow
+def test_a_disturbance_that_keeps_its_contract_and_one_that_does_not(site: Site) -> None:
+    surging(site)
+    check_disturbance("disturbance=surge", "noise=none")
+    surging(
+        site,
+        ('("phase", "f8")', '("phase", "f8", (2,))'),
+        ("d.phase, _", "d.phase[3], _"),
+        ("d.phase)", "d.phase[3])"),
+    )
+    with pytest.raises(ConformanceError, match="`fields` declares"):
+        check_disturbance("disturbance=surge", "noise=none", only=its_functions_stay_within_their_arrays)
+    with pytest.raises(ConformanceError, match="the same observations without the disturbance"):
+        check_disturbance(
+            "disturbance=surge", "disturbance.surge.force=0", only=it_changes_the_motion_or_the_readings
+        )
+
+
+@pytest.mark.slow
+def test_a_disturbance_s_package_is_part_of_a_run_s_identity(site: Site) -> None:
+    def frozen(*words: str) -> dict[str, Any]:
+        plain = OmegaConf.to_container(compose("train", ["algo=pid", *words]), resolve=True)
+        assert isinstance(plain, dict)
+        return {str(key): value for key, value in plain.items()}
+
+    calm = frozen("disturbance=none")
+    surging(site)
+    first = frozen("disturbance=surge")
+    assert frozen("disturbance=none") == calm
+    assert typed(OmegaConf.create(first)).disturbance.surge.period == 5.0
+    assert releases(first) == {"swell": "1.0"}
+    surging(site, version="2.0")
+    assert run_id(first) != run_id(frozen("disturbance=surge"))
+    with pytest.raises(ConfigError, match=r"comes with swell==1\.0, and swell==2\.0 is installed"):
+        typed(OmegaConf.create(first))
+    site.uninstall("swell")
+    with pytest.raises(ConfigError, match=r"comes with swell==1\.0, and is not installed"):
+        typed(OmegaConf.create(first))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("disturbance.surge.force=-2",), "disturbance.surge.force=-2: must be at least 0 and at most 10000"),
+        (("disturbance.surge.forse=1",), "disturbance.surge.forse: unknown key; did you mean disturbance.surge.force?"),
+        (("disturbance.surge.force=much",), "disturbance.surge.force: 'much' is not a number"),
+        (("disturbance.surge=3",), "disturbance.surge"),
+        (("disturbance=none", "+disturbance.surge.force=3"), "disturbance.surge.period: a value is missing"),
+        (("disturbance=none", "+disturbance.surges.force=3"), "disturbance.surges.force: unknown key"),
+        (("simulator=ros2",), "disturbance.surge: asks for forces on vehicles, which simulator=ros2 does not have here"),
+        (("disturbance=surg",), "did you mean 'surge'?"),
+    ],
+)  # fmt: skip
+def test_what_is_typed_wrong_of_a_disturbance_is_one_line(
+    site: Site, capsys: pytest.CaptureFixture[str], words: tuple[str, ...], message: str
+) -> None:
+    surging(site)
+    assert message in refused(capsys, "train", "algo=pid", "disturbance=surge", *words)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("surge:Surge", "surge:draw"), "surge:draw is no class below"),
+        (("math.sin(2.0", "math.sqrt(-1.0) + math.sin(2.0"), "push writes forces that are not finite, in environment 0"),
+        (("d.phase, _, _, _ =", "d.phase = math.inf\n    _, _, _, _ ="), "draw writes phase that are not finite"),
+        (("+ d.phase)", "+ d.phaze)"), "push fails: KeyError: 'phaze'"),
+        (('(("phase", "f8"),)', '(("e phase", "f8"),)'), "e phase cannot be the name of a field"),
+    ],
+)  # fmt: skip
+def test_what_a_disturbance_computes_wrong_is_named(
+    site: Site, change: tuple[str, str], message: str
+) -> None:
+    surging(site, change)
+
+    def step_once() -> None:
+        environments = batch("disturbance=surge")
+        environments.reset()
+        environments.step(environments._action)
+
+    with pytest.raises(AgentError) as raised:
+        step_once()
+    assert "disturbance.surge" in str(raised.value)
     assert message in str(raised.value)
 
 

@@ -31,7 +31,7 @@ def test_the_pages_on_packages_show_each_file_of_the_example_that_they_name() ->
     shown = {path for blocks in readme_table.PAGES.values() for path in blocks if "/" in path}
     assert {Path(path).name for path in shown} == {
         *("pyproject.toml", "pursuit.yaml", "pursuit.py", "search.py"),
-        *("circling.yaml", "circling.py", "view.py", "polyu.yaml", "still.py", "doppler.py"),
+        *("circling.yaml", "circling.py", "view.py", "polyu.yaml", "still.py", "doppler.py", "surge.py"),
     }
 
 

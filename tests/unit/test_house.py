@@ -52,6 +52,15 @@ if name == "waypoint" or isinstance(task, tasks.Docking | int) or name in ("a", 
     ]
 
 
+def test_no_disturbance_reads_an_array_by_a_number() -> None:
+    found = [
+        f"{path.name}:{line}: {text}"
+        for path, tree in house.sources(house.PACKAGE / "tasks" / "disturbances")
+        for line, text in house.reads(tree)
+    ]
+    assert found == []
+
+
 def test_nothing_outside_tasks_asks_for_a_task() -> None:
     assert TASKS.own == house.TASKS
     assert not house.naming_a_task()

@@ -75,7 +75,7 @@ def simulated_variance(spectrum: str, depth: float) -> float:
         training("disturbance=sea_state_4", f"disturbance.waves.spectrum={spectrum}", "noise=none"), n
     )
     batch.reset()
-    sea = batch.disturbances.sea.waves  # type: ignore[union-attr]
+    sea = batch.disturbances["waves"].waves  # type: ignore[index]
     places = np.tile([3.0, -2.0, -depth], (n, 1))
     squares = []
     for moment in range(256):

@@ -1,9 +1,8 @@
-"""Disturbances of N episodes: currents, waves, actuator faults, delays, sensor errors, drawn vehicles.
+"""Disturbances of N episodes: one file each, and `composed`, which calls the active ones.
 
-`parameters.Disturbances` is what the batch of environments calls; `kernels` draws and advances, compiled.
 docs/disturbances.md defines each of them.
 """
 
-from auvbench.tasks.disturbances.parameters import Disturbances, make
+from auvbench.tasks.disturbances.composed import Disturbances, check, make, of
 
-__all__ = ["Disturbances", "make"]
+__all__ = ["Disturbances", "check", "make", "of"]

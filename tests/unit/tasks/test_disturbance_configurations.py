@@ -90,9 +90,9 @@ def test_several_factors_at_once_by_overriding_none():
             "disturbance.current.speed=0.5", "disturbance.delay.action=0.1", "disturbance.fault.mode=stuck"
         )
     )
-    d = Batch(config, 1).disturbances
-    assert (d.flows, d.delayed, d.fails) == (True, True, True)
-    assert (d.fluctuates, d.sheared, d.misreads, d.randomises) == (False, False, False, False)
+    assert list(Batch(config, 1).disturbances.parts) == ["current", "fault", "delay"]
+    assert not config.disturbance.current.fluctuates
+    assert not config.disturbance.current.sheared
 
 
 def test_the_configuration_of_a_run_reads_back():

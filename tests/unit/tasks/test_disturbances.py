@@ -10,10 +10,13 @@ import pytest
 
 from auvbench.config.schema import SCALES
 from auvbench.envs.batch import Batch
+from auvbench.registry import DISTURBANCES
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.tasks.disturbances import Disturbances
-from auvbench.tasks.disturbances import kernels as k
+from auvbench.tasks.disturbances import Disturbances, of
+from auvbench.tasks.disturbances.base import kind_of
+from auvbench.tasks.disturbances.fault import DEAD, HEALTHY
 from auvbench.tasks.waypoint import WaypointTask
+from auvbench.testing import check_disturbance
 from auvbench.vehicles import sheet
 from tests import configs
 
@@ -30,7 +33,7 @@ def alone(*overrides: str, n: int, seed: int = 3) -> Disturbances:
     config = configuration(*overrides)
     vehicle = sheet.load(config.vehicle)
     task = WaypointTask(config, vehicle, n, seed)
-    disturbances = Disturbances(config, vehicle, task)
+    disturbances = of(config, vehicle, task)
     task.reset(np.arange(n))
     disturbances.draw(np.arange(n))
     return disturbances
@@ -61,6 +64,23 @@ def outputs(batch: Batch, action: np.ndarray) -> tuple[np.ndarray, np.ndarray, l
     return np.array(observations), np.array(rewards), records
 
 
+OPTIONS = {
+    "current": "depth_current",
+    "waves": "sea_state_4",
+    "fault": "fault",
+    "delay": "delay",
+    "sensor": "sensor",
+    "randomisation": "randomised",
+}
+"""an option of `disturbance` with each of auvbench's own"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", DISTURBANCES.own)
+def test_every_disturbance_keeps_the_contract(name):
+    check_disturbance(f"disturbance={OPTIONS[name]}", "task.start=[0,0,-5]")
+
+
 # --- off ------------------------------------------------------------------------------------------------
 
 
@@ -73,10 +93,16 @@ def test_neutral_values_change_no_bit():
     config = configuration("task.max_steps=25", "disturbance.name=neutral")
     plain, forced = Batch(config, 5), Batch(config, 5)
     assert plain.disturbances is None
-    machinery = Disturbances(config, forced.vehicle, forced.task)
-    machinery.flows = machinery.fluctuates = machinery.sheared = machinery.fails = True
-    machinery.misreads = machinery.noisy = machinery.drifts = machinery.randomises = True
-    forced.disturbances = machinery
+    parts = {
+        name: kind_of(name)(settings, forced.vehicle, forced.task, name)
+        for name, settings in config.disturbance.factors()
+        if name != "waves"
+    }
+    for part in parts.values():
+        part.moves = hasattr(part, "before")
+        part.rereads = hasattr(part, "read")
+    assert any(part.moves for part in parts.values())
+    forced.disturbances = Disturbances(parts, forced.task)
     action = actions(60, 5)
     np.testing.assert_array_equal(fly(plain, action), fly(forced, action))
     assert np.array_equal(plain.task.episodes, forced.task.episodes)
@@ -124,16 +150,17 @@ def test_training_and_tests_draw_other_disturbances():
     for test in (False, True):
         batch = Batch(config, 3, seed=1, test=test)
         batch.reset()
-        drawn.append(batch.disturbances.D.copy())
-    horizontal = [0, 1, 3, 4, 6, 7, 8]
-    assert not np.any(drawn[0][:, horizontal] == drawn[1][:, horizontal])
+        current = batch.disturbances["current"].state
+        level = [current.top[:, :2], current.bottom[:, :2], current.fluctuation]
+        drawn.append(np.concatenate(level, axis=1))
+    assert not np.any(drawn[0] == drawn[1])
 
 
 @pytest.mark.slow
 def test_switching_a_factor_on_leaves_the_draws_of_the_others():
     one = alone("disturbance=current", "disturbance.current.speed_high=0.6", n=50)
     both = alone("disturbance=severe", "disturbance.current.speed=0.3", n=50)
-    np.testing.assert_array_equal(one.D[:, k.D_TOP : k.D_BOTTOM], both.D[:, k.D_TOP : k.D_BOTTOM])
+    np.testing.assert_array_equal(one["current"].state.top, both["current"].state.top)
 
 
 @pytest.mark.parametrize("name", [*LEVELS, "fault", "delay", "gauss_markov", "randomised", "sea_state_4"])
@@ -169,18 +196,19 @@ def test_given_direction_and_speed():
     )
     level = 0.3 * math.cos(0.3)
     expected = [level * math.cos(2.0), level * math.sin(2.0), 0.3 * math.sin(0.3)]
-    np.testing.assert_allclose(d.D[:, :3], [expected, expected], rtol=1e-15)
+    np.testing.assert_allclose(d["current"].state.top, [expected, expected], rtol=1e-15)
 
 
 def test_drawn_direction_and_speed_are_uniform():
     d = alone(
         "disturbance=current", "disturbance.current.speed=0.1", "disturbance.current.speed_high=0.5", n=20_000
     )
-    speed = np.hypot(d.D[:, 0], d.D[:, 1])
+    x, y, _ = d["current"].state.top.T
+    speed = np.hypot(x, y)
     assert speed.min() >= 0.1
     assert speed.max() <= 0.5
     assert np.mean(speed) == pytest.approx(0.3, abs=0.004)
-    direction = np.arctan2(d.D[:, 1], d.D[:, 0])
+    direction = np.arctan2(y, x)
     counts, _ = np.histogram(direction, bins=8, range=(-np.pi, np.pi))
     assert np.all(np.abs(counts - 2500) < 250)
 
@@ -195,16 +223,16 @@ def test_gauss_markov_keeps_its_spread_and_forgets_at_its_rate(frequency):
         f"step.frequency={frequency}",
         n=n,
     )
-    task = d.task
+    task, drawn = d.task, d["current"]
 
     def current():
-        return d.D[:, k.D_TOP : k.D_TOP + 3] + d.D[:, k.D_FLUCTUATION : k.D_FLUCTUATION + 3]
+        return drawn.state.top + drawn.state.fluctuation
 
     begun, seconds = current(), 2.0
     for _ in range(int(seconds * frequency)):
-        k.advance_current(task.rows, d.Q, task.stream, d.D)  # nothing happens before the first step
+        drawn.before_rows()  # nothing happens before the first step
         task.episodes.steps[:] += 1
-    k.advance_current(task.rows, d.Q, task.stream, d.D)
+    drawn.before_rows()
     ended = current()
     mean = 0.2 * np.array([math.cos(0.5), math.sin(0.5), 0.0])
     spread = np.array([sigma, sigma, vertical])
@@ -315,13 +343,14 @@ def test_drawn_faults_have_their_probability_their_times_and_all_thrusters():
         "disturbance=fault", "disturbance.fault.mode=any", "disturbance.fault.probability=0.4",
         "disturbance.fault.time=2", "disturbance.fault.time_high=8", n=20_000,
     )  # fmt: skip
-    failed = d.I[:, k.I_MODE] != k.HEALTHY
+    fault = d["fault"].state
+    failed = fault.mode != HEALTHY
     assert failed.mean() == pytest.approx(0.4, abs=0.015)
-    modes = np.bincount(d.I[failed, k.I_MODE], minlength=4)[1:] / failed.sum()
+    modes = np.bincount(fault.mode[failed], minlength=4)[1:] / failed.sum()
     np.testing.assert_allclose(modes, 1 / 3, atol=0.02)
-    which = np.bincount(d.I[failed, k.I_ACTUATOR], minlength=6) / failed.sum()
+    which = np.bincount(fault.actuator[failed], minlength=6) / failed.sum()
     np.testing.assert_allclose(which, 1 / 6, atol=0.02)
-    begin = d.I[failed, k.I_BEGIN]
+    begin = fault.begin[failed]
     assert begin.min() == 21
     assert begin.max() == 80
     assert np.mean(begin) == pytest.approx(50.5, abs=1.0)
@@ -333,7 +362,7 @@ def test_a_fault_ends_with_its_episode():
     batch.reset()
     seen = {}
     for action in actions(20, 64):
-        dead = batch.disturbances.I[:, k.I_MODE] == k.DEAD
+        dead = batch.disturbances["fault"].state.mode == DEAD
         seen[int(batch.task.episodes[0].episode)] = dead
         result = batch.step(action)
         going = np.setdiff1d(np.arange(64), result.ended)
@@ -454,14 +483,15 @@ def test_errors_of_the_readings(frequency):
         n=n,
     )
     task = d.task
-    k.offsets(np.arange(n), task.rows, d.Q, task.stream, True, d.D, task.offset)
-    bias = d.D[:, k.D_BIAS : k.D_BIAS + 4].copy()
+    sensor = d["sensor"]
+    sensor.read_rows(np.arange(n), first=True)
+    bias = sensor.state.bias.copy()
     noise = [task.offset - bias]
     for _ in range(int(seconds * frequency)):
         task.episodes.steps[:] += 1
         d.read()
-    np.testing.assert_array_equal(d.D[:, k.D_BIAS : k.D_BIAS + 4], bias)
-    drift = d.D[:, k.D_DRIFT : k.D_DRIFT + 4]
+    np.testing.assert_array_equal(sensor.state.bias, bias)
+    drift = sensor.state.drift
     noise.append(task.offset - bias - drift)
     np.testing.assert_allclose(bias.std(axis=0), [0.5, 0.4, 0.3, 0.2], rtol=0.025)
     np.testing.assert_allclose(bias.mean(axis=0), 0.0, atol=0.015)

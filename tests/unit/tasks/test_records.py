@@ -21,6 +21,7 @@ from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError, TrainingError
 from auvbench.runs import integrity
 from auvbench.tasks import records
+from auvbench.tasks.disturbances.version_2 import COLUMNS
 from auvbench.training.checkpoint.store import CheckpointStore
 from tests import configs
 from tests.packages import EXAMPLE, Site, site, tasking
@@ -56,18 +57,24 @@ def numeric_reads(path: Path) -> list[str]:
             by_number |= isinstance(node.value, ast.Attribute) and any(
                 isinstance(p, ast.Constant) for p in index
             )
-            if by_number and isinstance(root, ast.Name) and root.id in names & {"e", "p", "m", "F", "C", "P"}:
+            if (
+                by_number
+                and isinstance(root, ast.Name)
+                and root.id in names & {"e", "p", "m", "d", "F", "C", "P"}
+            ):
                 found.append(f"{path.name}:{node.lineno}: {ast.unparse(node)}")
     return found
 
 
 def test_compiled_functions_read_records_by_name() -> None:
     files = [
-        *(PACKAGE / "tasks").glob("*.py"),
+        *(PACKAGE / "tasks").rglob("*.py"),
         PACKAGE / "blocks.py",
         *(EXAMPLE / "auvbench_example").glob("*.py"),
     ]
-    assert {"waypoint.py", "rewards.py", "circling.py"} <= {path.name for path in files}
+    assert {"waypoint.py", "rewards.py", "circling.py", "current.py", "fault.py"} <= {
+        path.name for path in files
+    }
     assert [where for path in files for where in numeric_reads(path)] == []
 
 
@@ -100,6 +107,31 @@ def test_a_state_of_version_2_continues(task: str) -> None:
         # Another machine may round a sine differently.
         np.testing.assert_allclose(result.observation, row[:, :-1], rtol=1e-5, atol=1e-6)
         np.testing.assert_allclose(result.reward, row[:, -1], rtol=1e-9)
+
+
+def test_disturbances_of_version_2_continue_by_their_names() -> None:
+    config = configs.training("disturbance=severe", "noise=none", "task.max_steps=30")
+    stayed, back = Batch(config, 3, seed=9), Batch(config, 3, seed=4)
+    stayed.reset()
+    back.reset()
+    action = np.linspace(-1.0, 1.0, 18).reshape(3, 6)
+    for _ in range(45):
+        stayed.step(action)
+    now = stayed.state_dict()
+    state = {key: value for key, value in now.items() if not key.startswith("disturbances.")}
+    floats, integers = np.zeros((3, 18)), np.zeros((3, 4), np.int64)
+    for name, columns in COLUMNS.items():
+        for field, (array, place) in columns.items():
+            (floats if array == "D" else integers)[:, place] = now[f"disturbances.{name}.state"][field]
+    state |= {"disturbances.D": floats, "disturbances.I": integers}
+    for name in ("commands", "measurements", "clock"):
+        state[f"disturbances.{name}"] = now[f"disturbances.delay.{name}"]
+    state["disturbances.power"] = now["disturbances.power"]
+    back.load_state_dict(state)
+    for key, value in now.items():
+        np.testing.assert_array_equal(back.state_dict()[key], value, err_msg=key)
+    for _ in range(40):
+        np.testing.assert_array_equal(stayed.step(action).observation, back.step(action).observation)
 
 
 def test_a_checkpoint_of_version_2_is_read_and_one_of_version_1_is_not(tmp_path: Path) -> None:

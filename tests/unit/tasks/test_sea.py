@@ -12,7 +12,7 @@ from auvbench.envs.batch import Batch
 from auvbench.evaluation import protocol
 from auvbench.runs.identity import LATER, digest
 from auvbench.tasks.bounds import position_bounds
-from auvbench.tasks.disturbances.sea import spread
+from auvbench.tasks.disturbances.waves import spread
 from auvbench.testing import check_task
 from auvbench.testing.tasks import TASK_CHECKS
 from auvbench.vehicles import sheet
@@ -22,7 +22,7 @@ from tests.unit.tasks.test_disturbances import alone, configuration, fly
 
 def angles(*overrides: str, n: int = 2000) -> np.ndarray:
     """Directions (n, m) of the components of n episodes, in rad."""
-    rays = alone(*overrides, n=n).sea.waves.rays
+    rays = alone(*overrides, n=n)["waves"].waves.rays
     rows = rays.transpose(0, 3, 1, 2).reshape(-1, waves.COMPONENTS, 3)[:n]
     return np.arctan2(rows[:, :, waves.SINE], rows[:, :, waves.COSINE])
 
@@ -55,11 +55,11 @@ def test_long_crests_run_in_one_direction_drawn_per_episode():
 
 def test_phases_are_uniform_and_leave_other_draws_as_they_were():
     sea = alone("disturbance=waves", "disturbance.current.speed=0.3", n=2000)
-    phases = sea.sea.waves.rays[:, :, waves.PHASE].ravel()
+    phases = sea["waves"].waves.rays[:, :, waves.PHASE].ravel()
     counts, _ = np.histogram(phases, bins=10, range=(0.0, 1.0))
     assert np.all(np.abs(counts / len(phases) - 0.1) < 0.005)
     calm = alone("disturbance=current", n=2000)
-    np.testing.assert_array_equal(sea.D, calm.D)
+    np.testing.assert_array_equal(sea["current"].state, calm["current"].state)
 
 
 def test_an_episode_is_the_same_whatever_ran_before():
@@ -135,8 +135,8 @@ def test_a_configuration_without_the_keys_is_the_same_run_on_a_calm_sea():
     earlier = configs.plain("algo=pid", "disturbance=severe")
     del earlier["disturbance"]["waves"]
     read = typed(OmegaConf.create(earlier))
-    assert read.disturbance.sea is None
-    assert Batch(read, 1).disturbances.sea is None
+    assert not read.disturbance.waves.active
+    assert "waves" not in Batch(read, 1).disturbances.parts
     assert digest(earlier) == digest(now)
     assert digest(configs.plain("algo=pid", "disturbance=severe", "disturbance.waves.height=1")) != digest(
         now

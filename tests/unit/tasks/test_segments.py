@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from auvbench.tasks.disturbances.parameters import Segment, schedule, split
+from auvbench.tasks.disturbances.delay import Segment, schedule, split
 
 
 def test_no_delay_is_one_whole_step():

@@ -8,13 +8,14 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
+from auvbench.config.disturbances import Waves
 from auvbench.dynamics import waves
 from auvbench.dynamics.compiled import compiled
-from auvbench.dynamics.layout import LANES
+from auvbench.dynamics.layout import COMPONENT, LANES
 from auvbench.dynamics.random import WAVES, uniform
 from auvbench.simulators.base import Simulator, WavySimulator
-from auvbench.tasks.base import Task
+from auvbench.tasks.disturbances.base import Disturbance
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -24,31 +25,43 @@ _ANGLES = _PHASES + waves.COMPONENTS
 _QUANTILES = 1025
 
 
-class Sea:
-    """Waves of N episodes, a function of their keys and steps: an exact resume needs nothing else.
+class Sea(Disturbance):
+    """Waves of N episodes, a function of their keys and steps: an exact resume needs nothing else."""
 
-    Args:
-        config: with a height above 0.
-        task: whose episodes they are.
-    """
+    runs_on = True
+    settings: Waves
 
-    def __init__(self, config: schema.Waves, task: Task) -> None:
-        self.task = task
-        components = waves.components(config.height, config.period, config.spectrum, task.vehicle.gravity)
-        self.waves = waves.on(components, task.n)
-        low, high = (0.0, 2.0 * math.pi) if config.direction is None else (config.direction,) * 2
-        self._directions = np.array([low, high])
-        self._quantiles = spread(config.spreading)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.waves = waves.on(_components(self.settings, self.vehicle), self.task.n)
+        self._quantiles = spread(self.settings.spreading)
+        self.moves = True
 
-    def draw(self, indices: Integers) -> None:
-        """Draw the waves of new episodes."""
+    def own_parameters(self, settings: Waves) -> dict[str, Any]:
+        low, high = (0.0, 2.0 * math.pi) if settings.direction is None else (settings.direction,) * 2
+        return {"direction_low": low, "direction_high": high}
+
+    @staticmethod
+    def water_speed(settings: Waves, vehicle: VehicleModel) -> tuple[float, float]:
+        # At the surface a component moves the water at its speed both along its direction and up.
+        return 0.0, math.hypot(*_components(settings, vehicle).reshape(-1).view(COMPONENT)["speed"])
+
+    def draw_rows(self, indices: Integers) -> None:
         task = self.task
-        draw_rays(indices, task.rows, self._directions, self._quantiles, task.stream, self.waves.rays)
+        _, parameters = self._own
+        draw_rays(indices, task.rows, parameters, self._quantiles, task.stream, self.waves.rays)
 
-    def begin_step(self, simulator: Simulator) -> None:
+    def give(self, simulator: Simulator) -> None:
         """Give a simulator the waves of the agent step that begins."""
         self.waves.time[:] = self.task.episodes.steps * self.task.duration
         cast(WavySimulator, simulator).set_waves(self.waves)  # a configuration with waves has no other
+
+    def restored(self) -> None:
+        self.draw_rows(np.arange(self.task.n))
+
+
+def _components(config: Waves, vehicle: VehicleModel) -> Floats:
+    return waves.components(config.height, config.period, config.spectrum, vehicle.gravity)
 
 
 def spread(exponent: float | None) -> Floats:
@@ -67,9 +80,10 @@ def spread(exponent: float | None) -> Floats:
 
 @compiled("dynamics")
 def draw_rays(
-    indices: Integers, episodes: Any, directions: Floats, quantiles: Floats, test: int, rays: Floats
+    indices: Integers, episodes: Any, parameters: Any, quantiles: Floats, test: int, rays: Floats
 ) -> None:
     """Draw directions and phases of new episodes into `rays` (blocks, m, 3, LANES)."""
+    p = parameters[0]
     last = quantiles.shape[0] - 1
     for k in range(indices.shape[0]):
         i = indices[k]
@@ -77,11 +91,12 @@ def draw_rays(
         e = episodes[i]
         seed, episode, environment = e.seed, e.episode, e.environment
         share = uniform(seed, WAVES | test, 0, 0, episode, environment)
-        direction = directions[0] + (directions[1] - directions[0]) * share
+        direction = p.direction_low + (p.direction_high - p.direction_low) * share
         for m in range(rays.shape[1]):
             place = last * uniform(seed, WAVES | test, _ANGLES + m, 0, episode, environment)
             j = min(int(place), last - 1)
-            angle = direction + quantiles[j] + (place - j) * (quantiles[j + 1] - quantiles[j])
+            above = j + 1
+            angle = direction + quantiles[j] + (place - j) * (quantiles[above] - quantiles[j])
             rays[block, m, waves.COSINE, lane] = math.cos(angle)
             rays[block, m, waves.SINE, lane] = math.sin(angle)
             rays[block, m, waves.PHASE, lane] = uniform(

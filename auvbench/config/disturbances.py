@@ -1,0 +1,339 @@
+"""Define the schemas of the disturbances that every configuration has, what they need of a simulator, and the specs.
+
+Importing this module imports no code of a disturbance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+from auvbench.config.fields import choice, number
+from auvbench.errors import ConfigError
+from auvbench.registry import Spec
+
+if TYPE_CHECKING:
+    from auvbench.config.simulators import Capabilities
+
+CURRENTS = ("none", "steady", "varying", "sheared")
+"""Kinds of current, each including the previous ones: constant in an episode, varying in it, and changing
+with depth.
+"""
+
+FASTEST_WATER = 10.0
+"""m/s, at any depth"""
+
+READINGS = "readings"
+TIMING = "timing"
+COMMANDS = "commands"
+"""What a disturbance changes between the agent and the vehicle: what it reads, when, and what its actuators are told"""
+
+
+class Need(NamedTuple):
+    """What a disturbance needs of a simulator."""
+
+    key: str
+    what: str
+    able: Callable[[Capabilities], bool]
+
+
+@dataclass(kw_only=True)
+class Factor:
+    """Keys of one disturbance below `disturbance.NAME`, and what follows from them."""
+
+    @property
+    def active(self) -> bool:
+        """Whether it changes anything."""
+        return True
+
+    def check(self, key: str) -> None:
+        """Check rules that span several keys.
+
+        Args:
+            key: `disturbance.NAME`, for messages.
+
+        Raises:
+            ConfigError: a value contradicts another.
+        """
+
+    def needs(self, key: str) -> Iterator[Need]:
+        """Yield what a simulator must have for it."""
+        return iter(())
+
+    def alters(self) -> Mapping[str, str]:
+        """Return which of READINGS, TIMING and COMMANDS it changes, each with the rest of the key that says so."""
+        return {}
+
+
+def forces(key: str) -> Need:
+    """Return the need of a disturbance that pushes vehicles."""
+    return Need(key, "forces on vehicles", lambda can: can.forces)
+
+
+def below(low_key: str, low: float, high_key: str, high: float | None, *, strictly: bool = False) -> None:
+    """Raise ConfigError unless a value is at most another one, or less with `strictly`; None is no limit."""
+    if high is None or (low < high if strictly else low <= high):
+        return
+    raise ConfigError(
+        f"{low_key}={low:.12g}: must be {'below' if strictly else 'at most'} {high_key}={high:g}"
+    )
+
+
+@dataclass(kw_only=True)
+class GaussMarkov:
+    """First-order Gauss-Markov fluctuation of the current about its mean."""
+
+    sigma: float = number(0.0, 10.0)  # m/s, stationary standard deviation of the east and the north component
+    sigma_vertical: float = number(0.0, 10.0)  # m/s, stationary standard deviation of the vertical component
+    mu: float = number(0.0, 1e3, open_low=True)  # 1/s, inverse of the correlation time
+
+
+@dataclass(kw_only=True)
+class CurrentProfile:
+    """Mean current over depth: linear between two depths, constant above and below."""
+
+    top: float = number(0.0, 1e4)  # m, positive down
+    bottom: float = number(0.0, 1e4, open_low=True)  # m, positive down
+    factor: float = number(-3.0, 3.0)  # speed at `bottom` over speed at `top`; undercurrents reach about 3
+    turn: float = number(-math.pi, math.pi)  # rad, direction at `bottom` less direction at `top`
+
+
+@dataclass(kw_only=True)
+class Current(Factor):
+    """Motion of the water."""
+
+    speed: float = number(0.0, 10.0)  # m/s
+    speed_high: float | None = number(0.0, 10.0)  # m/s
+    direction: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
+    elevation: float = number(-math.pi / 2, math.pi / 2)  # rad
+    gauss_markov: GaussMarkov
+    profile: CurrentProfile
+
+    @property
+    def fluctuates(self) -> bool:
+        """Whether it varies within an episode."""
+        return self.gauss_markov.sigma > 0.0 or self.gauss_markov.sigma_vertical > 0.0
+
+    @property
+    def flows(self) -> bool:
+        """Whether its mean may differ from 0."""
+        return (self.speed_high or self.speed) > 0.0
+
+    @property
+    def active(self) -> bool:
+        return self.flows or self.fluctuates
+
+    @property
+    def sheared(self) -> bool:
+        """Whether it changes with depth."""
+        return self.active and (self.profile.factor != 1.0 or self.profile.turn != 0.0)
+
+    def check(self, key: str) -> None:
+        below(f"{key}.speed", self.speed, f"{key}.speed_high", self.speed_high)
+        top, bottom = self.profile.top, self.profile.bottom
+        below(f"{key}.profile.top", top, f"{key}.profile.bottom", bottom, strictly=True)
+        fastest, factor = max(self.speed, self.speed_high or 0.0), self.profile.factor
+        if fastest * abs(factor) > FASTEST_WATER:
+            raise ConfigError(
+                f"{key}.profile.factor={factor:.12g}: must keep the current at the bottom, {fastest * abs(factor):g} m/s, "
+                f"within {FASTEST_WATER:g} m/s"
+            )
+
+    def needs(self, key: str) -> Iterator[Need]:
+        kind, part = "steady", "speed"
+        if self.sheared:
+            kind, part = "sheared", "profile"
+        elif self.fluctuates:
+            kind, part = "varying", "gauss_markov"
+        least = CURRENTS.index(kind)
+        yield Need(f"{key}.{part}", f"a {kind} current", lambda can: CURRENTS.index(can.currents) >= least)
+
+
+@dataclass(kw_only=True)
+class Waves(Factor):
+    """Waves on deep water."""
+
+    height: float = number(0.0, 30.0)  # m, significant wave height
+    period: float = number(0.5, 30.0)  # s, peak period of the spectrum
+    spectrum: str = choice("jonswap", "pierson_moskowitz")
+    direction: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
+    spreading: float | None = number(1.0, 1000.0)  # exponent n of cos^n
+
+    @property
+    def active(self) -> bool:
+        return self.height > 0.0
+
+    def check(self, key: str) -> None:
+        # Shortest period by DNV-RP-C205, section 3.5.5: steeper waves break.
+        least = 3.6 * math.sqrt(self.height)
+        if self.active and self.period < least:
+            raise ConfigError(
+                f"{key}.period={self.period:.12g}: must be at least {least:.3g} s for {key}.height={self.height:g}: "
+                "steeper waves break"
+            )
+
+    def needs(self, key: str) -> Iterator[Need]:
+        yield Need(f"{key}.height={self.height:g}", "waves", lambda can: can.waves)
+
+
+def still() -> Waves:
+    """Return no waves, as in runs of earlier versions."""
+    return Waves(height=0.0, period=7.5, spectrum="jonswap", direction=None, spreading=2.0)
+
+
+@dataclass(kw_only=True)
+class Fault(Factor):
+    """Failure of one actuator in an episode."""
+
+    mode: str = choice("none", "dead", "weak", "stuck", "any")
+    probability: float = number(0.0, 1.0)  # probability per episode
+    actuator: str | None
+    time: float = number(0.0, 1e9)  # s
+    time_high: float | None = number(0.0, 1e9)  # s
+    factor: float = number(0.0, 1.0)  # share of its force that a weak thruster keeps
+
+    @property
+    def active(self) -> bool:
+        return self.mode != "none" and self.probability > 0.0
+
+    def check(self, key: str) -> None:
+        below(f"{key}.time", self.time, f"{key}.time_high", self.time_high)
+
+    def alters(self) -> Mapping[str, str]:
+        return {COMMANDS: f".mode={self.mode}"} if self.mode in ("stuck", "any") else {}
+
+
+@dataclass(kw_only=True)
+class Delay(Factor):
+    """Dead times between the agent and the vehicle."""
+
+    action: float = number(0.0, 10.0)  # s
+    observation: float = number(0.0, 10.0)  # s
+
+    @property
+    def active(self) -> bool:
+        return self.action > 0.0 or self.observation > 0.0
+
+    def alters(self) -> Mapping[str, str]:
+        return {TIMING: ""}
+
+
+@dataclass(kw_only=True)
+class Channels:
+    """One number per sensor reading."""
+
+    x: float = number(0.0, 1e3)
+    y: float = number(0.0, 1e3)
+    z: float = number(0.0, 1e3)
+    yaw: float = number(0.0, 1e3)
+
+    def values(self) -> list[float]:
+        """Return the four numbers in order."""
+        return [self.x, self.y, self.z, self.yaw]
+
+
+@dataclass(kw_only=True)
+class Sensor(Factor):
+    """Errors of the position and yaw readings, in addition to `noise`."""
+
+    gaussian: Channels  # m and rad, standard deviation
+    bias: Channels  # m and rad, standard deviation over episodes
+    drift: Channels  # m/sqrt(s) and rad/sqrt(s)
+
+    @property
+    def active(self) -> bool:
+        return any(value > 0.0 for part in (self.gaussian, self.bias, self.drift) for value in part.values())
+
+    def alters(self) -> Mapping[str, str]:
+        return {READINGS: ""}
+
+
+@dataclass(kw_only=True)
+class Scale:
+    """Range of a factor."""
+
+    low: float = number(0.01, 100.0)
+    high: float = number(0.01, 100.0)
+
+
+SCALES = ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust")
+"""Factors of `Randomisation`, in the order in which simulators take them"""
+
+
+@dataclass(kw_only=True)
+class Randomisation(Factor):
+    """Randomised vehicle in each episode: factors on the numbers of its sheet."""
+
+    distribution: str = choice("uniform", "log_uniform")
+    keep_trim: bool
+    mass: Scale
+    buoyancy: Scale
+    inertia: Scale
+    added_mass: Scale
+    damping: Scale
+    thrust: Scale
+
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Return the ranges of all factors by name, in the order of `SCALES`."""
+        scales: list[tuple[str, Scale]] = [(name, getattr(self, name)) for name in SCALES]
+        return {name: (scale.low, scale.high) for name, scale in scales}
+
+    @property
+    def active(self) -> bool:
+        return any(ends != (1.0, 1.0) for ends in self.ranges().values())
+
+    def check(self, key: str) -> None:
+        for name, (low, high) in self.ranges().items():
+            below(f"{key}.{name}.low", low, f"{key}.{name}.high", high)
+
+    def needs(self, key: str) -> Iterator[Need]:
+        name = next(name for name, ends in self.ranges().items() if ends != (1.0, 1.0))
+        yield Need(
+            f"{key}.{name}", "drawn vehicles (factors that differ from the sheet)", lambda can: can.scales
+        )
+
+
+@dataclass(kw_only=True)
+class DisturbanceConfig(Factor):
+    """The keys of a disturbance of an installed package, `disturbance.NAME`; a subclass adds its own."""
+
+    package: str
+
+
+@dataclass(frozen=True, slots=True)
+class DisturbanceSpec(Spec):
+    """Description of one disturbance, available without importing its code."""
+
+    base: ClassVar[type] = DisturbanceConfig
+
+    name: str
+    """Key below `disturbance`."""
+    title: str
+    """What it is, for tables and help."""
+    factory: str
+    """`module:class`, a class below `auvbench.tasks.disturbances.base.Disturbance`."""
+    schema: type
+    """Its keys with their types and ranges; in a package, derived from `DisturbanceConfig`."""
+    added: bool = False
+    """Whether runs of earlier versions lack its keys, so that fingerprints cover them only where it is active."""
+
+    @property
+    def code(self) -> str:
+        """Return `module:class` of the disturbance."""
+        return self.factory
+
+    def fault(self) -> str:
+        return "" if self.name.isidentifier() else "has a name that cannot be a key"
+
+
+_CODE = "auvbench.tasks.disturbances"
+current = DisturbanceSpec("current", "current", f"{_CODE}.current:WaterCurrent", Current)
+waves = DisturbanceSpec("waves", "waves", f"{_CODE}.waves:Sea", Waves, added=True)
+fault = DisturbanceSpec("fault", "actuator faults", f"{_CODE}.fault:ActuatorFault", Fault)
+delay = DisturbanceSpec("delay", "delays", f"{_CODE}.delay:DeadTime", Delay)
+sensor = DisturbanceSpec("sensor", "sensor errors", f"{_CODE}.sensor:SensorError", Sensor)
+randomisation = DisturbanceSpec(
+    "randomisation", "drawn vehicles", f"{_CODE}.randomisation:DrawnVehicles", Randomisation
+)

@@ -1,0 +1,48 @@
+"""Make the fields of schemas: types and valid ranges, no defaults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection
+from dataclasses import field, is_dataclass
+from typing import Any, get_args, get_type_hints
+
+INF = math.inf
+
+
+def number(low: float = -INF, high: float = INF, *, open_low: bool = False) -> Any:
+    """Return a field with the range [low, high], or (low, high] with `open_low`; infinities and NaN are never
+    valid.
+    """
+    return field(metadata={"low": low, "high": high, "open_low": open_low})
+
+
+def choice(*names: str) -> Any:
+    """Return a field that takes one of a few names."""
+    return choice_of(lambda: names)
+
+
+def choice_of(names: Callable[[], Collection[str]]) -> Any:
+    """Return a field that takes a name of a registry; the registry is read when a value is checked."""
+    return field(metadata={"choices": names})
+
+
+def later(declared: Any, default: Any = None) -> Any:
+    """Return a field that is missing in runs of earlier versions; they load with `default`, which changes nothing."""
+    return field(default=default, metadata=declared.metadata)
+
+
+def name() -> Any:
+    """Return a field for a part of a path: letters, digits, dots, dashes and underscores."""
+    return field(metadata={"name": True})
+
+
+def keys(kind: type, prefix: str = "") -> dict[str, Any]:
+    """Return the dotted keys of a schema and of its nested schemas, with their types."""
+    types = {}
+    for key, hint in get_type_hints(kind).items():
+        types[f"{prefix}{key}"] = hint
+        for kind in (hint, *get_args(hint)):  # A nested schema may be null.
+            if isinstance(kind, type) and is_dataclass(kind):
+                types |= keys(kind, f"{prefix}{key}.")
+    return types

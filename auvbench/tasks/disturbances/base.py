@@ -1,0 +1,229 @@
+"""What a disturbance is: functions of one episode, what an episode remembers of it, and what the simulator gets.
+
+A disturbance is one file of this folder, or of a package. It declares functions of one episode, which are compiled into loops, and
+its state: a record per episode, all of which an exact resume needs. `composed.Disturbances` calls the active ones.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics.layout import CURRENT
+from auvbench.errors import AgentError
+from auvbench.registry import DISTURBANCES, resolve, telling
+from auvbench.simulators.base import Simulator
+from auvbench.tasks import records
+from auvbench.tasks.disturbances import loops
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from auvbench.config import schema
+    from auvbench.tasks.base import Task
+    from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Array = NDArray[Any]
+
+
+def kind_of(name: str) -> type[Disturbance]:
+    """Return the class of a disturbance.
+
+    Raises:
+        AgentError: that of a package is not one.
+    """
+    if name in DISTURBANCES.own:
+        kind: type[Disturbance] = resolve(DISTURBANCES[name].code)
+        return kind
+    who = f"disturbance.{name}"
+    with telling(who, "cannot be imported"):
+        kind = resolve(DISTURBANCES[name].code)
+    if not (isinstance(kind, type) and issubclass(kind, Disturbance)):
+        raise AgentError(
+            f"{who}: {DISTURBANCES[name].code} is no class below {Disturbance.__module__}.Disturbance"
+        )
+    return kind
+
+
+def water_speed(disturbance: schema.Disturbance, vehicle: VehicleModel) -> tuple[float, float]:
+    """Return the largest mean speed of the water in m/s, and the standard deviation of what is added to it in m/s."""
+    water = [_asked(name, "water_speed", settings, vehicle) for name, settings in disturbance.active()]
+    return sum(mean for mean, _ in water), math.hypot(*(spread for _, spread in water))
+
+
+def misreading(disturbance: schema.Disturbance, seconds: float) -> Floats:
+    """Return the standard deviation (3,) in m of the errors of the position's readings after a time in s."""
+    errors = np.zeros(3)
+    for name, settings in disturbance.active():
+        errors += _asked(name, "misreading", settings, seconds)
+    return errors
+
+
+def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
+    """Return what a static method of a disturbance says; that of a package must be finite numbers."""
+    function = getattr(kind_of(name), method)
+    if name in DISTURBANCES.own:
+        return function(settings, *arguments)
+    who = f"disturbance.{name} of {settings.package}"
+    with telling(who, f"{method} fails"):
+        given = function(settings, *arguments)
+        finite = np.isfinite(np.asarray(given, dtype=np.float64)).all()
+    if not finite:
+        raise AgentError(f"{who}: {method} is {given}; it must be finite numbers")
+    return given
+
+
+class Disturbance:
+    """One disturbance of N episodes.
+
+    In its functions, `e` is the record of an episode (the fields that every task has), `d` what the episode remembers of the
+    disturbance, `p` its parameters. `stream` is the flag of the random streams: draw by `uniform4(e.seed, OWN | stream, ...)`.
+
+    Args:
+        settings: of the schema of its spec.
+        vehicle: of all episodes.
+        task: whose episodes they are.
+        who: the disturbance, for messages.
+    """
+
+    draw: ClassVar[Callable[..., None]]
+    """`draw(e, d, p, stream)`: begins an episode; what it remembers is 0 before"""
+    before: ClassVar[Callable[..., None]]
+    """`before(e, d, p, stream)`: before each agent step; `e.steps` counts those that are over"""
+    act: ClassVar[Callable[..., None]]
+    """`act(e, d, p, command, effectiveness)`: changes the commands (n_u,) in [-1, 1] that act now and the share of its force that
+    each thruster has (n_u,)"""
+    push: ClassVar[Callable[..., None]]
+    """`push(e, d, p, v, w, duration, wrench)`: adds to the force and the moment (6,) in N and N m, body axes, on the vehicle `v` in the
+    current `w` (`rows.current_at`) for the next `duration` s. Its schema needs `forces` of a simulator"""
+    read: ClassVar[Callable[..., None]]
+    """`read(e, d, p, stream, offset)`: adds to the errors (4,) of the readings of the position (m) and the yaw (rad), at the start of an
+    episode (`e.steps == 0`) and after each agent step"""
+    fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
+    """what an episode remembers: (name, type) or (name, type, shape)"""
+    longest: ClassVar[float] = math.inf
+    """s, largest `duration` of a push"""
+    runs_on: ClassVar[bool] = False
+    """whether the simulator goes on by itself with what `give` gave it"""
+
+    def __init__(self, settings: Any, vehicle: VehicleModel, task: Task, who: str) -> None:
+        self.settings, self.vehicle, self.task, self.who = settings, vehicle, task, who
+        shared = {name: task.parameters[name][0] for name in records.PARAMETERS}
+        self.parameters = records.one_row(self.own_parameters(settings), shared, who)
+        """(1,)"""
+        self.state = records.state(task.n, self.fields, who)
+        """(n,) records: what each episode remembers"""
+        self.moves = hasattr(self, "before")
+        """whether it changes from step to step, so that `before` and `give` are called before each"""
+        self.rereads = hasattr(self, "read")
+        """whether the errors of the readings change from step to step"""
+        self._interpreted = False
+        self._take()
+
+    def own_parameters(self, settings: Any) -> dict[str, Any]:
+        """Return its parameters by name: numbers, or lists of numbers."""
+        return records.of_schema(settings)
+
+    @staticmethod
+    def check(settings: Any, vehicle: VehicleModel) -> None:
+        """Check the keys against a vehicle before a run.
+
+        Raises:
+            ConfigError: the vehicle cannot be disturbed so.
+        """
+
+    @staticmethod
+    def water_speed(settings: Any, vehicle: VehicleModel) -> tuple[float, float]:
+        """Return the largest mean speed of the water in m/s, and the standard deviation of what is added to it in m/s."""
+        return 0.0, 0.0
+
+    @staticmethod
+    def misreading(settings: Any, seconds: float) -> Floats:
+        """Return the standard deviation (3,) in m of the errors of the position's readings after a time in s."""
+        return np.zeros(3)
+
+    def give(self, simulator: Simulator) -> None:
+        """Give the simulator what it needs: at the start of episodes, and before each step if the disturbance `moves`."""
+
+    def scales(self, indices: Integers) -> Floats | None:
+        """Return factors (k, 6) on the vehicles of new episodes (`Simulator.reset`); None: the sheet's."""
+        return None
+
+    def interpret(self) -> None:
+        """Run its functions as Python from now on, which checks each of their indices."""
+        self._interpreted = True
+        self._take()
+
+    def _take(self) -> None:
+        names = ("draw", "before", "act", "push", "read")
+        functions = tuple((name, getattr(type(self), name)) for name in names if hasattr(type(self), name))
+        self.loops = loops.of_disturbance(functions, self.fields, self._interpreted)
+        tables = self.state, self.parameters
+        state, parameters = tables if self._interpreted else map(records.plain, tables)
+        self._own = state, parameters
+        self.field = {name: np.asarray(self.state[name]) for name, *_ in self.fields}
+        """views (n, ...) of the fields of `state`, which Python reads faster than attributes of records"""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out what `__setstate__` makes: NumPy copies a view as an array of its own."""
+        return {
+            name: value for name, value in self.__dict__.items() if name not in ("loops", "_own", "field")
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._take()
+
+    @property
+    def _rows(self) -> Any:
+        """The episodes (n,), as the loops take them."""
+        return self.task.episodes if self._interpreted else self.task.rows
+
+    def draw_rows(self, indices: Integers) -> None:
+        """Draw for new episodes."""
+        if loop := self.loops.get("draw"):
+            loop(indices, self._rows, *self._own, self.task.stream)
+
+    def before_rows(self) -> None:
+        """Go on to the next agent step."""
+        if loop := self.loops.get("before"):
+            loop(self._rows, *self._own, self.task.stream)
+
+    def act_rows(self, command: Floats, effectiveness: Floats) -> None:
+        """Change commands (n, n_u) and the effectiveness (n, n_u) of thrusters."""
+        self.loops["act"](self._rows, *self._own, command, effectiveness)
+
+    def push_rows(self, simulator: Any, command: Floats, duration: float) -> None:
+        """Add to the forces on the simulator's vehicles."""
+        force, power = simulator.command_force, simulator.power
+        motion = simulator.pose, simulator.velocity, command, self.task.previous, force, power
+        water = simulator.current.view(CURRENT)[:, 0]
+        water = records.named(water) if self._interpreted else water
+        self.loops["push"](self._rows, *self._own, *motion, water, duration, simulator.external_wrench)
+
+    def read_rows(self, indices: Integers, *, first: bool) -> None:
+        """Add to the errors of the readings of some episodes; the `first` disturbance clears them."""
+        self.loops["read"](indices, self._rows, *self._own, self.task.stream, first, self.task.offset)
+
+    def arrays(self) -> dict[str, Array]:
+        """Return the arrays of which an exact resume needs copies."""
+        return {"state": records.bare(self.state)} if self.fields else {}
+
+    def restored(self) -> None:
+        """Renew what is a function of episodes and arrays, after both came back."""
+
+    def clear(self) -> None:
+        """Forget all episodes."""
+        for array in self.arrays().values():
+            array[...] = np.zeros((), array.dtype)
+
+    def load(self, state: Mapping[str, Array]) -> None:
+        """Take arrays of the names of `arrays`."""
+        for name, array in self.arrays().items():
+            np.copyto(array, state[name], casting="no")

@@ -1,0 +1,203 @@
+"""The active disturbances of N episodes, as the batch of environments calls them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.config.disturbances import DisturbanceConfig
+from auvbench.registry import telling
+from auvbench.simulators.base import Simulator
+from auvbench.tasks.disturbances import version_2
+from auvbench.tasks.disturbances.base import Disturbance, kind_of
+from auvbench.tasks.disturbances.delay import DeadTime
+
+if TYPE_CHECKING:
+    from auvbench.tasks.base import Task
+    from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def make(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Disturbances | None:
+    """Return the disturbances of a configuration; None without any, so that they cost nothing."""
+    parts = dict(_parts(config, vehicle, task))
+    return Disturbances(parts, task) if parts else None
+
+
+def of(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Disturbances:
+    """Return the disturbances of a configuration, possibly none."""
+    return Disturbances(dict(_parts(config, vehicle, task)), task)
+
+
+def _parts(
+    config: schema.TrainConfig, vehicle: VehicleModel, task: Task
+) -> Iterator[tuple[str, Disturbance]]:
+    for name, settings in config.disturbance.active():
+        if isinstance(settings, DisturbanceConfig):
+            from auvbench.tasks.disturbances import installed
+
+            yield name, installed.make(name, settings, vehicle, task)
+        else:
+            yield name, kind_of(name)(settings, vehicle, task, f"disturbance.{name}")
+
+
+def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+    """Check disturbances against the vehicle before a run is made.
+
+    Raises:
+        ConfigError: the vehicle cannot be disturbed so, whether the disturbance is active or not.
+    """
+    for name, settings in config.disturbance.factors():
+        kind = kind_of(name)
+        with telling(f"disturbance.{name}", "check fails"):
+            kind.check(settings, vehicle)
+
+
+class Disturbances:
+    """The disturbances of N episodes, which act one after the other.
+
+    Order of calls: `draw` and, after the simulator's reset, `begin` when episodes begin; `advance` in place of the
+    simulator's step; `read` before the task observes.
+
+    Args:
+        parts: by name; each acts.
+        task: whose episodes they are.
+    """
+
+    def __init__(self, parts: Mapping[str, Disturbance], task: Task) -> None:
+        self.task = task
+        self.parts = dict(parts)
+        every = list(parts.values())
+        self._moving = [part for part in every if part.moves]
+        self._acting = [part for part in every if hasattr(part, "act")]
+        self._pushing = [part for part in every if hasattr(part, "push")]
+        self._reading = [part for part in every if hasattr(part, "read")]
+        self._longest = min((part.longest for part in self._pushing), default=math.inf)
+        self._rereads = any(part.rereads for part in self._reading)
+        self._delay = next((part for part in every if isinstance(part, DeadTime)), None)
+        self._all = np.arange(task.n)
+        self.power: Floats = np.zeros(task.n)
+        """(n,) W, mean electrical power over the last agent step"""
+
+    def __getitem__(self, name: str) -> Any:
+        """Return an active disturbance by its name."""
+        return self.parts[name]
+
+    def draw(self, indices: Integers) -> Floats | None:
+        """Draw the disturbances of new episodes; return the scales (k, 6) of their vehicles, if any."""
+        product = None
+        for part in self.parts.values():
+            part.draw_rows(indices)
+            scales = part.scales(indices)
+            if scales is not None:
+                product = scales if product is None else product * scales
+        return product
+
+    def begin(self, indices: Integers, simulator: Simulator) -> None:
+        """Give the simulator what was drawn; set rings and first readings of new episodes."""
+        for part in self.parts.values():
+            part.give(simulator)
+        if self._delay is not None:
+            self._delay.begin(indices, simulator)
+        self.power[indices] = 0.0
+        self._read(indices)
+
+    def advance(self, simulator: Simulator, command: Floats) -> None:
+        """Advance the simulator by one agent step under `command` (n, n_u), with delays and faults."""
+        self.before(simulator)
+        if self._delay is not None:
+            self._delay.carry(simulator, command, self.power, self._step)
+            return
+        self._step(simulator, command, self.task.duration)
+        self.power[:] = simulator.power
+
+    def _step(self, simulator: Simulator, command: Floats, duration: float) -> None:
+        """Let a command act for a part of an agent step."""
+        self.act(simulator, command)
+        if not self._pushing:
+            simulator.step(command, duration)
+            return
+        pushed: Any = simulator  # a configuration with forces has a simulator that takes them
+        # The margin keeps a quotient that rounding makes larger than a whole number.
+        count = max(1, math.ceil(duration / self._longest - 1e-9))
+        for _ in range(count):
+            pushed.external_wrench[:] = 0.0
+            self.push(simulator, command, duration / count)
+            simulator.step(command, duration / count)
+
+    def before(self, simulator: Simulator, *, running: bool = False) -> None:
+        """Go on to the next agent step.
+
+        Args:
+            simulator: gets what changes.
+            running: whether the simulator goes on by itself with what it was given at the start (`Disturbance.runs_on`).
+        """
+        for part in self._moving:
+            if not (running and part.runs_on):
+                part.before_rows()
+                part.give(simulator)
+
+    def act(self, simulator: Simulator, command: Floats) -> None:
+        """Change the simulator's effectiveness, and `command` (n, n_u), by faults."""
+        for part in self._acting:
+            part.act_rows(command, simulator.effectiveness)
+
+    def push(self, simulator: Simulator, command: Floats, duration: float) -> None:
+        """Add the forces of the next `duration` s to the simulator's `external_wrench`."""
+        for part in self._pushing:
+            part.push_rows(simulator, command, duration)
+
+    def read(self) -> None:
+        """Renew the errors of the readings after an agent step."""
+        if self._rereads:
+            self._read(self._all)
+
+    def _read(self, indices: Integers) -> None:
+        first = True
+        for part in self._reading:
+            part.read_rows(indices, first=first)
+            first = False
+
+    def measured(self, simulator: Simulator) -> tuple[Floats, Floats]:
+        """Return the poses (n, 7) and velocities (n, 6) that arrive now, before errors."""
+        if self._delay is None:
+            return simulator.pose, simulator.velocity
+        return self._delay.measured(simulator)
+
+    def clear(self) -> None:
+        """Forget all episodes."""
+        for part in self.parts.values():
+            part.clear()
+
+    def interpret(self) -> None:
+        """Run the functions of all disturbances as Python from now on."""
+        for part in self.parts.values():
+            part.interpret()
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Return copies of the state that an exact resume needs and neither task nor simulator holds."""
+        arrays = {
+            f"{name}.{key}": array
+            for name, part in self.parts.items()
+            for key, array in part.arrays().items()
+        }
+        return {key: np.copy(array) for key, array in {"power": self.power, **arrays}.items()}
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Return to a state of `state_dict`, or to that of a checkpoint of version 2; the task has returned to it before."""
+        np.copyto(self.power, state["power"], casting="no")
+        for name, part in self.parts.items():
+            if "D" in state:
+                version_2.load(name, part, state)
+            else:
+                prefix = f"{name}."
+                own = {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
+                part.load(own)
+            part.restored()

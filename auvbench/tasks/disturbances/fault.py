@@ -1,0 +1,141 @@
+"""The failure of one actuator in an episode."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config.disturbances import Fault
+from auvbench.dynamics.random import FAULT, uniform4
+from auvbench.errors import ConfigError, closest
+from auvbench.tasks.disturbances.base import Disturbance
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import row
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+HEALTHY = 0
+DEAD = 1
+WEAK = 2
+STUCK = 3
+ANY = 4  # in the parameters only: one of the three, evenly drawn
+MODES = ("none", "dead", "weak", "stuck", "any")
+
+
+@row
+def draw(e: Record, d: Record, p: Record, stream: int) -> None:
+    """Draw what fails and when; the actuator is drawn as a place in the list of those that may fail."""
+    fails, which, when, _ = uniform4(e.seed, FAULT | stream, 0, 0, e.episode, e.environment)
+    how, _, _, _ = uniform4(e.seed, FAULT | stream, 1, 0, e.episode, e.environment)
+    mode = p.mode
+    if mode == ANY:
+        mode = DEAD + int(3.0 * how)
+    # Draws lie strictly inside (0, 1), so that probability 1 always fails and 0 never does.
+    d.mode = mode if fails < p.probability else HEALTHY
+    d.actuator = int(p.candidates * which)
+    time = p.time_low + (p.time_high - p.time_low) * when
+    # The margin keeps 0.3 s at 10 Hz at step 3, for any last bit of the product.
+    d.begin = math.ceil(time * p.frequency - 1e-9)
+
+
+@row
+def act(e: Record, d: Record, p: Record, command: Any, effectiveness: Any) -> None:
+    """Let a fault that has begun act.
+
+    A dead thruster also draws no power: its command becomes 0. A stuck actuator holds the command that acts when
+    the fault begins.
+    """
+    if d.mode == HEALTHY or e.steps < d.begin:
+        return
+    a = d.actuator
+    if d.mode == DEAD:
+        command[a] = 0.0
+        effectiveness[a] = 0.0
+    elif d.mode == WEAK:
+        effectiveness[a] = p.factor
+    elif d.begun == 0:
+        d.held = command[a]
+    else:
+        command[a] = d.held
+    d.begun = 1
+
+
+class ActuatorFault(Disturbance):
+    """The faults of N episodes.
+
+    Raises:
+        ConfigError: see `check`.
+    """
+
+    draw = staticmethod(draw)
+    act = staticmethod(act)
+    fields = (
+        ("mode", "i8"),  # HEALTHY or what fails
+        ("actuator", "i8"),
+        ("begin", "i8"),  # agent step with which the fault begins
+        ("begun", "i8"),  # 1 once it has
+        ("held", "f8"),  # command that a stuck actuator holds
+    )
+
+    def own_parameters(self, settings: Fault) -> dict[str, Any]:
+        self.candidates = candidates(settings, self.vehicle)
+        return {
+            "mode": MODES.index(settings.mode),
+            "probability": settings.probability,
+            "candidates": len(self.candidates),
+            "time_low": settings.time,
+            "time_high": settings.time if settings.time_high is None else settings.time_high,
+            "factor": settings.factor,
+            "frequency": self.task.frequency,
+        }
+
+    @staticmethod
+    def check(settings: Fault, vehicle: VehicleModel) -> None:
+        """Check that the vehicle has the actuator, and that it has a force to lose.
+
+        Raises:
+            ConfigError: it has not.
+        """
+        if settings.active:
+            candidates(settings, vehicle)
+        _check_actuator(settings, vehicle)
+
+    def draw_rows(self, indices: NDArray[np.int64]) -> None:
+        super().draw_rows(indices)
+        actuator = self.field["actuator"]
+        actuator[indices] = self.candidates[actuator[indices]]
+
+
+def _check_actuator(fault: Fault, vehicle: VehicleModel) -> None:
+    names = vehicle.actuators
+    if fault.actuator is not None and fault.actuator not in names:
+        raise ConfigError(
+            f"disturbance.fault.actuator={fault.actuator}: {vehicle.name} has no such actuator; "
+            f"{closest(fault.actuator, names)}"
+        )
+
+
+def candidates(fault: Fault, vehicle: VehicleModel) -> NDArray[np.int64]:
+    """Return the indices of the actuators that may fail.
+
+    Raises:
+        ConfigError: see `ActuatorFault.check`.
+    """
+    thrusters = [i for i, _ in vehicle.thrusters]
+    names = vehicle.actuators
+    if fault.actuator is None:
+        if not thrusters:
+            raise ConfigError(
+                f"disturbance.fault.actuator=null: {vehicle.name} has no thrusters; name one of {', '.join(names)}"
+            )
+        return np.array(thrusters, dtype=np.int64)
+    _check_actuator(fault, vehicle)
+    index = names.index(fault.actuator)
+    if fault.mode != "stuck" and index not in thrusters:
+        raise ConfigError(
+            f"disturbance.fault.mode={fault.mode}: {fault.actuator} is a {vehicle.units[index].kind}; "
+            "only a thruster has a force to lose, use stuck"
+        )
+    return np.array([index], dtype=np.int64)

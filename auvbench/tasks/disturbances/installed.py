@@ -1,0 +1,101 @@
+"""Disturbances of installed packages behind the contract: what they compute is checked before it is used."""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config.disturbances import DisturbanceConfig
+from auvbench.errors import AgentError
+from auvbench.simulators.base import Simulator
+from auvbench.tasks.base import Task
+from auvbench.tasks.disturbances.base import Disturbance, kind_of
+from auvbench.tasks.installed import telling
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def make(name: str, settings: DisturbanceConfig, vehicle: VehicleModel, task: Task) -> Disturbance:
+    """Return the disturbance of a package.
+
+    Raises:
+        AgentError: it cannot be made.
+    """
+    who = f"disturbance.{name} of {settings.package}"
+    kind = kind_of(name)
+    with telling(who, "cannot be made"):
+        part = kind(settings, vehicle, task, who)
+    return cast(Disturbance, Checked(part, who))
+
+
+class Checked:
+    """A disturbance whose exceptions and whose numbers that are not finite name it.
+
+    Args:
+        part: the disturbance.
+        who: its name and package.
+    """
+
+    def __init__(self, part: Disturbance, who: str) -> None:
+        self.part, self.who = part, who
+
+    def __getattr__(self, name: str) -> Any:
+        if name in ("part", "who"):  # a copy that is being made has none yet
+            raise AttributeError(name)
+        return getattr(self.part, name)
+
+    def draw_rows(self, indices: Integers) -> None:
+        with telling(self.who, "draw fails"):
+            self.part.draw_rows(indices)
+        self._check_state("draw")
+
+    def before_rows(self) -> None:
+        with telling(self.who, "before fails"):
+            self.part.before_rows()
+        self._check_state("before")
+
+    def give(self, simulator: Simulator) -> None:
+        with telling(self.who, "give fails"):
+            self.part.give(simulator)
+
+    def scales(self, indices: Integers) -> Floats | None:
+        with telling(self.who, "scales fails"):
+            scales = self.part.scales(indices)
+        if scales is not None:
+            self._check("scales gives factors", scales)
+        return scales
+
+    def act_rows(self, command: Floats, effectiveness: Floats) -> None:
+        with telling(self.who, "act fails"):
+            self.part.act_rows(command, effectiveness)
+        self._check("act writes commands", command)
+        self._check("act writes effectiveness", effectiveness)
+        self._check_state("act")
+
+    def push_rows(self, simulator: Any, command: Floats, duration: float) -> None:
+        with telling(self.who, "push fails"):
+            self.part.push_rows(simulator, command, duration)
+        self._check("push writes forces", simulator.external_wrench)
+        self._check_state("push")
+
+    def read_rows(self, indices: Integers, *, first: bool) -> None:
+        with telling(self.who, "read fails"):
+            self.part.read_rows(indices, first=first)
+        self._check("read writes errors", self.part.task.offset)
+        self._check_state("read")
+
+    def _check_state(self, function: str) -> None:
+        for name, values in self.part.field.items():
+            if values.dtype.kind == "f":
+                self._check(f"{function} writes {name}", values)
+
+    def _check(self, what: str, values: NDArray[Any]) -> None:
+        finite = np.isfinite(values)
+        if finite.all():
+            return
+        row = int(np.argmin(finite.reshape(len(values), -1).all(axis=1)))
+        raise AgentError(f"{self.who}: {what} that are not finite, in environment {row}")

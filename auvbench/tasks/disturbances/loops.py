@@ -1,0 +1,82 @@
+"""The loops over episodes of each disturbance, as those of tasks (`auvbench.tasks.loops`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from auvbench.tasks import rows
+from auvbench.tasks.loops import Maker, plain_function
+
+_LOOPS = {
+    "draw": """
+def {name}(indices, episodes, state, parameters, stream):
+    p = parameters[0]
+    for k in range(indices.shape[0]):
+        i = indices[k]
+        d = state[i]
+        {clear}
+        draw(episodes[i], d, p, stream)
+""",
+    "before": """
+def {name}(episodes, state, parameters, stream):
+    p = parameters[0]
+    for i in range(episodes.shape[0]):
+        before(episodes[i], state[i], p, stream)
+""",
+    "act": """
+def {name}(episodes, state, parameters, command, effectiveness):
+    p = parameters[0]
+    command, effectiveness = borrowed(command), borrowed(effectiveness)
+    for i in range(episodes.shape[0]):
+        act(episodes[i], state[i], p, command[i], effectiveness[i])
+""",
+    "push": """
+def {name}(
+    episodes, state, parameters, pose, velocity, action, previous, force, power, water, duration, wrench
+):
+    p = parameters[0]
+    action, previous, force, wrench = borrowed(action), borrowed(previous), borrowed(force), borrowed(wrench)
+    for i in range(episodes.shape[0]):
+        v = vehicle(i, pose, velocity, action, previous, force, power)
+        push(episodes[i], state[i], p, v, water[i], duration, wrench[i])
+""",
+    "read": """
+def {name}(indices, episodes, state, parameters, stream, first, offset):
+    p = parameters[0]
+    offset = borrowed(offset)
+    for k in range(indices.shape[0]):
+        i = indices[k]
+        if first:
+            for channel in range(offset.shape[1]):
+                offset[i, channel] = 0.0
+        read(episodes[i], state[i], p, stream, offset[i])
+""",
+}
+
+
+@cache
+def of_disturbance(
+    functions: tuple[tuple[str, Callable[..., Any]], ...],
+    own: tuple[tuple[Any, ...], ...],
+    interpreted: bool,
+) -> dict[str, Callable[..., None]]:
+    """Return a loop for each function of a disturbance, by its name.
+
+    Args:
+        functions: of one episode, by name.
+        own: the fields of its state, (name, type) or (name, type, shape).
+        interpreted: do not compile the loops and the functions, so that Python checks each index.
+    """
+    clear = [f"d.{name} = 0" if not shape else f"d.{name}[:] = 0" for name, _, *shape in own]
+    made = {}
+    for name, function in functions:
+        one = plain_function(function)
+        names = {
+            name: one if interpreted else rows.row(one),
+            "vehicle": rows.vehicle,
+            "borrowed": (lambda array: array) if interpreted else rows.borrowed,
+        }
+        made[name] = Maker([one], names, interpreted)(f"{name}_disturbance", _LOOPS[name], {"clear": clear})
+    return made
