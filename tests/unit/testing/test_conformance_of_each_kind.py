@@ -11,7 +11,7 @@ import pytest
 
 from auvbench import testing
 from auvbench.errors import ConfigError
-from auvbench.registry import BLOCKS, COMMANDS, TASKS
+from auvbench.registry import BLOCKS, COMMANDS, REWARDS, TASKS
 from auvbench.testing import ConformanceError, blocks, commands, launchers, rewards, trackers
 from tests.packages import Site, site, tasking
 from tests.unit.tasks.test_blocks import SEEN, measuring
@@ -26,13 +26,13 @@ def named(check: Callable[..., None]) -> str:
     return check.__name__
 
 
-@pytest.mark.parametrize("task", TASKS.own)
-@pytest.mark.parametrize("check", testing.BLOCK_CHECKS, ids=named)
+@pytest.mark.parametrize("task", ["waypoint", "path_following", "docking"])
 @pytest.mark.slow
-def test_our_blocks(task: str, check: Callable[..., None]) -> None:
+def test_our_blocks(task: str) -> None:
+    """These tasks have all blocks."""
     names = [name for name in BLOCKS.own if name in TASKS[task].blocks]
     preview = ["task.preview.points=2"] if "preview" in names else []
-    testing.check_block(f"task={task}", HEAVY, f"task.observation=[{','.join(names)}]", *preview, only=check)
+    testing.check_block(f"task={task}", HEAVY, f"task.observation=[{','.join(names)}]", *preview)
 
 
 @pytest.mark.parametrize("check", testing.BLOCK_CHECKS, ids=named)
@@ -64,10 +64,9 @@ def test_a_block_that_breaks_its_contract(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("task", "reward"), [(task, reward) for task in TASKS.own for reward in TASKS[task].rewards]
-)
-def test_our_rewards(task: str, reward: str) -> None:
+@pytest.mark.parametrize("reward", REWARDS.own)
+def test_our_rewards(reward: str) -> None:
+    task = next(task for task in TASKS.own if reward in TASKS[task].rewards)
     testing.check_reward(f"task={task}", f"reward={reward}", HEAVY)
 
 
