@@ -375,7 +375,10 @@ DISTURBANCES: Kind[DisturbanceSpec] = Kind(
     "auvbench.disturbances",
     "disturbance",
     f"{_DISTURBANCES}:DisturbanceSpec",
-    _lines(_DISTURBANCES, "current", "waves", "fault", "delay", "sensor", "randomisation"),
+    {
+        **_lines(_DISTURBANCES, "current", "waves", "fault", "delay", "sensor", "randomisation"),
+        "tether": "auvbench.tasks.disturbances.tether:tether",
+    },
 )
 
 _LAUNCHERS = "auvbench.config.launchers"

@@ -41,7 +41,7 @@ KINDS = {
     "reward": ("gym_dockauv", "conf/reward"),
     "block": ("goal_error", ""),
     "sensor": ("drift", ""),
-    "disturbance": ("waves", "conf/disturbance"),
+    "disturbance": ("tether", "conf/disturbance"),
     "simulator": ("gazebo", "conf/simulator"),
     "launcher": ("slurm", "conf/launcher"),
     "tracker": ("wandb", ""),

@@ -102,7 +102,7 @@ def threads() -> Iterator[Row]:
 
 def disturbances() -> Iterator[Row]:
     """Measure the processor time of the environment step with each disturbance, alternately."""
-    n, names = 1024, ("none", "current", "waves", "severe")
+    n, names = 1024, ("none", "current", "waves", "severe", "tether")
     batches = {
         name: Batch(configuration(f"step.frequency={FREQUENCY}", f"disturbance={name}"), n) for name in names
     }

@@ -16,7 +16,7 @@ from typing import Any
 
 from auvbench.config import schema, simulation, tuning
 from auvbench.config.validate import limit
-from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS
+from auvbench.registry import AGENTS, DISTURBANCES, LAUNCHERS, REWARDS, SIMULATORS, TASKS
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "configuration.md"
@@ -36,6 +36,12 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),
+    (
+        "`disturbance=tether`",
+        "disturbance/tether.yaml",
+        "disturbance.",
+        schema.with_disturbances((("tether", DISTURBANCES["tether"].keys),)),
+    ),
     ("Training", "train/default.yaml", "train.", schema.Train),
     *(
         (f"`simulator={name}`", f"simulator/{name}.yaml", "simulator.", SIMULATORS[name].schema)

@@ -71,7 +71,7 @@ def test_each_kind_has_an_example_that_exists(kind: str) -> None:
     name, folder = house.KINDS[kind]
     files = house.naming(name, folder)
     assert files
-    assert not folder or kind == "disturbance" or f"{folder}/{name}.yaml" in files
+    assert not folder or f"{folder}/{name}.yaml" in files
 
 
 def test_files_of_integrations_exist() -> None:

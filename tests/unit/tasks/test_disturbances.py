@@ -71,6 +71,7 @@ OPTIONS = {
     "delay": "delay",
     "sensor": "sensor",
     "randomisation": "randomised",
+    "tether": "tether",
 }
 """an option of `disturbance` with each of auvbench's own"""
 

@@ -1,0 +1,238 @@
+"""A tether: a lumped-mass cable from a point at the surface to the vehicle, in the same current.
+
+After von Benzon et al., "An open-source benchmark simulator: control of a BlueROV2 underwater robot" (2022): nodes with the mass of
+the cable, tension in segments that are stretched only, and drag across and along each segment by its velocity through the water.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from auvbench.config.disturbances import DisturbanceSpec, Factor, Need, forces
+from auvbench.config.fields import number
+from auvbench.dynamics.layout import Vector
+from auvbench.dynamics.random import uniform4
+from auvbench.dynamics.vectors import (
+    add,
+    cross,
+    dot,
+    product,
+    rotation_matrix,
+    scale,
+    subtract,
+    transposed_product,
+)
+from auvbench.tasks.disturbances.base import Disturbance
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import Vehicle, current_at, put, row, triple
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+SEGMENTS = 20
+NODES = SEGMENTS + 1
+END = SEGMENTS
+"""node at the vehicle; node 0 is at the surface"""
+_STREAM = 10
+_SHARE = 0.5
+"""of the time in which the fastest wave crosses a segment, for a step of the cable; 2 would be unstable"""
+
+
+@dataclass(kw_only=True)
+class Tether(Factor):
+    """A cable to the surface."""
+
+    length: float = number(0.0, 2000.0)  # m
+    diameter: float = number(1e-4, 0.5)  # m
+    mass: float = number(1e-3, 100.0)  # kg/m
+    weight: float = number(-100.0, 1000.0)  # N/m, in water
+    stiffness: float = number(1.0, 1e8)  # N, per strain
+    damping: float = number(0.0, 1e6)  # N s, per strain rate
+    normal_drag: float = number(0.0, 10.0)
+    tangential_drag: float = number(0.0, 10.0)
+    east: float = number(-1000.0, 1000.0)  # m
+    north: float = number(-1000.0, 1000.0)  # m
+    attached_x: float = number(-10.0, 10.0)  # m
+    attached_z: float = number(-10.0, 10.0)  # m
+
+    @property
+    def active(self) -> bool:
+        return self.length > 0.0
+
+    def needs(self, key: str) -> Iterator[Need]:
+        yield forces(key)
+
+
+@row
+def plus(a: Vector, share: float, b: Vector) -> Vector:
+    """Return a + share b."""
+    return add(a, scale(share, b))
+
+
+@row
+def tension(x: Any, v: Any, k: int, p: Record) -> Vector:
+    """Return the force in N with which segment k pulls node k towards node k + 1; a slack segment does not."""
+    along = subtract(triple(x[k + 1]), triple(x[k]))
+    length = math.sqrt(dot(along, along))
+    strain = length / p.segment - 1.0
+    if strain <= 0.0:
+        return 0.0, 0.0, 0.0
+    rate = dot(along, subtract(triple(v[k + 1]), triple(v[k]))) / (length * p.segment)
+    pull = max(0.0, p.stiffness * strain + p.damping * rate)
+    return scale(pull / length, along)
+
+
+@row
+def tangent(x: Any, k: int) -> Vector:
+    """Return the direction of the cable at a node."""
+    along = subtract(triple(x[min(k + 1, END)]), triple(x[max(k - 1, 0)]))
+    length = math.sqrt(dot(along, along))
+    return scale(1.0 / max(length, 1e-9), along)
+
+
+@row
+def drag(along: Vector, u: Vector, share: float, p: Record) -> tuple[float, float]:
+    """Return drag over velocity in N s/m across and along the cable, of a share of a segment with the velocity u through the water."""
+    lengthwise = dot(along, u)
+    across = plus(u, -lengthwise, along)
+    speed = math.sqrt(dot(across, across))
+    return share * p.normal * speed, share * p.tangential * abs(lengthwise)
+
+
+@row
+def move(x: Any, v: Any, k: int, share: float, force: Vector, w: Record, h: float, p: Record) -> None:
+    """Advance node k, which has a share of a segment, by h s under a force in N; the drag is that at the end of the step."""
+    mass = share * p.node
+    _, _, z = triple(x[k])
+    water = current_at(w, z)
+    along, u = tangent(x, k), subtract(triple(v[k]), water)
+    across_drag, along_drag = drag(along, u, share, p)
+    u = plus(u, h / mass, force)
+    lengthwise = dot(along, u)
+    across = plus(u, -lengthwise, along)
+    u = plus(
+        scale(1.0 / (1.0 + h * across_drag / mass), across),
+        lengthwise / (1.0 + h * along_drag / mass),
+        along,
+    )
+    velocity = add(water, u)
+    put(v[k], velocity)
+    put(x[k], plus(triple(x[k]), h, velocity))
+
+
+@row
+def step(x: Any, v: Any, w: Record, h: float, p: Record, free: bool) -> Vector:
+    """Advance the cable by h s; return the force in N on what its end is attached to.
+
+    Args:
+        x: (NODES, 3) m, world axes.
+        v: (NODES, 3) m/s.
+        w: current.
+        h: s.
+        p: parameters.
+        free: whether the end hangs free; otherwise it stays where it is.
+    """
+    before = tension(x, v, 0, p)
+    down = (0.0, 0.0, -p.weight_of_segment)
+    for k in range(1, SEGMENTS):
+        after = tension(x, v, k, p)
+        move(x, v, k, 1.0, add(subtract(after, before), down), w, h, p)
+        before = after
+    pull = subtract(scale(0.5, down), before)
+    if free:
+        move(x, v, END, 0.5, pull, w, h, p)
+        return 0.0, 0.0, 0.0
+    _, _, z = triple(x[END])
+    along, u = tangent(x, END), subtract(triple(v[END]), current_at(w, z))
+    across_drag, along_drag = drag(along, u, 0.5, p)
+    lengthwise = dot(along, u)
+    pull = plus(pull, -across_drag, plus(u, -lengthwise, along))
+    return plus(pull, -along_drag * lengthwise, along)
+
+
+@row
+def draw(e: Record, d: Record, p: Record, stream: int) -> None:
+    """Lay the cable: straight if the start is as far as it is long, else bent at its middle, to a side that is drawn."""
+    x, y, z = triple(e.start)
+    top = (x + p.east, y + p.north, 0.0)
+    bow_x, bow_y = math.cos(e.start_yaw), math.sin(e.start_yaw)
+    end = (x + p.attached_x * bow_x, y + p.attached_x * bow_y, z + p.attached_z)
+    chord = subtract(end, top)
+    distance = math.sqrt(dot(chord, chord))
+    share, _, _, _ = uniform4(e.seed, _STREAM | stream, 0, 0, e.episode, e.environment)
+    aside = (math.cos(2.0 * math.pi * share), math.sin(2.0 * math.pi * share), 0.0)
+    aside = plus(aside, -dot(aside, chord) / max(distance * distance, 1e-9), chord)
+    width = math.sqrt(dot(aside, aside))
+    sag = 0.5 * math.sqrt(max(0.0, p.length * p.length - distance * distance)) / max(width, 1e-9)
+    for k in range(NODES):
+        part = k / SEGMENTS
+        put(d.position[k], plus(plus(top, part, chord), sag * (1.0 - abs(2.0 * part - 1.0)), aside))
+
+
+@row
+def push(e: Record, d: Record, p: Record, v: Vehicle, w: Record, duration: float, wrench: Any) -> None:
+    """Advance the cable with the vehicle; add the mean of its force on the vehicle."""
+    rotation = rotation_matrix(v.attitude)
+    arm = (p.attached_x, 0.0, p.attached_z)
+    velocity = product(rotation, add(v.velocity, cross(v.rates, arm)))
+    end = add(v.position, product(rotation, arm))
+    count = max(1, math.ceil(duration / p.longest))
+    h = duration / count
+    mean = (0.0, 0.0, 0.0)
+    for _ in range(count):
+        put(d.position[END], end)
+        put(d.velocity[END], velocity)
+        mean = plus(mean, 1.0 / count, step(d.position, d.velocity, w, h, p, False))
+        end = plus(end, h, velocity)
+    fx, fy, fz = transposed_product(rotation, mean)
+    mx, my, mz = cross(arm, (fx, fy, fz))
+    wrench[0] += fx
+    wrench[1] += fy
+    wrench[2] += fz
+    wrench[3] += mx
+    wrench[4] += my
+    wrench[5] += mz
+
+
+class Cable(Disturbance):
+    """The tethers of N vehicles."""
+
+    draw = staticmethod(draw)
+    push = staticmethod(push)
+    longest = 0.02
+    fields = (
+        ("position", "f8", (NODES, 3)),  # m, world axes
+        ("velocity", "f8", (NODES, 3)),  # m/s
+    )
+    settings: Tether
+
+    def own_parameters(self, settings: Tether) -> dict[str, Any]:
+        return parameters(settings, self.vehicle)
+
+
+def parameters(settings: Tether, vehicle: VehicleModel) -> dict[str, Any]:
+    """Return the parameters of the cable in the vehicle's water."""
+    segment, diameter = settings.length / SEGMENTS, settings.diameter
+    # The added mass of a cylinder, which a cable has across only; along it changes no equilibrium.
+    node = (settings.mass + vehicle.density * math.pi / 4.0 * diameter**2) * segment
+    fastest = 2.0 * math.sqrt(settings.stiffness / segment / node)
+    damped = settings.damping / segment
+    return {
+        "length": settings.length,
+        "segment": segment,
+        "node": node,
+        "weight_of_segment": settings.weight * segment,
+        "stiffness": settings.stiffness,
+        "damping": settings.damping,
+        "normal": 0.5 * vehicle.density * diameter * segment * settings.normal_drag,
+        "tangential": 0.5 * vehicle.density * math.pi * diameter * segment * settings.tangential_drag,
+        "east": settings.east,
+        "north": settings.north,
+        "attached_x": settings.attached_x,
+        "attached_z": settings.attached_z,
+        "longest": min(_SHARE / fastest, 0.25 * node / damped if damped > 0.0 else math.inf),
+    }
+
+
+tether = DisturbanceSpec("tether", "tether", "auvbench.tasks.disturbances.tether:Cable", Tether)
