@@ -8,6 +8,7 @@ import pickle
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,17 +16,19 @@ import pytest
 from omegaconf import OmegaConf
 
 from auvbench import cli
+from auvbench.commands import pilot
 from auvbench.config import complete
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
-from auvbench.errors import AgentError, ConfigError
+from auvbench.errors import AgentError, ConfigError, UserError
 from auvbench.evaluation import reference
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.pilot import observation
 from auvbench.registry import BLOCKS
 from auvbench.runs.identity import relevant, run_id
 from auvbench.tasks.observation import observation_spec
+from auvbench.vehicles import sheet
 from tests import configs
 from tests.packages import EXAMPLE, Site, site
 
@@ -311,6 +314,32 @@ def test_a_pilot_observes_it_without_noise(site: Site) -> None:
     seen = observation.observe(spec, pose, velocity, np.zeros(3), np.zeros(6), yaw=None, depth=(-60.0, -1.0))
     np.testing.assert_array_equal(seen[BLOCK], [0.5, -0.25, 0.125])
     assert BLOCKS["doppler"].code == "doppler:write"
+
+
+def test_a_pilot_takes_a_policy_s_blocks_from_its_card(site: Site) -> None:
+    measuring(site)
+    vehicle = sheet.load("bluerov2")
+    config = train_config(compose("train", ["algo=pid", SEEN]))
+    observed = [entry["name"] for entry in observation_spec(config.task, vehicle.actuators).card()]
+    site.look_again()
+
+    def flown_by(packages: Any) -> Any:
+        limits = {"depth_low_m": -60.0, "depth_high_m": -1.0, "max_steps": 1000, "goal_radius_m": 1.0}
+        document = {"task": {"name": "waypoint", **limits, "block_packages": packages}}
+        frame = SimpleNamespace(position_frame="world")
+        card: Any = SimpleNamespace(document=document, observed=observed, task=frame)
+        return pilot.task_of_policy("policy.onnx", card, None, vehicle)
+
+    task, spec = flown_by({"doppler": "dopplers==1.0"})
+    assert list(spec.blocks) == ["yaw_error", "position_error", "doppler", "velocity"]
+    assert task.block_packages == {"doppler": "dopplers==1.0"}
+    with pytest.raises(ConfigError, match=r"comes with dopplers==2\.0, and dopplers==1\.0 is installed"):
+        flown_by({"doppler": "dopplers==2.0"})
+    with pytest.raises(UserError, match="its card has an invalid task entry: block_packages="):
+        flown_by({"doppler": 2.0})
+    site.look_again()
+    with pytest.raises(UserError, match="observes doppler_x, which a pilot cannot supply"):
+        flown_by({})
 
 
 def test_a_pilot_compiles_nothing_for_it(site: Site) -> None:
