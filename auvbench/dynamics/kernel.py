@@ -139,7 +139,7 @@ def advance(
     h: float,
 ) -> None:
     """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
-    off_diagonal, dynamic, appendages, gazebo_8_11 = flags
+    off_diagonal, dynamic, appendages, early_plugin = flags
     components, rays, time = waves
     wavy = components.shape[0] > 0
     n_u, count = command.shape[1], states.shape[1]
@@ -176,7 +176,7 @@ def advance(
                 share, ahead = h / PARTS[stage], h * AHEAD[stage]
                 if dynamic and (stage == 1 or stage == 3):
                     advance_actuators(ws, units, lags, value, output, thrust, inner)
-                if not (off_diagonal or appendages or gazebo_8_11 or wavy):
+                if not (off_diagonal or appendages or early_plugin or wavy):
                     # With the constant the compiler drops the terms of the off-diagonal added mass, so that
                     # vehicles without it do not pay for it.
                     runge_kutta_stage(ws, share, ahead, False)
@@ -185,14 +185,14 @@ def advance(
                     put_off_diagonal(ws)
                 elif wavy:
                     clear_wrench(ws)
-                if gazebo_8_11:  # no sheet has off-diagonal added mass as well
+                if early_plugin:  # no sheet has off-diagonal added mass as well
                     put_early(ws)
                 if appendages:
                     apply_thrust(ws, units, output, thrust)
                     add_appendages(ws, units, output)
                 if wavy:
                     add_water_inertia(ws)
-                runge_kutta_stage(ws, share, ahead, off_diagonal or gazebo_8_11 or wavy)
+                runge_kutta_stage(ws, share, ahead, off_diagonal or early_plugin or wavy)
             _finish(ws)
         _scatter(ws, block, poses, velocities)
         for lane in range(min(LANES, poses.shape[0] - block * LANES)):
