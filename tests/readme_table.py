@@ -211,7 +211,7 @@ PAGES = {
         f"{PACKAGE}/circling.py",
         f"{PACKAGE}/view.py",
     ),
-    "docs/adding-a-disturbance.md": ("examples/surge.py",),
+    "docs/adding-a-disturbance.md": ("examples/auvbench-example/auvbench_example/surge.py",),
     "docs/adding-a-package.md": (f"{EXAMPLE}/auvbench_example/doppler.py", "examples/still.py"),
     "docs/adding-a-vehicle.md": ("examples/polyu.yaml",),
     "results/leaderboard/README.md": ("vehicles",),

@@ -33,6 +33,7 @@ from tests.packages import Site, site
 
 __all__ = ["site"]
 
+EXAMPLE = Path(__file__).parents[2] / "examples/auvbench-example/auvbench_example"
 STILL = (Path(__file__).parents[2] / "examples" / "still.py").read_text(encoding="utf-8")
 STILL_YAML = "name: still\ndrift: 0.5\n"
 
@@ -277,7 +278,7 @@ def test_what_a_simulator_computes_wrong_is_named(site: Site, change: tuple[str,
     assert message in str(raised.value)
 
 
-SURGE = (Path(__file__).parents[2] / "examples" / "surge.py").read_text(encoding="utf-8")
+SURGE = EXAMPLE.joinpath("surge.py").read_text(encoding="utf-8").replace("auvbench_example.surge", "surge")
 SURGE_YAML = "defaults: [none, _self_]\nname: surge\nsurge: {force: 10.0, period: 5.0}\n"
 
 

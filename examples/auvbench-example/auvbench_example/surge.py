@@ -1,4 +1,4 @@
-"""A disturbance that a package could bring: docs/adding-a-disturbance.md."""
+"""A disturbance: docs/adding-a-disturbance.md."""
 
 import math
 from dataclasses import dataclass
@@ -42,4 +42,4 @@ class Surge(Disturbance):
     fields = (("phase", "f8"),)
 
 
-SPEC = DisturbanceSpec("surge", "swelling force", "surge:Surge", SurgeConfig)
+SPEC = DisturbanceSpec("surge", "swelling force", "auvbench_example.surge:Surge", SurgeConfig)
