@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from keyword import iskeyword
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from auvbench.config.fields import choice, number
 from auvbench.errors import ConfigError
-from auvbench.registry import Spec
+from auvbench.registry import Spec, telling
 
 if TYPE_CHECKING:
     from auvbench.config.simulators import Capabilities
@@ -24,6 +26,9 @@ with depth.
 
 FASTEST_WATER = 10.0
 """m/s, at any depth"""
+
+RESERVED = ("name", "factors", "active")
+"""attributes of `schema.Disturbance` that no disturbance may be called by"""
 
 READINGS = "readings"
 TIMING = "timing"
@@ -302,6 +307,13 @@ class DisturbanceConfig(Factor):
     package: str
 
 
+def asking(name: str, factor: Factor, what: str) -> AbstractContextManager[None]:
+    """Return a context in which an exception of a package's factor names the package."""
+    if isinstance(factor, DisturbanceConfig):
+        return telling(f"disturbance.{name} of {factor.package}", f"{what} fails")
+    return nullcontext()
+
+
 @dataclass(frozen=True, slots=True)
 class DisturbanceSpec(Spec):
     """Description of one disturbance, available without importing its code."""
@@ -325,7 +337,8 @@ class DisturbanceSpec(Spec):
         return self.factory
 
     def fault(self) -> str:
-        return "" if self.name.isidentifier() else "has a name that cannot be a key"
+        good = self.name.isidentifier() and not iskeyword(self.name) and self.name not in RESERVED
+        return "" if good else "has a name that cannot be a key"
 
 
 _CODE = "auvbench.tasks.disturbances"

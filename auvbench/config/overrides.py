@@ -60,6 +60,8 @@ def read(overrides: Sequence[str]) -> list[str]:
             raise ConfigError(f"{override!r}: an override must be key=value")
         if re.match(r"~\w+(=|$)", override) and key not in ("experiment", "search"):
             raise ConfigError(f"{override}: a key cannot be removed; type {key}=VALUE")
+        if re.match(r"~disturbance\.\w+(=|$)", override):
+            raise ConfigError(f"{override}: a disturbance cannot be removed; disturbance=none has none")
         if re.match("hydra[./]", key) and not key.startswith(ALLOWED):
             raise ConfigError(
                 f"{override}: has no effect; use output=FOLDER and name=NAME to choose the folder of the "

@@ -20,6 +20,7 @@ from auvbench.config.disturbances import (
     Fault,
     Sensor,
     Waves,
+    asking,
     still,
 )
 from auvbench.config.disturbances import Randomisation as Randomisation
@@ -84,7 +85,11 @@ class Disturbance:
 
     def active(self) -> Iterator[tuple[str, Factor]]:
         """Yield the disturbances that change anything."""
-        return ((name, factor) for name, factor in self.factors() if factor.active)
+        for part, factor in self.factors():
+            with asking(part, factor, "active"):
+                active = factor.active
+            if active:
+                yield part, factor
 
 
 @cache

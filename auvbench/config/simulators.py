@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from auvbench.config.disturbances import CURRENTS
+from auvbench.config.disturbances import CURRENTS, asking
 from auvbench.config.fields import choice, choice_of, number
 from auvbench.config.fields import name as plain_name
 from auvbench.config.schema import Disturbance
@@ -176,7 +176,9 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
         ConfigError: the message names the key, and the simulators that are capable.
     """
     for name, factor in disturbance.active():
-        for need in factor.needs(f"disturbance.{name}"):
+        with asking(name, factor, "needs"):
+            needs = list(factor.needs(f"disturbance.{name}"))
+        for need in needs:
             if need.able(capabilities(simulator)):
                 continue
             here = SIMULATORS[simulator.name]

@@ -13,7 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from auvbench.config import algorithms, rewards, schema, simulators, tasks
-from auvbench.config.disturbances import below
+from auvbench.config.disturbances import asking, below
 from auvbench.errors import ConfigError, closest
 from auvbench.registry import AGENTS
 from auvbench.untrusted.text import short
@@ -209,7 +209,8 @@ def check_across(config: schema.TrainConfig) -> None:
         )
     task.check_length(frequency)
     for part, factor in config.disturbance.factors():
-        factor.check(f"disturbance.{part}")
+        with asking(part, factor, "check"):
+            factor.check(f"disturbance.{part}")
     simulators.check_disturbance(config.simulator, config.disturbance)
     alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
     what = (

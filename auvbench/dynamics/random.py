@@ -34,6 +34,7 @@ RANDOMISATION = 5
 BIAS = 6
 DRIFT = 7
 WAVES = 8
+TETHER = 10
 BLOCK = 0x80
 """blocks of an observation that packages bring"""
 # Streams 64 to 127 are those of packages' disturbances.

@@ -111,6 +111,7 @@ class Task:
         shared, who = _shared(config), owner("task", config.task)
         self.parameters = records.one_row(self.own_parameters(config.task), shared, who)
         """(1,)"""
+        records.check_names(config.reward, owner("reward", config.reward))
         prices = records.of_schema(config.reward)
         self.prices = records.one_row(prices, shared, owner("reward", config.reward))
         """(1,) parameters of the reward"""

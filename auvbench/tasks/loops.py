@@ -212,7 +212,10 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
     named = {"reading": own["reading"]}
     lines = []
     for code, spec in enumerate(specs):
-        lines += [f"{'el' if code else ''}if code == {code}:", f"    block_{code}(m, e, p, out)"]
+        lines.append(f"{'el' if code else ''}if code == {code}:")
+        if spec.name not in BLOCKS.own:  # what its function leaves out is found
+            lines.append("    out[:] = nan")
+        lines.append(f"    block_{code}(m, e, p, out)")
         given = own
         if spec.name not in BLOCKS.own or _mentions(spec.write, "normals"):
             module = spec.write.__globals__
@@ -222,6 +225,7 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
         named[f"block_{code}"] = given[spec.write.__name__]
     shared = {
         "borrowed": (lambda array: array) if interpreted else rows.borrowed,
+        "nan": math.nan,
         "noise": rows.noise,
         "uniform4": uniform4,
         "SENSOR": SENSOR,

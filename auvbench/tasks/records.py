@@ -217,6 +217,15 @@ def of_schema(config: Any) -> dict[str, Any]:
     return values
 
 
+def check_names(config: Any, who: str) -> None:
+    """Raise AgentError if a key of a reward or a disturbance has the name of a parameter that every task has, which it would hide."""
+    for field in dataclasses.fields(config):
+        if field.name in PARAMETERS:
+            raise AgentError(
+                f"{who}: its key {field.name} has the name of a parameter of every task; give it another name"
+            )
+
+
 def plain(array: Any) -> Any:
     """Return a table without attribute access in Python, for compiled functions: numba recognises this type faster.
     With NUMBA_DISABLE_JIT functions need the access, and the table is unchanged.

@@ -389,6 +389,11 @@ def test_what_is_typed_wrong_of_a_disturbance_is_one_line(
         (("d.phase, _, _, _ =", "d.phase = math.inf\n    _, _, _, _ ="), "draw writes phase that are not finite"),
         (("+ d.phase)", "+ d.phaze)"), "push fails: KeyError: 'phaze'"),
         (('(("phase", "f8"),)', '(("e phase", "f8"),)'), "e phase cannot be the name of a field"),
+        (("    period: float", "    duration: float = 1.0\n    period: float"), "its key duration has the name of a parameter of every task"),
+        (("    push = static", "    longest = 0.0\n    push = static"), "longest is 0.0; it must be a float of at least 0.0001 s"),
+        (("        yield forces(key)", "        return []"), "has push, so its needs must yield auvbench.plugin.forces(key)"),
+        (("return self.force > 0.0", "return self.forze"), "active fails: AttributeError"),
+        (("    draw = static", "    def water_speed(settings, vehicle):\n        return 3\n    draw = static"), "water_speed is 3.0; it must be 2 finite numbers"),
     ],
 )  # fmt: skip
 def test_what_a_disturbance_computes_wrong_is_named(

@@ -65,6 +65,10 @@ def misreading(disturbance: schema.Disturbance, seconds: float) -> Floats:
     return errors
 
 
+_SIZES = {"water_speed": 2, "misreading": 3}
+"""how many numbers a static method returns"""
+
+
 def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
     """Return what a static method of a disturbance says; that of a package must be finite numbers."""
     function = getattr(kind_of(name), method)
@@ -72,10 +76,10 @@ def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
         return function(settings, *arguments)
     who = f"disturbance.{name} of {settings.package}"
     with telling(who, f"{method} fails"):
-        given = function(settings, *arguments)
-        finite = np.isfinite(np.asarray(given, dtype=np.float64)).all()
-    if not finite:
-        raise AgentError(f"{who}: {method} is {given}; it must be finite numbers")
+        given = np.asarray(function(settings, *arguments), dtype=np.float64)
+    size = _SIZES[method]
+    if given.shape != (size,) or not np.isfinite(given).all():
+        raise AgentError(f"{who}: {method} is {given}; it must be {size} finite numbers")
     return given
 
 
@@ -114,6 +118,7 @@ class Disturbance:
 
     def __init__(self, settings: Any, vehicle: VehicleModel, task: Task, who: str) -> None:
         self.settings, self.vehicle, self.task, self.who = settings, vehicle, task, who
+        records.check_names(settings, who)
         shared = {name: task.parameters[name][0] for name in records.PARAMETERS}
         self.parameters = records.one_row(self.own_parameters(settings), shared, who)
         """(1,)"""

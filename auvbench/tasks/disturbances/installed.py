@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config.disturbances import DisturbanceConfig
+from auvbench.config.disturbances import DisturbanceConfig, forces
+from auvbench.config.schema import SCALES
 from auvbench.errors import AgentError
 from auvbench.simulators.base import Simulator
 from auvbench.tasks.base import Task
 from auvbench.tasks.disturbances.base import Disturbance, kind_of
 from auvbench.tasks.installed import telling
 from auvbench.vehicles.vehicle_model import VehicleModel
+
+SHORTEST = 1e-4
+"""s, smallest `longest`"""
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -29,7 +34,17 @@ def make(name: str, settings: DisturbanceConfig, vehicle: VehicleModel, task: Ta
     kind = kind_of(name)
     with telling(who, "cannot be made"):
         part = kind(settings, vehicle, task, who)
+    _check_made(part, settings, who)
     return cast(Disturbance, Checked(part, who))
+
+
+def _check_made(part: Disturbance, settings: DisturbanceConfig, who: str) -> None:
+    if not hasattr(part, "field"):
+        raise AgentError(f"{who}: its __init__ does not call that of {Disturbance.__module__}.Disturbance")
+    if not isinstance(part.longest, float) or not part.longest >= SHORTEST:
+        raise AgentError(f"{who}: longest is {part.longest!r}; it must be a float of at least {SHORTEST:g} s")
+    if hasattr(part, "push") and forces("").what not in {need.what for need in settings.needs("")}:
+        raise AgentError(f"{who}: has push, so its needs must yield auvbench.plugin.forces(key)")
 
 
 class Checked:
@@ -65,9 +80,30 @@ class Checked:
     def scales(self, indices: Integers) -> Floats | None:
         with telling(self.who, "scales fails"):
             scales = self.part.scales(indices)
-        if scales is not None:
-            self._check("scales gives factors", scales)
+        if scales is None:
+            return None
+        if np.shape(scales) != (len(indices), len(SCALES)):
+            raise AgentError(
+                f"{self.who}: scales gives an array {np.shape(scales)}; it must be {(len(indices), len(SCALES))}"
+            )
+        self._check("scales gives factors", scales)
         return scales
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        with telling(self.who, "arrays fails"):
+            return self.part.arrays()
+
+    def load(self, state: Mapping[str, NDArray[Any]]) -> None:
+        with telling(self.who, "load fails"):
+            self.part.load(state)
+
+    def restored(self) -> None:
+        with telling(self.who, "restored fails"):
+            self.part.restored()
+
+    def clear(self) -> None:
+        with telling(self.who, "clear fails"):
+            self.part.clear()
 
     def act_rows(self, command: Floats, effectiveness: Floats) -> None:
         with telling(self.who, "act fails"):

@@ -11,10 +11,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from auvbench.config.disturbances import DisturbanceSpec, Factor, Need, forces
 from auvbench.config.fields import number
 from auvbench.dynamics.layout import Vector
-from auvbench.dynamics.random import uniform4
+from auvbench.dynamics.random import TETHER, uniform4
 from auvbench.dynamics.vectors import (
     add,
     cross,
@@ -25,7 +27,8 @@ from auvbench.dynamics.vectors import (
     subtract,
     transposed_product,
 )
-from auvbench.tasks.disturbances.base import Disturbance
+from auvbench.errors import ConfigError
+from auvbench.tasks.disturbances.base import Disturbance, Integers
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import Vehicle, current_at, put, row, triple
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -34,9 +37,12 @@ SEGMENTS = 20
 NODES = SEGMENTS + 1
 END = SEGMENTS
 """node at the vehicle; node 0 is at the surface"""
-_STREAM = 10
 _SHARE = 0.5
 """of the time in which the fastest wave crosses a segment, for a step of the cable; 2 would be unstable"""
+_DAMPED = 0.25
+"""of the time in which damping stops a node, for a step of the cable"""
+_SHORTEST = 2e-5
+"""s, shortest step of the cable: shorter ones would take longer than the time that they simulate"""
 
 
 @dataclass(kw_only=True)
@@ -53,8 +59,8 @@ class Tether(Factor):
     tangential_drag: float = number(0.0, 10.0)
     east: float = number(-1000.0, 1000.0)  # m
     north: float = number(-1000.0, 1000.0)  # m
-    attached_x: float = number(-10.0, 10.0)  # m
-    attached_z: float = number(-10.0, 10.0)  # m
+    attached_x: float = number(-5.0, 5.0)  # m
+    attached_z: float = number(-5.0, 5.0)  # m
 
     @property
     def active(self) -> bool:
@@ -160,7 +166,7 @@ def draw(e: Record, d: Record, p: Record, stream: int) -> None:
     end = (x + p.attached_x * bow_x, y + p.attached_x * bow_y, z + p.attached_z)
     chord = subtract(end, top)
     distance = math.sqrt(dot(chord, chord))
-    share, _, _, _ = uniform4(e.seed, _STREAM | stream, 0, 0, e.episode, e.environment)
+    share, _, _, _ = uniform4(e.seed, TETHER | stream, 0, 0, e.episode, e.environment)
     aside = (math.cos(2.0 * math.pi * share), math.sin(2.0 * math.pi * share), 0.0)
     aside = plus(aside, -dot(aside, chord) / max(distance * distance, 1e-9), chord)
     width = math.sqrt(dot(aside, aside))
@@ -180,10 +186,11 @@ def push(e: Record, d: Record, p: Record, v: Vehicle, w: Record, duration: float
     count = max(1, math.ceil(duration / p.longest))
     h = duration / count
     mean = (0.0, 0.0, 0.0)
+    nodes, velocities = d.position, d.velocity
     for _ in range(count):
-        put(d.position[END], end)
-        put(d.velocity[END], velocity)
-        mean = plus(mean, 1.0 / count, step(d.position, d.velocity, w, h, p, False))
+        put(nodes[END], end)
+        put(velocities[END], velocity)
+        mean = plus(mean, 1.0 / count, step(nodes, velocities, w, h, p, False))
         end = plus(end, h, velocity)
     fx, fy, fz = transposed_product(rotation, mean)
     mx, my, mz = cross(arm, (fx, fy, fz))
@@ -206,6 +213,36 @@ class Cable(Disturbance):
         ("velocity", "f8", (NODES, 3)),  # m/s
     )
     settings: Tether
+
+    @staticmethod
+    def check(settings: Tether, vehicle: VehicleModel) -> None:
+        """Refuse a cable that needs very short steps."""
+        if not settings.active:
+            return
+        p = parameters(settings, vehicle)
+        mass = p["node"] * p["segment"]
+        largest = {"stiffness": mass * (0.5 * _SHARE / _SHORTEST) ** 2, "damping": mass * _DAMPED / _SHORTEST}
+        for key, most in largest.items():
+            if (value := getattr(settings, key)) > most:
+                raise ConfigError(
+                    f"disturbance.tether.{key}={value:g}: must be at most {most:.3g} for a cable of this length, diameter and mass, "
+                    f"which would need steps of less than {_SHORTEST:g} s"
+                )
+
+    def draw_rows(self, indices: Integers) -> None:
+        """Draw for new episodes.
+
+        Raises:
+            ConfigError: the cable is too short for a start.
+        """
+        super().draw_rows(indices)
+        nodes, length = self.field["position"][indices], self.settings.length
+        distance = np.linalg.norm(nodes[:, END] - nodes[:, 0], axis=1).max(initial=0.0)
+        if distance > length * (1.0 + 1e-9):
+            raise ConfigError(
+                f"disturbance.tether.length={length:g}: an episode starts {distance:.4g} m from the point at the surface; "
+                "the cable must be at least that long"
+            )
 
     def own_parameters(self, settings: Tether) -> dict[str, Any]:
         return parameters(settings, self.vehicle)
@@ -231,7 +268,7 @@ def parameters(settings: Tether, vehicle: VehicleModel) -> dict[str, Any]:
         "north": settings.north,
         "attached_x": settings.attached_x,
         "attached_z": settings.attached_z,
-        "longest": min(_SHARE / fastest, 0.25 * node / damped if damped > 0.0 else math.inf),
+        "longest": min(_SHARE / fastest, _DAMPED * node / damped if damped > 0.0 else math.inf),
     }
 
 

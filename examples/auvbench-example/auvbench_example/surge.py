@@ -8,7 +8,7 @@ from auvbench.plugin import DisturbanceConfig, DisturbanceSpec, forces, number
 from auvbench.tasks.disturbances.base import Disturbance
 
 OWN = 77
-"""stream of its draws: 64 to 255 are those of packages"""
+"""stream of its draws: 64 to 127 are those of packages"""
 
 
 @dataclass(kw_only=True)

@@ -48,5 +48,5 @@ def test_they_reach_the_agent() -> None:
 @pytest.mark.parametrize("notes", [{"solves": 1.5}, {3: 3}, {"solves": True}, 7, [("a",)]])
 def test_counts_that_are_none_are_one_line(notes: Any) -> None:
     agent = PluginAgent(Counting(notes), "counting of x==1", 6)
-    with pytest.raises(AgentError, match=r"counting of x==1: notes (fails|gives)"):
+    with pytest.raises(AgentError, match=r"counting of x==1: notes (fails|must give)"):
         counted(agent)

@@ -215,6 +215,7 @@ def test_what_it_declares_wrong_is_one_line(
     [
         (("u + SIGMA * nu", "float('nan')"), "write gives doppler_x=nan; it must be within [-50, 50], in environment 0 at step 0"),
         (("w + SIGMA * nw", "80.0"), "write gives doppler_z=80; it must be within [-50, 50]"),
+        (("out[0], out[1], out[2] =", "out[0], _, out[2] ="), "write gives doppler_y=nan; it must be within [-50, 50]"),
         (("out[0], out[1], out[2] =", "out[0], out[1], out[3] ="), "write fails: IndexError"),
         (("m.velocity", "m.speed"), "write fails: AttributeError"),
         (('"doppler", "m/s"', '"log", "m/s"'), "describe must return an auvbench.plugin.Block of that name"),

@@ -16,6 +16,7 @@ from auvbench.errors import ConfigError
 from auvbench.runs.identity import digest
 from auvbench.tasks import records
 from auvbench.tasks.disturbances import tether
+from auvbench.tasks.disturbances.composed import check
 from auvbench.testing import check_disturbance
 from auvbench.vehicles import sheet
 from tests import configs
@@ -174,3 +175,24 @@ def test_a_simulator_without_forces_is_refused() -> None:
         ConfigError, match=r"disturbance\.tether: asks for forces on vehicles, which simulator=ros2"
     ):
         configs.training("disturbance=tether", "simulator=ros2")
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("stiffness=1e8", "mass=1e-3", "diameter=1e-4", "length=30"), r"tether\.stiffness=1e\+08: must be at most .* steps of less than 2e-05 s"),
+        (("damping=1e6",), r"tether\.damping=1e\+06: must be at most"),
+    ],
+)  # fmt: skip
+def test_a_cable_that_needs_very_short_steps_is_refused(words: tuple[str, ...], message: str) -> None:
+    config = configs.training("disturbance=tether", *(f"disturbance.tether.{word}" for word in words))
+    with pytest.raises(ConfigError, match=message):
+        check(config, sheet.load(config.vehicle))
+
+
+def test_a_cable_that_is_too_short_for_a_start_is_refused() -> None:
+    batch = Batch(configs.training("disturbance=tether", "disturbance.tether.length=19"), 1)
+    with pytest.raises(
+        ConfigError, match=r"tether\.length=19: an episode starts 20.* m from the point at the surface"
+    ):
+        batch.reset()

@@ -333,6 +333,7 @@ def test_each_kind_has_a_suite() -> None:
         "task=",
         "reward=",
         "task.observation=",
+        "disturbance=",
         "simulator=",
         "launcher=",
         "train.log=",
