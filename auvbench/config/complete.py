@@ -175,7 +175,7 @@ def releases(config: Any) -> dict[str, str]:
             if release:
                 name, _, version = str(release).partition("==")
                 found[name] = version
-    disturbance = value(config, "disturbance")
+    disturbance = value(config, "disturbance") or {}
     for part in (disturbance if isinstance(disturbance, Mapping) else vars(disturbance)).values():
         if release := value(part, "package"):
             name, _, version = str(release).partition("==")

@@ -54,10 +54,11 @@ def learned(*more: str) -> tuple[float, float]:
 @pytest.mark.slow
 def test_beta_of_alos_is_the_crab_angle_and_the_error_of_the_heading_loop() -> None:
     beta, crab = map(
-        float, found("controllers.md", r"beta is ([\d.]+) rad where asin\(V / U\) is ([\d.]+)\.")
+        float,
+        found("controllers.md", r"in the current: ([\d.]+) instead of ([\d.]+) rad on `bluerov2_heavy`"),
     )
     assert learned() == pytest.approx((beta, crab), abs=5e-3)
-    (key,) = found("controllers.md", r"`(algo\.heading_integral_time=\d+)` removes that error")
+    (key,) = found("controllers.md", r"`(algo\.heading_integral_time=\d+)` removes this error")
     assert learned(key) == pytest.approx((crab, crab), abs=5e-3)
 
 

@@ -396,10 +396,10 @@ def test_a_policy_of_another_task_is_told_and_its_next_command_works(
     assert cli.main([*typed[:-1], "task=station_keeping", f"output={tmp_path / 'other'}"]) == 2
     err = capsys.readouterr().err
     assert "observes goal_error_x, which is not observed here" in err
-    assert "trained with task=docking" in err
+    assert "for task=docking" in err
     # The task first: its frame alone would not do.
     assert cli.main([*typed[:-1], f"output={tmp_path / 'other'}"]) == 2
-    assert "trained with task=docking" in capsys.readouterr().err
+    assert "for task=docking" in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
 
 
