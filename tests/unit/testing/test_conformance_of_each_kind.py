@@ -48,7 +48,7 @@ def test_the_block_of_the_example(site: Site, check: Callable[..., None]) -> Non
     [
         (blocks.its_numbers_are_finite_and_within_bounds, ("u + SIGMA * nu", "99.0"), "write gives doppler_x=99; it must be within [-50, 50]"),
         (blocks.its_numbers_do_not_depend_on_the_batch, ("u + SIGMA * nu", "u + 1.0 * e.environment / (1.0 + len(SEEN) * 0.0)"), "cannot be compiled"),
-        (blocks.it_stays_within_its_arrays, ("out[0], out[1], out[2] =", "out[0], out[1], out[3] ="), "run as Python: task.observation=doppler of dopplers==1.0: write fails: IndexError"),
+        (blocks.it_stays_within_its_arrays, ("    u, v, w = m.velocity\n", "    u, v, w = m.velocity\n    out[3] = 0.0\n"), "run as Python: task.observation=doppler of dopplers==1.0: write fails: IndexError"),
         (blocks.it_changes_nothing_that_it_reads, ("    u, v, w = m.velocity\n", "    u, v, w = m.velocity\n    e.distance += 1.0\n"), "it changes the episode"),
         (blocks.a_pilot_observes_it, ("m.velocity", "m.velocity if e.steps >= 0 else m.rates"), "a pilot cannot call it: AttributeError"),
     ],
