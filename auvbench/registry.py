@@ -293,8 +293,13 @@ def telling(who: str, what: str) -> Iterator[None]:
 
 def owner(kind: str, part: Any) -> str:
     """Return what a message calls a part of a configuration: `task=circling of auvbench-example==1.0`."""
+    return owned(f"{kind}={part.name}", part)
+
+
+def owned(what: str, part: Any) -> str:
+    """Return the text for messages of a part of a configuration, with its package if it has one."""
     package = getattr(part, "package", None)
-    return f"{kind}={part.name} of {package}" if package else f"{kind}={part.name}"
+    return f"{what} of {package}" if package else what
 
 
 def _lines(module: str, *names: str) -> dict[str, str]:

@@ -24,7 +24,7 @@ from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
 from auvbench.ardusub.radio import MODES, dialect
 from auvbench.ardusub.sensors import Sensors
 from auvbench.config import algorithms, schema, simulators
-from auvbench.config.disturbances import COMMANDS, READINGS, TIMING
+from auvbench.config.disturbances import COMMANDS, READINGS, TIMING, alterations
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.runs import interruption
 from auvbench.simulators.base import IntArray
@@ -209,8 +209,5 @@ def refuse(config: schema.TrainConfig) -> None:
         TIMING: "which has its own loop",
         COMMANDS: "which commands the actuators; use dead or weak",
     }
-    for name, factor in disturbance.active():
-        for altered, part in factor.alters().items():
-            raise ConfigError(
-                f"disturbance.{name}{part}: cannot be applied to algo=ardusub, {reasons[altered]}"
-            )
+    for name, altered, part in alterations(disturbance):
+        raise ConfigError(f"disturbance.{name}{part}: cannot be applied to algo=ardusub, {reasons[altered]}")

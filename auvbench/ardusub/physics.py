@@ -12,7 +12,7 @@ from auvbench.ardusub.frames import LONGEST, THRUST, VOLTAGE, Motors, motors_of
 from auvbench.ardusub.protocol import SensorState
 from auvbench.ardusub.sensors import Sensors, to_body
 from auvbench.config import schema, simulators
-from auvbench.config.disturbances import READINGS, TIMING
+from auvbench.config.disturbances import READINGS, TIMING, alterations
 from auvbench.config.schema import SCALES
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ConfigError, closest
@@ -151,8 +151,8 @@ def _check_t200(motors: Motors) -> None:
 
 def _refuse_errors(disturbance: schema.Disturbance) -> None:
     """Reject sensor errors and delays, which ArduSub simulates itself."""
-    for name, factor in disturbance.active():
-        if factor.alters().keys() & {READINGS, TIMING}:
+    for name, altered, _ in alterations(disturbance):
+        if altered in (READINGS, TIMING):
             raise ConfigError(
                 f"disturbance.{name}: is not available with serve --face ardusub, since ArduSub simulates "
                 "its own sensors (SIM_ parameters); use"

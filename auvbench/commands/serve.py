@@ -118,6 +118,7 @@ def _server(given: argparse.Namespace) -> Server:
     from auvbench import __version__
     from auvbench.config import simulators
     from auvbench.config.compose import compose
+    from auvbench.config.disturbances import needs
     from auvbench.config.validate import train_config
     from auvbench.envs.simulator_factory import make_simulator
     from auvbench.ros2 import interface
@@ -128,12 +129,11 @@ def _server(given: argparse.Namespace) -> Server:
     config = train_config(compose("train", given.overrides))
     if isinstance(config.simulator, simulators.Ros2):
         raise ConfigError("simulator=ros2: cannot be served; use simulator=fossen or simulator=gazebo")
-    for name, factor in config.disturbance.active():
-        for need in factor.needs(f"disturbance.{name}"):
-            if not need.able(simulators.ros2.capabilities):
-                raise ConfigError(
-                    f"{need.key}: serve cannot simulate {need.what}; use simulator=fossen without ROS 2"
-                )
+    for need in needs(config.disturbance):
+        if not need.able(simulators.ros2.capabilities):
+            raise ConfigError(
+                f"{need.key}: serve cannot simulate {need.what}; use simulator=fossen without ROS 2"
+            )
     vehicle = sheet.load(config.vehicle)
     physical = PhysicalCommands(vehicle)
     drawn = config.disturbance.randomisation

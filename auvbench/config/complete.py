@@ -168,16 +168,13 @@ def releases(config: Any) -> dict[str, str]:
     def value(node: Any, key: str) -> Any:
         return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
 
-    for kind in COMPUTE:
-        node = value(config, kind.key.partition(".")[0])
+    disturbance = value(config, "disturbance") or {}
+    parts = [value(config, kind.key.partition(".")[0]) for kind in COMPUTE]
+    parts += (disturbance if isinstance(disturbance, Mapping) else vars(disturbance)).values()
+    for node in parts:
         blocks = value(node, "block_packages")
         for release in (value(node, "package"), *(blocks.values() if isinstance(blocks, Mapping) else ())):
             if release:
                 name, _, version = str(release).partition("==")
                 found[name] = version
-    disturbance = value(config, "disturbance") or {}
-    for part in (disturbance if isinstance(disturbance, Mapping) else vars(disturbance)).values():
-        if release := value(part, "package"):
-            name, _, version = str(release).partition("==")
-            found[name] = version
     return found

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from auvbench.config.fields import choice, number
 from auvbench.errors import ConfigError
-from auvbench.registry import Spec, telling
+from auvbench.registry import Spec, owned, telling
 
 if TYPE_CHECKING:
+    from auvbench.config import schema
     from auvbench.config.simulators import Capabilities
 
 CURRENTS = ("none", "steady", "varying", "sheared")
@@ -308,10 +309,27 @@ class DisturbanceConfig(Factor):
 
 
 def asking(name: str, factor: Factor, what: str) -> AbstractContextManager[None]:
-    """Return a context in which an exception of a package's factor names the package."""
+    """Return a context in which an exception of a package's disturbance names the package."""
     if isinstance(factor, DisturbanceConfig):
-        return telling(f"disturbance.{name} of {factor.package}", f"{what} fails")
+        return telling(owned(f"disturbance.{name}", factor), f"{what} fails")
     return nullcontext()
+
+
+def needs(disturbance: schema.Disturbance) -> Iterator[Need]:
+    """Yield what the active disturbances need of a simulator."""
+    for name, factor in disturbance.active():
+        with asking(name, factor, "needs"):
+            own = list(factor.needs(f"disturbance.{name}"))
+        yield from own
+
+
+def alterations(disturbance: schema.Disturbance) -> Iterator[tuple[str, str, str]]:
+    """Yield what the active disturbances change of READINGS, TIMING and COMMANDS: name, what, rest of the key that says so."""
+    for name, factor in disturbance.active():
+        with asking(name, factor, "alters"):
+            own = dict(factor.alters())
+        for altered, part in own.items():
+            yield name, altered, part
 
 
 @dataclass(frozen=True, slots=True)

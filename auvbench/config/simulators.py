@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
-from auvbench.config.disturbances import CURRENTS, asking
+from auvbench.config.disturbances import CURRENTS, needs
 from auvbench.config.fields import choice, choice_of, number
 from auvbench.config.fields import name as plain_name
 from auvbench.config.schema import Disturbance
@@ -175,20 +175,17 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
     Raises:
         ConfigError: the message names the key, and the simulators that are capable.
     """
-    for name, factor in disturbance.active():
-        with asking(name, factor, "needs"):
-            needs = list(factor.needs(f"disturbance.{name}"))
-        for need in needs:
-            if need.able(capabilities(simulator)):
-                continue
-            here = SIMULATORS[simulator.name]
-            own = [here.full] if here.full and need.able(here.capabilities) else []
-            others = [
-                f"simulator={name}"
-                for name, spec in SIMULATORS.items()
-                if need.able(spec.capabilities) and name != simulator.name
-            ]
-            raise ConfigError(
-                f"{need.key}: asks for {need.what}, which simulator={simulator.name} does not have here; "
-                f"use {' or '.join(own + others)}"
-            )
+    for need in needs(disturbance):
+        if need.able(capabilities(simulator)):
+            continue
+        here = SIMULATORS[simulator.name]
+        own = [here.full] if here.full and need.able(here.capabilities) else []
+        others = [
+            f"simulator={name}"
+            for name, spec in SIMULATORS.items()
+            if need.able(spec.capabilities) and name != simulator.name
+        ]
+        raise ConfigError(
+            f"{need.key}: asks for {need.what}, which simulator={simulator.name} does not have here; "
+            f"use {' or '.join(own + others)}"
+        )

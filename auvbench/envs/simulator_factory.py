@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 from auvbench.config import schema, simulators
-from auvbench.config.schema import SCALES
 from auvbench.registry import SIMULATORS, owner, resolve, telling
 from auvbench.simulators.base import Simulator
 from auvbench.vehicles import sheet
@@ -61,9 +60,7 @@ def make_simulator(
 def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:
     if drawn is None:
         return shortest_time_constant(vehicle)
-    ranges = {name: getattr(drawn, name) for name in SCALES}
-    factors = {name: (scale.low, scale.high) for name, scale in ranges.items()}
-    return shortest_drawn_time_constant(vehicle, factors, keep_trim=drawn.keep_trim)
+    return shortest_drawn_time_constant(vehicle, drawn.ranges(), keep_trim=drawn.keep_trim)
 
 
 def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainConfig:

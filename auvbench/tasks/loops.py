@@ -126,7 +126,6 @@ _OF_EVERY_TASK: Functions = {
     "turn_own": rows.turn,
     "turn_to": rows.turn_to,
     "isfinite": math.isfinite,
-    "borrowed": rows.borrowed,
 }
 
 
@@ -172,10 +171,8 @@ def _of_task(
     """Make the loops once per process: reading compiled code from disk costs more than an episode."""
     named = {name: plain_function(function) for name, function in functions}
     pays = plain_function(reward)
-    if interpreted:
-        given = {**named, "reward": pays}
-    else:
-        given = {name: rows.row(function) for name, function in {**named, "reward": pays}.items()}
+    compile_row = row_compiler(interpreted)
+    given = {name: compile_row(function) for name, function in {**named, "reward": pays}.items()}
     # A bearing costs as much as the rest of a step: it is computed where the reward reads it.
     turn = ["turn_own(e, v)"] if has_yaw else ["turn_to(e, v)"] if _mentions(pays, "yaw_error") else []
     lines = {
@@ -184,8 +181,6 @@ def _of_task(
         "turn": turn,
         "preview": ["preview_row(e, p, preview[i])"] if "preview_row" in named else [],
     }
-    if interpreted:
-        given["borrowed"] = lambda array: array
     make = Maker([*named.values(), pays], {**_OF_EVERY_TASK, **given}, interpreted)
     return Loops(
         make("draw", _DRAW, lines),
@@ -207,24 +202,22 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
         specs: blocks in the order of their codes (`observed`).
         interpreted: do not compile the function, so that Python checks each index.
     """
-    compile_row = plain_function if interpreted else rows.row
+    compile_row = row_compiler(interpreted)
     own = _with_compiled(vars(blocks), {}, compile_row)
     named = {"reading": own["reading"]}
     lines = []
     for code, spec in enumerate(specs):
         lines.append(f"{'el' if code else ''}if code == {code}:")
-        if spec.name not in BLOCKS.own:  # what its function leaves out is found
-            lines.append("    out[:] = nan")
-        lines.append(f"    block_{code}(m, e, p, out)")
         given = own
-        if spec.name not in BLOCKS.own or _mentions(spec.write, "normals"):
+        if spec.name not in BLOCKS.own:
+            lines.append("    out[:] = nan")  # what its function leaves out is found
             module = spec.write.__globals__
             theirs = {} if module is vars(blocks) else {id(vars(blocks)[name]): own[name] for name in own}
             noise = {id(blocks.normals): compile_row(_noise_of(spec))}
             given = _with_compiled(module, theirs | noise, compile_row)
+        lines.append(f"    block_{code}(m, e, p, out)")
         named[f"block_{code}"] = given[spec.write.__name__]
     shared = {
-        "borrowed": (lambda array: array) if interpreted else rows.borrowed,
         "nan": math.nan,
         "noise": rows.noise,
         "uniform4": uniform4,
@@ -246,7 +239,8 @@ class Maker:
         file: str = "",
         module: str = "",
     ) -> None:
-        self.functions, self.names, self.interpreted = functions, names, interpreted
+        self.functions, self.interpreted = functions, interpreted
+        self.names = {**names, "borrowed": (lambda array: array) if interpreted else rows.borrowed}
         self.file = file or functions[0].__code__.co_filename
         self.module = module or functions[0].__module__
 
@@ -280,6 +274,11 @@ def _filled(template: str, lines: Mapping[str, Iterable[str]]) -> str:
 def plain_function(function: Any) -> Any:
     """Return the Python function behind a compiled one."""
     return getattr(function, "py_func", function)
+
+
+def row_compiler(interpreted: bool) -> Callable[..., Any]:
+    """Return what compiles a function of one episode, or leaves it to Python."""
+    return plain_function if interpreted else rows.row
 
 
 def _mentions(function: Any, name: str) -> bool:

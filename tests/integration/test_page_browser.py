@@ -82,10 +82,17 @@ def opened(browser: Driver, report: tuple[Path, dict[str, Any]]) -> Iterator[Dri
     emulate(browser, 1280, 900)
     browser.get_log("browser")
     browser.get_log("performance")
-    browser.get(report[0].as_uri())
+    load(browser, report[0])
     yield browser
     assert browser.get_log("browser") == []
     assert {address.partition(":")[0] for address in requested(browser)} <= {"file", "data"}
+
+
+def load(browser: Driver, page: Path) -> None:
+    """Open a page and wait until all of it is there: on a busy machine, `get` comes back before."""
+    browser.get(page.as_uri())
+    whole = "return document.readyState === 'complete' && location.href === arguments[0]"
+    WebDriverWait(browser, 60).until(lambda b: b.execute_script(whole, page.as_uri()))
 
 
 def requested(browser: Driver) -> list[str]:
@@ -313,7 +320,7 @@ def test_nothing_hangs_over_the_side(
     browser: Driver, report: tuple[Path, dict[str, Any]], width: int, scheme: str
 ) -> None:
     emulate(browser, width, 740, scheme, mobile=width < 768)
-    browser.get(report[0].as_uri())
+    load(browser, report[0])
     for part in browser.find_elements(By.CSS_SELECTOR, "details"):
         browser.execute_script("arguments[0].open = true", part)
     inner, scrolled = browser.execute_script("return [innerWidth, document.documentElement.scrollWidth]")
@@ -341,7 +348,7 @@ def large(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def unfolded(browser: Driver, page: Path, width: int) -> None:
     emulate(browser, width, 900, mobile=width < 768)
-    browser.get(page.as_uri())
+    load(browser, page)
     browser.execute_script("for (const part of document.querySelectorAll('details.more')) part.open = true")
     # What is observed is told after a frame.
     browser.execute_async_script("requestAnimationFrame(() => requestAnimationFrame(arguments[0]))")
@@ -394,7 +401,7 @@ def test_text_stands_out_from_its_background(
 ) -> None:
     """WCAG 2.2, 1.4.3: a contrast of at least 4.5 for every text of the page."""
     emulate(browser, 1280, 900, scheme)
-    browser.get(report[0].as_uri())
+    load(browser, report[0])
     script = """
       const rgb = (text) => text.match(/[\\d.]+/g).map(Number);
       const light = (c) => c.slice(0, 3).map((v) => v / 255)

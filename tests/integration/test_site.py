@@ -71,7 +71,7 @@ def test_words_stay_whole_on_a_phone(site: Path, browser: Any) -> None:  # noqa:
     in_browser.emulate(browser, 390, 900, mobile=True)
     broken = {}
     for page in sorted(site.glob("*.html")):
-        browser.get(page.as_uri())
+        in_browser.load(browser, page)
         assert browser.execute_script("return document.documentElement.scrollWidth") <= 390, page.name
         if words := browser.execute_script(BROKEN):
             broken[page.name] = words

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.config.disturbances import asking
 from auvbench.dynamics.layout import CURRENT
 from auvbench.errors import AgentError
-from auvbench.registry import DISTURBANCES, resolve, telling
+from auvbench.registry import DISTURBANCES, owned, resolve, telling
 from auvbench.simulators.base import Simulator
 from auvbench.tasks import records
 from auvbench.tasks.disturbances import loops
@@ -70,15 +71,12 @@ _SIZES = {"water_speed": 2, "misreading": 3}
 
 
 def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
-    """Return what a static method of a disturbance says; that of a package must be finite numbers."""
-    function = getattr(kind_of(name), method)
-    if name in DISTURBANCES.own:
-        return function(settings, *arguments)
-    who = f"disturbance.{name} of {settings.package}"
-    with telling(who, f"{method} fails"):
-        given = np.asarray(function(settings, *arguments), dtype=np.float64)
-    size = _SIZES[method]
+    """Return the finite numbers that a static method of a disturbance gives."""
+    kind, size = kind_of(name), _SIZES[method]
+    with asking(name, settings, method):
+        given = np.asarray(getattr(kind, method)(settings, *arguments), dtype=np.float64)
     if given.shape != (size,) or not np.isfinite(given).all():
+        who = owned(f"disturbance.{name}", settings)
         raise AgentError(f"{who}: {method} is {given}; it must be {size} finite numbers")
     return given
 
@@ -212,9 +210,9 @@ class Disturbance:
         water = records.named(water) if self._interpreted else water
         self.loops["push"](self._rows, *self._own, *motion, water, duration, simulator.external_wrench)
 
-    def read_rows(self, indices: Integers, *, first: bool) -> None:
-        """Add to the errors of the readings of some episodes; the `first` disturbance clears them."""
-        self.loops["read"](indices, self._rows, *self._own, self.task.stream, first, self.task.offset)
+    def read_rows(self, indices: Integers) -> None:
+        """Add to the errors of the readings of some episodes."""
+        self.loops["read"](indices, self._rows, *self._own, self.task.stream, self.task.offset)
 
     def arrays(self) -> dict[str, Array]:
         """Return the arrays of which an exact resume needs copies."""

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.disturbances import DisturbanceConfig
-from auvbench.registry import telling
+from auvbench.config.disturbances import DisturbanceConfig, asking
 from auvbench.simulators.base import Simulator
 from auvbench.tasks.disturbances import version_2
 from auvbench.tasks.disturbances.base import Disturbance, kind_of
@@ -27,8 +26,8 @@ Integers = NDArray[np.int64]
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Disturbances | None:
     """Return the disturbances of a configuration; None without any, so that they cost nothing."""
-    parts = dict(_parts(config, vehicle, task))
-    return Disturbances(parts, task) if parts else None
+    disturbances = of(config, vehicle, task)
+    return disturbances if disturbances.parts else None
 
 
 def of(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Disturbances:
@@ -56,7 +55,7 @@ def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
     """
     for name, settings in config.disturbance.factors():
         kind = kind_of(name)
-        with telling(f"disturbance.{name}", "check fails"):
+        with asking(name, settings, "check"):
             kind.check(settings, vehicle)
 
 
@@ -157,13 +156,12 @@ class Disturbances:
     def read(self) -> None:
         """Renew the errors of the readings after an agent step."""
         if self._rereads:
+            self.task.offset[:] = 0.0
             self._read(self._all)
 
     def _read(self, indices: Integers) -> None:
-        first = True
         for part in self._reading:
-            part.read_rows(indices, first=first)
-            first = False
+            part.read_rows(indices)
 
     def measured(self, simulator: Simulator) -> tuple[Floats, Floats]:
         """Return the poses (n, 7) and velocities (n, 6) that arrive now, before errors."""

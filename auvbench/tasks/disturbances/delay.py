@@ -40,9 +40,6 @@ class DeadTime(Disturbance):
         """ring of the last measured velocities, where the task observes them"""
         self.clock: NDArray[np.int64] = np.zeros((), dtype=np.int64)  # steps of the batch
 
-    def own_parameters(self, settings: Delay) -> dict[str, Any]:
-        return {}
-
     def begin(self, indices: NDArray[np.int64], simulator: Simulator) -> None:
         """Fill the rings of new episodes: no command, and the start pose."""
         self.commands[:, indices] = 0.0

@@ -100,7 +100,8 @@ class ActuatorFault(Disturbance):
         """
         if settings.active:
             candidates(settings, vehicle)
-        _check_actuator(settings, vehicle)
+        else:
+            _check_actuator(settings, vehicle)
 
     def draw_rows(self, indices: NDArray[np.int64]) -> None:
         super().draw_rows(indices)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from auvbench.config.disturbances import DisturbanceConfig, forces
 from auvbench.config.schema import SCALES
 from auvbench.errors import AgentError
-from auvbench.simulators.base import Simulator
+from auvbench.registry import owned
 from auvbench.tasks.base import Task
 from auvbench.tasks.disturbances.base import Disturbance, kind_of
 from auvbench.tasks.installed import telling
@@ -30,7 +30,7 @@ def make(name: str, settings: DisturbanceConfig, vehicle: VehicleModel, task: Ta
     Raises:
         AgentError: it cannot be made.
     """
-    who = f"disturbance.{name} of {settings.package}"
+    who = owned(f"disturbance.{name}", settings)
     kind = kind_of(name)
     with telling(who, "cannot be made"):
         part = kind(settings, vehicle, task, who)
@@ -47,6 +47,16 @@ def _check_made(part: Disturbance, settings: DisturbanceConfig, who: str) -> Non
         raise AgentError(f"{who}: has push, so its needs must yield auvbench.plugin.forces(key)")
 
 
+def _told(name: str) -> Callable[..., Any]:
+    """Return a method that calls that of the disturbance, whose exceptions name it."""
+
+    def call(self: Checked, *arguments: Any) -> Any:
+        with telling(self.who, f"{name} fails"):
+            return getattr(self.part, name)(*arguments)
+
+    return call
+
+
 class Checked:
     """A disturbance whose exceptions and whose numbers that are not finite name it.
 
@@ -54,6 +64,8 @@ class Checked:
         part: the disturbance.
         who: its name and package.
     """
+
+    give, arrays, load, restored, clear = map(_told, ("give", "arrays", "load", "restored", "clear"))
 
     def __init__(self, part: Disturbance, who: str) -> None:
         self.part, self.who = part, who
@@ -73,10 +85,6 @@ class Checked:
             self.part.before_rows()
         self._check_state("before")
 
-    def give(self, simulator: Simulator) -> None:
-        with telling(self.who, "give fails"):
-            self.part.give(simulator)
-
     def scales(self, indices: Integers) -> Floats | None:
         with telling(self.who, "scales fails"):
             scales = self.part.scales(indices)
@@ -88,22 +96,6 @@ class Checked:
             )
         self._check("scales gives factors", scales)
         return scales
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        with telling(self.who, "arrays fails"):
-            return self.part.arrays()
-
-    def load(self, state: Mapping[str, NDArray[Any]]) -> None:
-        with telling(self.who, "load fails"):
-            self.part.load(state)
-
-    def restored(self) -> None:
-        with telling(self.who, "restored fails"):
-            self.part.restored()
-
-    def clear(self) -> None:
-        with telling(self.who, "clear fails"):
-            self.part.clear()
 
     def act_rows(self, command: Floats, effectiveness: Floats) -> None:
         with telling(self.who, "act fails"):
@@ -118,9 +110,9 @@ class Checked:
         self._check("push writes forces", simulator.external_wrench)
         self._check_state("push")
 
-    def read_rows(self, indices: Integers, *, first: bool) -> None:
+    def read_rows(self, indices: Integers) -> None:
         with telling(self.who, "read fails"):
-            self.part.read_rows(indices, first=first)
+            self.part.read_rows(indices)
         self._check("read writes errors", self.part.task.offset)
         self._check_state("read")
 

@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any
 
 from auvbench.tasks import rows
-from auvbench.tasks.loops import Maker, plain_function
+from auvbench.tasks.loops import Maker, plain_function, row_compiler
 
 _LOOPS = {
     "draw": """
@@ -43,14 +43,11 @@ def {name}(
         push(episodes[i], state[i], p, v, water[i], duration, wrench[i])
 """,
     "read": """
-def {name}(indices, episodes, state, parameters, stream, first, offset):
+def {name}(indices, episodes, state, parameters, stream, offset):
     p = parameters[0]
     offset = borrowed(offset)
     for k in range(indices.shape[0]):
         i = indices[k]
-        if first:
-            for channel in range(offset.shape[1]):
-                offset[i, channel] = 0.0
         read(episodes[i], state[i], p, stream, offset[i])
 """,
 }
@@ -73,10 +70,6 @@ def of_disturbance(
     made = {}
     for name, function in functions:
         one = plain_function(function)
-        names = {
-            name: one if interpreted else rows.row(one),
-            "vehicle": rows.vehicle,
-            "borrowed": (lambda array: array) if interpreted else rows.borrowed,
-        }
+        names = {name: row_compiler(interpreted)(one), "vehicle": rows.vehicle}
         made[name] = Maker([one], names, interpreted)(f"{name}_disturbance", _LOOPS[name], {"clear": clear})
     return made

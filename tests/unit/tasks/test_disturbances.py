@@ -485,7 +485,7 @@ def test_errors_of_the_readings(frequency):
     )
     task = d.task
     sensor = d["sensor"]
-    sensor.read_rows(np.arange(n), first=True)
+    sensor.read_rows(np.arange(n))
     bias = sensor.state.bias.copy()
     noise = [task.offset - bias]
     for _ in range(int(seconds * frequency)):
