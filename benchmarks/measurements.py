@@ -23,6 +23,7 @@ from benchmarks import tuning
 from benchmarks.offpolicy import offpolicy
 from benchmarks.ros2 import ros2
 from benchmarks.timing import best, command, loop_rate
+from benchmarks.worlds import worlds
 
 Row = tuple[str, str, str, str]
 FREQUENCY = 25.0
@@ -297,6 +298,7 @@ SECTIONS = {
     "again": again,
     "reports": reports,
     "tuning": tuning.study,
+    "worlds": worlds,
 }
 
 

@@ -15,7 +15,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
+import numba
+from llvmlite.ir import Constant
 from numba import njit
+from numba.extending import intrinsic
+
+INTERPRETED = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
+"""whether NUMBA_DISABLE_JIT leaves all functions to Python"""
 
 PACKAGE = Path(__file__).parent.parent
 
@@ -27,6 +33,25 @@ def inline(function: F) -> F:
     vectorised.
     """
     return cast(F, njit(nogil=True, forceinline=True)(function))
+
+
+@intrinsic
+def _borrowed(typing: Any, array: Any) -> Any:
+    def without_owner(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        view = context.make_array(array)(context, builder, values[0])
+        view.meminfo = Constant(view.meminfo.type, None)
+        view.parent = Constant(view.parent.type, None)
+        return view._getvalue()
+
+    return array(array), without_owner
+
+
+@inline
+def borrowed(array: Any) -> Any:
+    """Return an array without its owner; the caller must keep the array meanwhile. Otherwise numba would count
+    references to the owner for each row, which costs more than the rest of a loop over episodes.
+    """
+    return array if INTERPRETED else _borrowed(array)  # type: ignore[call-arg]
 
 
 def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], Any]:

@@ -13,16 +13,15 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
+from auvbench.dynamics.compiled import INTERPRETED as INTERPRETED
 from auvbench.errors import AgentError
 
 Floats = NDArray[np.float64]
 Fields = Sequence[tuple[Any, ...]]
-INTERPRETED = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
 Record = Any
 """a record of a structured array: `e`, an episode, or `p`, parameters"""
 

@@ -12,16 +12,15 @@ import warnings
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from llvmlite.ir import Constant
 from numba.core.errors import NumbaExperimentalFeatureWarning
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from auvbench import blocks
+from auvbench.dynamics.compiled import borrowed as borrowed
 from auvbench.dynamics.compiled import compiled, inline
 from auvbench.dynamics.random import COMMAND, SCENARIO, uniform4
 from auvbench.dynamics.vectors import product, rotation_matrix
-from auvbench.tasks.records import INTERPRETED, Record
+from auvbench.tasks.records import Record
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -57,25 +56,6 @@ class Vehicle(NamedTuple):
 
 row = inline
 """Compile a function of one episode into its callers."""
-
-
-@intrinsic
-def _borrowed(typing: Any, array: Any) -> Any:
-    def without_owner(context: Any, builder: Any, signature: Any, values: Any) -> Any:
-        view = context.make_array(array)(context, builder, values[0])
-        view.meminfo = Constant(view.meminfo.type, None)
-        view.parent = Constant(view.parent.type, None)
-        return view._getvalue()
-
-    return array(array), without_owner
-
-
-@row
-def borrowed(array: Any) -> Any:
-    """Return an array without its owner; the caller must keep the array meanwhile. Otherwise numba would count
-    references to the owner for each row, which costs more than the rest of a loop over episodes.
-    """
-    return array if INTERPRETED else _borrowed(array)  # type: ignore[call-arg]
 
 
 wrap = row(blocks.wrap)

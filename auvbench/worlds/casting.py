@@ -1,0 +1,189 @@
+"""Find the nearest of many solids: along rays, and from points.
+
+The functions of one ray and of one point are compiled into their callers; `cast` and `clearance` loop over batches.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from auvbench.dynamics.compiled import borrowed, compiled, inline
+from auvbench.dynamics.layout import Record, Vector
+from auvbench.dynamics.vectors import ZERO, dot, subtract
+from auvbench.worlds.convex import (
+    Signed,
+    box_distance,
+    box_span,
+    capsule_distance,
+    capsule_span,
+    cylinder_distance,
+    cylinder_span,
+    first_crossing,
+    plane_distance,
+    plane_span,
+    sphere_distance,
+    sphere_span,
+)
+from auvbench.worlds.solids import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
+    PLANE,
+    SPHERE,
+    Floats,
+    position_at,
+    to_solid,
+    to_world,
+    triple,
+)
+from auvbench.worlds.terrain import terrain_distance, terrain_range
+
+Integers = NDArray[np.int64]
+
+NOTHING = -1
+"""index where no solid is near enough"""
+
+
+@inline
+def passes(v: Vector, direction: Vector, reach: float, longest: float) -> bool:
+    """Return whether a ray passes by a sphere of radius `reach`; v is from its centre to the origin of the ray."""
+    ahead = -dot(v, direction)
+    if ahead < -reach or ahead - reach > longest:
+        return True
+    return dot(v, v) - ahead * ahead > reach * reach
+
+
+@njit(nogil=True)
+def range_to(
+    s: Record, heights: Floats, time: float, origin: Vector, direction: Vector, longest: float
+) -> float:
+    """Return the distance in m along a ray to a solid's surface; infinity, or more than `longest`, if it does not get there.
+
+    Not compiled into its callers: a ray passes by most solids, and a short loop is twice as fast.
+    """
+    o, d = to_solid(s, subtract(origin, position_at(s, time))), to_solid(s, direction)
+    _, _, half_length = half = triple(s.half)
+    kind = s.kind
+    if kind == SPHERE:
+        return first_crossing(sphere_span(o, d, s.radius))
+    if kind == CAPSULE:
+        return first_crossing(capsule_span(o, d, s.radius, half_length))
+    if kind == CYLINDER:
+        return first_crossing(cylinder_span(o, d, s.radius, half_length))
+    if kind == BOX:
+        return first_crossing(box_span(o, d, half))
+    if kind == PLANE:
+        return first_crossing(plane_span(o, d))
+    return terrain_range(s, heights, o, d, longest)
+
+
+@njit(nogil=True)
+def distance_to(s: Record, heights: Floats, time: float, point: Vector, longest: float) -> Signed:
+    """Return the signed distance in m of a point from a solid, and its gradient in world axes; see `terrain_distance` for `longest`."""
+    p = to_solid(s, subtract(point, position_at(s, time)))
+    _, _, half_length = half = triple(s.half)
+    kind = s.kind
+    if kind == SPHERE:
+        distance, gradient = sphere_distance(p, s.radius)
+    elif kind == CAPSULE:
+        distance, gradient = capsule_distance(p, s.radius, half_length)
+    elif kind == CYLINDER:
+        distance, gradient = cylinder_distance(p, s.radius, half_length)
+    elif kind == BOX:
+        distance, gradient = box_distance(p, half)
+    elif kind == PLANE:
+        distance, gradient = plane_distance(p)
+    else:
+        distance, gradient = terrain_distance(s, heights, p, longest)
+    return distance, to_world(s, gradient)
+
+
+@inline
+def first_hit(
+    solids: Any, heights: Floats, time: float, origin: Vector, direction: Vector, longest: float
+) -> tuple[float, int]:
+    """Return the distance in m along a ray to the first surface and the index of its solid; `longest`, NOTHING if none is nearer.
+
+    From inside a solid, its own surface counts.
+
+    Args:
+        solids: (n,) records of SOLID.
+        heights: (m,) m, of all terrain.
+        time: s, for solids that move.
+        origin: m, world axes.
+        direction: of length 1.
+        longest: m, finite.
+    """
+    nearest, index = longest, NOTHING
+    for k in range(solids.shape[0]):
+        s = solids[k]
+        if passes(subtract(origin, position_at(s, time)), direction, s.reach, nearest):
+            continue
+        distance = range_to(s, heights, time, origin, direction, nearest)
+        if distance < nearest:
+            nearest, index = distance, k
+    return nearest, index
+
+
+@inline
+def nearest_surface(
+    solids: Any, heights: Floats, time: float, point: Vector, longest: float
+) -> tuple[float, int, Vector]:
+    """Return the signed distance in m to the nearest solid, its index, and the gradient of the distance; `longest`, NOTHING and 0 if
+    none is nearer. Arguments as those of `first_hit`.
+    """
+    nearest, index, gradient = longest, NOTHING, ZERO
+    for k in range(solids.shape[0]):
+        s = solids[k]
+        v = subtract(point, position_at(s, time))
+        room = max(nearest, 0.0) + s.reach
+        if dot(v, v) > room * room:
+            continue
+        distance, slope = distance_to(s, heights, time, point, max(nearest, 0.0))
+        if distance < nearest:
+            nearest, index, gradient = distance, k, slope
+    return nearest, index, gradient
+
+
+@compiled("dynamics")
+def cast(
+    solids: Any,
+    heights: Floats,
+    time: float,
+    origins: Floats,
+    directions: Floats,
+    longest: float,
+    ranges: Floats,
+    hits: Integers,
+) -> None:
+    """Write the first hits of rays from `origins` (k, 3) along `directions` (k, 3): distances (k,) and indices (k,); see `first_hit`."""
+    solids, heights = borrowed(solids), borrowed(heights)
+    for r in range(ranges.shape[0]):
+        ranges[r], hits[r] = first_hit(
+            solids, heights, time, triple(origins[r]), triple(directions[r]), longest
+        )
+
+
+@compiled("dynamics")
+def clearance(
+    solids: Any,
+    heights: Floats,
+    time: float,
+    points: Floats,
+    longest: float,
+    distances: Floats,
+    nearest: Integers,
+    gradients: Floats,
+) -> None:
+    """Write the signed distances (k,) of `points` (k, 3) to the nearest solids, their indices (k,) and the gradients (k, 3); see
+    `nearest_surface`.
+    """
+    solids, heights = borrowed(solids), borrowed(heights)
+    for r in range(distances.shape[0]):
+        distance, index, (x, y, z) = nearest_surface(solids, heights, time, triple(points[r]), longest)
+        distances[r], nearest[r] = distance, index
+        gradients[r, 0], gradients[r, 1], gradients[r, 2] = x, y, z

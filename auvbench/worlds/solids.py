@@ -1,0 +1,194 @@
+"""Solids as records, and the functions that make them.
+
+A solid has a kind, a pose, sizes and a constant velocity. Its own axes are three unit vectors in world axes: a capsule and a cylinder
+lie along the third, a plane is normal to it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from auvbench.dynamics.compiled import inline
+from auvbench.dynamics.layout import Record, Vector, record
+from auvbench.dynamics.vectors import add, dot, scale
+
+Floats = NDArray[np.float64]
+Solids = NDArray[Any]
+"""(n,) records of SOLID"""
+
+SPHERE, CAPSULE, CYLINDER, BOX, PLANE, TERRAIN = range(6)
+KINDS = ("sphere", "capsule", "cylinder", "box", "plane", "bottom")
+"""names of the kinds"""
+
+SOLID = record(
+    kind=np.int64,
+    position=(
+        3,
+    ),  # m, at time 0: the centre; of a plane, one of its points; of terrain, its vertex (0, 0) at height 0
+    velocity=(3,),  # m/s
+    along_x=(3,),  # unit vectors of its own axes, in world axes
+    along_y=(3,),
+    along_z=(3,),
+    radius=(),  # m, of a sphere, capsule or cylinder
+    half=(
+        3,
+    ),  # m, half of the sides of a box; the third is half of the length of a capsule's or cylinder's axis
+    reach=(),  # m, radius of a sphere round the position that contains it
+    first=np.int64,  # of terrain: index of its vertex (0, 0) in the array of heights
+    columns=np.int64,  # vertices along x
+    rows=np.int64,  # vertices along y
+    spacing=(),  # m between vertices
+    lowest=(),  # m, of its heights
+    highest=(),
+    cosine=(),  # of the angle between its steepest triangle and the horizontal
+)
+
+STILL = (0.0, 0.0, 0.0)
+NO_HEIGHTS: Floats = np.zeros(1)
+"""heights of a world without terrain"""
+
+
+def sphere(centre: ArrayLike, radius: float, velocity: ArrayLike = STILL) -> Solids:
+    """Return a sphere (1,); centre and radius in m, velocity in m/s."""
+    return _solid(SPHERE, centre, velocity, radius=radius, reach=radius)
+
+
+def capsule(
+    centre: ArrayLike, axis: ArrayLike, length: float, radius: float, velocity: ArrayLike = STILL
+) -> Solids:
+    """Return a capsule (1,): all points at most `radius` m from a segment of `length` m along `axis`."""
+    half = 0.5 * length
+    return _solid(
+        CAPSULE,
+        centre,
+        velocity,
+        _with_third(axis),
+        radius=radius,
+        half=(0.0, 0.0, half),
+        reach=half + radius,
+    )
+
+
+def cylinder(
+    centre: ArrayLike, axis: ArrayLike, length: float, radius: float, velocity: ArrayLike = STILL
+) -> Solids:
+    """Return a cylinder (1,) with flat ends."""
+    half = 0.5 * length
+    reach = math.hypot(half, radius)
+    return _solid(
+        CYLINDER, centre, velocity, _with_third(axis), radius=radius, half=(0.0, 0.0, half), reach=reach
+    )
+
+
+def box(
+    centre: ArrayLike, sides: ArrayLike, axes: ArrayLike | None = None, velocity: ArrayLike = STILL
+) -> Solids:
+    """Return a box (1,); `axes` (3, 3) has the directions of its sides in m as rows, None: those of the world."""
+    half = 0.5 * np.asarray(sides, dtype=np.float64)
+    return _solid(
+        BOX,
+        centre,
+        velocity,
+        np.eye(3) if axes is None else axes,
+        half=half,
+        reach=float(np.linalg.norm(half)),
+    )
+
+
+def plane(point: ArrayLike, normal: ArrayLike) -> Solids:
+    """Return a plane (1,) through a point; the side that its normal does not point to is solid."""
+    return _solid(PLANE, point, STILL, _with_third(normal), reach=math.inf)
+
+
+def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0, first: int = 0) -> Solids:
+    """Return a height field (1,): two triangles for each cell of a regular grid, which repeats beyond its edges.
+
+    Args:
+        heights: (rows, columns) m, over the corner; columns run along its x axis.
+        spacing: m between vertices.
+        corner: (3,) m, of vertex (0, 0) at height 0.
+        yaw: rad, of its x axis from east.
+        first: index of its vertex (0, 0) in the array of heights, to which the caller adds `heights.ravel()`.
+    """
+    east, north = np.roll(heights, -1, 1), np.roll(heights, -1, 0)
+    opposite = np.roll(east, -1, 0)
+    # Rise along x and along y of the triangle below and the triangle above the diagonal of each cell.
+    below = np.hypot(east - heights, opposite - east)
+    above = np.hypot(opposite - north, north - heights)
+    steepest = float(max(below.max(), above.max())) / spacing
+    level = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0]])
+    return _solid(
+        TERRAIN,
+        corner,
+        STILL,
+        [*level, (0.0, 0.0, 1.0)],
+        reach=math.inf,
+        first=first,
+        columns=heights.shape[1],
+        rows=heights.shape[0],
+        spacing=spacing,
+        lowest=float(heights.min()),
+        highest=float(heights.max()),
+        cosine=1.0 / math.hypot(1.0, steepest),
+    )
+
+
+def none() -> Solids:
+    """Return no solids (0,)."""
+    return np.zeros(0, SOLID)
+
+
+def _solid(
+    kind: int, position: ArrayLike, velocity: ArrayLike, axes: ArrayLike | None = None, **sizes: Any
+) -> Solids:
+    solid = np.zeros(1, SOLID)
+    solid["kind"], solid["position"], solid["velocity"] = kind, position, velocity
+    rows = np.eye(3) if axes is None else np.asarray(axes)
+    for name, axis in zip(("along_x", "along_y", "along_z"), rows, strict=True):
+        solid[name] = axis
+    for name, value in sizes.items():
+        solid[name] = value
+    return solid
+
+
+def _with_third(axis: ArrayLike) -> Floats:
+    """Return three unit vectors (3, 3), of which the third is along an axis."""
+    third = np.asarray(axis, dtype=np.float64)
+    third = third / np.linalg.norm(third)
+    other = np.eye(3)[np.argmin(np.abs(third))]
+    first = np.cross(other, third)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(third, first), third])
+
+
+# --- Compiled -----------------------------------------------------------------------------------------------------------------
+
+
+@inline
+def triple(a: Any) -> Vector:
+    """Return the three numbers of a field."""
+    return a[0], a[1], a[2]
+
+
+@inline
+def position_at(s: Record, time: float) -> Vector:
+    """Return where a solid is after a time in s."""
+    return add(triple(s.position), scale(time, triple(s.velocity)))
+
+
+@inline
+def to_solid(s: Record, v: Vector) -> Vector:
+    """Return a vector in a solid's own axes."""
+    return dot(triple(s.along_x), v), dot(triple(s.along_y), v), dot(triple(s.along_z), v)
+
+
+@inline
+def to_world(s: Record, v: Vector) -> Vector:
+    """Return a vector of a solid's own axes in world axes."""
+    x, y, z = v
+    level = add(scale(x, triple(s.along_x)), scale(y, triple(s.along_y)))
+    return add(level, scale(z, triple(s.along_z)))
