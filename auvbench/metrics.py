@@ -1,15 +1,21 @@
 """Define the metrics of agents, one entry each; records, tables, page, LaTeX, docs and completion use them.
 
-A new metric is one entry here (docs/adding-a-metric.md). This module imports nothing heavy, because shell
-completion reads it.
+A new metric is one entry (docs/adding-a-metric.md): of all tasks here, of one task in its spec. This module imports
+nothing heavy, because shell completion reads it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from functools import cache
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+
+from auvbench.registry import TASKS
+
+if TYPE_CHECKING:
+    from auvbench.config.tasks import TaskSpec
 
 
 class Totals(NamedTuple):
@@ -58,6 +64,9 @@ identifies a row, what is the same for every agent, what an agent did); agent: a
 """
 
 
+LAST = "yaw_error_rms_rad"
+"""the last of METRICS that an episode has"""
+
 Failed = Literal["", "high", "bounds", "time"]
 """value of a failed episode: the task's own value, the metric's `high`, the task's bounds (m) or its time
 limit (s)
@@ -88,7 +97,9 @@ class Metric:
     high: float = math.inf
     """largest possible value; intervals stay within `low` and `high`"""
     tasks: tuple[str, ...] = ()
-    """tasks that have the metric; empty: all"""
+    """tasks that have the metric; empty: all. `registered` sets it"""
+    after: str = LAST
+    """metric of METRICS that a task's own metric follows in files and tables"""
     counts_failures: bool = False
     """whether a failed episode counts as the worst value, not as the measured one"""
     failed: Failed = ""
@@ -112,7 +123,6 @@ def _rate(
     title: str,
     definition: str,
     better: Literal["higher", "lower"] = "lower",
-    tasks: tuple[str, ...] = (),
 ) -> Metric:
     return Metric(
         name,
@@ -124,7 +134,6 @@ def _rate(
         shown_unit="%",
         scale=100.0,
         high=1.0,
-        tasks=tasks,
     )
 
 
@@ -137,9 +146,9 @@ def column(
     *,
     low: float = 0.0,
     high: float = math.inf,
-    tasks: tuple[str, ...] = (),
     counts_failures: bool = False,
     failed: Failed = "",
+    after: str = LAST,
 ) -> Metric:
     """Return a column whose value the task computes: `own_metrics()[name]`.
 
@@ -151,9 +160,9 @@ def column(
         better: direction of better values; empty for a column of the scenario.
         low: smallest possible value.
         high: largest possible value.
-        tasks: tasks that have it; `add` sets the task of an installed package.
         counts_failures: whether a failed episode counts as the worst value, not as the measured one.
         failed: value of a failed episode, if the task does not compute it.
+        after: metric that it follows in files and tables.
     """
     return Metric(
         name,
@@ -165,14 +174,15 @@ def column(
         better=better,
         low=low,
         high=high,
-        tasks=tasks,
+        after=after,
         counts_failures=counts_failures or bool(failed),
         failed=failed,
     )
 
 
-WAYPOINT = ("waypoint",)
-TRACKED = ("station_keeping", "trajectory_tracking", "path_following", "docking")
+POINTS = tuple(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz")
+SHARED = ("position_error_rms_m", "yaw_error_rms_rad", *POINTS)
+"""columns that several tasks have (`TaskSpec.shared`), from `TrackingTask.errors`"""
 
 
 METRICS: list[Metric] = [
@@ -181,9 +191,7 @@ METRICS: list[Metric] = [
     ),
     _rate("collision_rate", "collision", "episodes that leave the depth limits or hit the dock"),
     _rate("timeout_rate", "timeout", "episodes that use up their steps without success"),
-    _rate(
-        "out_of_bounds_rate", "out of bounds", "episodes that get too far from the reference", tasks=TRACKED
-    ),
+    _rate("out_of_bounds_rate", "out of bounds", "episodes that get too far from the reference"),
     *(
         Metric(
             f"par{k}_{name}",
@@ -232,26 +240,6 @@ METRICS: list[Metric] = [
         lambda t: t.distance,
     ),
     Metric(
-        "deviation_mean_m",
-        "m",
-        "deviation",
-        "mean distance to the line through start and waypoint",
-        lambda t: t.mean_deviation,
-        latex=r"mean $d_\delta$",
-        tasks=WAYPOINT,
-    ),
-    Metric(
-        "deviation_std_m",
-        "m",
-        "std of deviation",
-        "population standard deviation of the distance to that line",
-        lambda t: (
-            max(t.deviation_squared / max(t.steps, 1) - t.mean_deviation * t.mean_deviation, 0.0) ** 0.5
-        ),
-        latex=r"std $d_\delta$",
-        tasks=WAYPOINT,
-    ),
-    Metric(
         "command_norm_mean_N",
         "N",
         "norm u",
@@ -284,17 +272,6 @@ METRICS: list[Metric] = [
         lambda t: t.path,
     ),
     Metric(
-        "path_efficiency",
-        "",
-        "path efficiency",
-        "(initial - final distance) / path length; at most 1: a straight path",
-        lambda t: (t.initial_distance - t.distance) / t.path if t.path > 0.0 else 0.0,
-        better="higher",
-        low=-1.0,
-        high=1.0,
-        tasks=WAYPOINT,
-    ),
-    Metric(
         "smoothness_per_s",
         "1/s",
         "smoothness",
@@ -310,25 +287,15 @@ METRICS: list[Metric] = [
         better="higher",
         low=-math.inf,
     ),
-    *(column(f"waypoint_{axis}_m", "m", f"waypoint {axis}", "", "", tasks=WAYPOINT) for axis in "xyz"),
     Metric("start_yaw_rad", "rad", "start yaw", "", lambda t: t.start_yaw, kind="scenario", better=""),
-    *(column(f"start_{axis}_m", "m", f"start {axis}", "", "", tasks=TRACKED) for axis in "xyz"),
-    *(column(f"goal_{axis}_m", "m", f"goal {axis}", "", "", tasks=TRACKED) for axis in "xyz"),
+    *(column(f"start_{axis}_m", "m", f"start {axis}", "", "") for axis in "xyz"),
+    *(column(f"goal_{axis}_m", "m", f"goal {axis}", "", "") for axis in "xyz"),
     column(
         "position_error_rms_m",
         "m",
         "RMS position error",
         "root mean square of the distance to the reference, station keeping after the settling time; an episode that "
         "left the bounds or the water counts as the bounds",
-        tasks=("station_keeping", "trajectory_tracking"),
-        failed="bounds",
-    ),
-    column(
-        "cross_track_rms_m",
-        "m",
-        "RMS cross-track distance",
-        "root mean square of the distance to the path; an episode that did not reach its end counts as the bounds",
-        tasks=("path_following",),
         failed="bounds",
     ),
     column(
@@ -336,61 +303,6 @@ METRICS: list[Metric] = [
         "rad",
         "RMS yaw error",
         "root mean square of the yaw error over the same steps; a failed episode counts as pi",
-        tasks=TRACKED,
-        high=math.pi,
-        failed="high",
-    ),
-    column(
-        "settling_time_s",
-        "s",
-        "settling time",
-        "time after which position and yaw stay within the tolerances to the end; a failed episode counts as the time limit",
-        tasks=("station_keeping",),
-        failed="time",
-    ),
-    column(
-        "lag_s",
-        "s",
-        "lag",
-        "mean of the position error along the velocity of the reference over its speed; positive: behind; a failed "
-        "episode counts as the time limit",
-        tasks=("trajectory_tracking",),
-        low=-math.inf,
-        failed="time",
-    ),
-    column(
-        "completion",
-        "",
-        "completion",
-        "share of the path that lies behind",
-        "higher",
-        tasks=("path_following",),
-        high=1.0,
-    ),
-    column(
-        "speed_error_m_per_s",
-        "m/s",
-        "speed error",
-        "mean of the absolute difference of the speed along the path from the speed asked for; a failed episode counts "
-        "at least as a vehicle at rest",
-        tasks=("path_following",),
-        counts_failures=True,
-    ),
-    column(
-        "final_position_error_m",
-        "m",
-        "final position error",
-        "distance to the dock at the end; a failed episode counts as the bounds",
-        tasks=("docking",),
-        failed="bounds",
-    ),
-    column("final_speed_m_per_s", "m/s", "final speed", "speed over ground at the end", tasks=("docking",)),
-    column(
-        "final_yaw_error_rad",
-        "rad",
-        "final yaw error",
-        "at the end; a failed episode counts as pi",
-        tasks=("docking",),
         high=math.pi,
         failed="high",
     ),
@@ -416,7 +328,7 @@ METRICS: list[Metric] = [
         kind="agent",
     ),
 ]
-"""auvbench's own metrics, and those of tasks of installed packages (`add`)"""
+"""metrics that all tasks or several have"""
 
 
 def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, Any]:
@@ -429,43 +341,32 @@ def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, 
     known = {**limits, "": None}
     found = {
         metric.name: metric.high if metric.failed == "high" else known.get(metric.failed)
-        for metric in METRICS
+        for metric in registered()
         if metric.name in names
     }
     return {name: value for name, value in found.items() if value is not None}
 
 
-SHARED = (
-    "position_error_rms_m",
-    "yaw_error_rms_rad",
-    *(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz"),
-)
-"""columns of every task of an installed package, from `TrackingTask.errors`"""
+def _of_several(metric: Metric, specs: Sequence[TaskSpec]) -> Metric:
+    """Return a metric of METRICS with the tasks that have it, if only some may have it."""
+    if metric.name in SHARED:
+        return replace(metric, tasks=tuple(spec.name for spec in specs if metric.name in spec.shared))
+    if metric.name == "out_of_bounds_rate":
+        return replace(metric, tasks=tuple(spec.name for spec in specs if "out_of_bounds" in spec.outcomes))
+    return metric
 
 
-def add(task: str, own: Iterable[Metric]) -> None:
-    """Add the columns of a task of an installed package.
-
-    Raises:
-        ValueError: a metric's name is already taken.
-    """
-    drop(task)
-    for metric in own:
-        if any(metric.name == other.name for other in METRICS):
-            raise ValueError(
-                f"has the metric {metric.name}, a name that another metric has; choose another name"
-            )
-    METRICS[:] = [replace(m, tasks=(*m.tasks, task)) if m.name in SHARED else m for m in METRICS]
-    METRICS.extend(replace(metric, tasks=(task,)) for metric in own)
-
-
-def drop(task: str) -> None:
-    """Remove the columns that `add` added."""
-    METRICS[:] = [
-        replace(metric, tasks=tuple(name for name in metric.tasks if name != task))
-        for metric in METRICS
-        if metric.tasks != (task,)
-    ]
+@cache
+def registered() -> tuple[Metric, ...]:
+    """Return METRICS and the metrics of each task, in the order of files and tables."""
+    specs = tuple(TASKS.values())
+    own: dict[str, list[Metric]] = {}
+    for spec in specs:
+        for metric in spec.metrics:
+            own.setdefault(metric.after, []).append(replace(metric, tasks=(spec.name,)))
+    return tuple(
+        placed for metric in METRICS for placed in (_of_several(metric, specs), *own.get(metric.name, ()))
+    )
 
 
 def definitions() -> str:
@@ -473,7 +374,7 @@ def definitions() -> str:
     lines = ["| name | unit | better | definition |", "|---|---|---|---|"]
     lines += [
         f"| `{metric.name}` | {metric.unit.replace('1/s', 's⁻¹')} | {metric.better} | {metric.definition} |"
-        for metric in METRICS
+        for metric in registered()
         if metric.definition
     ]
     return "\n".join(lines)

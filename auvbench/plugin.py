@@ -16,8 +16,7 @@ from auvbench.config.launchers import LauncherConfig, LauncherSpec
 from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number
 from auvbench.config.simulators import Capabilities, SimulatorConfig, SimulatorSpec
-from auvbench.config.task_specs import TaskSpec
-from auvbench.config.tasks import ERRORS, TaskConfig
+from auvbench.config.tasks import ERRORS, TaskConfig, TaskSpec
 from auvbench.config.trackers import TrackerSpec
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import AgentError, ConfigError, RunError, TrainingError

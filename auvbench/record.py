@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from auvbench.metrics import METRICS, Kind, Totals
+from auvbench.metrics import Kind, Totals, registered
 
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
 """How an episode can end, in the order of the codes 0 to 3 in tasks/rows.py. Each task lists its own subset."""
@@ -23,7 +23,7 @@ def columns(*kinds: Kind) -> tuple[str, ...]:
 
     A `scenario` column is the same for every agent in the same scenario.
     """
-    return tuple(m.name for m in METRICS if m.value is not None and (not kinds or m.kind in kinds))
+    return tuple(m.name for m in registered() if m.value is not None and (not kinds or m.kind in kinds))
 
 
 def measured() -> tuple[str, ...]:
@@ -33,7 +33,7 @@ def measured() -> tuple[str, ...]:
 
 @cache
 def _of(task: str) -> dict[str, Callable[[Totals], float | int | str]]:
-    return {m.name: m.value for m in METRICS if m.value is not None and m.is_of(task)}
+    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(task)}
 
 
 def record_columns(task: str) -> tuple[str, ...]:
@@ -47,11 +47,12 @@ def record_of(totals: Totals, task: str) -> Record:
 
 
 def forget() -> None:
-    """Clear the cache after the metrics have changed."""
+    """Clear the caches after the metrics have changed."""
+    registered.cache_clear()
     _of.cache_clear()
 
 
 def measure_names() -> tuple[str, ...]:
     """Return the names of all measures that `analysis.measures` can compare agents by."""
     compared = ("rate", "penalised", "episode", "derived")
-    return tuple(metric.measure for metric in METRICS if metric.kind in compared)
+    return tuple(metric.measure for metric in registered() if metric.kind in compared)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from auvbench.config.launchers import LauncherSpec
     from auvbench.config.rewards import RewardSpec
     from auvbench.config.simulators import SimulatorSpec
-    from auvbench.config.task_specs import TaskSpec
+    from auvbench.config.tasks import TaskSpec
     from auvbench.config.trackers import TrackerSpec
 
 
@@ -306,6 +306,10 @@ def _lines(module: str, *names: str) -> dict[str, str]:
     return {name: f"{module}:{name}" for name in names}
 
 
+def _files(package: str, *names: str) -> dict[str, str]:
+    return {name: f"{package}.{name}:SPEC" for name in names}
+
+
 _ALGORITHMS = "auvbench.config.algorithms"
 _LEARNERS = (
     "ppo",
@@ -327,12 +331,12 @@ AGENTS: Kind[AgentSpec] = Kind(
     _lines(_ALGORITHMS, *_LEARNERS, *_CONTROLLERS),
 )
 
-_TASKS = "auvbench.config.task_specs"
+_TASKS = "auvbench.config.tasks"
 TASKS: Kind[TaskSpec] = Kind(
     "auvbench.tasks",
     "task.name",
     f"{_TASKS}:TaskSpec",
-    _lines(_TASKS, "waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"),
+    _files(_TASKS, "waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"),
 )
 
 _REWARDS = "auvbench.config.rewards"

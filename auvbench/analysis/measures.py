@@ -10,7 +10,7 @@ import numpy as np
 
 from auvbench.analysis.records import NO_POLICY, Agent
 from auvbench.errors import ReportError, closest
-from auvbench.metrics import METRICS, Metric
+from auvbench.metrics import Metric, registered
 from auvbench.record import OUTCOMES, columns
 from auvbench.registry import TASKS
 from auvbench.runs.identity import DEFAULT_TASK
@@ -28,7 +28,7 @@ SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
 def metric_of(column: str) -> Metric | None:
     """Return the metric of a column that describes the agent; None if it is not registered."""
-    return next((m for m in METRICS if m.name == column and m.kind in ("episode", "derived")), None)
+    return next((m for m in registered() if m.name == column and m.kind in ("episode", "derived")), None)
 
 
 def of_the_scenario() -> tuple[str, ...]:
@@ -128,7 +128,7 @@ RANKED_AS = {
 
 def measures() -> dict[str, Measure]:
     """Return all measures by name."""
-    means = (m for m in METRICS if m.kind in ("episode", "derived"))
+    means = (m for m in registered() if m.kind in ("episode", "derived"))
     return {m.name: m for m in (*RATES, *PENALISED)} | {
         m.measure: Measure(m.measure, m.name, m.better == "higher", False) for m in means
     }

@@ -134,7 +134,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
     """Return the basis of the plan, the number of agents, the numbers of episodes, and the measure."""
     from auvbench.analysis import planning
     from auvbench.analysis.measures import measure
-    from auvbench.config.task_specs import primary_of
+    from auvbench.config.tasks import primary_of
     from auvbench.statistics import power
 
     # --rates means the success rate unless another measure is named.

@@ -221,7 +221,7 @@ def _analyse(
 
 def _measure(part: Section, options: Options) -> str:
     """Return the measure that ranks the agents of the section: the option, or the task's primary measure."""
-    from auvbench.config.task_specs import primary_of
+    from auvbench.config.tasks import primary_of
 
     if options.rank_by != PRIMARY:
         return options.rank_by

@@ -11,9 +11,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
+from auvbench import metrics
 from auvbench.commands.grammar import Parser, number
 from auvbench.errors import ConfigError, UserError, closest
-from auvbench.metrics import METRICS
 from auvbench.record import measure_names
 from auvbench.registry import TRACKERS
 from auvbench.runs import declared as analyses
@@ -133,7 +133,7 @@ def _flag(key: str) -> str:
 def measures() -> str:
     """Return a text with every measure of `--rank-by`, its unit and its meaning, one paragraph each."""
     lines = ["measures:"]
-    for metric in METRICS:
+    for metric in metrics.registered():
         if metric.measure not in measure_names():
             continue
         unit = f", {metric.unit}" if metric.unit not in ("", "1") else ""

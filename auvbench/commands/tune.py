@@ -135,7 +135,7 @@ def plan_of(
 
     from auvbench.config import tuning
     from auvbench.config.compose import option, typed
-    from auvbench.config.task_specs import primary_of
+    from auvbench.config.tasks import primary_of
     from auvbench.record import PRIMARY
     from auvbench.runs import plan as runs_plan
     from auvbench.training import execute

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench import metrics
 from auvbench.analysis.labels import title
 from auvbench.envs.rendering import panels
 from auvbench.errors import UserError
 from auvbench.evaluation.replay import Replay
-from auvbench.metrics import METRICS
 from auvbench.record import Record
 from auvbench.registry import TASKS
 from auvbench.reporting.figures import style
@@ -60,7 +60,7 @@ def _accuracy(r: Record) -> str:
     """Return a text on the vehicle's accuracy, by the first metric that its task measures."""
     names = ("deviation_mean_m", "cross_track_rms_m", "position_error_rms_m", "final_position_error_m")
     name = next(name for name in names if name in r)
-    return f"{next(m.title for m in METRICS if m.name == name)} {float(r[name]):.2f} m"
+    return f"{next(m.title for m in metrics.registered() if m.name == name)} {float(r[name]):.2f} m"
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import RunRecord
 from auvbench.config import schema
 from auvbench.config.compose import option
-from auvbench.config.task_specs import primary_of
+from auvbench.config.tasks import primary_of
 from auvbench.errors import ReportError, RunError
 from auvbench.evaluation.evaluate import stale
 from auvbench.evaluation.parallel import evaluate_all

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema, tasks
+from auvbench.config import schema
 from auvbench.config.schema import step_limit
 from auvbench.observation import ObservationSpec
 from auvbench.tasks.disturbances.base import misreading, water_speed
@@ -47,31 +47,8 @@ def start_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats:
 
 def _true_bounds(config: schema.TrainConfig, vehicle: VehicleModel, seconds: float) -> Floats:
     """Return the largest position errors (3,) in m."""
-    task = config.task
     speed = top_speed(vehicle, config.disturbance)
-    if isinstance(task, tasks.Waypoint):
-        return _until_timeout(task, speed, seconds, config.step.frequency)
-    # The last step may lead out of bounds; those of a dock are not round the reference.
-    aside = task.standoff if isinstance(task, tasks.Docking) else 0.0
-    return np.full(3, task.bounds + aside + speed / config.step.frequency)
-
-
-def _until_timeout(task: tasks.Waypoint, speed: float, seconds: float, frequency: float) -> Floats:
-    """Return the largest distances (3,) in m to the waypoint: at the start, plus the distance that a vehicle can move
-    away until the end. The depth limits bound the vertical distance.
-    """
-    away = speed * seconds
-    start, low, high = (
-        np.asarray(v, dtype=np.float64) for v in (task.start, task.waypoint_low, task.waypoint_high)
-    )
-    apart = np.maximum(np.abs(low - start), np.abs(high - start))
-    # The last step may lead beyond a depth limit before the episode ends.
-    below, above = high[2] - task.depth_low, task.depth_high - low[2]
-    vertical = min(apart[2] + away, max(below, above) + speed / frequency)
-    level = apart[:2] + away
-    if task.position_frame == "body":
-        level = np.full(2, math.hypot(*level))
-    return np.array([*level, vertical])
+    return np.array(config.task.farthest(speed, seconds, config.step.frequency))
 
 
 def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:

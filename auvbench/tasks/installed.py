@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba.core.errors import NumbaError
 
-from auvbench import metrics, registry
+from auvbench import registry
 from auvbench.config import rewards, schema, tasks
 from auvbench.errors import AgentError
 from auvbench.record import OUTCOMES, Record
@@ -65,8 +65,9 @@ def guard(task: Task) -> None:
 def _guard_functions(task: Task, who: str, paid: str) -> None:
     draw_rows, step_rows = task.draw_rows, task.step_rows
     own_metrics, records = task.own_metrics, task.records
-    columns = {*metrics.SHARED, *(metric.name for metric in registry.TASKS[task.name].metrics)}
-    has_goal = "goal_error" in registry.TASKS[task.name].blocks
+    spec = registry.TASKS[task.name]
+    columns = {*spec.shared, *(metric.name for metric in spec.metrics)}
+    has_goal = "goal_error" in spec.blocks
     check_finite = _finite_check(task, who)
 
     def checked_draw(indices: Integers, pose: Floats) -> None:

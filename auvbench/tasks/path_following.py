@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.config import tasks
+from auvbench.config.tasks.path_following import PathFollowing
 from auvbench.tasks import fingerprint
 from auvbench.tasks.base import Floats, TrackingTask
 from auvbench.tasks.records import Record
@@ -220,7 +220,7 @@ class PathFollowingTask(TrackingTask):
     reference_blocks = fingerprint.BLOCKS
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
-        assert isinstance(task, tasks.PathFollowing)
+        assert isinstance(task, PathFollowing)
         distance = max(DEPTH_MARGIN, SHALLOWEST + task.overshoot)
         return {**super().own_parameters(task), "depth_distance": distance}
 

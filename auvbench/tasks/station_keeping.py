@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from auvbench.config import tasks
+from auvbench.config.tasks.station_keeping import StationKeeping
 from auvbench.tasks import fingerprint
 from auvbench.tasks.base import TrackingTask
 from auvbench.tasks.records import Record
@@ -71,7 +71,7 @@ class StationKeepingTask(TrackingTask):
     success_ends = False
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
-        assert isinstance(task, tasks.StationKeeping)
+        assert isinstance(task, StationKeeping)
         settling, hold = (round(seconds * self.frequency) for seconds in (task.settling, task.hold_time))
         return {**super().own_parameters(task), "settling_steps": settling, "hold_steps": hold}
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.config import tasks
+from auvbench.config.tasks.trajectory_tracking import TrajectoryTracking
 from auvbench.tasks import fingerprint
 from auvbench.tasks.base import Floats, TrackingTask
 from auvbench.tasks.records import Record
@@ -187,7 +187,7 @@ class TrajectoryTrackingTask(TrackingTask):
     success_ends = False
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
-        assert isinstance(task, tasks.TrajectoryTracking)
+        assert isinstance(task, TrajectoryTracking)
         return {**super().own_parameters(task), "curve": CURVES.index(task.curve)}
 
     def goal(self, i: int) -> Floats:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from auvbench.config import tasks
+from auvbench.config.tasks.waypoint import Waypoint
 from auvbench.tasks.base import Task
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import (
@@ -100,7 +100,7 @@ class WaypointTask(Task):
     reference_key = "waypoint"
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
-        assert isinstance(task, tasks.Waypoint)
+        assert isinstance(task, Waypoint)
         # The part of the box within the depth limits: other waypoints cannot be reached.
         low, high = [*task.waypoint_low], [*task.waypoint_high]
         low[2], high[2] = max(low[2], task.depth_low), min(high[2], task.depth_high)

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench import metrics
 from auvbench.config import schema
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError
-from auvbench.metrics import METRICS
 from auvbench.record import OUTCOMES, record_columns
 from auvbench.registry import TASKS
 from auvbench.testing.draws import ConformanceError, actions, run_checks, same
@@ -99,7 +99,7 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
             raise ConformanceError(f"{name}: not finite everywhere")
     if (np.abs(seen["observation"]) > batch.task.spec.bounds).any():
         raise ConformanceError("an observation lies outside the bounds that its specification names")
-    ranges = {metric.name: (metric.low, metric.high) for metric in METRICS}
+    ranges = {metric.name: (metric.low, metric.high) for metric in metrics.registered()}
     known = TASKS[batch.task.name].outcomes
     for record in records:
         if tuple(record) != record_columns(batch.task.name):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from auvbench.metrics import METRICS
+from auvbench import metrics
 from auvbench.record import ABORTED, OUTCOMES
 from auvbench.untrusted.text import short
 
@@ -49,7 +49,11 @@ COUNT, NUMBER = Column("whole", low=0.0), Column()
 
 def _measured() -> dict[str, Column]:
     """Return the columns of values measured in an episode; packages can add columns at any time."""
-    return {m.name: NUMBER for m in METRICS if m.kind in ("scenario", "episode") and m.value is not None}
+    return {
+        m.name: NUMBER
+        for m in metrics.registered()
+        if m.kind in ("scenario", "episode") and m.value is not None
+    }
 
 
 def of_test() -> Schema:

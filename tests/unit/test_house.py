@@ -74,6 +74,17 @@ def test_each_kind_has_an_example_that_exists(kind: str) -> None:
     assert not folder or f"{folder}/{name}.yaml" in files
 
 
+def test_a_task_of_auvbench_is_its_code_its_declaration_its_yaml_and_a_line() -> None:
+    """`scenario_sets.py` has its published scenario sets."""
+    assert house.naming("docking", "conf/task") == [
+        "auvbench/config/tasks/docking.py",
+        "auvbench/evaluation/scenario_sets.py",
+        "auvbench/registry.py",
+        "auvbench/tasks/docking.py",
+        "conf/task/docking.yaml",
+    ]
+
+
 def test_files_of_integrations_exist() -> None:
     for place in house.INTEGRATIONS:
         assert (house.PACKAGE / place).exists() or place == "integrations"

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from auvbench import metrics
+from auvbench import metrics, record
+from auvbench.registry import TASKS
 
 ROOT = Path(__file__).parents[2]
 ADDED = '''
@@ -69,9 +70,22 @@ def test_the_docs_define_every_metric() -> None:
     assert metrics.definitions() in (ROOT / "docs" / "protocol.md").read_text()
 
 
-def test_names_are_unique_and_measured_metrics_are_defined() -> None:
+def test_a_task_brings_its_own_metrics() -> None:
+    """`metrics.py` has no metric of one task only."""
     names = [metric.name for metric in metrics.METRICS]
+    placed = [metric.name for metric in metrics.registered()]
+    assert placed.index("deviation_std_m") == placed.index("final_distance_m") + 2
+    for name, spec in TASKS.items():
+        assert not spec.fault()
+        for metric in spec.metrics:
+            assert metric.name not in names
+            assert metric.name in record.record_columns(name)
+            assert not any(metric.name in record.record_columns(other) for other in TASKS if other != name)
+
+
+def test_names_are_unique_and_measured_metrics_are_defined() -> None:
+    names = [metric.name for metric in metrics.registered()]
     assert len(set(names)) == len(names)
-    for metric in metrics.METRICS:
+    for metric in metrics.registered():
         assert metric.low < metric.high
         assert (metric.definition and metric.better) or metric.kind in ("key", "scenario"), metric.name

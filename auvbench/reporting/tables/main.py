@@ -6,6 +6,7 @@ from collections.abc import Callable
 from itertools import groupby
 from math import isfinite
 
+from auvbench import metrics
 from auvbench.analysis import optional_columns
 from auvbench.analysis.formatting import NOTHING, name, size, unit_of_difference
 from auvbench.analysis.labels import OWN, in_short, usual_sentence
@@ -14,7 +15,6 @@ from auvbench.analysis.planning import MOST_EPISODES
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
 from auvbench.analysis.records import Against, Needed, Primary, Problem, Ranking, Row
 from auvbench.evaluation.scenario_sets import cited
-from auvbench.metrics import METRICS
 from auvbench.reporting.tables.table import (
     DAGGER,
     Cell,
@@ -356,7 +356,7 @@ def cautions(ranking: Ranking) -> list[str]:
             "to 90 % of simulated experiments."
         )
     by = measure(ranking.rank_by)
-    counted = any(metric.measure == by.name and metric.counts_failures for metric in METRICS)
+    counted = any(metric.measure == by.name and metric.counts_failures for metric in metrics.registered())
     if by.name.startswith("mean_") and by.name != "mean_return" and not counted:
         lines.append(
             f"{name(by).capitalize()} is over all test episodes, however they ended: a quick failure "

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from auvbench import metrics
 from auvbench.analysis.formatting import NOTHING, rounded
-from auvbench.metrics import METRICS
 from auvbench.statistics.intervals import Estimate
 
 DAGGER = "†"
@@ -87,7 +87,7 @@ def column_of(measure: str, weight: int = 0) -> Heading:
     >>> column_of("mean_path_length_m").text, column_of("success_rate").text
     ('path length (m)', 'success (%)')
     """
-    for m in METRICS:
+    for m in metrics.registered():
         if m.measure == measure:
             return Heading(m.title, m.table_unit, m.latex, False, measure, m.scale, m.definition, weight)
     return Heading(measure.removeprefix("mean_").replace("_", " "), metric=measure, weight=weight)
@@ -95,7 +95,7 @@ def column_of(measure: str, weight: int = 0) -> Heading:
 
 def in_order(measures: Iterable[str]) -> list[str]:
     """Return metrics in the order of the registry, unknown ones last."""
-    order = {metric.measure: place for place, metric in enumerate(METRICS)}
+    order = {metric.measure: place for place, metric in enumerate(metrics.registered())}
     return sorted(measures, key=lambda name: (order.get(name, len(order)), name))
 
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from auvbench import metrics
 from auvbench.analysis.measures import measure, measures
 from auvbench.analysis.ranking import ALL_PAIRS, rank
 from auvbench.errors import ReportError
-from auvbench.metrics import METRICS
 from auvbench.statistics import EPISODES_ONLY, MIXED, SEEDS_AND_EPISODES, holm, mcnemar
 from tests.unit.analysis.agents import agent
 
@@ -166,7 +166,7 @@ def test_direction_follows_the_measure():
     assert rank([rich, poor], rank_by="collision_rate").rows[0].estimates["collision_rate"].value == min(
         (x.outcome == 1).mean() for x in (rich, poor)
     )
-    assert {m.name for m in METRICS if m.kind in ("episode", "derived")} == {
+    assert {m.name for m in metrics.registered() if m.kind in ("episode", "derived")} == {
         m.column for m in measures().values()
     } - {"outcome"}
 

@@ -1,0 +1,237 @@
+"""Define what the schemas of the `task` group and the specs of tasks have in common.
+
+Each task of auvbench's own has one module here, with its schema, its metrics and its spec. Importing a module of this
+package imports no code of a task.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from auvbench import metrics, record
+from auvbench.config.schema import choice, choice_of, later, number
+from auvbench.config.schema import name as plain_name
+from auvbench.errors import ConfigError, closest
+from auvbench.metrics import Metric
+from auvbench.registry import BLOCKS, TASKS, Spec
+from auvbench.untrusted.text import short
+
+THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
+STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
+ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")
+
+FOUR_ENDS = ("success", "collision", "timeout", "out_of_bounds")
+TRACKING = ("tracking", "exponential", "marinegym_hover")
+
+
+@dataclass(kw_only=True)
+class Task:
+    """Keys of every task."""
+
+    name: str = choice_of(lambda: TASKS.own)
+    depth_low: float = number(-1e4, 0.0)  # m
+    depth_high: float = number(-1e4, 0.0)  # m
+    max_steps: int = number(1, 10_000_000)
+    time_limit: float | None = later(number(0.0, 1e7, open_low=True))  # s
+    position_frame: str = choice("world", "body")
+    observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
+    block_packages: dict[str, str] = field(default_factory=dict)  # releases by block; `complete` writes them
+    history: int = later(number(1, 64), 1)
+
+    def check(self) -> None:
+        """Refuse values with which no episode can succeed.
+
+        Raises:
+            ConfigError: names the key, the value and the valid range.
+        """
+
+    def check_length(self, frequency: float) -> None:
+        """Refuse episodes that are too short for the measure, or so long that the reference leaves the water.
+
+        Args:
+            frequency: agent steps per second, Hz.
+
+        Raises:
+            ConfigError: names the key, the value and the valid range.
+        """
+
+    def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
+        """Return the largest distances to the reference in m, along the axes of `position_frame`.
+
+        Args:
+            speed: largest speed over ground, m/s.
+            seconds: length of an episode.
+            frequency: agent steps per second, Hz.
+        """
+        raise NotImplementedError
+
+    def card(self) -> dict[str, Any]:
+        """Return what the card of an exported policy says of the task, beyond what it says of each task."""
+        return {}
+
+
+@dataclass(kw_only=True)
+class Preview:
+    """Future points of the reference."""
+
+    points: int = number(0, 32)
+    interval: float = number(0.0, 1e3, open_low=True)  # s
+
+
+@dataclass(kw_only=True)
+class Tracked(Task):
+    """Keys of every task whose reference has its own yaw."""
+
+    position_frame: str = choice("body")
+    bounds: float = number(0.0, 1e4, open_low=True)  # m, largest distance from the reference
+    preview: Preview
+
+    def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
+        most = self.bounds + speed / frequency  # The last step may lead out of bounds.
+        return most, most, most
+
+
+@dataclass(kw_only=True)
+class TaskConfig(Tracked):
+    """Task of an installed package; a subclass adds its own keys."""
+
+    name: str = plain_name()
+    package: str
+
+
+@dataclass(frozen=True, slots=True)
+class TaskSpec(Spec):
+    """Description of one value of `task.name`, available without importing its code."""
+
+    base: ClassVar[type] = TaskConfig
+
+    name: str
+    title: str
+    """title in tables and sentences"""
+    factory: str
+    """`module:class` of the task"""
+    primary: str
+    """measure that ranks the agents (`analysis.measures`)"""
+    blocks: tuple[str, ...]
+    """observation blocks that the task can supply"""
+    outcomes: tuple[str, ...]
+    """outcomes of its episodes, names in `record.OUTCOMES`"""
+    rewards: tuple[str, ...]
+    """rewards that suit the task"""
+    needs_thrusters: bool = True
+    """whether the task needs a vehicle with thrust along each axis and about the vertical"""
+    has_yaw: bool = True
+    """whether the reference has its own yaw; otherwise its yaw is its bearing"""
+    schema: type | None = None
+    """schema of its configuration; in a package, derived from `TaskConfig`"""
+    failures: tuple[str, ...] = ("collision", "out_of_bounds")
+    """outcomes of a failed episode, in which every error counts as its bound (`Metric.failed`)"""
+    goal: str = "goal"
+    """what the reference at the end is called in sentences and pictures"""
+    reached: str = ""
+    """plural of what a successful agent reaches, for sentences; empty: it succeeds in episodes"""
+    fixed_start: bool = False
+    """whether each episode begins at `task.start`"""
+    free_goal: bool = False
+    """whether `reset` may place the goal, as seen from a fixed start: options waypoint and distance"""
+    path: bool = False
+    """whether the reference is a path, and its point of now goes along with the vehicle"""
+    holds: bool = False
+    """whether the vehicle is to stay at the reference until the time is up"""
+    at_rest: bool = False
+    """whether the reference is one pose at rest, which a pilot takes from /goal_pose"""
+    shared: tuple[str, ...] = metrics.SHARED
+    """metrics of several tasks that it has, names in `metrics.SHARED`"""
+    metrics: tuple[Metric, ...] = ()
+    """metrics that only this task has (`metrics.column`)"""
+
+    @property
+    def code(self) -> str:
+        """Return `module:class` of the task."""
+        return self.factory
+
+    def fault(self) -> str:
+        for what, values, known in (
+            ("block", self.blocks, BLOCKS.names()),
+            ("outcome", self.outcomes, record.OUTCOMES),
+        ):
+            for value in values:
+                if value not in known:
+                    return f"declares the {what} {short(repr(value))}; {closest(str(value), known)}"
+        for metric in self.metrics:
+            column = isinstance(metric, Metric) and metric.kind in ("episode", "scenario")
+            if not column or not re.fullmatch(r"[a-z]\w*", metric.name) or not metric.low < metric.high:
+                return f"declares {short(repr(metric))} as a metric; make it by auvbench.plugin.column"
+            if metric.after not in (places := [general.name for general in metrics.METRICS]):
+                return f"places the metric {metric.name} after {short(repr(metric.after))}; {closest(metric.after, places)}"
+        if self.free_goal and not self.fixed_start:
+            return "has a free goal without a fixed start"
+        own = tuple(metric.measure for metric in self.metrics if metric.better)
+        ranks = (*record.measure_names(), *own)
+        if self.primary not in ranks:
+            return f"is ranked by {short(repr(self.primary))}, which is not a measure; {closest(self.primary, ranks)}"
+        return ""
+
+    def enter(self) -> None:
+        taken = {metric.name for metric in metrics.registered() if metric.tasks != (self.name,)}
+        for metric in self.metrics:
+            if metric.name in taken:
+                raise ValueError(
+                    f"has the metric {metric.name}, a name that another metric has; choose another name"
+                )
+        record.forget()
+
+    def leave(self) -> None:
+        record.forget()
+
+
+def blocks(task: Any) -> Sequence[str]:
+    """Return the blocks of a task's observation, without an empty `preview`."""
+    none = {"preview"} if isinstance(task, Tracked) and task.preview.points == 0 else set()
+    return [name for name in task.observation if name not in none]
+
+
+def check_observation(task: Task) -> None:
+    """Raise ConfigError for an observation that the task cannot supply.
+
+    Raises:
+        ConfigError: the message names the block and the closest one, or what is missing.
+    """
+    own = TASKS[task.name].blocks
+    known = tuple(dict.fromkeys([*own, *(name for name in BLOCKS.names() if name not in BLOCKS.own)]))
+    for name in task.observation:
+        if name in task.block_packages:
+            _check_reads(task, name)
+        elif name not in own:
+            raise ConfigError(
+                f"task.observation: {name} is not a block of task={task.name}; {closest(name, known)}"
+            )
+        if task.observation.count(name) > 1:
+            raise ConfigError(f"task.observation: {name} occurs twice")
+    if not task.observation:
+        raise ConfigError(f"task.observation=[]: must have at least one block: {', '.join(known)}")
+
+
+def _check_reads(task: Task, name: str) -> None:
+    """Refuse a package's block that reads what the task does not have."""
+    own, reads = TASKS[task.name].blocks, BLOCKS[name].reads
+    points = task.preview.points if isinstance(task, Tracked) and "preview" in own else 0
+    for what, able, hint in (
+        ("goal", "goal_error" in own, ""),
+        ("preview", points > 0, "; task.preview.points sets it" if "preview" in own else ""),
+        ("task", name in own, ""),
+    ):
+        if what in reads and not able:
+            thing = f"fields that only other tasks have, not task={task.name}" if what == "task" else ""
+            raise ConfigError(
+                f"task.observation: {name} of {task.block_packages[name]} reads "
+                f"{thing or f'the {what}, which task={task.name} does not have here'}{hint}"
+            )
+
+
+def primary_of(name: str) -> str:
+    """Return the measure that ranks the agents of a task; for an unknown task, the waypoint task's."""
+    return TASKS.get(name, TASKS["waypoint"]).primary
