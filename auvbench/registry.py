@@ -311,24 +311,16 @@ def _files(package: str, *names: str) -> dict[str, str]:
 
 
 _ALGORITHMS = "auvbench.config.algorithms"
-_LEARNERS = (
-    "ppo",
-    "sac",
-    "ddpg",
-    "td3",
-    "tqc",
-    "crossq",
-    "trpo",
-    "recurrent_ppo",
-    "ppo_residual",
-    "sac_residual",
-)
-_CONTROLLERS = ("pid", "alos", "lqr", "smc", "mpc", "random", "onnx", "ardusub")
+_SB3 = ("ppo", "sac", "ddpg", "td3", "tqc", "crossq", "trpo", "recurrent_ppo")
 AGENTS: Kind[AgentSpec] = Kind(
     "auvbench.agents",
     "algo.agent",
     f"{_ALGORITHMS}:AgentSpec",
-    _lines(_ALGORITHMS, *_LEARNERS, *_CONTROLLERS),
+    {
+        **_lines(f"{_ALGORITHMS}.sb3", *_SB3),
+        **_lines(f"{_ALGORITHMS}.residual", "ppo_residual", "sac_residual"),
+        **_files(_ALGORITHMS, "pid", "alos", "lqr", "smc", "mpc", "random", "onnx", "ardusub"),
+    },
 )
 
 _TASKS = "auvbench.config.tasks"

@@ -23,7 +23,8 @@ from auvbench.ardusub import sitl
 from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
 from auvbench.ardusub.radio import MODES, dialect
 from auvbench.ardusub.sensors import Sensors
-from auvbench.config import algorithms, schema, simulators
+from auvbench.config import schema, simulators
+from auvbench.config.algorithms.ardusub import ArduSub
 from auvbench.config.disturbances import COMMANDS, READINGS, TIMING, alterations
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.runs import interruption
@@ -48,7 +49,7 @@ class ArduSubAgent:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo
-        assert isinstance(algo, algorithms.ArduSub)
+        assert isinstance(algo, ArduSub)
         self._algo = algo
         try:
             self._motors = motors_of(vehicle)
@@ -123,7 +124,7 @@ class Piloted(FossenSimulator):
     command, 1100 to 1900 us to -1 to 1, so that ArduSub has the same thruster forces as every agent.
     """
 
-    def __init__(self, vehicle: VehicleModel, motors: Motors, algo: algorithms.ArduSub, path: Path) -> None:
+    def __init__(self, vehicle: VehicleModel, motors: Motors, algo: ArduSub, path: Path) -> None:
         super().__init__(vehicle, 1)
         self.outputs = np.zeros((1, len(vehicle.actuators)))
         """(1, n_u) commands in [-1, 1] from ArduSub's present PWM"""

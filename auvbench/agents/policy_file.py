@@ -7,7 +7,8 @@ from hashlib import sha256
 from pathlib import Path
 
 from auvbench.agents.base import Actions, Integers, Observations
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.onnx import ONNX
 from auvbench.policies import exported
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -18,7 +19,7 @@ class PolicyFile:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo
-        assert isinstance(algo, algorithms.ONNX)
+        assert isinstance(algo, ONNX)
         self._sha256 = algo.sha256
         self._n_u = len(vehicle.actuators)
         self._spec = observation_spec(config.task, vehicle.actuators)

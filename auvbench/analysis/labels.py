@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from auvbench.config.algorithms import BASES
+from auvbench.config.algorithms.residual import BASES
 from auvbench.registry import AGENTS
 from auvbench.untrusted.text import plain
 

@@ -31,7 +31,7 @@ from omegaconf import DictConfig, open_dict
 from auvbench.ardusub.protocol import LARGEST, Packet, PacketError, SensorState, parse, reply
 from auvbench.ardusub.radio import MANUAL, Radio, loopback_socket, used
 from auvbench.ardusub.sensors import GRAVITY
-from auvbench.config import algorithms
+from auvbench.config.algorithms.ardusub import ArduSub
 from auvbench.errors import ConfigError, TrainingError
 
 VARIABLE = "AUVBENCH_ARDUSUB"
@@ -235,7 +235,7 @@ def _end(process: subprocess.Popen[bytes], folder: Path, sockets: tuple[socket.s
     shutil.rmtree(folder, ignore_errors=True)
 
 
-def settled(config: DictConfig, algo: algorithms.ArduSub) -> DictConfig:
+def settled(config: DictConfig, algo: ArduSub) -> DictConfig:
     """Return a composed configuration with the digest of its ArduSub.
 
     Args:

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from auvbench.config.fields import require
 from auvbench.config.schema import step_limit
-from auvbench.errors import ConfigError
 
 
 def length(task: Any, frequency: float) -> tuple[int, str]:
@@ -31,7 +31,4 @@ def refuse(wrong: bool, key: str, task: Any, what: str, why: str = "") -> None:
         what: valid values.
         why: reason.
     """
-    if wrong:
-        value = getattr(task, key)
-        shown = f"{value:.12g}" if isinstance(value, float) else value
-        raise ConfigError(f"task.{key}={shown}: must {what}{f': {why}' if why else ''}")
+    require(not wrong, f"task.{key}", getattr(task, key), f"{what}{f': {why}' if why else ''}")

@@ -1,4 +1,4 @@
-"""Make the fields of schemas: types and valid ranges, no defaults."""
+"""Make the fields of schemas, types and valid ranges without defaults, and refuse values that contradict each other."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from collections.abc import Callable, Collection
 from dataclasses import field, is_dataclass
 from typing import Any, get_args, get_type_hints
+
+from auvbench.errors import ConfigError
 
 INF = math.inf
 
@@ -35,6 +37,17 @@ def later(declared: Any, default: Any = None) -> Any:
 def name() -> Any:
     """Return a field for a part of a path: letters, digits, dots, dashes and underscores."""
     return field(metadata={"name": True})
+
+
+def show(value: Any) -> str:
+    """Return a value as messages show it."""
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
+
+
+def require(holds: bool, key: str, value: Any, what: str) -> None:
+    """Raise ConfigError, `key=value: must ...`, unless `holds` is true."""
+    if not holds:
+        raise ConfigError(f"{key}={show(value)}: must {what}")
 
 
 def keys(kind: type, prefix: str = "") -> dict[str, Any]:

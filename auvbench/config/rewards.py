@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from auvbench.config.disturbances import below
 from auvbench.config.schema import choice_of, later, number
 from auvbench.config.schema import keys as schema_keys
 from auvbench.config.schema import name as plain_name
@@ -21,6 +22,13 @@ class Reward:
 
     name: str = choice_of(lambda: REWARDS.own)
     k: float = number(0.0, 1e6)
+
+    def check(self) -> None:
+        """Refuse values that contradict each other.
+
+        Raises:
+            ConfigError: names the key, the value and the valid range.
+        """
 
 
 @dataclass(kw_only=True)
@@ -108,6 +116,9 @@ class GymDockauv(Reward):
     timeout: float = number(-1e9, 1e9)
     collision: float = number(-1e9, 1e9)
 
+    def check(self) -> None:
+        below("reward.near", self.near, "reward.far", self.far, strictly=True)
+
 
 @dataclass(frozen=True, slots=True)
 class RewardSpec(Spec):
@@ -141,10 +152,17 @@ thesis = RewardSpec("thesis", "auvbench.tasks.rewards:thesis", Thesis)
 tracking = RewardSpec("tracking", "auvbench.tasks.rewards:tracking", Tracking)
 exponential = RewardSpec("exponential", "auvbench.tasks.rewards:exponential", Exponential)
 marinegym_hover = RewardSpec("marinegym_hover", "auvbench.tasks.rewards:marinegym_hover", MarineGymHover)
-gym_auv_path = RewardSpec("gym_auv_path", "auvbench.tasks.rewards:gym_auv_path", GymAuvPath)
-gym_dockauv = RewardSpec("gym_dockauv", "auvbench.tasks.rewards:gym_dockauv", GymDockauv)
+gym_auv_path = RewardSpec(
+    "gym_auv_path", "auvbench.tasks.rewards:gym_auv_path", GymAuvPath, ("path_following",)
+)
+gym_dockauv = RewardSpec("gym_dockauv", "auvbench.tasks.rewards:gym_dockauv", GymDockauv, ("docking",))
 goal = RewardSpec("goal", "auvbench.tasks.rewards:goal", Goal)
 path = RewardSpec("path", tracking.code, Tracking)
+
+
+def suitable(task: str) -> tuple[str, ...]:
+    """Return the rewards that are available for a task."""
+    return (*TASKS[task].rewards, *(name for name, spec in REWARDS.items() if task in spec.tasks))
 
 
 def check_reward(task: str, reward: str) -> None:
@@ -153,7 +171,7 @@ def check_reward(task: str, reward: str) -> None:
     Raises:
         ConfigError: the message names the available rewards.
     """
-    able = (*TASKS[task].rewards, *(name for name, spec in REWARDS.items() if task in spec.tasks))
+    able = suitable(task)
     if reward not in able:
         raise ConfigError(
             f"reward.name={reward}: is not available for task={task}; use reward={' or '.join(able)}"

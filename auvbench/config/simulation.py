@@ -8,8 +8,9 @@ from typing import Any
 
 from omegaconf import DictConfig
 
+from auvbench.config.fields import require
 from auvbench.config.schema import choice, number
-from auvbench.config.validate import require, structured
+from auvbench.config.validate import structured
 
 UNIT_TOLERANCE = 1e-3
 """Largest deviation of a quaternion's length from 1; enough for four typed digits. The quaternion is then

@@ -9,8 +9,9 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import schema
+from auvbench.config.fields import require
 from auvbench.config.schema import choice, number
-from auvbench.config.validate import evaluate_protocol, require, resolved, structured
+from auvbench.config.validate import evaluate_protocol, resolved, structured
 from auvbench.errors import ConfigError
 
 STREAM = "validation"

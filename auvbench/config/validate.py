@@ -14,6 +14,7 @@ from omegaconf.errors import MissingMandatoryValue
 
 from auvbench.config import algorithms, rewards, schema, simulators, tasks
 from auvbench.config.disturbances import asking, below
+from auvbench.config.fields import require, show
 from auvbench.errors import ConfigError, closest
 from auvbench.registry import AGENTS
 from auvbench.untrusted.text import short
@@ -63,11 +64,7 @@ def check_value(key: str, value: Any, rule: Mapping[str, Any]) -> None:
     if "low" in rule:
         low, high, open_low = rule["low"], rule["high"], rule["open_low"]
         if value < low or (open_low and value == low) or value > high:
-            raise ConfigError(f"{key}={_show(value)}: must be {_range(low, high, open_low)}")
-
-
-def _show(value: Any) -> str:
-    return f"{value:.12g}" if isinstance(value, float) else str(value)
+            raise ConfigError(f"{key}={show(value)}: must be {_range(low, high, open_low)}")
 
 
 def _range(low: float, high: float, open_low: bool) -> str:
@@ -113,7 +110,7 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
     if not isinstance(typed, kind):
         raise ConfigError(f"{key or 'this'}: is not a {kind.__name__}; start from the file in conf/")
     for group, wanted in (
-        ("algo", object),
+        ("algo", algorithms.Algorithm | algorithms.AgentConfig),
         ("simulator", simulators.Simulator),
         ("task", tasks.Task),
         ("reward", rewards.Reward),
@@ -181,12 +178,6 @@ def evaluate_protocol(protocol: schema.Protocol) -> None:
         require(names.count(name) == 1, f"{key}.name", name, "be unique")
 
 
-def require(holds: bool, key: str, value: Any, what: str) -> None:
-    """Raise ConfigError, `key=value: must ...`, unless `holds` is true."""
-    if not holds:
-        raise ConfigError(f"{key}={_show(value)}: must {what}")
-
-
 def check_across(config: schema.TrainConfig) -> None:
     """Check rules that span several keys.
 
@@ -196,8 +187,7 @@ def check_across(config: schema.TrainConfig) -> None:
     task, noise, frequency = config.task, config.noise, config.step.frequency
     _task(task)
     rewards.check_reward(task.name, config.reward.name)
-    if isinstance(config.reward, rewards.GymDockauv):
-        below("reward.near", config.reward.near, "reward.far", config.reward.far, strictly=True)
+    config.reward.check()
     for name in ("position", "yaw", "command"):
         span = getattr(noise, name)
         below(f"noise.{name}.low", span.low, f"noise.{name}.high", span.high)
@@ -218,7 +208,7 @@ def check_across(config: schema.TrainConfig) -> None:
         "server's vehicles from its episodes"
     )
     require(alone, "train.evaluate_every", config.train.evaluate_every, what)
-    _algorithm(config.algo)
+    config.algo.check()
 
 
 def _task(task: tasks.Task) -> None:
@@ -239,55 +229,3 @@ def _task(task: tasks.Task) -> None:
             below(f"task.{low_key}", getattr(task, low_key), f"task.{high_key}", getattr(task, high_key))
     task.check()
     tasks.check_observation(task)
-
-
-def _algorithm(algo: algorithms.Algorithm) -> None:
-    """Check rules that span several keys of `algo`."""
-    if isinstance(algo, algorithms.OnPolicy):
-        rollout = algo.n_steps * algo.n_envs
-        samples = f"algo.n_steps x algo.n_envs = {rollout}"
-        require(rollout % algo.batch_size == 0, "algo.batch_size", algo.batch_size, f"divide {samples}")
-        require(rollout >= 2, "algo.n_steps", algo.n_steps, "be at least 2 with one environment")
-        if isinstance(algo, algorithms.TRPO):
-            factor, shrinking = algo.sub_sampling_factor, algo.line_search_shrinking_factor
-            left = f"leave at least 2 of the {samples} samples"
-            require(rollout >= 2 * factor, "algo.sub_sampling_factor", factor, left)
-            require(shrinking < 1.0, "algo.line_search_shrinking_factor", shrinking, "be less than 1")
-    for key in ("net_arch", "critic_net_arch"):
-        widths = getattr(algo, key, ())
-        fits = not isinstance(algo, algorithms.Network) or all(width > 0 for width in widths)
-        require(fits, f"algo.{key}", widths, "have widths of at least 1")
-    if isinstance(algo, algorithms.OffPolicy):
-        steps, size, n = algo.gradient_steps, algo.buffer_size, algo.n_envs
-        every = "be at least 1, or -1 for as many as environment steps"
-        require(steps != 0, "algo.gradient_steps", steps, every)
-        require(size >= n, "algo.buffer_size", size, f"be at least algo.n_envs={n}")
-        fits = algo.updates == "sb3" or algo.activation == "relu"
-        what = f"be relu with algo.updates={algo.updates}; algo.updates=sb3 takes every activation"
-        require(fits, "algo.activation", algo.activation, what)
-    if isinstance(algo, algorithms.Entropy):
-        for key in ("ent_coef", "target_entropy"):
-            value = getattr(algo, key)
-            fits = value == "auto" or _is_number(value.removeprefix("auto").removeprefix("_"))
-            require(fits, f"algo.{key}", value, "be auto, auto_<initial value> or a number")
-    if isinstance(algo, algorithms.TQC):
-        dropped, quantiles = algo.top_quantiles_to_drop_per_net, f"algo.n_quantiles={algo.n_quantiles}"
-        key = "algo.top_quantiles_to_drop_per_net"
-        require(dropped < algo.n_quantiles, key, dropped, f"be less than {quantiles}")
-    if isinstance(algo, algorithms.CrossQ):
-        what = "be at least 2 for batch normalisation"
-        require(algo.batch_size >= 2, "algo.batch_size", algo.batch_size, what)
-    residual = getattr(algo, "residual", None)
-    if isinstance(residual, algorithms.Residual):
-        names = list(residual.bases)
-        require(len(names) == 1, "algo.residual", " and ".join(names) or "{}", "have exactly one controller")
-        agent, name = residual.base.agent, names[0]
-        require(agent == name, f"algo.residual.{name}.agent", agent, f"be {name}")
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True

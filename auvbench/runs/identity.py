@@ -12,7 +12,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from auvbench.config.algorithms import BASES, learns
+from auvbench.config.algorithms import learns
+from auvbench.config.algorithms.residual import BASES
 from auvbench.untrusted.text import short
 
 SCHEMA_VERSION = 1

@@ -11,7 +11,9 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf, open_dict
 
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.ardusub import ArduSub
+from auvbench.config.algorithms.onnx import ONNX
 from auvbench.config.compose import once_for_all_seeds, typed
 from auvbench.config.validate import resolved, train_config
 from auvbench.errors import ConfigError
@@ -109,9 +111,9 @@ def plan(config: DictConfig) -> Plan:
     """
     checked = train_config(config)
     vehicle = check_vehicle(checked)
-    if isinstance(checked.algo, algorithms.ONNX):
+    if isinstance(checked.algo, ONNX):
         config = _with_policy(config, checked, checked.algo, vehicle)
-    elif isinstance(checked.algo, algorithms.ArduSub):
+    elif isinstance(checked.algo, ArduSub):
         from auvbench.ardusub import sitl
 
         config = sitl.settled(config, checked.algo)
@@ -153,7 +155,7 @@ LONGEST = 80
 
 
 def _with_policy(
-    config: DictConfig, typed: schema.TrainConfig, algo: algorithms.ONNX, vehicle: VehicleModel
+    config: DictConfig, typed: schema.TrainConfig, algo: ONNX, vehicle: VehicleModel
 ) -> DictConfig:
     """Return the configuration with digest and name of its policy's file.
 

@@ -11,8 +11,11 @@ import numpy as np
 
 from auvbench import tracking
 from auvbench.agents import base as agents
-from auvbench.config import algorithms, complete, schema, simulators
+from auvbench.config import complete, schema, simulators
 from auvbench.config.algorithms import learns
+from auvbench.config.algorithms.ardusub import ArduSub
+from auvbench.config.algorithms.onnx import ONNX
+from auvbench.config.algorithms.residual import Residual
 from auvbench.errors import AuvbenchError, TrainingError
 from auvbench.registry import AGENTS, SIMULATORS, resolve
 from auvbench.runs import integrity, interruption, provenance, status
@@ -46,7 +49,7 @@ def check_runnable(config: schema.TrainConfig) -> None:
     if check := SIMULATORS[config.simulator.name].check:
         resolve(check)(config.simulator, vehicle)
     residual = getattr(config.algo, "residual", None)
-    algo = residual.base if isinstance(residual, algorithms.Residual) else config.algo
+    algo = residual.base if isinstance(residual, Residual) else config.algo
     if algo.agent in AGENTS.own and not learns(algo):
         agents.make(dataclasses.replace(config, algo=algo), vehicle)
 
@@ -127,12 +130,12 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
     """Try an agent from elsewhere that does not learn here; return the files to record in the manifest."""
     if complete.releases(config):
         _try(config)
-    if isinstance(config.algo, algorithms.ArduSub):
+    if isinstance(config.algo, ArduSub):
         from auvbench.agents.ardusub import ArduSubAgent
 
         vehicle = sheet.load(config.vehicle)
         ArduSubAgent(config, vehicle).check(vehicle)
-    if not isinstance(config.algo, algorithms.ONNX):
+    if not isinstance(config.algo, ONNX):
         return {}
     from auvbench.agents.policy_file import PolicyFile
     from auvbench.evaluation.evaluate import make_agent

@@ -75,13 +75,35 @@ def test_each_kind_has_an_example_that_exists(kind: str) -> None:
 
 
 def test_a_task_of_auvbench_is_its_code_its_declaration_its_yaml_and_a_line() -> None:
-    """`scenario_sets.py` has its published scenario sets."""
+    """A reward is for this task only, and `scenario_sets.py` has its published scenario sets."""
     assert house.naming("docking", "conf/task") == [
+        "auvbench/config/rewards.py",
         "auvbench/config/tasks/docking.py",
         "auvbench/evaluation/scenario_sets.py",
         "auvbench/registry.py",
         "auvbench/tasks/docking.py",
         "conf/task/docking.yaml",
+    ]
+
+
+def test_an_agent_of_auvbench_is_its_code_its_declaration_its_yaml_and_a_line() -> None:
+    """A residual learner and a pilot take LQR too."""
+    assert house.naming("lqr", "conf/algo") == [
+        "auvbench/agents/classical/lqr.py",
+        "auvbench/commands/pilot.py",
+        "auvbench/config/algorithms/lqr.py",
+        "auvbench/config/algorithms/residual.py",
+        "auvbench/registry.py",
+        "conf/algo/lqr.yaml",
+    ]
+
+
+def test_a_reward_of_auvbench_is_its_code_its_declaration_its_yaml_and_a_line() -> None:
+    assert house.naming("gym_dockauv", "conf/reward") == [
+        "auvbench/config/rewards.py",
+        "auvbench/registry.py",
+        "auvbench/tasks/rewards.py",
+        "conf/reward/gym_dockauv.yaml",
     ]
 
 

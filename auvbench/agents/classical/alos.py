@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 
 from auvbench.agents.classical.cascade import Estimator, wrap
 from auvbench.agents.classical.pid import STEEPEST, FinController, PIDController
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.alos import ALOS
 from auvbench.config.tasks import blocks
 from auvbench.errors import ConfigError
 from auvbench.registry import TASKS
@@ -71,7 +72,7 @@ class Guidance(Estimator):
     """Readings of N vehicles, and the guidance law with its learned angles."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-        assert isinstance(config.algo, algorithms.ALOS)
+        assert isinstance(config.algo, ALOS)
         self.gains = config.algo
         spec = observation_spec(config.task, vehicle.actuators)
         super().__init__(1.0 / config.step.frequency, config.algo.filter_time, spec)

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.cascade import Cascade as Gains
 from auvbench.errors import ConfigError
 from auvbench.observation import BODY, ObservationSpec
 from auvbench.tasks.observation import observation_spec
@@ -177,7 +178,7 @@ class Cascade:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
-        assert isinstance(gains, algorithms.Cascade)
+        assert isinstance(gains, Gains)
         if others := vehicle.others:
             raise ConfigError(
                 f"algo={gains.name} needs a vehicle with only thrusters; vehicle={vehicle.name} also has "

@@ -15,7 +15,8 @@ from scipy.linalg import expm, solve_discrete_are
 
 from auvbench.agents.base import Integers
 from auvbench.agents.classical.cascade import YAW, Cascade
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.lqr import LQR
 from auvbench.dynamics.rigid_body import GZ_SIM_8_11, coriolis, early
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -31,7 +32,7 @@ class LQRController(Cascade):
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
-        assert isinstance(gains, algorithms.LQR)
+        assert isinstance(gains, LQR)
         super().__init__(config, vehicle)
         self.gain = lqr_gain(vehicle, gains, self.dt)
 
@@ -56,7 +57,7 @@ class LQRController(Cascade):
         self.integral -= np.where(free[:, None], self.dt * miss, 0.0)
 
 
-def lqr_gain(vehicle: VehicleModel, gains: algorithms.LQR, dt: float) -> Floats:
+def lqr_gain(vehicle: VehicleModel, gains: LQR, dt: float) -> Floats:
     """Return the gain (4, 8): wrench (X, Y, Z, N) in N, N m from (missing u, v, w; yaw error; yaw rate;
     integrals of the missing velocity).
     """

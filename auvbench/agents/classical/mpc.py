@@ -28,7 +28,8 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.observer import Observer
 from auvbench.agents.classical.shooting import Program
-from auvbench.config import algorithms, schema, tasks
+from auvbench.config import schema, tasks
+from auvbench.config.algorithms.mpc import MPC
 from auvbench.registry import TASKS
 from auvbench.vehicles.symbolic import symbolic
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -60,7 +61,7 @@ class MPCController:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo
-        assert isinstance(algo, algorithms.MPC)
+        assert isinstance(algo, MPC)
         self.vehicle = vehicle
         model = symbolic(vehicle)
         self.observer = Observer(model, config)

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.cascade import YAW, Cascade, Estimator, to_level
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.pid import PID
 from auvbench.errors import ConfigError
 from auvbench.registry import TASKS
 from auvbench.tasks.observation import observation_spec
@@ -45,7 +46,7 @@ class PIDController(Cascade):
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
-        assert isinstance(gains, algorithms.PID)
+        assert isinstance(gains, PID)
         self.gains = gains
         super().__init__(config, vehicle)
 
@@ -97,7 +98,7 @@ class FinController:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
-        assert isinstance(gains, algorithms.PID)
+        assert isinstance(gains, PID)
         if gains.heading_integral_time is not None:
             raise ConfigError(
                 f"algo.heading_integral_time={gains.heading_integral_time:g}: not available for "

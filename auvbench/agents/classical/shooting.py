@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.classical.cascade import wrap
-from auvbench.config import algorithms
+from auvbench.config.algorithms.mpc import MPC
 from auvbench.vehicles.symbolic import SymbolicModel, require
 
 Floats = NDArray[np.float64]
@@ -57,7 +57,7 @@ class Plan:
 class Program:
     """Optimal control problem, linearised about a plan and solved once per call."""
 
-    def __init__(self, model: SymbolicModel, algo: algorithms.MPC) -> None:
+    def __init__(self, model: SymbolicModel, algo: MPC) -> None:
         ca = require()
         self.model = model
         self.N = sum(BLOCKS)

@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from auvbench.agents.base import Integers
 from auvbench.agents.classical.cascade import YAW, Cascade
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.smc import SMC
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -32,7 +33,7 @@ class SMCController(Cascade):
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         gains = config.algo
-        assert isinstance(gains, algorithms.SMC)
+        assert isinstance(gains, SMC)
         self.gains = gains
         super().__init__(config, vehicle)
 

@@ -23,7 +23,8 @@ from stable_baselines3.common.running_mean_std import RunningMeanStd
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.sb3 import TQC, CrossQ, Entropy, Network, OffPolicy, OnPolicy, RecurrentPPO
 from auvbench.config.schema import discount
 from auvbench.errors import ActionError, AuvbenchError, TrainingError
 from auvbench.registry import AGENTS, resolve
@@ -71,9 +72,9 @@ def arguments(config: schema.TrainConfig, environment: VecEnv) -> dict[str, Any]
     }
     if algo.learning_rate_schedule == "linear":
         options["learning_rate"] = LinearSchedule(algo.learning_rate, 0.0, 1.0)
-    if isinstance(algo, algorithms.OffPolicy):
+    if isinstance(algo, OffPolicy):
         options["train_freq"] = (algo.train_freq, "step")
-    if isinstance(algo, algorithms.Entropy):
+    if isinstance(algo, Entropy):
         options["ent_coef"] = _number_or_auto(algo.ent_coef)
         options["target_entropy"] = _number_or_auto(algo.target_entropy)
     if scale := options.pop("action_noise", 0.0):
@@ -87,28 +88,28 @@ def _number_or_auto(value: str) -> str | float:
     return value if value.startswith("auto") else float(value)
 
 
-def policy_name(algo: algorithms.Network) -> str:
+def policy_name(algo: Network) -> str:
     """Return SB3's name of the policy."""
-    return "MlpLstmPolicy" if isinstance(algo, algorithms.RecurrentPPO) else "MlpPolicy"
+    return "MlpLstmPolicy" if isinstance(algo, RecurrentPPO) else "MlpPolicy"
 
 
-def policy_arguments(algo: algorithms.Network) -> dict[str, Any]:
+def policy_arguments(algo: Network) -> dict[str, Any]:
     """Return the arguments of the policy's networks."""
     arguments: dict[str, Any] = {
         "net_arch": list(algo.net_arch),
         "activation_fn": ACTIVATIONS[algo.activation],
     }
-    if isinstance(algo, algorithms.OnPolicy):
+    if isinstance(algo, OnPolicy):
         arguments["log_std_init"] = algo.log_std_init
-    if isinstance(algo, algorithms.RecurrentPPO):
+    if isinstance(algo, RecurrentPPO):
         arguments |= {
             "lstm_hidden_size": algo.lstm_size,
             "n_lstm_layers": algo.lstm_layers,
             "enable_critic_lstm": algo.critic_lstm,
         }
-    if isinstance(algo, algorithms.TQC):
+    if isinstance(algo, TQC):
         arguments |= {"n_quantiles": algo.n_quantiles, "n_critics": algo.n_critics}
-    if isinstance(algo, algorithms.CrossQ):
+    if isinstance(algo, CrossQ):
         arguments |= {
             "net_arch": {"pi": list(algo.net_arch), "qf": list(algo.critic_net_arch)},
             "n_critics": algo.n_critics,

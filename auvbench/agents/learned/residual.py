@@ -25,7 +25,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 
 from auvbench.agents.base import Actions, Agent, Components, Integers, Observations, make
 from auvbench.agents.learned.sb3 import SB3Learner
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.residual import PPOResidual, SACResidual
 from auvbench.envs.batch import Batch, Transition
 from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -45,7 +46,7 @@ class Base:
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo
-        assert isinstance(algo, algorithms.PPOResidual | algorithms.SACResidual)
+        assert isinstance(algo, PPOResidual | SACResidual)
         own = dataclasses.replace(config, algo=algo.residual.base)
         self.share = algo.residual.share
         # Only these controllers are allowed, since they have `memory`.

@@ -20,7 +20,8 @@ from stable_baselines3.common.policies import BasePolicy
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.learned import learners
-from auvbench.config import algorithms, schema
+from auvbench.config import schema
+from auvbench.config.algorithms.residual import PPOResidual, SACResidual
 from auvbench.errors import RunError
 from auvbench.registry import AGENTS, resolve
 from auvbench.tasks.observation import observation_spec
@@ -177,7 +178,7 @@ def _read(path: Path) -> bytes:
 
 def observed(config: schema.TrainConfig, vehicle: VehicleModel) -> int:
     """Return the length of a learner's observation, including the controller's action for a residual learner."""
-    residual = isinstance(config.algo, algorithms.PPOResidual | algorithms.SACResidual)
+    residual = isinstance(config.algo, PPOResidual | SACResidual)
     n_u = len(vehicle.actuators)
     return observation_spec(config.task, vehicle.actuators).size + (n_u if residual else 0)
 

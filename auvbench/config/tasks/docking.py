@@ -47,7 +47,7 @@ SPEC = TaskSpec(
     "par1_time_s",
     (*ERRORS, "goal_error"),
     FOUR_ENDS,
-    ("goal", "tracking", "exponential", "gym_dockauv"),
+    ("goal", "tracking", "exponential"),
     schema=Docking,
     shared=("yaw_error_rms_rad", *POINTS),
     metrics=(

@@ -60,7 +60,7 @@ SPEC = TaskSpec(
     "mean_cross_track_rms_m",
     (*ERRORS, "preview"),
     FOUR_ENDS,
-    ("path", *TRACKING, "gym_auv_path"),
+    ("path", *TRACKING),
     needs_thrusters=False,
     failures=("collision", "timeout", "out_of_bounds"),
     schema=PathFollowing,

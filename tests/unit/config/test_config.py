@@ -2,22 +2,53 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
 from omegaconf import open_dict
 
 from auvbench.commands.tune import plan_of
+from auvbench.config.algorithms import AgentConfig
 from auvbench.config.compose import compose, typed
-from auvbench.config.validate import evaluate_config, train_config
+from auvbench.config.fields import number, require
+from auvbench.config.rewards import RewardConfig
+from auvbench.config.validate import check_across, evaluate_config, train_config
 from auvbench.errors import ConfigError
 from auvbench.registry import TASKS
+from tests import configs
+
+
+@dataclass(kw_only=True)
+class Gains(AgentConfig):
+    low: float = number(0.0)
+    high: float = number(0.0)
+
+    def check(self) -> None:
+        require(self.low < self.high, "algo.low", self.low, f"be below algo.high={self.high:g}")
+
+
+@dataclass(kw_only=True)
+class Prices(RewardConfig):
+    def check(self) -> None:
+        require(self.k < 9.0, "reward.k", self.k, "be below 9")
+
 
 CONF = Path(__file__).resolve().parents[3] / "conf"
 
 
 def options(group: str) -> list[str]:
     return sorted(path.stem for path in (CONF / group).glob("*.yaml"))
+
+
+def test_the_schemas_of_packages_agents_and_rewards_refuse_values_that_contradict_each_other():
+    config = configs.training("algo=pid")
+    gains = Gains(name="mine", agent="mine", n_envs=1, package="mine==1", learns=False, low=1.0, high=1.0)
+    with pytest.raises(ConfigError, match=r"algo\.low=1: must be below algo\.high=1"):
+        check_across(replace(config, algo=gains))
+    prices = Prices(name="thesis", package="mine==1", k=9.0)
+    with pytest.raises(ConfigError, match=r"reward\.k=9: must be below 9"):
+        check_across(replace(config, reward=prices))
 
 
 @pytest.mark.slow
