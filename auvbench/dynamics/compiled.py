@@ -18,6 +18,7 @@ from typing import Any, TypeVar, cast
 import numba
 from llvmlite.ir import Constant
 from numba import njit
+from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 INTERPRETED = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
@@ -27,12 +28,30 @@ PACKAGE = Path(__file__).parent.parent
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+NO_C: dict[str, Any] = {"no_cfunc_wrapper": True}
+"""Options of numba: no entry point for C, which nothing calls."""
+INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **NO_C}
+"""Options of functions that only compiled functions call."""
+
+
+class Inlined(CPUDispatcher):
+    """A compiled function that has no entry point for Python, which runs its source instead.
+
+    The entry point of each small function would take a third of the time to compile a loop.
+    """
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        return self.py_func(*arguments, **named)
+
 
 def inline(function: F) -> F:
     """Compile a small function into its callers, so that its tuples cost nothing and the callers' loops stay
-    vectorised.
+    vectorised. Python runs its source.
     """
-    return cast(F, njit(nogil=True, forceinline=True)(function))
+    dispatcher: Any = njit(nogil=True, **INLINED)(function)
+    if dispatcher is not function:  # NUMBA_DISABLE_JIT
+        dispatcher.__class__ = Inlined
+    return cast(F, dispatcher)
 
 
 @intrinsic
@@ -64,7 +83,7 @@ def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], An
     """
 
     def decorate(function: Callable[..., Any]) -> Any:
-        dispatcher: Any = njit(cache=True, nogil=True, **options)(function)
+        dispatcher: Any = njit(cache=True, nogil=True, **NO_C, **options)(function)
         if dispatcher is function:  # NUMBA_DISABLE_JIT: a debugger wants to see the Python
             return function
         paths = (Path(function.__code__.co_filename).parent, *(PACKAGE / folder for folder in folders))

@@ -8,9 +8,10 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
+from numba import njit
 
 import auvbench
-from auvbench.dynamics.compiled import fingerprint
+from auvbench.dynamics.compiled import fingerprint, inline
 
 PACKAGE = Path(auvbench.__file__).parent
 
@@ -137,3 +138,21 @@ def test_fingerprint_follows_content_and_names(tmp_path):
     assert taken() == first
     (tmp_path / "a.py").rename(tmp_path / "b.py")
     assert taken() != first
+
+
+@inline
+def doubled(x: float) -> float:
+    return 2.0 * x
+
+
+@njit
+def doubled_and_one(x: float) -> float:
+    return doubled(x) + 1.0
+
+
+def test_python_runs_the_source_of_an_inlined_function() -> None:
+    """Nothing is compiled for Python's sake."""
+    assert doubled(3.0) == 6.0
+    assert doubled.signatures == []
+    assert doubled_and_one(3.0) == 7.0
+    assert len(doubled.signatures) == 1
