@@ -119,6 +119,7 @@ soak: $(TOOLS) ## test kills, power cuts, flipped bits and faults of pilots for 
 	$(BIN)/python -m tests.soak.campaign --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.tuning --kills $(KILLS) --seed $$(date +%s) --folder "$$(mktemp -d)"
 	$(BIN)/python -m tests.soak.pilot --trials $(TRIALS) --seed $$(date +%s)
+	AUVBENCH_KILLS=$(KILLS) $(BIN)/python -m pytest -q tests/integration/test_sweeps.py -k killed
 
 lock: $(TOOLS) ## write the hashes of all files that an installation may use
 	$(PIP) uv

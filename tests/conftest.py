@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from multiprocessing import forkserver
@@ -17,8 +18,25 @@ from filelock import FileLock
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
 
+FILES = 60
+"""files whose times are printed"""
+
 Once = Callable[[str, Callable[[Path], object]], Path]
 Trained = Callable[[str], "RunDirectory"]
+
+
+def pytest_terminal_summary(terminalreporter: Any) -> None:
+    """Print the seconds of the slowest files, where the slowest tests are printed too."""
+    if not terminalreporter.config.getoption("durations"):
+        return
+    reports = [report for found in terminalreporter.stats.values() for report in found]
+    seconds: Counter[str] = Counter()
+    for report in reports:
+        if isinstance(report, pytest.TestReport):
+            seconds[report.nodeid.partition("::")[0]] += report.duration
+    terminalreporter.section(f"seconds of the slowest {FILES} files, {seconds.total():.0f} in total")
+    for file, duration in seconds.most_common(FILES):
+        terminalreporter.write_line(f"{duration:7.1f} {file}")
 
 
 @pytest.fixture(scope="session", autouse=True)

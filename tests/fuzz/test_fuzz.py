@@ -12,7 +12,7 @@ from tests.fuzz import targets
 from tests.fuzz.harness import nothing_long
 
 EXAMPLES = settings(
-    max_examples=12,
+    max_examples=6,
     deadline=None,
     derandomize=True,
     database=None,

@@ -1,6 +1,6 @@
-"""SIGKILL at random instants, at least 20 per family of algorithms: the runs end with the same bits.
+"""SIGKILL at random instants: the runs of three learners end with the same bits.
 
-`make soak` does the same for longer.
+`make soak` kills all learners, and each of them more often.
 """
 
 from __future__ import annotations
@@ -16,20 +16,16 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
+CASES = ["ppo-8", "sac-1", "recurrent_ppo-8"]
+"""on-policy, off-policy, recurrent"""
+KILLS = 7
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("cases", "kills"),
-    [
-        (["ppo-1", "ppo-8"], 10),
-        (["sac-1", "sac-8", "ddpg-1", "ddpg-8", "td3-1", "td3-8"], 4),
-        (["tqc-8", "crossq-8", "trpo-8", "recurrent_ppo-8", "ppo_residual-8", "sac_residual-8"], 4),
-    ],
-    ids=["on-policy", "off-policy", "further"],
-)
-def test_twenty_kills_do_not_change_a_bit(cases: list[str], kills: int, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "tests.soak.campaign", "--kills", str(kills), "--folder", str(tmp_path)]
+def test_twenty_kills_do_not_change_a_bit(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "tests.soak.campaign", "--kills", str(KILLS), "--folder", str(tmp_path)]
     done = subprocess.run(
-        [*command, "--cases", *cases],
+        [*command, "--cases", *CASES],
         cwd=ROOT,
         env={**os.environ, "OMP_NUM_THREADS": "1"},
         capture_output=True,
@@ -37,8 +33,8 @@ def test_twenty_kills_do_not_change_a_bit(cases: list[str], kills: int, tmp_path
         check=False,
     )
     tallies = [json.loads(line) for line in done.stdout.splitlines()]
-    assert [tally["case"] for tally in tallies] == cases, done.stderr
-    assert {tally["case"]: tally["differences"] for tally in tallies} == {case: [] for case in cases}
+    assert [tally["case"] for tally in tallies] == CASES, done.stderr
+    assert {tally["case"]: tally["differences"] for tally in tallies} == {case: [] for case in CASES}
     assert sum(tally["kills"] for tally in tallies) >= 20
     assert sum(tally["resumed"] for tally in tallies) >= 5
     assert done.returncode == 0, done.stderr

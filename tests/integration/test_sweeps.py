@@ -21,6 +21,8 @@ from auvbench.runs.directory import RunDirectory, find_runs
 from tests.waiting import LIMIT, until
 
 AUVBENCH = [sys.executable, "-m", "auvbench"]
+KILLS = int(os.environ.get("AUVBENCH_KILLS", "2"))
+"""`make soak` sets more"""
 GRID = """
 # @package _global_
 hydra:
@@ -161,13 +163,13 @@ def test_a_training_whose_run_was_taken_over_stops_without_writing_more(folder: 
 
 @pytest.mark.slow
 def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -> None:
-    """Kill the whole process group of four runs five times, each time a random moment after a new checkpoint."""
+    """Kill the whole process group of four runs `KILLS` times, each time a random moment after a new checkpoint."""
     sweep = ["train", "-m", "algo=ppo,sac", "seed=0,1", "algo.n_envs=8", "algo.net_arch=[32,32]"]
     sweep += ["train.total_steps=3000", "train.checkpoint.steps=250"]
     whole = auvbench(folder, *sweep, "name=whole")
     assert whole.returncode == 0, whole.stdout + whole.stderr
     chance = random.Random(4)
-    for _ in range(5):
+    for _ in range(KILLS):
         before = checkpoints(folder)
         process = subprocess.Popen(
             [*AUVBENCH, *sweep, "name=killed"],

@@ -43,7 +43,7 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     found = []
     for workers in (1, 2, 3):
-        run = frozen(tmp_path / str(workers), "algo=mpc", "algo.horizon=2.0")
+        run = frozen(tmp_path / str(workers), "algo=mpc", "algo.horizon=2.0", "task.max_steps=60")
         told: list[tuple[str, int]] = []
         with Pool(workers, parallel.PRELOAD) as pool:
             (result,) = parallel.evaluate_all(
