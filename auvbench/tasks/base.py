@@ -359,7 +359,7 @@ class Task:
     @property
     def columns(self) -> list[str]:
         """Return the fields of `episodes` that a checkpoint of version 2 stores as columns of floats."""
-        has_goal = "goal_error" in TASKS[self.name].blocks
+        has_goal = TASKS[self.name].has_goal
         names = records.columns(self.episodes.dtype, TASKS[self.name].has_yaw, has_goal)
         return [name for name in names if name not in self.transient]
 

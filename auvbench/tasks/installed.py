@@ -67,7 +67,7 @@ def _guard_functions(task: Task, who: str, paid: str) -> None:
     own_metrics, records = task.own_metrics, task.records
     spec = registry.TASKS[task.name]
     columns = {*spec.shared, *(metric.name for metric in spec.metrics)}
-    has_goal = "goal_error" in spec.blocks
+    has_goal = spec.has_goal
     check_finite = _finite_check(task, who)
 
     def checked_draw(indices: Integers, pose: Floats) -> None:

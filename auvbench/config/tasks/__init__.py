@@ -21,7 +21,9 @@ from auvbench.untrusted.text import short
 
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
+"""blocks that every task supplies, besides THESIS_BLOCKS"""
 ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")
+"""blocks of a task whose reference has a velocity"""
 
 FOUR_ENDS = ("success", "collision", "timeout", "out_of_bounds")
 TRACKING = ("tracking", "exponential", "marinegym_hover")
@@ -153,6 +155,11 @@ class TaskSpec(Spec):
         """Return `module:class` of the task."""
         return self.factory
 
+    @property
+    def has_goal(self) -> bool:
+        """Whether an episode has a goal that is not the reference."""
+        return "goal_error" in self.blocks
+
     def fault(self) -> str:
         for what, values, known in (
             ("block", self.blocks, BLOCKS.names()),
@@ -217,10 +224,11 @@ def check_observation(task: Task) -> None:
 
 def _check_reads(task: Task, name: str) -> None:
     """Refuse a package's block that reads what the task does not have."""
-    own, reads = TASKS[task.name].blocks, BLOCKS[name].reads
+    spec, reads = TASKS[task.name], BLOCKS[name].reads
+    own = spec.blocks
     points = task.preview.points if isinstance(task, Tracked) and "preview" in own else 0
     for what, able, hint in (
-        ("goal", "goal_error" in own, ""),
+        ("goal", spec.has_goal, ""),
         ("preview", points > 0, "; task.preview.points sets it" if "preview" in own else ""),
         ("task", name in own, ""),
     ):
