@@ -32,6 +32,7 @@ INTEGRATIONS = (
     "tracking/wandb.py",
     "tracking/mlflow.py",
     "agents/ardusub.py",
+    "config/algorithms/ardusub.py",
 )
 """Files and folders of the package that are an integration."""
 
