@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import os
 import shlex
 import shutil
@@ -18,6 +19,14 @@ from tests.waiting import LIMIT
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "auvbench-example"
+COMMANDS = """
+import json, sys
+from auvbench.cli import main
+for words in json.loads(sys.argv[1]):
+    if code := main(words):
+        sys.exit(f"auvbench {' '.join(words)} ends with exit code {code}")
+"""
+"""Run commands in one process: each of its own would import everything anew."""
 TRAIN = ("algo=pursuit,search,pid,ppo", "seed=0,1", "train.total_steps=4096", "launcher.workers=2")
 
 
@@ -48,25 +57,17 @@ def commands(page: str) -> list[list[str]]:
 
 def runs_through(python: Path, folder: Path) -> None:
     assert " pursuit," in said(python, "-m", "auvbench.cli", "train", "--help", cwd=folder)
-    said(python, "-m", "auvbench.cli", "train", "-m", *TRAIN, cwd=folder)
-    said(
-        python,
-        "-m",
-        "auvbench.cli",
-        "evaluate",
-        "outputs",
-        "protocol.episodes=20",
-        "--workers",
-        "2",
-        cwd=folder,
+    agents = (
+        ("train", "-m", *TRAIN),
+        ("evaluate", "outputs", "protocol.episodes=20", "--workers", "2"),
+        ("report", "outputs"),
     )
-    said(python, "-m", "auvbench.cli", "report", "outputs", cwd=folder)
+    said(python, "-c", COMMANDS, json.dumps(agents), cwd=folder)
     with (folder / "outputs/default/report/table.csv").open() as file:
         rows = {row["agent"]: row for row in csv.DictReader(file)}
     assert {"pursuit", "search", "PID", "PPO"} <= rows.keys()
     assert float(rows["pursuit"]["success_rate"]) > 0.9
-    for command in commands("adding-a-task.md"):
-        said(python, "-m", "auvbench.cli", *command, cwd=folder)
+    said(python, "-c", COMMANDS, json.dumps(commands("adding-a-task.md")), cwd=folder)
     with (folder / "outputs/poles/report/table.csv").open() as file:
         ranked = list(csv.DictReader(file))
     assert [row["agent"] for row in ranked] == ["LQR", "PID", "random"]
