@@ -48,8 +48,8 @@ class Totals(NamedTuple):
     """smallest distance to a depth limit, m"""
     start_yaw: float
     """yaw at the start, rad"""
-    own: Mapping[str, float]
-    """values that only this task measures, by column"""
+    own: Mapping[str, Any]
+    """values that only this task or its world measures, by column"""
 
     @property
     def mean_deviation(self) -> float:
@@ -100,13 +100,15 @@ class Metric:
     """tasks that have the metric; empty: all. `registered` sets it"""
     after: str = LAST
     """metric of METRICS that a task's own metric follows in files and tables"""
+    worlds: tuple[str, ...] = ()
+    """worlds that have the metric; empty: all, also open water"""
     counts_failures: bool = False
     """whether a failed episode counts as the worst value, not as the measured one"""
     failed: Failed = ""
 
-    def is_of(self, task: str) -> bool:
-        """Return whether a task has the metric."""
-        return not self.tasks or task in self.tasks
+    def is_of(self, task: str, world: str = "open") -> bool:
+        """Return whether a task has the metric, in a kind of world."""
+        return (not self.tasks or task in self.tasks) and (not self.worlds or world in self.worlds)
 
     @property
     def measure(self) -> str:
@@ -146,6 +148,7 @@ def column(
     *,
     low: float = 0.0,
     high: float = math.inf,
+    worlds: tuple[str, ...] = (),
     counts_failures: bool = False,
     failed: Failed = "",
     after: str = LAST,
@@ -160,6 +163,7 @@ def column(
         better: direction of better values; empty for a column of the scenario.
         low: smallest possible value.
         high: largest possible value.
+        worlds: worlds that have it; empty: all.
         counts_failures: whether a failed episode counts as the worst value, not as the measured one.
         failed: value of a failed episode, if the task does not compute it.
         after: metric that it follows in files and tables.
@@ -175,6 +179,7 @@ def column(
         low=low,
         high=high,
         after=after,
+        worlds=worlds,
         counts_failures=counts_failures or bool(failed),
         failed=failed,
     )
@@ -183,6 +188,8 @@ def column(
 POINTS = tuple(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz")
 SHARED = ("position_error_rms_m", "yaw_error_rms_rad", *POINTS)
 """columns that several tasks have (`TaskSpec.shared`), from `TrackingTask.errors`"""
+SOLID = ("tank", "slope", "rough", "pillars", "field")
+"""worlds with solids"""
 
 
 METRICS: list[Metric] = [
@@ -305,6 +312,45 @@ METRICS: list[Metric] = [
         "root mean square of the yaw error over the same steps; a failed episode counts as pi",
         high=math.pi,
         failed="high",
+    ),
+    *(
+        Metric(name, "", name, text, lambda t, name=name: t.own[name], kind="key", better="", worlds=SOLID)  # type: ignore[misc]
+        for name, text in (
+            ("world", "kind of the world and a digest of its solids"),
+            ("hit", "kind of the solid that the vehicle hit; empty: none"),
+        )
+    ),
+    column(
+        "clearance_min_m",
+        "m",
+        "smallest clearance",
+        "smallest distance of the vehicle's hull from a solid; at most 0 after a contact",
+        "higher",
+        low=-math.inf,
+        worlds=SOLID,
+    ),
+    column(
+        "near_time_s",
+        "s",
+        "time near solids",
+        "time with a clearance below world.near",
+        worlds=SOLID,
+    ),
+    column(
+        "way_clearance_m",
+        "m",
+        "clearance of the way",
+        "mean clearance of the shortest way through the field",
+        "",
+        worlds=("field",),
+    ),
+    column(
+        "way_ratio",
+        "",
+        "length of the way",
+        "length of the shortest way through the field over the straight line, as seen from above",
+        "",
+        worlds=("field",),
     ),
     Metric(
         "time_over_best_known",

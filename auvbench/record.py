@@ -31,19 +31,23 @@ def measured() -> tuple[str, ...]:
     return columns("scenario", "episode")
 
 
+OPEN = "open"
+"""World of records without columns of a world"""
+
+
 @cache
-def _of(task: str) -> dict[str, Callable[[Totals], float | int | str]]:
-    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(task)}
+def _of(task: str, world: str) -> dict[str, Callable[[Totals], float | int | str]]:
+    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(task, world)}
 
 
-def record_columns(task: str) -> tuple[str, ...]:
-    """Return the columns of the records of a task."""
-    return tuple(_of(task))
+def record_columns(task: str, world: str = OPEN) -> tuple[str, ...]:
+    """Return the columns of the records of a task in a kind of world."""
+    return tuple(_of(task, world))
 
 
-def record_of(totals: Totals, task: str) -> Record:
-    """Return the record of an episode of a task."""
-    return {name: value(totals) for name, value in _of(task).items()}
+def record_of(totals: Totals, task: str, world: str = OPEN) -> Record:
+    """Return the record of an episode of a task in a kind of world."""
+    return {name: value(totals) for name, value in _of(task, world).items()}
 
 
 def forget() -> None:

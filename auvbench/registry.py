@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from auvbench.config.simulators import SimulatorSpec
     from auvbench.config.tasks import TaskSpec
     from auvbench.config.trackers import TrackerSpec
+    from auvbench.config.worlds import WorldSpec
 
 
 class Spec:
@@ -379,6 +380,17 @@ DISTURBANCES: Kind[DisturbanceSpec] = Kind(
     {
         **_lines(_DISTURBANCES, "current", "waves", "fault", "delay", "sensor", "randomisation"),
         "tether": "auvbench.tasks.disturbances.tether:tether",
+    },
+)
+
+_WORLDS = "auvbench.config.worlds"
+WORLDS: Kind[WorldSpec] = Kind(
+    "auvbench.worlds",
+    "world.name",
+    f"{_WORLDS}:WorldSpec",
+    {
+        **{name: f"{_WORLDS}:{name}_" for name in ("open", "field")},
+        **_lines(_WORLDS, "tank", "slope", "rough", "pillars"),
     },
 )
 

@@ -199,6 +199,8 @@ def refuse(config: schema.TrainConfig) -> None:
     """
     if not isinstance(config.simulator, simulators.Fossen):
         raise ConfigError(f"simulator={config.simulator.name}: algo=ardusub needs simulator=fossen")
+    if config.world.solid:
+        raise ConfigError(f"world={config.world.name}: algo=ardusub is tested in open water; use world=open")
     noise, disturbance = config.noise, config.disturbance
     own = "ArduSub has its own sensors (its SIM_ parameters)"
     if noise.scale > 0.0 and max(noise.position.high, noise.yaw.high, noise.command.high) > 0.0:

@@ -43,7 +43,7 @@ from auvbench.config import (
 )
 from auvbench.config import overrides as typing
 from auvbench.errors import ConfigError, closest
-from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
+from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, WORLDS, Kind
 from auvbench.untrusted.text import plain_lines
 
 T = TypeVar("T")
@@ -79,6 +79,7 @@ def _register_schemas(store: ConfigStore) -> None:
         ("simulator", _schemas(SIMULATORS)),
         ("task", _schemas(TASKS)),
         ("reward", _schemas(REWARDS)),
+        ("world", _schemas(WORLDS)),
     ):
         kinds |= {f"{group}_{name}_schema": kind for name, kind in known.items()}
     # At the top level: the folders algo, launcher and simulator then list only their own options.
@@ -195,6 +196,8 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         merged.simulator = _empty(config, "simulator.name", _schemas(SIMULATORS))
         merged.task = _empty(config, "task.name", _schemas(TASKS))
         merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
+        if "world" in config:
+            merged.world = _empty(config, "world.name", _schemas(WORLDS))
         merged.disturbance = OmegaConf.structured(_disturbance(config))
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:

@@ -30,6 +30,7 @@ from auvbench.config.fields import keys as keys
 from auvbench.config.fields import later as later
 from auvbench.config.fields import name as name
 from auvbench.config.fields import number as number
+from auvbench.config.worlds import open_water
 from auvbench.record import PRIMARY, measure_names
 from auvbench.registry import TRACKERS
 
@@ -186,6 +187,11 @@ class TrainConfig:
     train: Train
     launcher: Any
     analysis: Analysis | None = None
+    world: Any = None
+
+    def __post_init__(self) -> None:
+        if self.world is None:  # runs of earlier versions
+            self.world = open_water()
 
 
 def whole(text: str) -> int | None:

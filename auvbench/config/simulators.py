@@ -13,6 +13,7 @@ from auvbench.config.disturbances import CURRENTS, needs
 from auvbench.config.fields import choice, choice_of, number
 from auvbench.config.fields import name as plain_name
 from auvbench.config.schema import Disturbance
+from auvbench.config.worlds import World
 from auvbench.errors import ConfigError
 from auvbench.registry import SIMULATORS, Spec
 
@@ -33,6 +34,8 @@ class Capabilities:
     """whether it has `set_waves`"""
     forces: bool = False
     """whether it has `current` and `external_wrench` (`simulators.base.VehicleBatch`)"""
+    solids: bool = False
+    """whether its vehicles may be in a world with a bottom or obstacles"""
 
 
 @dataclass(kw_only=True)
@@ -132,7 +135,13 @@ fossen = SimulatorSpec(
     "fossen",
     f"{_SIMULATORS}.fossen:make",
     Capabilities(
-        exact_resume=True, deterministic=True, scales=True, currents="sheared", waves=True, forces=True
+        exact_resume=True,
+        deterministic=True,
+        scales=True,
+        currents="sheared",
+        waves=True,
+        forces=True,
+        solids=True,
     ),
     Fossen,
 )
@@ -167,6 +176,15 @@ def is_served(simulator: Simulator) -> bool:
 def threads(simulator: Any) -> int:
     """Return the number of threads for a batch; 1 if the simulator has no such key."""
     return int(getattr(simulator, "threads", 1))
+
+
+def check_world(simulator: Simulator, world: World) -> None:
+    """Raise ConfigError for a world with solids in a simulator without them."""
+    if world.solid and not capabilities(simulator).solids:
+        able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
+        raise ConfigError(
+            f"world={world.name}: simulator={simulator.name} has no bottom and no obstacles; use {' or '.join(able)}, or world=open"
+        )
 
 
 def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:

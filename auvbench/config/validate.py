@@ -202,6 +202,8 @@ def check_across(config: schema.TrainConfig) -> None:
         with asking(part, factor, "check"):
             factor.check(f"disturbance.{part}")
     simulators.check_disturbance(config.simulator, config.disturbance)
+    simulators.check_world(config.simulator, config.world)
+    config.world.check()
     alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
     what = (
         f"be 0 with simulator={config.simulator.name}: a validation during training would take the "

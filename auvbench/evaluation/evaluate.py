@@ -342,12 +342,14 @@ def _write(
 def _rows(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    names = record_columns(rollouts[0][0].config.task.name)
+    # Conditions may differ in their world.
+    columns = (record_columns(c.config.task.name, c.config.world.name) for c, _ in rollouts)
+    names = tuple(dict.fromkeys(name for of_condition in columns for name in of_condition))
     writer.writerow(("condition", "frequency_hz", *names))
     for condition, rollout in rollouts:
         for record in rollout.records:
             frequency = condition.config.step.frequency
-            writer.writerow((condition.name, frequency, *(record[name] for name in names)))
+            writer.writerow((condition.name, frequency, *(record.get(name, "") for name in names)))
     return text.getvalue().encode()
 
 

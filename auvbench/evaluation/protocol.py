@@ -15,6 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 from auvbench.config import complete, schema
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
 from auvbench.config.simulators import is_served
+from auvbench.config.worlds import open_water
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError, VehicleError
 from auvbench.evaluation import reference, sealed
@@ -150,7 +151,7 @@ def _resolve(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
 ) -> schema.TrainConfig:
     """Return a run's configuration with the overrides of a protocol, then `overrides`."""
-    node = OmegaConf.create(config)
+    node = OmegaConf.create({"world": asdict(open_water()), **config})
     for override in [*protocol.overrides, *overrides]:
         _set(node, override, where)
     # The observation belongs to the agent, not to the scenario.
@@ -262,6 +263,7 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
         "vehicle": without_descriptions(config.vehicle),
         "simulator": {key: value for key, value in asdict(config.simulator).items() if key not in _NO_ROWS},
         "frequency": config.step.frequency if condition.fixed_frequency else None,
+        **({"world": asdict(config.world)} if config.world.solid else {}),
     }
 
 

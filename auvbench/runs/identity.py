@@ -63,6 +63,7 @@ LATER: dict[str, Any] = {
         "spreading": 2.0,
     },
     "algo.heading_integral_time": None,
+    "world": {"name": "open"},
     **{f"algo.residual.{base}": None for base in BASES},
     **{f"algo.residual.{base}.heading_integral_time": None for base in ("pid", "alos")},
 }

@@ -21,20 +21,32 @@ from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
 from auvbench.metrics import Totals
 from auvbench.observation import ObservationSpec
-from auvbench.record import OUTCOMES, Record, record_of
+from auvbench.record import OPEN, OUTCOMES, Record, record_of
 from auvbench.registry import BLOCKS, TASKS, owner, resolve
 from auvbench.tasks import loops, records
 from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
 from auvbench.tasks.observation import check_vehicle, owner_of_block, reads
 from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, add_command_noise
+from auvbench.tasks.worlds import surroundings
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _STATE = ("preview", "previous", "offset", "observation")
-_TAKEN = ("_observe", "rows", "_common", "outcome", "reference", "distance", "loops", "_taken", "_read")
+_TAKEN = (
+    "_observe",
+    "rows",
+    "_common",
+    "outcome",
+    "reference",
+    "distance",
+    "loops",
+    "_taken",
+    "_read",
+    "_around",
+)
 """attributes of a task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
 """methods that `installed.guard` replaces for a package's task or reward, and `observe` for its blocks"""
@@ -117,7 +129,11 @@ class Task:
         """(1,) parameters of the reward"""
         self.duration = float(self.parameters[0].duration)
         """duration of an agent step, simulated s"""
-        self.episodes = records.table(n, self.fields, who)
+        self.world = surroundings.make(config, vehicle, n)
+        """what is in the water; None in open water"""
+        self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
+        """fields of an episode in addition to `records.EPISODE`"""
+        self.episodes = records.table(n, self.own_fields, who)
         """(n,) record of each episode"""
         points = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
         self.preview: Floats = np.zeros((n, points, 3))
@@ -151,7 +167,15 @@ class Task:
         optional = [name for name in ("refer", "preview_row", "relocate") if hasattr(self, name)]
         named = {name: getattr(type(self), name) for name in ("draw", "step", *optional)}
         has_yaw = TASKS[self.name].has_yaw
-        self.loops = loops.of_task(named, self._reward, self.fields, has_yaw=has_yaw, interpreted=interpreted)
+        self._around: tuple[Any, ...] = self.world.loops if self.world else ()
+        self.loops = loops.of_task(
+            named,
+            self._reward,
+            self.own_fields,
+            has_yaw=has_yaw,
+            solid=self.world is not None,
+            interpreted=interpreted,
+        )
         tables = self.episodes, self.parameters, self.prices
         episodes, parameters, prices = tables if interpreted else map(records.plain, tables)
         self._taken = episodes, self.preview, parameters, prices
@@ -213,6 +237,8 @@ class Task:
         self.offset[indices] = 0.0
         pose = np.empty((len(indices), 7))
         self.draw_rows(indices, pose)
+        if self.world is not None:
+            self.world.draw(self, indices)
         return pose
 
     def draw_rows(self, indices: Integers, pose: Floats) -> None:
@@ -221,7 +247,7 @@ class Task:
 
     def step_rows(self, start: int, stop: int, *motion: Floats) -> int:
         """Step episodes start .. stop - 1; return how many ended, or -1 - i if pose i is not finite."""
-        return self.loops.step(start, stop, *motion, *self._taken, self.reward)
+        return self.loops.step(start, stop, *motion, *self._taken, self.reward, *self._around)
 
     def interpret(self) -> None:
         """From now on run the task's functions, reward and blocks as Python, which checks their indices. The functions of
@@ -242,6 +268,8 @@ class Task:
         e.distance[indices] = e.initial_distance[indices] = distance
         depth = pose[:, 2]
         e.depth_margin[indices] = np.minimum(p.depth_high - depth, depth - p.depth_low)
+        if self.world is not None:
+            self.world.draw(self, indices)
 
     def misplaced(self, i: int) -> str:
         """Return why environment i cannot begin at its start, with the valid range; '' if it can."""
@@ -311,7 +339,12 @@ class Task:
 
     def measured(self, i: int) -> Record:
         """Return the measured columns of environment i's episode, before a failure counts as its bounds."""
-        return record_of(self._totals(i), self.name)
+        return record_of(self._totals(i), self.name, self.world_name)
+
+    @property
+    def world_name(self) -> str:
+        """Return the name of the kind of world."""
+        return self.world.settings.name if self.world else OPEN
 
     def _counted(self, record: Record) -> Record:
         if record["outcome"] in TASKS[self.name].failures:
@@ -337,7 +370,7 @@ class Task:
             change=float(e.change_sum),
             depth_margin=float(e.depth_margin),
             start_yaw=float(e.start_yaw),
-            own=self.own_metrics(i),
+            own={**self.own_metrics(i), **(self.world.columns(e, i) if self.world else {})},
         )
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
@@ -354,7 +387,10 @@ class Task:
             np.copyto(value, state[name], casting="no")
 
     def _state(self) -> dict[str, NDArray[Any]]:
-        return {"episodes": records.bare(self.episodes)} | {name: getattr(self, name) for name in _STATE}
+        world = self.world.state() if self.world else {}
+        return (
+            {"episodes": records.bare(self.episodes)} | {name: getattr(self, name) for name in _STATE} | world
+        )
 
     @property
     def columns(self) -> list[str]:

@@ -24,6 +24,7 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import BLOCK, SENSOR, normal4, uniform4
 from auvbench.registry import BLOCKS
 from auvbench.tasks import rows
+from auvbench.tasks.worlds import contact
 
 Functions = Mapping[str, Callable[..., Any]]
 
@@ -41,10 +42,12 @@ def {name}(indices, episodes, preview, parameters, stream, pose):
 
 _STEP = """
 def {name}(
-    first, stop, pose, velocity, action, previous, force, power, episodes, preview, parameters, prices, rewards
+    first, stop, pose, velocity, action, previous, force, power, episodes, preview, parameters, prices, rewards,
+    {surroundings}
 ):
     p, q = parameters[0], prices[0]
     action, previous, force, preview = borrowed(action), borrowed(previous), borrowed(force), borrowed(preview)
+    {borrow}
     ended = 0
     for i in range(first, stop):
         e = episodes[i]
@@ -55,7 +58,9 @@ def {name}(
         if not isfinite(e.distance):
             return -1 - i
         {turn}
+        {touch}
         e.outcome = step(e, v, p)
+        {collide}
         r = reward(e, v, q)
         rewards[i] = r
         finish(e, v, r, p)
@@ -129,6 +134,15 @@ _OF_EVERY_TASK: Functions = {
 }
 
 
+_IN_WORLD = {
+    "surroundings": "solids, heights, hull,",
+    "borrow": "solids, heights = borrowed(solids), borrowed(heights)",
+    "touch": "touch(e, v, p, solids[i], heights, hull[0])",
+    "collide": "e.outcome = COLLISION if e.contact > 0 else e.outcome",
+}
+"""lines of the loop over steps in a world with solids"""
+
+
 class Loops(NamedTuple):
     """Loops of a task and a reward; the source texts above have their arguments."""
 
@@ -145,6 +159,7 @@ def of_task(
     own: tuple[tuple[Any, ...], ...],
     *,
     has_yaw: bool,
+    solid: bool = False,
     interpreted: bool = False,
 ) -> Loops:
     """Return the loops of a task.
@@ -154,10 +169,11 @@ def of_task(
         reward: function of one step.
         own: the task's own fields: (name, type) or (name, type, shape).
         has_yaw: whether the reference has its own yaw.
+        solid: whether there are solids in the water.
         interpreted: do not compile the loops and the functions of task and reward, so that Python checks each index.
     """
     clear = tuple(f"e.{name} = 0" if not shape else f"e.{name}[:] = 0" for name, _, *shape in own)
-    return _of_task(tuple(functions.items()), reward, clear, has_yaw, interpreted)
+    return _of_task(tuple(functions.items()), reward, clear, has_yaw, solid, interpreted)
 
 
 @cache
@@ -166,6 +182,7 @@ def _of_task(
     reward: Callable[..., float],
     clear: tuple[str, ...],
     has_yaw: bool,
+    solid: bool,
     interpreted: bool,
 ) -> Loops:
     """Make the loops once per process: reading compiled code from disk costs more than an episode."""
@@ -180,8 +197,14 @@ def _of_task(
         "refer": ["refer(e, v, p)"] if "refer" in named else [],
         "turn": turn,
         "preview": ["preview_row(e, p, preview[i])"] if "preview_row" in named else [],
+        **dict.fromkeys(_IN_WORLD, ()),
     }
-    make = Maker([*named.values(), pays], {**_OF_EVERY_TASK, **given}, interpreted)
+    names: dict[str, Any] = {**_OF_EVERY_TASK, **given}
+    if solid:
+        lines |= {key: [line] for key, line in _IN_WORLD.items()}
+        names["COLLISION"] = rows.COLLISION
+        names["touch"] = compile_row(plain_function(contact.touch))
+    make = Maker([*named.values(), pays], names, interpreted)
     return Loops(
         make("draw", _DRAW, lines),
         make("step", _STEP, lines),
@@ -257,7 +280,7 @@ class Maker:
         if self.interpreted:
             return loop
         folders = {str(Path(function.__code__.co_filename).parent) for function in self.functions}
-        compiler = compiled("dynamics", "tasks", ".", *sorted(folders))
+        compiler = compiled("dynamics", "worlds", "tasks", "tasks/worlds", ".", *sorted(folders))
         return compiler(loop)  # type: ignore[no-any-return]
 
 

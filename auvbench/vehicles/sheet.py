@@ -46,7 +46,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
         (),
         ("name", "title", "frame", "sources", "environment", "rigid_body", "buoyancy", "hydrodynamics",
          "actuators", "controllable"),
-        ("remarks",),
+        ("hull", "remarks"),
     )  # fmt: skip
     document.section(("sources",), (), tuple(document.mapping(("sources",))))
     frame = document.text(("frame",), ("enu", "ned"))
@@ -78,6 +78,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
         quadratic_damping=quadratic,
         units=units,
         controllable=_controllable(document),
+        own_hull=_hull(document),
         sources=_sources(document),
         remarks=document.texts("remarks"),
     )
@@ -239,6 +240,20 @@ def _controllable(document: Document) -> tuple[str, ...]:
                 f"{name!r} is not a degree of freedom; {closest(str(name), AXES)}",
             )
     return tuple(declared)
+
+
+def _hull(document: Document) -> tuple[float, float] | None:
+    """Return the radius and the length in m of a row of spheres; None if the sheet has no hull."""
+    if "hull" not in document.mapping(()):
+        return None
+    section = document.section(("hull",), ("radius",), ("length",))
+    radius = document.number(("hull", "radius"), "m", above=0.0)
+    length = document.number(("hull", "length"), "m", low=0.0) if "length" in section else 0.0
+    if length > 50.0 * radius:
+        document.fail(
+            ("hull", "length"), f"{length:g} m must be at most 50 times the radius, {50.0 * radius:g} m"
+        )
+    return radius, length
 
 
 def _check_allocation(document: Document, vehicle: VehicleModel) -> None:

@@ -39,7 +39,22 @@ class VehicleModel:
     controllable: tuple[str, ...] = ()  # degrees of freedom that the allocation must span
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
+    own_hull: tuple[float, float] | None = None  # m, radius and length of its hull, if the sheet has one
     plugin: str = ""  # release in `rigid_body.RELEASES` if C_A is that of Gazebo's plugin instead of Fossen's
+
+    @property
+    def hull(self) -> tuple[float, float]:
+        """Return the radius and the length in m of the row of spheres that stands for its shape: the spheres have this radius, and
+        their centres are on the x axis over this length, with the origin in the middle.
+
+        A sheet without a hull gets one sphere: round a uniform box of its mass and inertia, whose half diagonal is
+        sqrt(3 tr(I) / (2 m)), and round all actuators.
+        """
+        if self.own_hull is not None:
+            return self.own_hull
+        diagonal = np.sqrt(1.5 * np.trace(self.inertia) / self.mass)
+        farthest = max((float(np.linalg.norm(unit.position)) for unit in self.units), default=0.0)
+        return max(float(diagonal), farthest), 0.0
 
     @property
     def coriolis_sign(self) -> float:

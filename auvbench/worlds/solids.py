@@ -120,12 +120,10 @@ def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0
     below = np.hypot(east - heights, opposite - east)
     above = np.hypot(opposite - north, north - heights)
     steepest = float(max(below.max(), above.max())) / spacing
-    level = np.array([[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0]])
-    return _solid(
+    field = _solid(
         TERRAIN,
         corner,
         STILL,
-        [*level, (0.0, 0.0, 1.0)],
         reach=math.inf,
         first=first,
         columns=heights.shape[1],
@@ -135,6 +133,16 @@ def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0
         highest=float(heights.max()),
         cosine=1.0 / math.hypot(1.0, steepest),
     )
+    return laid(field, corner, yaw)
+
+
+def laid(field: Solids, corner: ArrayLike, yaw: float) -> Solids:
+    """Return a height field (1,) at another corner, with its x axis at a yaw in rad from east."""
+    moved = field.copy()
+    moved["position"] = corner
+    moved["along_x"] = math.cos(yaw), math.sin(yaw), 0.0
+    moved["along_y"] = -math.sin(yaw), math.cos(yaw), 0.0
+    return moved
 
 
 def none() -> Solids:

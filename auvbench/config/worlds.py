@@ -1,0 +1,155 @@
+"""Define the schemas of the `world` group and the specs of the worlds.
+
+Importing this module imports no code of a world.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from auvbench.config.fields import choice_of, number
+from auvbench.errors import ConfigError
+from auvbench.registry import WORLDS, Spec
+
+
+@dataclass(kw_only=True)
+class World:
+    """Key of every `world/*.yaml`."""
+
+    solid: ClassVar[bool] = True
+    """whether there is anything in the water"""
+
+    name: str = choice_of(lambda: WORLDS.own)
+
+    def check(self) -> None:
+        """Check rules that span several keys.
+
+        Raises:
+            ConfigError: a value contradicts another.
+        """
+
+
+@dataclass(kw_only=True)
+class Open(World):
+    """Open water without a bottom."""
+
+    solid: ClassVar[bool] = False
+
+
+@dataclass(kw_only=True)
+class Solid(World):
+    """Keys of every world with something in it."""
+
+    seed: int | None = number(0, (1 << 32) - 1)
+    vehicle_radius: float | None = number(0.01, 100.0)  # m
+    near: float = number(0.0, 1000.0)  # m
+
+
+@dataclass(kw_only=True)
+class Tank(Solid):
+    """A bottom and four walls."""
+
+    length: float = number(1.0, 1e4)  # m
+    width: float = number(1.0, 1e4)  # m
+    depth: float | None = number(0.1, 1e4)  # m
+
+
+@dataclass(kw_only=True)
+class Slope(Solid):
+    """A plane bottom."""
+
+    depth: float | None = number(0.1, 1e4)  # m
+    altitude: float = number(0.0, 1e4)  # m
+    dip: float = number(0.0, 1.2)  # rad
+    direction: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
+
+
+@dataclass(kw_only=True)
+class Rough(Solid):
+    """A fractal bottom."""
+
+    depth: float | None = number(0.1, 1e4)  # m
+    altitude: float = number(0.0, 1e4)  # m
+    height: float = number(0.0, 100.0)  # m
+    spacing: float = number(0.1, 100.0)  # m
+    size: int = number(4, 1024)
+    hurst: float = number(0.0, 1.0)
+
+
+@dataclass(kw_only=True)
+class Pillars(Solid):
+    """Upright capsules on a circle round the goal."""
+
+    count: int = number(1, 64)
+    distance: float = number(0.1, 1000.0)  # m
+    radius: float = number(0.01, 100.0)  # m
+    length: float = number(0.01, 1e4)  # m
+    turn: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
+
+    def check(self) -> None:
+        apart = self.distance * math.sin(math.pi / self.count) if self.count > 1 else math.inf
+        if self.radius > apart:
+            raise ConfigError(
+                f"world.radius={self.radius:g}: {self.count} pillars at world.distance={self.distance:g} m would overlap; must "
+                f"be at most {apart:.3g} m"
+            )
+
+
+@dataclass(kw_only=True)
+class Field(Solid):
+    """Spheres, cylinders and boxes between start and goal."""
+
+    density: float = number(0.0, 0.2, open_low=True)  # obstacles per m2
+    radius_low: float = number(0.05, 50.0)  # m
+    radius_high: float = number(0.05, 50.0)  # m
+    gap: float = number(0.0, 100.0)  # m
+    free: float = number(0.0, 1000.0)  # m
+    margin: float = number(1.0, 1000.0)  # m
+
+    def check(self) -> None:
+        low, high = self.radius_low, self.radius_high
+        if low > high:
+            raise ConfigError(f"world.radius_low={low:g}: must be at most world.radius_high={high:g}")
+        # Discs thrown at random fill at most 0.547 of a plane (Feder, "Random sequential adsorption", 1980).
+        room = math.pi * (0.5 * (low + high) + 0.5 * self.gap) ** 2
+        most = 0.4 / room
+        if self.density > most:
+            raise ConfigError(
+                f"world.density={self.density:g}: must be at most {most:.3g} obstacles per m2 with this size and world.gap="
+                f"{self.gap:g}, so that they find room"
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class WorldSpec(Spec):
+    """Description of one value of `world.name`, available without importing its code."""
+
+    base: ClassVar[type] = World
+
+    name: str
+    title: str
+    """what it is, for help and tables"""
+    factory: str
+    """`module:class`, a class below `auvbench.tasks.worlds.base.World`; empty for open water"""
+    schema: type
+
+    @property
+    def code(self) -> str:
+        """Return `module:class` of the world."""
+        return self.factory
+
+
+_CODE = "auvbench.tasks.worlds"
+open_ = WorldSpec("open", "open water", "", Open)
+tank = WorldSpec("tank", "tank with walls and bottom", f"{_CODE}.tank:TankWorld", Tank)
+slope = WorldSpec("slope", "sloping bottom", f"{_CODE}.slope:SlopeWorld", Slope)
+rough = WorldSpec("rough", "rough bottom", f"{_CODE}.rough:RoughWorld", Rough)
+pillars = WorldSpec("pillars", "pillars round the goal", f"{_CODE}.pillars:PillarsWorld", Pillars)
+field_ = WorldSpec("field", "field of obstacles", f"{_CODE}.field:FieldWorld", Field)
+
+
+def open_water() -> Open:
+    """Return the world of runs of earlier versions."""
+    return Open(name="open")

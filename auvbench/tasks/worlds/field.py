@@ -1,0 +1,76 @@
+"""Spheres, cylinders and boxes between start and goal, through which a way leads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from auvbench.errors import ConfigError
+from auvbench.tasks.worlds.base import Episode, World
+from auvbench.worlds.passage import scatter, shortest_way
+from auvbench.worlds.solids import Floats, Solids, box, cylinder, none, sphere
+
+MOST = 256
+"""obstacles"""
+TRIES = 20
+"""fields that are drawn until one can be passed"""
+SIZES = 10_000
+"""block of the draws of kinds and heights; blocks below it are those of places"""
+
+
+class FieldWorld(World):
+    """A field is drawn anew until a vehicle can pass between its obstacles, as seen from above."""
+
+    most = MOST
+    inside = "inside an obstacle"
+    fields = ("way_ratio", "way_clearance_m")  # of the shortest way from start to goal
+
+    def draw(self, episode: Episode) -> tuple[Solids, Mapping[str, float]]:
+        s = self.settings
+        along = episode.goal - episode.start
+        distance = math.hypot(along[0], along[1])
+        area = (distance + 2.0 * s.margin) * 2.0 * s.margin
+        count = round(s.density * area)
+        if count > MOST:
+            raise ConfigError(
+                f"world.density={s.density:g}: is {count} obstacles in an arena of {area:.0f} m2; must be at most {MOST / area:.3g}, or "
+                f"reduce world.margin"
+            )
+        for attempt in range(TRIES):
+            arena, radii = (distance, s.margin), (s.radius_low, s.radius_high)
+            discs = scatter(episode.key, attempt, count, arena, radii, s.gap, s.free + self.radius)
+            length, room = shortest_way(discs, self.radius, distance, s.margin)
+            if math.isfinite(length):
+                # On the map, start and goal are at the middle of a cell.
+                ratio = max(1.0, length / distance) if distance > 0.0 else 1.0
+                solids = [self._obstacle(k, disc, episode) for k, disc in enumerate(discs)]
+                return np.concatenate([none(), *solids]), {"way_ratio": ratio, "way_clearance_m": room}
+        raise ConfigError(
+            f"world.density={s.density:g}: no vehicle with a radius of {self.radius:.2g} m can pass any of {TRIES} fields; reduce "
+            "world.density or raise world.gap"
+        )
+
+    def _obstacle(self, k: int, disc: Floats, episode: Episode) -> Any:
+        """Return obstacle k (1,): a cylinder from the surface to the depth limit, or a sphere or a box near the depths of start and
+        goal.
+        """
+        kind, height, turn, shape = episode.draws(SIZES + k)
+        x, y, radius = disc.tolist()
+        along = episode.goal[:2] - episode.start[:2]
+        course = math.atan2(along[1], along[0]) if along.any() else 0.0
+        east = episode.start[0] + x * math.cos(course) - y * math.sin(course)
+        north = episode.start[1] + x * math.sin(course) + y * math.cos(course)
+        low, high = sorted((episode.start[2], episode.goal[2]))
+        z = low + height * (high - low) + (turn - 0.5) * radius
+        if kind < 1.0 / 3.0:
+            return cylinder([east, north, 0.5 * self.depth_low], [0.0, 0.0, 1.0], -self.depth_low, radius)
+        if kind < 2.0 / 3.0:
+            return sphere([east, north, z], radius)
+        # A box whose diagonal, as seen from above, is that of its disc.
+        angle, yaw = (0.15 + 0.7 * shape) * 0.5 * math.pi, 2.0 * math.pi * turn
+        sides = [2.0 * radius * math.cos(angle), 2.0 * radius * math.sin(angle), 2.0 * radius]
+        axes = [[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]
+        return box([east, north, z], sides, axes)

@@ -1,0 +1,141 @@
+"""The solids of N episodes."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.config.worlds import Solid
+from auvbench.errors import ConfigError
+from auvbench.registry import WORLDS, resolve
+from auvbench.tasks.worlds.base import Episode, World, key_of
+from auvbench.tasks.worlds.contact import FIELDS, HULL
+from auvbench.vehicles.vehicle_model import VehicleModel
+from auvbench.worlds.casting import clearance
+from auvbench.worlds.solids import KINDS, SOLID
+
+if TYPE_CHECKING:
+    from auvbench.tasks.base import Task
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+FAR = 1e6
+"""m, clearance where nothing is near"""
+
+
+def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int) -> Surroundings | None:
+    """Return the surroundings of N episodes; None in open water, so that it costs nothing."""
+    return Surroundings(config, vehicle, n) if config.world.solid else None
+
+
+class Surroundings:
+    """The world of each of N episodes.
+
+    Args:
+        config: with a world that has solids.
+        vehicle: of all episodes.
+        n: number of episodes.
+    """
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, n: int) -> None:
+        self.settings = config.world
+        self.hull = hull_of(config.world, vehicle)
+        """(1,) record of HULL"""
+        kind = resolve(WORLDS[self.settings.name].code)
+        # A way must be wide enough for the vehicle in each direction.
+        self.radius = float(self.hull["radius"][0] - self.hull["first"][0])
+        self.world: World = kind(self.settings, config.task.depth_low, self.radius)
+        self.solids = np.zeros((n, self.world.most), SOLID)
+        """(n, most) records, of which each episode has its first `solids`"""
+        self.heights = self.world.heights
+        self.fields = (*FIELDS, *((name, "f8") for name in self.world.fields))
+        """that an episode has in addition"""
+
+    @property
+    def loops(self) -> tuple[Any, ...]:
+        """Return the last arguments of the loop over steps."""
+        return self.solids, self.heights, self.hull
+
+    def draw(self, task: Task, indices: Integers) -> None:
+        """Draw the worlds of episodes that have a start and a goal.
+
+        Raises:
+            ConfigError: a start or a goal is not in the water, or a world cannot be drawn.
+        """
+        for i in indices.tolist():
+            e = task.episodes[i]
+            own = int(e.seed), task.stream, int(e.episode), int(e.environment)
+            episode = Episode(np.array(e.start), task.goal(i), key_of(self.settings.seed, own))
+            solids, remembered = self.world.draw(episode)
+            self.solids[i, : len(solids)] = solids
+            e.solids, e.contact, e.near_time = len(solids), 0, 0.0
+            for name, value in remembered.items():
+                setattr(e, name, value)
+            e.clearance = self._check(i, len(solids), episode, float(e.start_yaw))
+
+    def _check(self, i: int, count: int, episode: Episode, yaw: float) -> float:
+        """Return the clearance of the start in m."""
+        hull = self.hull[0]
+        ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        spheres = episode.start + np.outer(hull.first + hull.spacing * np.arange(hull.count), ahead)
+        room = self._distances(i, count, np.array([*spheres, episode.goal])) - [
+            *[hull.radius] * hull.count,
+            0.0,
+        ]
+        for what, point, free in (
+            ("start", episode.start, room[:-1].min()),
+            ("goal", episode.goal, room[-1]),
+        ):
+            if free <= 0.0:
+                x, y, z = point
+                radius = f" with a vehicle of {self.radius:.2g} m radius" if what == "start" else ""
+                raise ConfigError(
+                    f"world={self.settings.name}: a {what} at ({x:.1f}, {y:.1f}, {z:.1f}) m is {self.world.inside}{radius}, by "
+                    f"{-free:.2g} m; change keys of world or task"
+                )
+        return float(room[:-1].min())
+
+    def _distances(self, i: int, count: int, points: Floats) -> Floats:
+        distances, nearest = np.empty(len(points)), np.empty(len(points), np.int64)
+        scene = self.solids[i, :count]
+        clearance(scene, self.heights, 0.0, points, FAR, distances, nearest, np.empty((len(points), 3)))
+        return distances
+
+    def name(self, i: int, count: int) -> str:
+        """Return the name of the world of episode i: two worlds with the same solids have the same name."""
+        # Rounded to a nanometre: the last bit may differ between machines.
+        columns = [
+            np.round(np.asarray(self.solids[i, :count][name], float), 9) + 0.0 for name in SOLID.names or ()
+        ]
+        digest = hashlib.sha256(b"".join(column.tobytes() for column in columns))
+        digest.update(np.round(self.heights, 9).tobytes())
+        return f"{self.settings.name}-{digest.hexdigest()[:8]}"
+
+    def columns(self, e: Any, i: int) -> dict[str, Any]:
+        """Return the columns of the record of episode i that has ended, the record `e`."""
+        hit = self.solids[i, e.contact - 1]["kind"] if e.contact else None
+        return {
+            "world": self.name(i, int(e.solids)),
+            "hit": "" if hit is None else KINDS[int(hit)],
+            "clearance_min_m": float(e.clearance),
+            "near_time_s": float(e.near_time),
+            **{name: float(getattr(e, name)) for name in self.world.fields},
+        }
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that an exact resume needs, as numbers."""
+        return {"solids": self.solids.view(np.float64)}
+
+
+def hull_of(world: Solid, vehicle: VehicleModel) -> Any:
+    """Return the hull of a vehicle (1,), a record of HULL: spheres in a row along its x axis."""
+    radius, length = vehicle.hull if world.vehicle_radius is None else (world.vehicle_radius, 0.0)
+    count = 1 + int(np.ceil(length / radius))
+    hull = np.zeros(1, HULL)
+    hull["radius"], hull["near"], hull["count"] = radius, world.near, count
+    hull["first"], hull["spacing"] = -0.5 * length, length / max(count - 1, 1)
+    return hull.view(np.recarray)

@@ -1,0 +1,129 @@
+"""Obstacles as seen from above: discs that do not overlap, and the shortest way between them.
+
+The arena is a rectangle: x runs from the start, at (0, 0), to the goal, at (distance, 0). A way between the discs is free at every
+depth.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+from numba import njit
+
+from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.random import uniform4
+from auvbench.worlds.solids import Floats
+
+CELL = 0.5
+"""m, side of a cell of the map"""
+DARTS = 40
+"""thrown for each disc at most"""
+
+Key = tuple[int, int, int, int]
+"""Seed, stream, episode and environment of the draws."""
+
+
+@njit(nogil=True)
+def apart(x: float, y: float) -> float:
+    """Return the length of (x, y)."""
+    return math.sqrt(x * x + y * y)
+
+
+@compiled("dynamics")
+def scatter(
+    key: Key,
+    attempt: int,
+    count: int,
+    arena: tuple[float, float],
+    radii: tuple[float, float],
+    gap: float,
+    free: float,
+) -> Floats:
+    """Return discs (k, 3), x, y and radius in m, with k at most `count`: darts are thrown until each has room (Poisson-disc sampling).
+
+    Args:
+        key: of the draws.
+        attempt: number of the attempt with this key.
+        count: discs.
+        arena: distance from start to goal and margin on all sides, m.
+        radii: smallest and largest, m.
+        gap: smallest distance between discs, m.
+        free: smallest distance of a disc from start and goal, m.
+    """
+    seed, stream, episode, environment = key
+    (distance, margin), (low, high) = arena, radii
+    discs = np.empty((count, 3))
+    found = 0
+    for dart in range(DARTS * count):
+        if found == count:
+            break
+        u, v, w, _ = uniform4(seed, stream, dart, attempt, episode, environment)
+        x, y, radius = (
+            -margin + u * (distance + 2.0 * margin),
+            margin * (2.0 * v - 1.0),
+            low + (high - low) * w,
+        )
+        if min(apart(x, y), apart(x - distance, y)) < radius + free:
+            continue
+        has_room = True
+        for k in range(found):
+            if apart(x - discs[k, 0], y - discs[k, 1]) < radius + discs[k, 2] + gap:
+                has_room = False
+                break
+        if has_room:
+            discs[found, 0], discs[found, 1], discs[found, 2] = x, y, radius
+            found += 1
+    return discs[:found].copy()
+
+
+@njit(nogil=True)
+def room_at(discs: Floats, x: float, y: float) -> float:
+    """Return the distance in m of a point from the nearest disc."""
+    room = math.inf
+    for k in range(discs.shape[0]):
+        room = min(room, apart(x - discs[k, 0], y - discs[k, 1]) - discs[k, 2])
+    return room
+
+
+@compiled("dynamics")
+def shortest_way(discs: Floats, radius: float, distance: float, margin: float) -> tuple[float, float]:
+    """Return the length in m of the shortest way from start to goal, and its mean distance in m from the discs, less the radius.
+
+    Dijkstra's algorithm on a map with cells of CELL m and eight neighbours. A cell is free if a vehicle of this radius is free
+    anywhere in it. The length is infinite if no way leads to the goal.
+    """
+    columns = math.ceil((distance + 2.0 * margin) / CELL) + 1
+    rows = 2 * math.ceil(margin / CELL) + 1
+    left, low = -margin, -0.5 * (rows - 1) * CELL
+    room = np.empty(rows * columns)
+    for cell in range(rows * columns):
+        room[cell] = room_at(discs, left + (cell % columns) * CELL, low + (cell // columns) * CELL) - radius
+    length = np.full(rows * columns, math.inf)
+    before = np.full(rows * columns, -1)
+    middle = (rows - 1) // 2 * columns
+    start = middle + round(margin / CELL)
+    goal = middle + round((distance + margin) / CELL)
+    length[start] = 0.0
+    waiting = [(0.0, start)]
+    while len(waiting) > 0:
+        so_far, cell = heapq.heappop(waiting)
+        if cell == goal:
+            break
+        if so_far > length[cell]:
+            continue
+        row, column = cell // columns, cell % columns
+        for up in range(-1, 2):
+            for right in range(-1, 2):
+                if not (0 <= row + up < rows and 0 <= column + right < columns):
+                    continue
+                other = cell + up * columns + right
+                then = so_far + CELL * math.sqrt(up * up + right * right)
+                if room[other] >= CELL * math.sqrt(0.5) and then < length[other]:
+                    length[other], before[other] = then, cell
+                    heapq.heappush(waiting, (then, other))
+    total, cells, cell = 0.0, 0, goal
+    while cell >= 0:
+        total, cells, cell = total + room[cell], cells + 1, before[cell]
+    return length[goal], total / cells
