@@ -10,7 +10,7 @@ from PIL import Image
 
 from auvbench import cli
 from auvbench.registry import TASKS
-from benchmarks import hero, vehicle_pictures
+from benchmarks import hero, vehicle_pictures, world_pictures
 
 ASSETS = Path(__file__).parents[1] / "docs" / "assets"
 RESULTS = Path(__file__).parents[1] / "results"
@@ -28,6 +28,7 @@ def main() -> None:
             _store(Path(folder) / "test-nominal-0.png", f"task-{task}.png")
     _page()
     vehicle_pictures.main()
+    world_pictures.main()
     hero.main()
 
 

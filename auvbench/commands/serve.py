@@ -129,6 +129,8 @@ def _server(given: argparse.Namespace) -> Server:
     config = train_config(compose("train", given.overrides))
     if isinstance(config.simulator, simulators.Ros2):
         raise ConfigError("simulator=ros2: cannot be served; use simulator=fossen or simulator=gazebo")
+    if config.world.solid:
+        raise ConfigError(f"world={config.world.name}: serve has no bottom and no obstacles; use world=open")
     for need in needs(config.disturbance):
         if not need.able(simulators.ros2.capabilities):
             raise ConfigError(

@@ -142,6 +142,18 @@ def _shortened(value: object) -> str:
     return ", ".join(f"{part:g}" for part in value)
 
 
+def _hull(vehicle: VehicleModel) -> str:
+    """Return what stands for the vehicle's shape among solids."""
+    radius, length = vehicle.hull
+    whence = "" if vehicle.own_hull else ", of its inertia and actuators: the sheet has no hull"
+    shape = (
+        f"spheres of {radius:.3g} m radius over {length:.3g} m along x"
+        if length
+        else f"a sphere of {radius:.3g} m radius"
+    )
+    return f"{shape}{whence}"
+
+
 def _hydrostatics(console: Console, vehicle: VehicleModel) -> None:
 
     trim, net, free = (
@@ -163,6 +175,7 @@ def _hydrostatics(console: Console, vehicle: VehicleModel) -> None:
         ("net buoyancy", f"{net + 0.0:+.4g} N{motion}"),
         ("centre of gravity", f"{_vector(vehicle.center_of_gravity)} m"),
         ("centre of buoyancy", f"{_vector(vehicle.center_of_buoyancy)} m"),
+        ("hull in worlds", _hull(vehicle)),
         ("static trim", attitude),
         ("shortest time constant", f"{fastest:.3g} s, of damping at full thrust: the longest physics step"),
     ]

@@ -197,11 +197,16 @@ class Batch:
         if distance is not None:
             depths = self.config.task.depth_low, self.config.task.depth_high
             waypoint = _at(distance, start[:, :3], task.reference[indices], depths)
-        task.place(indices, start, waypoint)
+        option = "waypoint" if pose is None else "pose"
+        try:
+            task.place(indices, start, waypoint)
+        except ConfigError as error:  # of its world
+            task.load_state_dict(before)
+            raise ConfigError(f"options['{option}']: {error}") from None
         for i in indices.tolist():
             if wrong := task.misplaced(i):
                 task.load_state_dict(before)
-                raise ConfigError(f"options['{'waypoint' if pose is None else 'pose'}']: {wrong}")
+                raise ConfigError(f"options['{option}']: {wrong}")
         return start
 
     def _measured(self) -> tuple[Floats, Floats]:

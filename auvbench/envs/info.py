@@ -6,7 +6,8 @@
 `distance`     m, distance from the vehicle to it
 `is_success`   whether the episode has ended with success
 `record`       at the end of an episode: its record (`auvbench.record`), with `outcome` as a code: 0 success,
-               1 collision, 2 timeout, 3 out of bounds
+               1 collision, 2 timeout, 3 out of bounds; in a world with solids `hit` is the kind of solid that was hit: 0 sphere,
+               1 capsule, 2 cylinder, 3 box, 4 plane, 5 bottom, -1 none
 =============  ==================================================================================================
 
 As in Gymnasium's vector environments, each key of a batch has an array of n rows; the key with an underscore before
@@ -24,15 +25,22 @@ from numpy.typing import NDArray
 
 from auvbench.envs.batch import State
 from auvbench.record import OUTCOMES, Record
+from auvbench.worlds.casting import NOTHING
+from auvbench.worlds.solids import KINDS
 
-WHOLE = ("episode", "environment", "outcome", "steps")
+WHOLE = ("episode", "environment", "outcome", "steps", "hit")
 """columns of a record that are whole numbers"""
 
 
 def numbers(record: Record) -> dict[str, int | float]:
-    """Return the record with its outcome as a code, an index into OUTCOMES."""
+    """Return the record with its outcome as a code, an index into OUTCOMES, and `hit` as an index into KINDS, without other texts."""
+    codes: dict[str, Any] = {"outcome": OUTCOMES.index(str(record["outcome"]))}
+    if "hit" in record:
+        codes["hit"] = KINDS.index(str(record["hit"])) if record["hit"] else NOTHING
     return {
-        name: OUTCOMES.index(value) if isinstance(value, str) else value for name, value in record.items()
+        name: codes.get(name, value)
+        for name, value in record.items()
+        if name in codes or not isinstance(value, str)
     }
 
 
@@ -83,10 +91,11 @@ def final(
 
 def table(ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]) -> dict[str, Any]:
     """Return the records as arrays of n rows by column."""
-    values = np.zeros((len(records[0]), len(rows)))
-    values[:, ended] = np.array([list(numbers(record).values()) for record in records]).T
+    coded = [numbers(record) for record in records]
+    values = np.zeros((len(coded[0]), len(rows)))
+    values[:, ended] = np.array([list(record.values()) for record in coded]).T
     columns: dict[str, Any] = {}
-    for name, column in zip(records[0], values, strict=True):
+    for name, column in zip(coded[0], values, strict=True):
         columns[name] = column.astype(np.int64) if name in WHOLE else column
         columns[f"_{name}"] = rows.copy()
     return columns

@@ -1,6 +1,6 @@
 """Find the nearest of many solids: along rays, and from points.
 
-The functions of one ray and of one point are compiled into their callers; `cast` and `clearance` loop over batches.
+`first_hit` and `nearest_surface` are for one ray and one point, `cast` and `clearance` for batches.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import borrowed, compiled, inline
@@ -57,7 +56,7 @@ def passes(v: Vector, direction: Vector, reach: float, longest: float) -> bool:
     return dot(v, v) - ahead * ahead > reach * reach
 
 
-@njit(nogil=True)
+@compiled("dynamics")
 def range_to(
     s: Record, heights: Floats, time: float, origin: Vector, direction: Vector, longest: float
 ) -> float:
@@ -81,7 +80,7 @@ def range_to(
     return terrain_range(s, heights, o, d, longest)
 
 
-@njit(nogil=True)
+@compiled("dynamics")
 def distance_to(s: Record, heights: Floats, time: float, point: Vector, longest: float) -> Signed:
     """Return the signed distance in m of a point from a solid, and its gradient in world axes; see `terrain_distance` for `longest`."""
     p = to_solid(s, subtract(point, position_at(s, time)))
@@ -129,7 +128,7 @@ def first_hit(
     return nearest, index
 
 
-@inline
+@compiled("dynamics")
 def nearest_surface(
     solids: Any, heights: Floats, time: float, point: Vector, longest: float
 ) -> tuple[float, int, Vector]:
