@@ -196,7 +196,7 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         merged.simulator = _empty(config, "simulator.name", _schemas(SIMULATORS))
         merged.task = _empty(config, "task.name", _schemas(TASKS))
         merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
-        if "world" in config:
+        if config.get("world") is not None:
             merged.world = _empty(config, "world.name", _schemas(WORLDS))
         merged.disturbance = OmegaConf.structured(_disturbance(config))
         merged = OmegaConf.merge(merged, config)

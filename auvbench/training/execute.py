@@ -24,10 +24,14 @@ from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
+from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances
 from auvbench.tasks.observation import check_vehicle
 from auvbench.training import worker
 from auvbench.vehicles import sheet
+
+TRIED = 16
+"""episodes that are drawn in a world before a run is made"""
 
 
 def check_runnable(config: schema.TrainConfig) -> None:
@@ -38,7 +42,7 @@ def check_runnable(config: schema.TrainConfig) -> None:
 
     Raises:
         ConfigError: the vehicle cannot do the task or lacks the failing actuator, the controller cannot steer
-            it, or Gazebo is not installed.
+            it, Gazebo is not installed, or a start or a goal is not in the water of its world.
         VehicleError: Gazebo cannot simulate the vehicle.
         MissingExtraError: the controller, or train.log, needs a package that is not installed.
     """
@@ -46,6 +50,8 @@ def check_runnable(config: schema.TrainConfig) -> None:
     vehicle = sheet.load(config.vehicle)
     check_vehicle(config.task, vehicle)
     disturbances.check(config, vehicle)
+    if config.world.solid:  # the first starts and goals must be in the water
+        tasks.make(config, vehicle, TRIED, config.seed).reset(np.arange(TRIED))
     if check := SIMULATORS[config.simulator.name].check:
         resolve(check)(config.simulator, vehicle)
     residual = getattr(config.algo, "residual", None)

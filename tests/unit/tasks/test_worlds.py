@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,7 @@ import pytest
 from numpy.typing import NDArray
 from omegaconf import OmegaConf
 
+from auvbench.cli import main
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
@@ -60,7 +62,7 @@ def bits(batch: Batch) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("world", ["tank", "slope", "pillars", "field"])
 def test_clearance_is_the_distance_from_the_nearest_solid_and_contact_ends_the_episode(world: str) -> None:
-    words = ["world.length=24", "world.width=24"] if world == "tank" else []
+    words = ["world.length=17", "world.width=17"] if world == "tank" else []
     words += ["world.altitude=1", "world.dip=0.5"] if world == "slope" else []
     words += ["world.density=0.05", "world.free=0.5"] if world == "field" else []
     task = batch(world, *words, "task.start_high=8", "task.bounds=60", "world.near=0.8", n=32)
@@ -100,19 +102,20 @@ def test_the_vehicle_sinks_onto_a_rough_bottom() -> None:
     down[:, 4:] = -1.0 if sinking.vehicle.allocation[2, 4:].sum() > 0.0 else 1.0
     hits = 0
     for _ in range(400):
-        solids = [np.array(solids_of(sinking, i)[0]) for i in range(8)]
+        solids = [solids_of(sinking, i)[:1].copy() for i in range(8)]
         result = sinking.step(down)
         for k, i in enumerate(result.ended.tolist()):
             if result.records[k]["hit"]:
                 hits += 1
                 assert result.records[k]["hit"] == "bottom"
-                point = oracle.own_axes(solids[i], result.final_state.pose[k : k + 1, :3])
+                point = oracle.own_axes(solids[i][0], result.final_state.pose[k : k + 1, :3])
                 above = point[0, 2] - oracle.height(world.grid, 1.0, np.zeros(3), point)[0]
                 # The nearest triangle is at most the radius away, and the slope lengthens the way along z.
-                assert 0.0 < above <= RADIUS / float(solids[i]["cosine"])
+                assert 0.0 < above <= RADIUS / float(solids[i]["cosine"][0])
     assert hits > 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("task", list(TASKS))
 def test_every_task_ends_by_contact(task: str) -> None:
     words = ["world.depth=70"] if task == "path_following" else []
@@ -219,6 +222,7 @@ def test_copies_resumed_and_other_environments_have_the_same_bits(world: str) ->
     assert bits(first) == bits(twin) == bits(resumed)
 
 
+@pytest.mark.slow
 def test_functions_run_as_python_give_the_same_bits() -> None:
     compiled, interpreted = batch("field", n=2, seed=5), batch("field", n=2, seed=5)
     interpreted.task.interpret()
@@ -236,7 +240,7 @@ def test_vector_environment_tells_of_the_hit() -> None:
     command = np.random.default_rng(0).uniform(-1.0, 1.0, vector.action_space.shape)
     for _ in range(400):
         *_, info = vector.step(command)
-        if "final_info" in info and (info["final_info"]["record"]["hit"] == KINDS.index("capsule")).any():
+        if "record" in info and (info["record"]["hit"][info["_record"]] == KINDS.index("capsule")).any():
             return
     pytest.fail("no vehicle hit a pillar")
 
@@ -415,6 +419,13 @@ def test_episodes_that_cannot_begin_are_refused(words: list[str], message: str) 
     with pytest.raises(ConfigError, match=message) as error:
         wrong.reset()
     assert "\n" not in str(error.value)
+
+
+def test_train_refuses_a_start_outside_the_tank(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    words = ["algo=pid", "world=tank", "task.start=[40,0,-20]", f"output={tmp_path}"]
+    assert main(["train", *words]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "world=tank: a start at (40.0, 0.0, -20.0) m is outside the tank" in line
 
 
 def test_a_start_that_is_placed_into_a_solid_is_refused_and_changes_nothing() -> None:
