@@ -26,17 +26,15 @@ KINDS = ("sphere", "capsule", "cylinder", "box", "plane", "bottom")
 
 SOLID = record(
     kind=np.int64,
-    position=(
-        3,
-    ),  # m, at time 0: the centre; of a plane, one of its points; of terrain, its vertex (0, 0) at height 0
+    # m, at time 0: the centre; of a plane, one of its points; of terrain, its vertex (0, 0) at height 0
+    position=(3,),
     velocity=(3,),  # m/s
     along_x=(3,),  # unit vectors of its own axes, in world axes
     along_y=(3,),
     along_z=(3,),
     radius=(),  # m, of a sphere, capsule or cylinder
-    half=(
-        3,
-    ),  # m, half of the sides of a box; the third is half of the length of a capsule's or cylinder's axis
+    # m, half of the sides of a box; the third is half of the length of a capsule's or cylinder's axis
+    half=(3,),
     reach=(),  # m, radius of a sphere round the position that contains it
     first=np.int64,  # of terrain: index of its vertex (0, 0) in the array of heights
     columns=np.int64,  # vertices along x
