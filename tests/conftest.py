@@ -14,9 +14,14 @@ from typing import TYPE_CHECKING, Any
 import psutil
 import pytest
 from filelock import FileLock
+from hypothesis import HealthCheck, settings
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
+
+# How long an example takes depends on what else the machine does.
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 FILES = 60
 """files whose times are printed"""
