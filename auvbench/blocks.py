@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from auvbench.errors import closest
 from auvbench.observation import BODY, Block
 from auvbench.registry import Spec
@@ -99,7 +101,7 @@ def wrap(angle: float) -> float:
     >>> wrap(math.pi) == -math.pi
     True
     """
-    wrapped = angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+    wrapped = angle - 2.0 * math.pi * float(np.floor((angle + math.pi) / (2.0 * math.pi)))
     return wrapped if wrapped < math.pi else -math.pi
 
 
