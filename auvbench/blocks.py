@@ -101,6 +101,7 @@ def wrap(angle: float) -> float:
     >>> wrap(math.pi) == -math.pi
     True
     """
+    # math.floor has no integer for NaN, which a task may write by mistake.
     wrapped = angle - 2.0 * math.pi * float(np.floor((angle + math.pi) / (2.0 * math.pi)))
     return wrapped if wrapped < math.pi else -math.pi
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from auvbench.registry import TASKS
+from auvbench.registry import TASKS, WORLDS
 
 if TYPE_CHECKING:
     from auvbench.config.tasks import TaskSpec
@@ -64,6 +64,8 @@ identifies a row, what is the same for every agent, what an agent did); agent: a
 """
 
 
+OPEN = "open"
+"""world of records without columns of a world"""
 LAST = "yaw_error_rms_rad"
 """the last of METRICS that an episode has"""
 
@@ -106,7 +108,7 @@ class Metric:
     """whether a failed episode counts as the worst value, not as the measured one"""
     failed: Failed = ""
 
-    def is_of(self, task: str, world: str = "open") -> bool:
+    def is_of(self, task: str, world: str = OPEN) -> bool:
         """Return whether a task has the metric, in a kind of world."""
         return (not self.tasks or task in self.tasks) and (not self.worlds or world in self.worlds)
 
@@ -188,7 +190,7 @@ def column(
 POINTS = tuple(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz")
 SHARED = ("position_error_rms_m", "yaw_error_rms_rad", *POINTS)
 """columns that several tasks have (`TaskSpec.shared`), from `TrackingTask.errors`"""
-SOLID = ("tank", "slope", "rough", "pillars", "field")
+SOLID = tuple(name for name in WORLDS.own if name != OPEN)
 """worlds with solids"""
 
 

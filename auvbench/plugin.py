@@ -11,7 +11,8 @@ from auvbench.agents.base import Agent, Callbacks, Components, Learner
 from auvbench.blocks import BlockSpec
 from auvbench.config.algorithms import AgentConfig, AgentSpec
 from auvbench.config.commands import CommandSpec
-from auvbench.config.disturbances import DisturbanceConfig, DisturbanceSpec, Need, below, forces
+from auvbench.config.disturbances import DisturbanceConfig, DisturbanceSpec, Need, forces
+from auvbench.config.fields import below
 from auvbench.config.launchers import LauncherConfig, LauncherSpec
 from auvbench.config.rewards import RewardConfig, RewardSpec
 from auvbench.config.schema import TrainConfig, choice, number

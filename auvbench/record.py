@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from auvbench.metrics import Kind, Totals, registered
+from auvbench.metrics import OPEN, Kind, Totals, registered
 
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
 """How an episode can end, in the order of the codes 0 to 3 in tasks/rows.py. Each task lists its own subset."""
@@ -29,10 +29,6 @@ def columns(*kinds: Kind) -> tuple[str, ...]:
 def measured() -> tuple[str, ...]:
     """Return the columns whose value, where a row has one, is a finite number."""
     return columns("scenario", "episode")
-
-
-OPEN = "open"
-"""World of records without columns of a world"""
 
 
 @cache

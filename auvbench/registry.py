@@ -43,6 +43,8 @@ class Spec:
 
     name: str
     """The value that chooses it."""
+    factory: str
+    """`module:object` of its code."""
     schema: type | None
     """The dataclass of its configuration: types, ranges and meanings of its keys; None without any key."""
 
@@ -53,8 +55,8 @@ class Spec:
 
     @property
     def code(self) -> str:
-        """`module:object` of its code."""
-        raise NotImplementedError
+        """`module:object` of its code, for kinds that call it something else than `factory`."""
+        return self.factory
 
     def fault(self) -> str:
         """Return why a package's spec cannot be used; empty where it can."""

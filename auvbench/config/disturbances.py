@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from keyword import iskeyword
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-from auvbench.config.fields import choice, number
+from auvbench.config.fields import below, choice, number
 from auvbench.errors import ConfigError
 from auvbench.registry import Spec, owned, telling
 
@@ -76,15 +76,6 @@ class Factor:
 def forces(key: str) -> Need:
     """Return the need of a disturbance that pushes vehicles."""
     return Need(key, "forces on vehicles", lambda can: can.forces)
-
-
-def below(low_key: str, low: float, high_key: str, high: float | None, *, strictly: bool = False) -> None:
-    """Raise ConfigError unless a value is at most another one, or less with `strictly`; None is no limit."""
-    if high is None or (low < high if strictly else low <= high):
-        return
-    raise ConfigError(
-        f"{low_key}={low:.12g}: must be {'below' if strictly else 'at most'} {high_key}={high:g}"
-    )
 
 
 @dataclass(kw_only=True)
@@ -348,11 +339,6 @@ class DisturbanceSpec(Spec):
     """Its keys with their types and ranges; in a package, derived from `DisturbanceConfig`."""
     added: bool = False
     """Whether runs of earlier versions lack its keys, so that fingerprints cover them only where it is active."""
-
-    @property
-    def code(self) -> str:
-        """Return `module:class` of the disturbance."""
-        return self.factory
 
     def fault(self) -> str:
         good = self.name.isidentifier() and not iskeyword(self.name) and self.name not in RESERVED

@@ -50,6 +50,15 @@ def require(holds: bool, key: str, value: Any, what: str) -> None:
         raise ConfigError(f"{key}={show(value)}: must {what}")
 
 
+def below(low_key: str, low: float, high_key: str, high: float | None, *, strictly: bool = False) -> None:
+    """Raise ConfigError unless a value is at most another one, or less with `strictly`; None is no limit."""
+    if high is None or (low < high if strictly else low <= high):
+        return
+    raise ConfigError(
+        f"{low_key}={low:.12g}: must be {'below' if strictly else 'at most'} {high_key}={high:g}"
+    )
+
+
 def keys(kind: type, prefix: str = "") -> dict[str, Any]:
     """Return the dotted keys of a schema and of its nested schemas, with their types."""
     types = {}

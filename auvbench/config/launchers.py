@@ -78,11 +78,6 @@ class LauncherSpec(Spec):
     schema: type = LauncherConfig
     """Keys of `launcher` with their types and ranges; in a package, derived from `LauncherConfig`."""
 
-    @property
-    def code(self) -> str:
-        """Return `module:callable` of the launcher."""
-        return self.factory
-
 
 local = LauncherSpec("local", "auvbench.scheduling.local:make", Local)
 slurm = LauncherSpec("slurm", "auvbench.scheduling.slurm:make", Slurm)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from auvbench.config.disturbances import below
+from auvbench.config.fields import below
 from auvbench.config.schema import choice_of, later, number
 from auvbench.config.schema import keys as schema_keys
 from auvbench.config.schema import name as plain_name

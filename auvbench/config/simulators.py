@@ -119,11 +119,6 @@ class SimulatorSpec(Spec):
     number, and `clock()`, the clock of the last test's steps. Only one test at a time can use them.
     """
 
-    @property
-    def code(self) -> str:
-        """Return `module:callable` of the simulator."""
-        return self.factory
-
     def fault(self) -> str:
         able = isinstance(self.capabilities, Capabilities) and self.capabilities.currents in CURRENTS
         return "" if able else "has invalid capabilities; make them with auvbench.plugin.Capabilities"

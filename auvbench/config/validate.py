@@ -13,8 +13,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
 from auvbench.config import algorithms, rewards, schema, simulators, tasks
-from auvbench.config.disturbances import asking, below
-from auvbench.config.fields import require, show
+from auvbench.config.disturbances import asking
+from auvbench.config.fields import below, require, show
 from auvbench.errors import ConfigError, closest
 from auvbench.registry import AGENTS
 from auvbench.untrusted.text import short

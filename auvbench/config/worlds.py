@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from auvbench.config.fields import choice_of, number
+from auvbench.config.fields import below, choice_of, number
 from auvbench.errors import ConfigError
 from auvbench.registry import WORLDS, Spec
 
@@ -110,8 +110,7 @@ class Field(Solid):
 
     def check(self) -> None:
         low, high = self.radius_low, self.radius_high
-        if low > high:
-            raise ConfigError(f"world.radius_low={low:g}: must be at most world.radius_high={high:g}")
+        below("world.radius_low", low, "world.radius_high", high)
         # Discs thrown at random fill at most 0.547 of a plane (Feder, "Random sequential adsorption", 1980).
         room = math.pi * (0.5 * (low + high) + 0.5 * self.gap) ** 2
         most = 0.4 / room
@@ -134,11 +133,6 @@ class WorldSpec(Spec):
     factory: str
     """`module:class`, a class below `auvbench.tasks.worlds.base.World`; empty for open water"""
     schema: type
-
-    @property
-    def code(self) -> str:
-        """Return `module:class` of the world."""
-        return self.factory
 
 
 _CODE = "auvbench.tasks.worlds"

@@ -19,9 +19,9 @@ from auvbench.config import rewards, schema, tasks
 from auvbench.dynamics import frames
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
-from auvbench.metrics import Totals
+from auvbench.metrics import OPEN, Totals
 from auvbench.observation import ObservationSpec
-from auvbench.record import OPEN, OUTCOMES, Record, record_of
+from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.registry import BLOCKS, TASKS, owner, resolve
 from auvbench.tasks import loops, records
 from auvbench.tasks import rewards as functions

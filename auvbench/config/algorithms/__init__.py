@@ -85,18 +85,8 @@ class AgentSpec(Spec):
     """
     observes: bool = True
     """Whether the agent reads the observation."""
-    trained: bool = False
+    learns: bool = False
     """Whether the agent has a training."""
-
-    @property
-    def code(self) -> str:
-        """Return `module:callable` of the agent."""
-        return self.factory
-
-    @property
-    def learns(self) -> bool:
-        """Whether the agent has a training."""
-        return self.trained
 
     @classmethod
     def adopt(cls, found: Declared, thing: Any) -> AgentSpec:
@@ -113,15 +103,15 @@ class AgentSpec(Spec):
             raise found.error(
                 f"is a {type(thing).__name__}; it must be a class or a function that makes an agent"
             )
-        trained = callable(getattr(thing, "learn", None))
-        if trained:
+        learns = callable(getattr(thing, "learn", None))
+        if learns:
             exact = getattr(thing, "exact_resume", None)
             needed = ("save", "load", "state", "restore") if exact else ("save", "load")
             lacking = [name for name in needed if not callable(getattr(thing, name, None))]
             lacking += [] if isinstance(exact, bool) else ["exact_resume, True or False"]
             if lacking:
                 raise found.error(f"learns but lacks {', '.join(lacking)} (auvbench.agents.base.Learner)")
-        return cls(found.name, found.name, schema, found.value, exportable=True, trained=trained)
+        return cls(found.name, found.name, schema, found.value, exportable=True, learns=learns)
 
 
 def learns(algo: Any, *, unknown: bool = False) -> bool:

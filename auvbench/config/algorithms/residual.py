@@ -73,7 +73,7 @@ class SACResidual(SAC):
 
 def _spec(name: str, title: str, schema: type, algorithm: str) -> AgentSpec:
     code = "auvbench.agents.learned.residual:ResidualLearner"
-    return AgentSpec(name, title, schema, code, algorithm, knows=("sheet",), trained=True)
+    return AgentSpec(name, title, schema, code, algorithm, knows=("sheet",), learns=True)
 
 
 ppo_residual = _spec("ppo_residual", "PPO added to PID", PPOResidual, "stable_baselines3:PPO")

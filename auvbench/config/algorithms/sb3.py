@@ -177,7 +177,7 @@ def _is_number(text: str) -> bool:
 
 def _spec(name: str, title: str, schema: type, algorithm: str, *, exportable: bool = True) -> AgentSpec:
     code = "auvbench.agents.learned.sb3:SB3Learner"
-    return AgentSpec(name, title, schema, code, algorithm, exportable, trained=True)
+    return AgentSpec(name, title, schema, code, algorithm, exportable, learns=True)
 
 
 ppo = _spec("ppo", "PPO", PPO, "stable_baselines3:PPO")

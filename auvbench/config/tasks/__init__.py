@@ -151,11 +151,6 @@ class TaskSpec(Spec):
     """metrics that only this task has (`metrics.column`)"""
 
     @property
-    def code(self) -> str:
-        """Return `module:class` of the task."""
-        return self.factory
-
-    @property
     def has_goal(self) -> bool:
         """Whether an episode has a goal that is not the reference."""
         return "goal_error" in self.blocks

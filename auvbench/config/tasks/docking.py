@@ -34,9 +34,8 @@ class Docking(Tracked):
         feasible.refuse(self.start_low < self.clearance, "start_low", self, what, why)
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        most = (
-            self.bounds + self.standoff + speed / frequency
-        )  # The bounds are round the dock, not the reference.
+        # The bounds are round the dock, not the reference.
+        most = self.bounds + self.standoff + speed / frequency
         return most, most, most
 
 
