@@ -47,7 +47,7 @@ def draw(axes: Any, batch: Batch, vertical: bool) -> None:
         b = np.linspace(-40.0, 0.0, STEPS)
         grid = np.array([[*(goal[:2] + s * along), z] for z in b for s in a])
         marks = [((p[:2] - goal[:2]) @ along, p[2]) for p in (start, goal)]
-        labels = "m along the way from start to dock", "z in m"
+        labels = "m from start to dock", "z in m"
     else:
         b = a
         grid = np.array([[goal[0] + x, goal[1] + y, goal[2]] for y in b for x in a])
