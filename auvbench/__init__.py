@@ -3,7 +3,7 @@
 `import auvbench` registers the Gymnasium ids:
 
 >>> import gymnasium, auvbench
->>> env = gymnasium.make("auvbench/Waypoint-v0", overrides=["vehicle=rexrov", "step.frequency=25"])
+>>> env = gymnasium.make("auvbench/Waypoint-v1", overrides=["vehicle=rexrov", "step.frequency=25"])
 """
 
 import os
@@ -13,36 +13,41 @@ from itertools import product
 __version__ = "0.1.0"
 
 
-ID = "auvbench/Waypoint-v0"
+ID = "auvbench/Waypoint-v1"
+
+ORIGINAL: dict[str, object] = {"vehicle": "bluerov2", "task": "waypoint"}
+"""of version 0: the original study's vehicle and observation"""
 
 
 def register() -> None:
     """Register the Gymnasium ids (by entry-point strings, so that nothing else is imported).
 
-    The ids are `auvbench/Waypoint-v0`, one for each cell of the original study
-    (`auvbench/Waypoint-K40-25Hz-v0`), and one for each further task: `auvbench/StationKeeping-v0`,
-    `TrajectoryTracking`, `PathFollowing`, `Docking`. Tasks of installed packages get an id too:
-    `PoleInspection` for `pole_inspection`.
+    The ids are `auvbench/Waypoint-v1` and one for each further task: `auvbench/StationKeeping-v1`,
+    `TrajectoryTracking`, `PathFollowing`, `Docking`, and tasks of installed packages: `PoleInspection` for
+    `pole_inspection`. Their vehicle is the command line's default. Version 0 of each has the original study's vehicle, and
+    `auvbench/Waypoint-K40-25Hz-v0` and so on are the cells of that study.
     """
     from gymnasium.envs.registration import register as add
     from gymnasium.envs.registration import registry
 
     from auvbench.registry import TASKS
 
-    ids: dict[str, dict[str, object]] = {"Waypoint": {}}
+    ids: dict[str, dict[str, object]] = {"Waypoint-v1": {}, "Waypoint-v0": ORIGINAL}
     for k, hz in product((1, 40, 100), (10, 25, 55)):
-        ids[f"Waypoint-K{k}-{hz}Hz"] = {"k": k, "frequency": hz}
+        ids[f"Waypoint-K{k}-{hz}Hz-v0"] = {**ORIGINAL, "k": k, "frequency": hz}
     for task in TASKS.names():
-        ids.setdefault("".join(word.capitalize() for word in task.split("_")), {"task": task})
+        short = "".join(word.capitalize() for word in task.split("_"))
+        ids.setdefault(f"{short}-v1", {"task": task})
+        ids.setdefault(f"{short}-v0", {**ORIGINAL, "task": task})
     for short, keywords in ids.items():
-        name = f"auvbench/{short}-v0"
+        name = f"auvbench/{short}"
         if name not in registry:
             add(
                 id=name,
                 entry_point="auvbench.envs.gym_env:AuvEnv",
                 vector_entry_point="auvbench.envs.vector_env:AuvVectorEnv",
                 # Tasks other than the waypoint task have their own time limit, in seconds.
-                max_episode_steps=None if "task" in keywords else 1000,
+                max_episode_steps=1000 if short.startswith("Waypoint-") else None,
                 kwargs=keywords,
             )
 

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, RunError
-from auvbench.runs.identity import DEFAULT_TASK
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
@@ -93,7 +92,7 @@ def _as_trained(run: RunDirectory) -> str:
     """Return the overrides that give `auvbench train algo=onnx` the observations and actions of the exported run."""
     config = run.check()
     vehicle, frequency = config["vehicle"]["name"], config["step"]["frequency"]
-    words = [] if vehicle == "bluerov2" else [f"vehicle={vehicle}"]
+    words = [f"vehicle={vehicle}"]
     words += [] if frequency == 10.0 else [f"step.frequency={frequency:g}"]
     words += _task(config["task"])
     return "".join(f" {shlex.quote(word)}" for word in words)
@@ -123,7 +122,7 @@ def _task(task: Mapping[str, Any]) -> list[str]:
         has = observed({str(key): value for key, value in defaults.items()})
         changed = {key: value for key, value in wanted.items() if has.get(key) != value}
         if not changed:
-            return [] if choice == DEFAULT_TASK else [f"task={choice}"]
+            return [f"task={choice}"]
         differing = differing or changed
     values = [f"{key}={json.dumps(value).replace(', ', ',')}" for key, value in differing.items()]
-    return [*([] if name == DEFAULT_TASK else [f"task={name}"]), *(word.replace('"', "") for word in values)]
+    return [f"task={name}", *(word.replace('"', "") for word in values)]

@@ -43,9 +43,9 @@ the clock
 
 _EPILOG = """examples:
   auvbench pilot policy.onnx --goal 5 3 -12 --record missions/first
-  auvbench pilot pid --vehicle bluerov2 --depth -30 -2
+  auvbench pilot pid --depth -30 -2
   auvbench pilot lqr --task station_keeping --goal 0 0 -10 --yaw 90
-  ros2 service call /bluerov2/pilot/arm std_srvs/srv/SetBool '{data: true}'
+  ros2 service call /bluerov2_2026/pilot/arm std_srvs/srv/SetBool '{data: true}'
   auvbench pilot policy.onnx --mavlink udp:127.0.0.1:14550 --goal 5 3 -12 --arm
 
 It starts disarmed, and steers to the waypoint on /goal_pose, or keeps station at it. It commands zero thrust while the pose is too old, outside
@@ -63,7 +63,7 @@ def parser() -> Parser:
     parser.add_argument(
         "controller", metavar="POLICY.onnx", help=f"an exported policy, or one of {', '.join(CONTROLLERS)}"
     )
-    parser.add_argument("--vehicle", help="vehicle sheet (default: the policy's; else bluerov2)")
+    parser.add_argument("--vehicle", help="vehicle sheet (default: the policy's; else bluerov2_2026)")
     parser.add_argument("--namespace", help="namespace of the topics (default: the vehicle's name)")
     parser.add_argument(
         "--task", help=f"task: {' or '.join(_tasks())} (default: the policy's; else waypoint)"
@@ -231,7 +231,7 @@ def _setup(given: argparse.Namespace) -> Steering:
     else:
         from auvbench.tasks.observation import observation_spec
 
-        vehicle = sheet.load(given.vehicle or "bluerov2")
+        vehicle = sheet.load(given.vehicle or sheet.DEFAULT)
         frequency = given.frequency or 10.0
         task = task_of(given.task or DEFAULT_TASK, "--task")
         name, spec = word, observation_spec(task, vehicle.actuators)

@@ -1,4 +1,4 @@
-"""Gymnasium's interface to one environment: `gymnasium.make("auvbench/Waypoint-v0")`."""
+"""Gymnasium's interface to one environment: `gymnasium.make("auvbench/Waypoint-v1")`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FIRST = np.zeros(1, dtype=np.int64)
 
 
 class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """One vehicle and its task: `auvbench/Waypoint-v0`, `auvbench/Docking-v0` and the others.
+    """One vehicle and its task: `auvbench/Waypoint-v1`, `auvbench/Docking-v1` and the others.
 
     Args:
         overrides: overrides as on the command line, e.g. `["reward.k=40", "vehicle=rexrov"]`, or one string with
@@ -41,7 +41,7 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         ConfigError: a setting is wrong.
 
     >>> import gymnasium
-    >>> env = gymnasium.make("auvbench/Waypoint-v0", frequency=25)
+    >>> env = gymnasium.make("auvbench/Waypoint-v1", frequency=25)
     >>> observation, info = env.reset(seed=1)
     >>> observation.shape, info["waypoint"].round(1)
     ((10,), array([-14.6, -12.9, -16.6]))

@@ -1,4 +1,4 @@
-"""Gymnasium's vector interface to a batch: `gymnasium.make_vec("auvbench/Waypoint-v0", num_envs=1024)`."""
+"""Gymnasium's vector interface to a batch: `gymnasium.make_vec("auvbench/Waypoint-v1", num_envs=1024)`."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         ConfigError: a setting is wrong.
 
     >>> import gymnasium
-    >>> envs = gymnasium.make_vec("auvbench/Waypoint-v0", num_envs=3, k=40)
+    >>> envs = gymnasium.make_vec("auvbench/Waypoint-v1", num_envs=3, k=40)
     >>> observations, info = envs.reset(seed=1)
     >>> observations.shape, info["distance"].shape
     ((3, 10), (3,))

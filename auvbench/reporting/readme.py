@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from auvbench.errors import UserError
 from auvbench.reporting.tables.text_formats import escape
 from auvbench.reporting.write import facts
 from auvbench.runs import history
+from auvbench.runs.identity import DEFAULT_TASK, DEFAULT_VEHICLE
 from auvbench.runs.progress import duration
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
@@ -117,22 +119,28 @@ def provenance(runs: Sequence[RunRecord], command: str, events: Sequence[history
         lines.append(f"dates: {days[0]}" + (f" to {days[-1]}" if days[-1] != days[0] else ""))
     items = "\n".join(f"* {escape(line)}" for line in lines)
     source = f"The runs were copied, and all between markers computed from the copies, by\n\n    {short(command, LONGEST)}"
-    return f"{items}\n\n{_trained_by(manifests)}\n\n{source}"
+    return f"{items}\n\n{_trained_by(runs)}\n\n{source}"
 
 
 LONGEST = 2000
 """largest number of characters of a command"""
 
 
-def _trained_by(manifests: Sequence[Mapping[str, Any]]) -> str:
+def _trained_by(runs: Sequence[RunRecord]) -> str:
     """Return the commands that trained the runs, those with the most runs first."""
-    commands = Counter(str(m["command"]) for m in manifests if m.get("command"))
+    commands = Counter(str(run.manifest["command"]) for run in runs if run.manifest.get("command"))
     if not commands:
         return "The commands of the trainings are not recorded."
     lines = [f"    {short(command, LONGEST)}" for command, _ in commands.most_common(COMMANDS)]
     text = "The runs were trained by\n\n" + "\n".join(lines)
     if (more := len(commands) - COMMANDS) > 0:
         text += f"\n\nand {counted(more, 'more different command')}, each in its run's manifest"
+    earlier = [run for run in runs if run.config.get("vehicle.name") == DEFAULT_VEHICLE]
+    if any(not re.search(r"\b(vehicle|experiment)=", str(run.manifest.get("command"))) for run in earlier):
+        text += (
+            f"\n\nWhere a command names no vehicle, add vehicle={DEFAULT_VEHICLE}, and without a task task={DEFAULT_TASK}: they were "
+            "the defaults."
+        )
     return text
 
 

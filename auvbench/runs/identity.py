@@ -142,7 +142,7 @@ def _numbers(node: Any) -> Any:
 
 
 DEFAULT_VEHICLE = "bluerov2"
-"""Vehicle of conf/train.yaml when ids were defined; an id names only a different vehicle."""
+"""default of conf/train.yaml when ids were defined; an id names only a different vehicle"""
 
 DEFAULT_TASK = "waypoint"
 

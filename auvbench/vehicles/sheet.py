@@ -28,6 +28,10 @@ SHORTEST = 1e-5
 """smallest allowed shortest time constant in s; real vehicles have some milliseconds (docs/physics.md)"""
 
 
+DEFAULT = "bluerov2_2026"
+"""vehicle of a command that names none"""
+
+
 def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
     """Return the vehicle that a sheet describes.
 

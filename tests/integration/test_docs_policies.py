@@ -38,7 +38,7 @@ def test_the_line_on_sac_gives_its_mean_action() -> None:
     import auvbench  # noqa: F401  registers the environments
 
     assert "`torch.tanh(actor.mu(actor.latent_pi(observation)))`" in PAGE.read_text(encoding="utf-8")
-    model = SAC("MlpPolicy", gymnasium.make("auvbench/Waypoint-v0"), buffer_size=10, device="cpu")
+    model = SAC("MlpPolicy", gymnasium.make("auvbench/Waypoint-v1"), buffer_size=10, device="cpu")
     observation = np.stack([model.observation_space.sample() for _ in range(20)])
     actor = model.policy.actor
     with torch.no_grad():

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 from torch.distributions.normal import Normal
 
-ID, N, STEPS, UPDATES = "auvbench:auvbench/Waypoint-v0", 2, 128, 4
+ID, N, STEPS, UPDATES = "auvbench:auvbench/Waypoint-v1", 2, 128, 4
 
 
 def make_env(index: int, folder: str):
@@ -87,7 +87,7 @@ with tempfile.TemporaryDirectory() as folder:
     assert films[0].stat().st_size > 1000, "the film of the first episode"
 
 # The batch itself, in the way that later scripts of CleanRL step it.
-envs = gym.make_vec("auvbench:auvbench/Waypoint-v0", num_envs=4, max_episode_steps=20)
+envs = gym.make_vec("auvbench:auvbench/Waypoint-v1", num_envs=4, max_episode_steps=20)
 envs = gym.wrappers.vector.RecordEpisodeStatistics(envs)
 envs.reset(seed=1)
 finished = 0

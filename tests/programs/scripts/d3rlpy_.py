@@ -6,7 +6,7 @@ import gymnasium as gym
 import auvbench
 
 assert auvbench.__version__
-env = gym.make("auvbench/Waypoint-v0", max_episode_steps=100)
+env = gym.make("auvbench/Waypoint-v1", max_episode_steps=100)
 buffer = d3rlpy.dataset.create_fifo_replay_buffer(limit=5000, env=env)
 sac = d3rlpy.algos.SACConfig(batch_size=32).create(device="cpu")
 quiet = {"logger_adapter": d3rlpy.logging.NoopAdapterFactory()}

@@ -12,7 +12,7 @@ import numpy as np
 import auvbench
 
 assert auvbench.__version__
-env = minari.DataCollector(gym.make("auvbench/Waypoint-v0", max_episode_steps=60), record_infos=True)
+env = minari.DataCollector(gym.make("auvbench/Waypoint-v1", max_episode_steps=60), record_infos=True)
 steps = 0
 for seed in range(5):
     env.reset(seed=seed)
@@ -26,5 +26,5 @@ again = minari.load_dataset("auvbench/waypoint/random-v0")
 episode = next(again.iterate_episodes())
 assert episode.observations.shape[1] == 10
 assert np.asarray(episode.infos["waypoint"]).shape[1] == 3
-assert again.recover_environment().spec.id == "auvbench/Waypoint-v0"
+assert again.recover_environment().spec.id == "auvbench/Waypoint-v1"
 print("recorded", steps, "steps; Minari", minari.__version__)

@@ -15,7 +15,7 @@ ray.init(num_cpus=2, include_dashboard=False, log_to_driver=False)
 config = (
     PPOConfig()
     .environment(
-        "auvbench/Waypoint-v0", env_config={"k": 40, "overrides": "task.max_steps=40 task.goal_radius=0.01"}
+        "auvbench/Waypoint-v1", env_config={"k": 40, "overrides": "task.max_steps=40 task.goal_radius=0.01"}
     )
     .env_runners(
         num_env_runners=0,

@@ -38,7 +38,7 @@ class Value(DeterministicMixin, Model):
         return self.net(inputs["observations"]), {}
 
 
-env = wrap_env(gym.make_vec("auvbench/Waypoint-v0", num_envs=4, max_episode_steps=40))
+env = wrap_env(gym.make_vec("auvbench/Waypoint-v1", num_envs=4, max_episode_steps=40))
 spaces = {
     "observation_space": env.observation_space,
     "state_space": env.state_space,

@@ -12,7 +12,7 @@ from tianshou.trainer import OffPolicyTrainerParams
 from tianshou.utils.net.common import Net
 from tianshou.utils.net.continuous import ContinuousActorProbabilistic, ContinuousCritic
 
-ID = "auvbench:auvbench/Waypoint-v0"
+ID = "auvbench:auvbench/Waypoint-v1"
 
 
 def make():

@@ -12,7 +12,7 @@ from torchrl.envs.utils import check_env_specs
 import auvbench
 
 assert auvbench.__version__
-ID = "auvbench/Waypoint-v0"
+ID = "auvbench/Waypoint-v1"
 check_env_specs(GymEnv(ID))
 env = TransformedEnv(GymEnv(ID, frequency=25), Compose(DoubleToFloat(), StepCounter(50), RewardSum()))
 check_env_specs(env)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import rl_zoo3
 
-ID = "auvbench/Waypoint-v0"
+ID = "auvbench/Waypoint-v1"
 HYPERPARAMETERS = f"""
 {ID}:
   n_envs: 2

@@ -30,7 +30,7 @@ ARDUSUB = ("serve", "--face", "ardusub")
         (["--face", "ardusub", "--battery", "nan"], "from 6 to 24"),
         (["--face", "ardusub", "--give-up", "0"], "from 0.001"),
         (["--face", "ardusub", "--thrust", "t100"], "did you mean 't200'"),
-        (["--face", "ardusub", "--motors=thruster1"], "each thruster of bluerov2 once"),
+        (["--face", "ardusub", "--motors=thruster1"], "each thruster of bluerov2_2026 once"),
         (["--face", "ardusub", "vehicle=lrauv"], "rudder"),
         (["--face", "ardusub", "vehicle=rexrov"], "--motors=thruster0"),
         (["--face", "ardusub", "simulator=gazebo"], "simulator=fossen"),

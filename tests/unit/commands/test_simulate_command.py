@@ -109,7 +109,7 @@ def test_plot(file: str) -> None:
         (("input.current=[nan,0,0]",), "must be 3 finite numbers"),
         (("input.pose=[0,0,0,1,1,0,0]",), "of length 1, it has 1.41421"),
         (("input.frame=nwu",), "valid: enu, ned"),
-        (("input.command=[0.5]",), "has 1 numbers, bluerov2 has 6 actuators"),
+        (("input.command=[0.5]",), "has 1 numbers, bluerov2_2026 has 6 actuators"),
         (("input.command=[0.5,0,0,0,0,2]",), "thruster6 is 2"),
         (("input.command={thruster9: 1}",), "did you mean 'thruster"),
         (("input.command=fast",), "must be a list of numbers"),

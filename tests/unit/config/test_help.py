@@ -32,6 +32,8 @@ def test_the_common_options_come_first_with_their_defaults(
         name = "null" if name is None else name
         if key == "experiment":
             assert value == "null"
+        elif key == "task":  # a file of the waypoint task
+            assert value == "waypoint_state"
         elif key != "disturbance":  # its file has no name
             assert str(name).replace(" ", "").replace(".0", "") == value.replace(".0", ""), key
     assert "--help all" in text

@@ -114,18 +114,18 @@ def test_state_restores_to_the_same_bits():
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error")
 def test_gymnasium_accepts_the_environment_without_warnings():
-    env = gymnasium.make("auvbench/Waypoint-v0", overrides=["task.max_steps=20"])
+    env = gymnasium.make("auvbench/Waypoint-v1", overrides=["task.max_steps=20"])
     gymnasium_check(env.unwrapped)
 
 
 @pytest.mark.filterwarnings("error")
 def test_stable_baselines_accepts_the_environment_without_warnings():
-    sb3_check(gymnasium.make("auvbench/Waypoint-v0").unwrapped, warn=True)
+    sb3_check(gymnasium.make("auvbench/Waypoint-v1").unwrapped, warn=True)
 
 
 def test_vector_environment_is_the_single_one_many_times():
-    vector = gymnasium.make_vec("auvbench/Waypoint-v0", num_envs=3, vectorization_mode="vector_entry_point")
-    single = gymnasium.make("auvbench/Waypoint-v0")
+    vector = gymnasium.make_vec("auvbench/Waypoint-v1", num_envs=3, vectorization_mode="vector_entry_point")
+    single = gymnasium.make("auvbench/Waypoint-v1")
     observations, _ = vector.reset(seed=11)
     observation, _ = single.reset(seed=11)
     np.testing.assert_array_equal(observations[0], observation)
@@ -152,7 +152,7 @@ def test_episodes_end_and_begin_anew_in_the_same_step():
 
 
 def test_a_seed_out_of_range_is_the_users_mistake():
-    env = gymnasium.make("auvbench/Waypoint-v0")
+    env = gymnasium.make("auvbench/Waypoint-v1")
     with pytest.raises(auvbench.errors.ConfigError, match="seed=4294967296"):
         env.unwrapped.batch.reseed(1 << 32)
 

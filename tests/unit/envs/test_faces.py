@@ -19,7 +19,7 @@ from auvbench.envs.vector_env import AuvVectorEnv
 from auvbench.errors import ActionError, AuvbenchWarning, ConfigError
 from auvbench.simulators import fossen
 
-ID = "auvbench/Waypoint-v0"
+ID = "auvbench/Waypoint-v1"
 SHORT = ["task.max_steps=7", "task.waypoint_low=[-4,-4,-24]", "task.waypoint_high=[4,4,-16]"]
 KEYS = {"pose", "waypoint", "distance", "is_success"}
 

@@ -17,7 +17,7 @@ from auvbench.envs.vector_env import AuvVectorEnv
 from auvbench.errors import ConfigError
 
 assert auvbench.__version__
-ID = "auvbench/Waypoint-v0"
+ID = "auvbench/Waypoint-v1"
 
 
 @pytest.mark.slow

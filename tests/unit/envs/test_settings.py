@@ -33,11 +33,11 @@ def test_the_working_directory_counts_when_asked_for(tmp_path, monkeypatch):
     (conf / "train.yaml").write_text("this: is somebody else's\n")
     monkeypatch.chdir(tmp_path)
     settings._composed.cache_clear()
-    assert gymnasium.make("auvbench/Waypoint-v0").unwrapped.config.reward.k == 1
+    assert gymnasium.make("auvbench/Waypoint-v1").unwrapped.config.reward.k == 1
     (conf / "train.yaml").unlink()
-    assert gymnasium.make("auvbench/Waypoint-v0", conf="conf").unwrapped.config.reward.k == 7
+    assert gymnasium.make("auvbench/Waypoint-v1", conf="conf").unwrapped.config.reward.k == 7
     with pytest.raises(ConfigError, match="conf=cnof: no such folder"):
-        gymnasium.make("auvbench/Waypoint-v0", conf="cnof")
+        gymnasium.make("auvbench/Waypoint-v1", conf="cnof")
 
 
 def test_the_callers_hydra_is_left_as_it_was(tmp_path):
@@ -49,7 +49,7 @@ def test_the_callers_hydra_is_left_as_it_was(tmp_path):
         with initialize_config_dir(str(tmp_path), version_base="1.2"):
             hydra, base = GlobalHydra.instance().hydra, VersionBase.instance().version_base
             settings._composed.cache_clear()
-            gymnasium.make("auvbench/Waypoint-v0")
+            gymnasium.make("auvbench/Waypoint-v1")
             assert GlobalHydra.instance().hydra is hydra
             assert VersionBase.instance().version_base == base
             assert compose("mine").a == 1

@@ -360,11 +360,11 @@ def test_a_card_of_another_vehicle_clock_or_frame_is_told(
 @pytest.mark.parametrize(
     "words",
     [
-        [],
+        ["task=waypoint"],
         ["task=waypoint_state"],
         ["task=docking"],
-        ["task.history=3"],
-        ["task.position_frame=body", "task.observation=[yaw_error,position_error]"],
+        ["task=waypoint", "task.history=3"],
+        ["task=waypoint", "task.position_frame=body", "task.observation=[yaw_error,position_error]"],
         ["task=trajectory_tracking", "task.preview.points=2"],
     ],
 )

@@ -132,7 +132,7 @@ def test_a_thruster_that_a_vehicle_lacks_leaves_the_condition_out(tmp_path: Path
     protocol = sealed.read(written(tmp_path, conditions=entries))
     config = prepare(compose("train", [f"output={tmp_path}", "algo=pid"])).config()
     (reason,) = left_out(protocol, resolve_conditions(protocol, config), config)
-    assert reason == "condition eighth: vehicle bluerov2: has no thruster 8; it has 6 thrusters"
+    assert reason == "condition eighth: vehicle bluerov2_2026: has no thruster 8; it has 6 thrusters"
     heavy = prepare(compose("train", [f"output={tmp_path}", "algo=pid", "vehicle=bluerov2_heavy"])).config()
     assert left_out(protocol, resolve_conditions(protocol, heavy), heavy) == []
 

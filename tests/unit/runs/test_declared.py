@@ -38,7 +38,7 @@ def test_a_run_carries_the_digest_and_its_folder_the_analysis(tmp_path: Path) ->
         25,
         123,
     )
-    assert [stage.runs for stage in found.rows] == [{"bluerov2": [run.id]}]
+    assert [stage.runs for stage in found.rows] == [{"bluerov2_2026": [run.id]}]
     assert run.manifest()[declared.KEY] == found.digest
     assert declared.KEY not in run.config()
 
@@ -185,7 +185,7 @@ def test_a_grid_is_declared_as_a_whole_before_its_runs(tmp_path: Path) -> None:
     plans = [plan(compose("train", settings(tmp_path, "algo=pid", f"seed={seed}"))) for seed in (0, 1)]
     runs = freeze_all(plans)
     ((_, found),) = declared.find([tmp_path])
-    assert [stage.runs for stage in found.rows] == [{"bluerov2": [run.id for run in runs]}]
+    assert [stage.runs for stage in found.rows] == [{"bluerov2_2026": [run.id for run in runs]}]
     assert {run.manifest()[declared.KEY] for run in runs} == {found.digest}
 
 
