@@ -1,19 +1,17 @@
-"""Estimate the state for model-based controllers, by a steady-state Kalman filter over the vehicle's
-equations.
+"""Estimate the state for model-based controllers, by an extended Kalman filter over the vehicle's equations.
 
 The observation has the noisy position error and yaw error and the previous action. The filter predicts with
 the sheet's equations and the commanded forces, and corrects with the two readings. So it estimates what no
 learner observes: roll, pitch, velocities, and a current that is constant in the world (without it,
 predictions would be wrong while the water moves). If the task observes velocities or gravity, these are
 additional readings. Positions are relative to the reference, or to the goal if the task observes it: a dock
-does not move, but the reference of docking does. The gain is that of the linearisation about rest (Kalman
-1960; the discrete algebraic Riccati equation by `scipy.linalg.solve_discrete_are`), turned by the yaw.
+does not move, but the reference of docking does. The gain follows the estimated state (Sola 2017, "Quaternion
+kinematics for the error-state Kalman filter", section 5; covariance in Joseph's form): drag grows with speed, and a
+gain for a vehicle at rest lets the estimate of the current grow without bound at 1 m/s.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -25,17 +23,18 @@ from auvbench.dynamics import frames
 from auvbench.observation import BODY
 from auvbench.registry import TASKS
 from auvbench.tasks.observation import observation_spec
-from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require, symbolic
+from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require
 
 Floats = NDArray[np.float64]
 
-# Standard deviation of accelerations that the model lacks, and drift of the current's estimate.
+# Standard deviation of accelerations that the model lacks, and drifts of the other estimates.
 FORCE_NOISE = 0.15  # m/s2 and rad/s2, over one second
 CURRENT_DRIFT = 0.05  # m/s, over one second
-# Speed at which quadratic damping is linearised for the gain: without any damping a current would be
-# unobservable.
-TYPICAL_SPEED = 0.5  # m/s
-TYPICAL_RATE = 0.3  # rad/s
+POSE_DRIFT = 1e-3  # m and rad, over one second
+# Standard deviations at the first reading: at rest, level, in still water.
+FIRST = {"tilt": 0.1, "velocity": 0.3, "current": 0.3}  # rad, m/s and rad/s, m/s
+ERRORS = 15
+"""Number of errors that the filter estimates: position (world), rotation (body), velocity (body) and current (world)."""
 # Smallest assumed noise of a reading, even if the configuration has no noise.
 SMALLEST_NOISE = 0.01  # m, rad, m/s, rad/s
 # Beyond this no state is plausible: the equations have diverged from the vehicle, and the filter restarts.
@@ -58,20 +57,15 @@ class Observer:
         # In world axes, a reading in body axes would have to be turned by a yaw that is itself an estimate.
         body_frame = spec.blocks["position_error"].axes == BODY
         self._read = {name: spec[name] for name in READ if body_frame and name in spec.blocks}
-        measured = [index for name, indices in MEASURED.items() if name in self._read for index in indices]
         self._preview = config.task.preview if "preview" in self._read else None
         # The reference of a path moves with the vehicle; the reference of a trajectory in time does not.
         self._with_vehicle = TASKS[config.task.name].path
         self.body_frame = body_frame
         substeps = max(1, int(np.ceil(self.dt / min(0.1, model.longest_step) - 1e-9)))
-        self._step = model.step(self.dt, substeps)
-        self.gain = kalman_gain(
-            model,
-            self.dt,
-            _deviation(config.noise.position, config),
-            _deviation(config.noise.yaw, config),
-            measured,
-        )
+        self._predict = prediction(model, self.dt, substeps)
+        self._noise = _deviation(config.noise.position, config), _deviation(config.noise.yaw, config)
+        drift = np.repeat([POSE_DRIFT, FORCE_NOISE, CURRENT_DRIFT], [6, 6, 3])
+        self._drift = np.diag(drift**2 * self.dt)
         self.reset(0)
 
     def reset(self, n: int) -> None:
@@ -84,6 +78,8 @@ class Observer:
         self.state[:, RIGID:] = self.model.rest
         self.current: Floats = np.zeros((n, 3))
         """(n, 3) estimated current in m/s, world axes"""
+        self.covariance: Floats = np.zeros((n, ERRORS, ERRORS))
+        """(n, 15, 15) covariance of the estimate's errors"""
         self.target: Floats = np.zeros((n, 3))
         """(n, 3) velocity of the reference in m/s, in the axes of the state, if the task observes it"""
         self.ahead: list[Floats] = [np.zeros((1, 3))] * n
@@ -103,13 +99,16 @@ class Observer:
         """Return the arrays that the observer carries from reading to reading, by name, with a row for each
         vehicle.
         """
-        return {name: getattr(self, name) for name in ("first", "state", "current", "target")}
+        return {name: getattr(self, name) for name in ("first", "state", "current", "covariance", "target")}
 
     def _update_row(self, i: int, observation: Floats) -> None:
         (yaw_error,), error, previous = (observation[columns] for columns in self._columns)
         x = self.state[i]
         if not self.first[i]:
-            x[:] = self._step(x, self.vehicle.force(previous), self.current[i]).full()[:, 0]
+            after, slope = self._predict(x, self.vehicle.force(previous), self.current[i])
+            F = slope.full()
+            self.covariance[i] = F @ self.covariance[i] @ F.T + self._drift
+            x[:] = after.full()[:, 0]
             x[:3] -= self._moved(i)
             if not np.abs(x[:RIGID]).max() < LARGEST_STATE:  # also true for NaN
                 self._begin(i)
@@ -127,8 +126,8 @@ class Observer:
         if self.first[i]:
             x[:3] = position
             x[3:7] = np.cos(yaw / 2.0), 0.0, 0.0, np.sin(yaw / 2.0)
-        else:
-            self._correct(i, observation, position, yaw, predicted)
+            self._begin_covariance(i)
+        self._correct(i, observation, position, yaw)
         if {"velocity", "velocity_error"} <= self._read.keys():
             missing = turned(observation[self._read["velocity_error"]], yaw)
             self.target[i] = missing + to_world(x[3:7], observation[self._read["velocity"]])
@@ -145,23 +144,61 @@ class Observer:
         self.state[i, RIGID:] = self.model.rest
         self.current[i] = self.target[i] = 0.0
 
-    def _correct(self, i: int, observation: Floats, position: Floats, yaw: float, predicted: float) -> None:
+    def _begin_covariance(self, i: int) -> None:
+        """Set the covariance of row i after its first reading of position and yaw."""
+        position, yaw = self._noise
+        # In the body frame the first yaw names the axes: it has no error.
+        turn = 0.0 if self.body_frame else yaw
+        spread = [position] * 3 + [FIRST["tilt"]] * 2 + [turn] + [FIRST["velocity"]] * 6 + [FIRST["current"]] * 3
+        self.covariance[i] = np.diag(np.square(spread))
+
+    def _correct(self, i: int, observation: Floats, position: Floats, yaw: float) -> None:
         """Correct the prediction of row i with the readings."""
         x = self.state[i]
-        # In level axes that turn with the vehicle, the linearisation does not depend on yaw.
-        innovation = [*turned(position - x[:3], -predicted), float(wrap(np.asarray(yaw - predicted)))]
+        R = frames.rotation(x[3:7])
+        innovation, H, noise = self._poses(x, R, position, yaw)
+        exact: list[tuple[Floats, int]] = []
         if "gravity" in self._read:
-            down = -to_world(x[3:7] * [1.0, -1.0, -1.0, -1.0], np.array([0.0, 0.0, 1.0]))
             # Rotation from the predicted to the measured direction, to first order.
-            innovation += list(np.cross(observation[self._read["gravity"]], down)[:2])
-        for name, own in (("velocity", slice(7, 10)), ("angular_velocity", slice(10, 13))):
+            exact.append((np.cross(observation[self._read["gravity"]], -R[2])[:2], 3))
+        for name, own, first in (("velocity", slice(7, 10), 6), ("angular_velocity", slice(10, 13), 9)):
             if name in self._read:
-                innovation += list(observation[self._read[name]] - x[own])
-        correction = self.gain @ np.array(innovation)
-        x[:3] += turned(correction[:3], predicted)
+                exact.append((observation[self._read[name]] - x[own], first))
+        for values, first in exact:
+            innovation = np.concatenate([innovation, values])
+            H = np.concatenate([H, np.eye(len(values), ERRORS, first)])
+        N = np.diag(np.full(len(H), SMALLEST_NOISE**2))
+        N[: len(noise), : len(noise)] = noise
+        P = self.covariance[i]
+        K = np.linalg.solve(H @ P @ H.T + N, H @ P).T
+        correction = K @ innovation
+        rest = np.eye(ERRORS) - K @ H
+        P[:] = rest @ P @ rest.T + K @ N @ K.T
+        x[:3] += correction[:3]
         x[3:7] = _rotated(x[3:7], correction[3:6])
         x[7:13] += correction[6:12]
-        self.current[i] += turned(correction[12:15], predicted)
+        self.current[i] += correction[12:]
+
+    def _poses(self, x: Floats, R: Floats, position: Floats, yaw: float) -> tuple[Floats, Floats, Floats]:
+        """Return innovation, slope (m, 15) and noise (m, m) of the readings of position and yaw: m = 3 in the body
+        frame, whose readings have no yaw, else 4.
+        """
+        far, turn = self._noise
+        # How a small rotation in body axes changes the yaw; not defined where the vehicle points up or down.
+        turning = R[2] * [0.0, 1.0, 1.0] / max(R[2, 1] ** 2 + R[2, 2] ** 2, 0.01)
+        missing = position - x[:3]
+        H = np.eye(3, ERRORS)
+        N = far**2 * np.eye(3)
+        if self.body_frame:
+            # The reading is turned by the true yaw and its noise, and turned back by the predicted yaw.
+            across = np.array([-position[1], position[0], 0.0])
+            H[:, 3:6] = -np.outer(across, turning)
+            return missing, H, N + turn**2 * np.outer(across, across)
+        own = np.zeros((1, ERRORS))
+        own[0, 3:6] = turning
+        N = np.diag([*np.diag(N), turn**2])
+        off = float(wrap(np.asarray(yaw - float(frames.yaw(x[3:7])))))
+        return np.append(missing, off), np.concatenate([H, own]), N
 
     def _moved(self, i: int) -> Floats:
         """Return the displacement (3,) in m of row i's reference in one step."""
@@ -173,66 +210,32 @@ class Observer:
         return np.asarray(way * self.dt)
 
 
-def kalman_gain(
-    model: SymbolicModel,
-    dt: float,
-    position_noise: float,
-    yaw_noise: float,
-    measured: Sequence[int] = (),
-) -> Floats:
-    """Return the steady gain (15, 4 + m) from readings (x, y, z, yaw, more) to (position, attitude, velocity,
-    current).
-
-    Args:
-        measured: m indices among the 15 that are read without noise.
-    """
-    from scipy.linalg import expm, solve_discrete_are
-
-    vehicle = model.vehicle
-    damping = vehicle.linear_damping + vehicle.quadratic_damping * np.repeat([TYPICAL_SPEED, TYPICAL_RATE], 3)
-    about = replace(vehicle, linear_damping=damping, quadratic_damping=np.zeros(6))
-    A, _, E = linearised(symbolic(about), np.zeros(6), np.zeros(model.n_u))
-    n = A.shape[0]
-    full = np.zeros((n + 3, n + 3))
-    full[:n, :n] = A
-    full[:n, n:] = E
-    F = expm(full * dt)
-    read = [0, 1, 2, 5, *measured]
-    C = np.zeros((len(read), n + 3))
-    C[np.arange(len(read)), read] = 1.0
-    Q = np.zeros(n + 3)
-    Q[:6] = (1e-3**2) * dt
-    Q[6:12] = FORCE_NOISE**2 * dt
-    Q[12:] = CURRENT_DRIFT**2 * dt
-    R = np.diag([position_noise**2] * 3 + [yaw_noise**2] + [SMALLEST_NOISE**2] * len(measured))
-    P = solve_discrete_are(F.T, C.T, np.diag(Q), R)
-    return np.asarray(P @ C.T @ np.linalg.inv(C @ P @ C.T + R))
-
-
-def linearised(model: SymbolicModel, velocity: Floats, thrust: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return Jacobians about level attitude, body velocity (6,) and thrust (n_u,), without the lags.
-
-    Returns:
-        A (12, 12), B (12, n_u) and E (12, 3) of e' = A e + B f + E c, where e is (position, small rotation,
-            velocity), f the thrusts in N and c the current in m/s.
-        velocity), f the thrusts in N and c the current in m/s.
+def prediction(model: SymbolicModel, duration: float, substeps: int) -> Any:
+    """Return the CasADi function (state, input, current) -> (state after `duration` s, slope (15, 15) of its errors
+    with respect to the errors before).
     """
     ca = require()
-    x, f, c = ca.SX.sym("x", RIGID), ca.SX.sym("f", model.n_u), ca.SX.sym("c", 3)
-    rate = model.rigid(x, f, c)
-    jacobians = ca.Function("J", [x, f, c], [ca.jacobian(rate, v) for v in (x, f, c)])
-    point = np.concatenate([np.zeros(3), [1.0, 0.0, 0.0, 0.0], velocity])
-    J = [j.full() for j in jacobians(point, thrust, np.zeros(3))]
-    # A small rotation theta is the quaternion (1, theta / 2).
-    into = np.zeros((RIGID, 12))
-    into[:3, :3] = np.eye(3)
-    into[4:7, 3:6] = 0.5 * np.eye(3)
-    into[7:, 6:] = np.eye(6)
-    back = np.zeros((12, RIGID))
-    back[:3, :3] = np.eye(3)
-    back[3:6, 4:7] = 2.0 * np.eye(3)
-    back[6:, 7:] = np.eye(6)
-    return back @ J[0] @ into, back @ J[1], back @ J[2]
+    x, u, c = ca.SX.sym("x", model.n_x), ca.SX.sym("u", model.n_u), ca.SX.sym("c", 3)
+    error = ca.SX.sym("e", ERRORS)
+    step = model.step(duration, substeps)
+    moved = ca.vertcat(
+        x[:3] + error[:3],
+        _product(ca, x[3:7], ca.vertcat(1.0, 0.5 * error[3:6])),
+        x[7:13] + error[6:12],
+        x[RIGID:],
+    )
+    after, off = step(x, u, c), step(moved, u, c + error[12:])
+    back = ca.vertcat(after[3], -after[4:7])
+    turn = 2.0 * _product(ca, back, off[3:7])[1:]
+    errors = ca.vertcat(off[:3] - after[:3], turn, off[7:13] - after[7:13], error[12:])
+    slope = ca.substitute(ca.jacobian(errors, error), error, ca.SX.zeros(ERRORS))
+    return ca.Function("prediction", [x, u, c], [after, ca.densify(slope)], {"cse": True})
+
+
+def _product(ca: Any, p: Any, q: Any) -> Any:
+    """Return the product (4,) of two quaternions (w, x, y, z), CasADi expressions."""
+    vector = p[0] * q[1:] + q[0] * p[1:] + ca.cross(p[1:], q[1:])
+    return ca.vertcat(p[0] * q[0] - ca.dot(p[1:], q[1:]), vector)
 
 
 def to_world(q: Floats, vector: Floats) -> Floats:

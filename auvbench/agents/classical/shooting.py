@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from auvbench.agents.classical.cascade import wrap
 from auvbench.config.algorithms.mpc import MPC
-from auvbench.vehicles.symbolic import SymbolicModel, require
+from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require
 
 Floats = NDArray[np.float64]
 
@@ -107,10 +107,13 @@ class Program:
             plan.X[:, k + 1] = x[:, 0]
 
     def improve(self, plan: Plan, state: Floats, current: Floats) -> bool:
-        """Make one iteration from an estimated state (n_x,) towards the origin; return False if the solver failed."""
+        """Make one iteration from an estimated state (n_x,) towards the origin.
+
+        Return False if the solver failed: the thrusts are as before, and the next call simulates the plan anew.
+        """
         n_u, n_x, N = self.model.n_u, self.model.n_x, self.N
         ends, A, B = self._linearise(plan, current)
-        gap = np.abs(ends - plan.X[:, 1:]).max()
+        gap = np.abs(ends - plan.X[:, 1:])[:RIGID].max()
         if not gap <= LARGEST_GAP:  # also true for NaN
             self.simulate(plan, state, current)
             ends, A, B = self._linearise(plan, current)
@@ -125,6 +128,7 @@ class Program:
             S[k + 1, :, block : block + n_u] += B[k] * self.scale
             d[k + 1] = A[k] @ d[k] + ends[:, k] - plan.X[:, k + 1]
         if not np.all(np.isfinite(S)) or not np.all(np.isfinite(d)):
+            plan.X[:] = np.nan
             return False
         H, g = self._cost(plan, S, d)
         low, high = self._bounds(plan)
@@ -137,6 +141,7 @@ class Program:
         answer = self._solver(h=H, g=g, a=G, lba=lower, uba=upper, lbx=low, ubx=high)
         change = answer["x"].full()[:n, 0]
         if not self._solver.stats()["success"] or not np.all(np.isfinite(change)):
+            plan.X[:] = np.nan
             return False
         plan.U += self.scale[:, None] * change.reshape(len(BLOCKS), n_u)[self._blocks].T
         np.clip(plan.U, self.limits[:, :1], self.limits[:, 1:], out=plan.U)
@@ -192,9 +197,10 @@ class Program:
         H = np.zeros((n + 1, n + 1))
         g = np.zeros(n + 1)
         # Roll and pitch rates have a cost, so that a plan does not tumble through attitudes that the filter would
-        # lose.
-        spin = np.sqrt(self.spin_weight) * S[1:, 10:12].reshape(-1, n)
-        rates = np.sqrt(self.spin_weight) * (plan.X[10:12, 1:].T + d[1:, 10:12]).ravel()
+        # lose; so has the yaw rate where no task asks for a yaw: a light vehicle would spin as it flies.
+        spun = slice(10, 13 if plan.yaw is None else 12)
+        spin = np.sqrt(self.spin_weight) * S[1:, spun].reshape(-1, n)
+        rates = np.sqrt(self.spin_weight) * (plan.X[spun, 1:].T + d[1:, spun]).ravel()
         H[:n, :n] = J.T @ J + spin.T @ spin
         g[:n] = J.T @ r + spin.T @ rates
         if plan.yaw is not None:
