@@ -24,7 +24,7 @@ DEPTH_PRICE = 1e3
 LONGEST_SUBSTEP = 0.125
 # Largest gap between the nodes of a plan and the states that its thrusts lead to (m, m/s, rad/s); beyond it
 # the linearisation is not valid, and the plan is simulated anew.
-LARGEST_GAP = 1.0
+LARGEST_GAP = 2.0
 # m^2 per rad^2: cost of a yaw error if the task has its own yaw.
 YAW_WEIGHT = 1.0
 # m^2 per squared sine of the tilt: cost of roll and pitch if the task has its own yaw.
