@@ -149,7 +149,9 @@ class Observer:
         position, yaw = self._noise
         # In the body frame the first yaw names the axes: it has no error.
         turn = 0.0 if self.body_frame else yaw
-        spread = [position] * 3 + [FIRST["tilt"]] * 2 + [turn] + [FIRST["velocity"]] * 6 + [FIRST["current"]] * 3
+        spread = (
+            [position] * 3 + [FIRST["tilt"]] * 2 + [turn] + [FIRST["velocity"]] * 6 + [FIRST["current"]] * 3
+        )
         self.covariance[i] = np.diag(np.square(spread))
 
     def _correct(self, i: int, observation: Floats, position: Floats, yaw: float) -> None:

@@ -99,7 +99,9 @@ def test_a_fault_of_an_unknown_actuator_makes_no_run(
         assert cli.main(["train", *typed]) == 2
         error = capsys.readouterr().err
         assert error.count("\n") == 1
-        assert "disturbance.fault.actuator=thruster9: bluerov2_2026 has no such actuator; did you mean" in error
+        assert (
+            "disturbance.fault.actuator=thruster9: bluerov2_2026 has no such actuator; did you mean" in error
+        )
     assert list(tmp_path.iterdir()) == []
 
 
