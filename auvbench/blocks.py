@@ -27,8 +27,9 @@ FASTEST = 50.0
 
 BODY_AXES = "body axes (forward, port, up)"
 
-READS = ("pose", "velocity", "action", "goal", "preview", "task")
-"""What a block may read: the action of the last step, a goal that is not the reference, the preview, a task's own fields."""
+READS = ("pose", "velocity", "action", "goal", "preview", "task", "solids")
+"""What a block may read: the action of the last step, a goal that is not the reference, the preview, a task's own fields, the solids of
+a world."""
 
 
 class Reading(NamedTuple):
@@ -59,6 +60,7 @@ class Setting:
     actuators: Sequence[str]
     points: int  # of the preview
     interval: float  # s, between them
+    sensor: Any = None  # keys of the block's range sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,8 @@ class BlockSpec(Spec):
     """Function that returns labels, unit, bounds, frame and meaning."""
     reads: tuple[str, ...] = ("pose",)
     """What `write` reads, of `READS`. A block that reads `task` suits only the tasks whose specs name it."""
+    sensor: str = ""
+    """`module:class` of the range sensor that writes the block in place of `write`."""
     schema: None = None
 
     @property

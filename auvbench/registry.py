@@ -359,11 +359,17 @@ BLOCKS: Kind[BlockSpec] = Kind(
     "auvbench.blocks",
     "task.observation",
     f"{_BLOCKS}:BlockSpec",
-    _lines(
-        _BLOCKS,
-        *("yaw_error", "position_error", "velocity_error", "velocity", "angular_velocity"),
-        *("gravity", "depth_margin", "previous_action", "preview", "goal_error"),
-    ),
+    {
+        **_lines(
+            _BLOCKS,
+            *("yaw_error", "position_error", "velocity_error", "velocity", "angular_velocity"),
+            *("gravity", "depth_margin", "previous_action", "preview", "goal_error"),
+        ),
+        **{
+            f"range.{name}": f"auvbench.tasks.ranges.specs:{name}"
+            for name in ("ideal", "ping1d", "ping360", "multibeam")
+        },
+    },
 )
 
 _SIMULATORS = "auvbench.config.simulators"

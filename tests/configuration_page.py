@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from auvbench.config import schema, simulation, tuning
+from auvbench.config import ranges, schema, simulation, tuning
 from auvbench.config.validate import limit
 from auvbench.registry import AGENTS, DISTURBANCES, LAUNCHERS, REWARDS, SIMULATORS, TASKS
 
@@ -33,6 +33,7 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Runs: `train`", "train.yaml", "", schema.TrainConfig),
     *((f"`task={name}`", f"task/{name}.yaml", "task.", TASKS[name].schema) for name in TASKS.own),
     *((f"`reward={name}`", f"reward/{name}.yaml", "reward.", REWARDS[name].schema) for name in REWARDS.own),
+    ("Range sensors: `task.range`", "range/default.yaml", "task.range.", ranges.Ranges),
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),

@@ -16,7 +16,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import ConfigKeyError
 
-from auvbench.config import algorithms, rewards, schema, simulators, tasks
+from auvbench.config import algorithms, ranges, rewards, schema, simulators, tasks
 from auvbench.errors import ConfigError
 from auvbench.registry import AGENTS, BLOCKS, DISTURBANCES, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
 from auvbench.untrusted.text import short
@@ -87,6 +87,7 @@ def _complete_blocks(config: DictConfig, frozen: bool) -> None:
         if found is not None:
             BLOCKS.enter(found)
             chosen[str(name)] = found.release
+    _complete_ranges(task)
     if recorded and recorded != chosen:
         raise ConfigError(
             f"task.block_packages={short(recorded)}: auvbench sets it ({short(chosen)}); leave it out"
@@ -95,6 +96,20 @@ def _complete_blocks(config: DictConfig, frozen: bool) -> None:
         task.pop("block_packages", None)
         if chosen:
             task.block_packages = chosen
+
+
+def _complete_ranges(task: DictConfig) -> None:
+    """Leave out the keys of range sensors that the observation does not have; `task.range` is absent without any."""
+    own = task.get("range")
+    if not isinstance(own, DictConfig):
+        return
+    observed = {ranges.key_of(str(name)) for name in task.get("observation") or ()}
+    with open_dict(own):
+        for key in [key for key in own if key not in observed]:
+            own.pop(key)
+    with open_dict(task):
+        if not own:
+            task.pop("range")
 
 
 def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:

@@ -35,6 +35,7 @@ from auvbench.config import (
     complete,
     folders,
     grids,
+    ranges,
     restricted_yaml,
     schema,
     simulation,
@@ -72,6 +73,7 @@ def _register_schemas(store: ConfigStore) -> None:
         "evaluate_schema": schema.EvaluateConfig,
         "tune_schema": tuning.TuneConfig,
         "simulate_schema": simulation.Simulation,
+        "range_schema": ranges.Ranges,
         **{f"{name}_schema": kind for name, kind in _schemas(AGENTS).items()},
     }
     for group, known in (

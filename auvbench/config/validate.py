@@ -204,6 +204,7 @@ def check_across(config: schema.TrainConfig) -> None:
     simulators.check_disturbance(config.simulator, config.disturbance)
     simulators.check_world(config.simulator, config.world)
     config.world.check()
+    tasks.check_solids(task, config.world.name if not config.world.solid else "")
     alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
     what = (
         f"be 0 with simulator={config.simulator.name}: a validation during training would take the "

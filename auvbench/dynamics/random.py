@@ -36,6 +36,8 @@ DRIFT = 7
 WAVES = 8
 TETHER = 10
 WORLD = 11
+RANGE = 12
+"""range sensors"""
 BLOCK = 0x80
 """blocks of an observation that packages bring"""
 # Streams 64 to 127 are those of packages' disturbances.

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import complete, schema
@@ -27,6 +27,8 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 OBSERVED = ("position_frame", "observation", "block_packages", "history", "preview")
 """task keys that belong to the agent, not to the scenario"""
+SENSORS = "task.range."
+"""begins the keys of range sensors. They are the agent's, too, but a protocol may change them, to let a sensor fail."""
 WITHIN = {"noise", "disturbance"}
 """groups that most conditions change; all other groups are then resolved only once"""
 
@@ -154,6 +156,8 @@ def _resolve(
     node = OmegaConf.create({"world": asdict(open_water()), **config})
     for override in [*protocol.overrides, *overrides]:
         _set(node, override, where)
+        if override.startswith("task="):
+            _give_sensors(node, config["task"].get("range"))
     # The observation belongs to the agent, not to the scenario.
     for key in OBSERVED:
         if key in config["task"] and (key in node.task or key == "block_packages"):
@@ -166,6 +170,14 @@ def _resolve(
         raise ConfigError(
             f"{where}: tests task={node.task.name}, but the run has task={config['task']['name']}: {error}"
         ) from error
+
+
+def _give_sensors(node: DictConfig, own: Any) -> None:
+    """Give a task the keys of a run's range sensors, or none."""
+    with open_dict(node.task):
+        node.task.pop("range", None)
+        if own:
+            node.task.range = own
 
 
 def _set(node: DictConfig, override: str, where: str) -> None:
@@ -192,7 +204,11 @@ def _apply(node: DictConfig, key: str, value: str, where: str) -> None:
 
 
 def _of_other_tasks(node: DictConfig, key: str) -> bool:
-    """Return whether only other tasks have a key: `task.station` in a condition moves stations, but not docks."""
+    """Return whether only other tasks or agents have a key: `task.station` in a condition moves stations, but not docks, and
+    `task.range.ping1d.dropout` is for agents that observe this sensor.
+    """
+    if key.startswith(SENSORS) and ".".join(key.split(".")[:3]) != key:
+        return OmegaConf.select(node, ".".join(key.split(".")[:3])) is None
     group, _, name = key.partition(".")
     return (
         group == "task"
@@ -255,7 +271,11 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
     factors = config.disturbance.factors()
     calm = [name for name, factor in factors if DISTURBANCES[name].added and not factor.active]
     level = ("tilt",) if getattr(config.task, "tilt", None) is None else ()
-    task = {key: value for key, value in asdict(config.task).items() if key not in (*OBSERVED, limit, *level)}
+    task = {
+        key: value
+        for key, value in asdict(config.task).items()
+        if key not in (*OBSERVED, "range", limit, *level)
+    }
     return {
         "task": task,
         "noise": asdict(config.noise),
@@ -284,6 +304,12 @@ def _drawn(protocol: schema.Protocol, condition: ResolvedCondition) -> str:
         "condition": condition.name,
         **_physics(condition),
     }
+    changed = [
+        *protocol.overrides,
+        *(o for c in protocol.conditions if c.name == condition.name for o in c.overrides),
+    ]
+    if sensors := [override for override in changed if override.startswith(SENSORS)]:
+        meant["sensors"] = sensors
     if protocol.scenarios != "test":
         meant["scenarios"] = protocol.scenarios
     key = digest_of(meant, 64)

@@ -47,6 +47,7 @@ LATER: dict[str, Any] = {
     "task.observation": ["yaw_error", "position_error", "previous_action"],
     "task.block_packages": {},
     "task.history": 1,
+    "task.range": None,
     "task.tilt": None,
     "algo.horizon_s": None,
     "algo.tuned": None,

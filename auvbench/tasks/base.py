@@ -27,6 +27,7 @@ from auvbench.tasks import loops, records
 from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
 from auvbench.tasks.observation import check_vehicle, owner_of_block, reads
+from auvbench.tasks.ranges import installed as installed_ranges
 from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, add_command_noise
 from auvbench.tasks.worlds import surroundings
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -46,6 +47,7 @@ _TAKEN = (
     "_taken",
     "_read",
     "_around",
+    "_sensed",
 )
 """attributes of a task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
@@ -121,6 +123,8 @@ class Task:
         self._codes = np.array([codes.index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
         shared, who = _shared(config), owner("task", config.task)
+        self.sensors = installed_ranges.make(config, n, shared)
+        """range sensors; None without any"""
         self.parameters = records.one_row(self.own_parameters(config.task), shared, who)
         """(1,)"""
         records.check_names(config.reward, owner("reward", config.reward))
@@ -183,6 +187,11 @@ class Task:
         own = interpreted or any("task" in BLOCKS[name].reads for name in self._names)
         self._read = (episodes, parameters) if own else (self.rows, self._common)
         """episodes and parameters, with their own fields only where a block reads these"""
+        self._sensed: tuple[Any, ...] = ()
+        """what the loop that observes takes for range sensors"""
+        if self.sensors and self.world:
+            counts, scenery = np.asarray(self.episodes["solids"]), self.world.loops[:2]
+            self._sensed = counts, *scenery, *self.sensors.tables(interpreted)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the attributes that `__setstate__` creates: NumPy would copy a view as a separate array, which no
@@ -322,7 +331,7 @@ class Task:
         rows = self._all if indices is None else indices
         episodes, parameters = self._read
         state = self.previous, episodes, self.preview, parameters, self._codes, self._sizes
-        self._observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation)
+        self._observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation, *self._sensed)
         return self.observation
 
     def goal(self, i: int) -> Floats:
@@ -388,9 +397,9 @@ class Task:
 
     def _state(self) -> dict[str, NDArray[Any]]:
         world = self.world.state() if self.world else {}
-        return (
-            {"episodes": records.bare(self.episodes)} | {name: getattr(self, name) for name in _STATE} | world
-        )
+        sensed = self.sensors.arrays() if self.sensors else {}
+        own = {name: getattr(self, name) for name in _STATE}
+        return {"episodes": records.bare(self.episodes)} | own | world | sensed
 
     @property
     def columns(self) -> list[str]:

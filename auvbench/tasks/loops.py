@@ -22,8 +22,9 @@ from typing import Any, NamedTuple
 from auvbench import blocks
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import BLOCK, SENSOR, normal4, uniform4
-from auvbench.registry import BLOCKS
+from auvbench.registry import BLOCKS, resolve
 from auvbench.tasks import rows
+from auvbench.tasks.ranges.base import scene as scene_of
 from auvbench.tasks.worlds import contact
 
 Functions = Mapping[str, Callable[..., Any]]
@@ -82,10 +83,12 @@ def {name}(indices, episodes, preview, parameters):
 
 _OBSERVE = """
 def {name}(
-    indices, pose, velocity, offset, previous, episodes, preview, parameters, codes, sizes, stream, observation
+    indices, pose, velocity, offset, previous, episodes, preview, parameters, codes, sizes, stream, observation,
+    {sensed}
 ):
     p = parameters[0]
     previous, preview, observation = borrowed(previous), borrowed(preview), borrowed(observation)
+    {owned}
     both = p.both_signs > 0
     for k in range(indices.shape[0]):
         i = indices[k]
@@ -111,6 +114,7 @@ def {name}(
             preview[i],
             stream,
         )
+        {scene}
         newest = observation.shape[1] // p.history
         if p.history > 1:
             for column in range(observation.shape[1] - 1, newest - 1, -1):
@@ -125,6 +129,13 @@ def {name}(
             for column in range(newest, observation.shape[1]):
                 observation[i, column] = observation[i, column - newest]
 """
+
+_SENSED = {
+    "sensed": "counts, solids, heights, states, memories, settings, rays,",
+    "owned": "solids, heights = borrowed(solids), borrowed(heights)",
+    "scene": "seen = scene(solids[i], counts[i], heights, pose[i], stream)",
+}
+"""lines of the loop that observes with range sensors"""
 
 _OF_EVERY_TASK: Functions = {
     **{f.__name__: f for f in (rows.begin, rows.start, rows.vehicle, rows.measure, rows.finish)},
@@ -213,8 +224,11 @@ def _of_task(
 
 
 def observed(names: Iterable[str]) -> tuple[blocks.BlockSpec, ...]:
-    """Return the blocks in the order of their codes: all of auvbench's, so that most tasks share one function, then packages'."""
-    return tuple(BLOCKS[name] for name in (*BLOCKS.own, *sorted(set(names) - {*BLOCKS.own})))
+    """Return the blocks in the order of their codes: all of auvbench's that are no sensors, so that most tasks
+    share one function, then sensors and packages'.
+    """
+    own = [name for name in BLOCKS.own if not BLOCKS[name].sensor]
+    return tuple(BLOCKS[name] for name in (*own, *sorted(set(names) - {*own})))
 
 
 @cache
@@ -229,8 +243,17 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
     own = _with_compiled(vars(blocks), {}, compile_row)
     named = {"reading": own["reading"]}
     lines = []
+    sensors: list[Any] = []
     for code, spec in enumerate(specs):
         lines.append(f"{'el' if code else ''}if code == {code}:")
+        if spec.sensor:
+            j = len(sensors)
+            sensors.append(plain_function(resolve(spec.sensor).sense))
+            named[f"sense_{code}"] = compile_row(sensors[j])
+            lines.append(
+                f"    sense_{code}(e, states[{j}][i], memories[{j}][i], settings[{j}][0], rays[{j}], seen, out)"
+            )
+            continue
         given = own
         if spec.name not in BLOCKS.own:
             lines.append("    out[:] = nan")  # what its function leaves out is found
@@ -246,9 +269,12 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
         "uniform4": uniform4,
         "SENSOR": SENSOR,
     }
-    functions = [blocks.reading, *(spec.write for spec in specs)]
+    functions = [blocks.reading, *(spec.write for spec in specs if not spec.sensor), *sensors]
+    around: dict[str, list[str]] = {key: [line] if sensors else [] for key, line in _SENSED.items()}
+    if sensors:
+        shared |= {"scene": compile_row(plain_function(scene_of))}
     make = Maker(functions, {**named, **shared}, interpreted, rows.__file__, rows.__name__)
-    return make("observe", _OBSERVE, {"blocks": lines})
+    return make("observe", _OBSERVE, {"blocks": lines, **around})
 
 
 class Maker:
@@ -280,7 +306,9 @@ class Maker:
         if self.interpreted:
             return loop
         folders = {str(Path(function.__code__.co_filename).parent) for function in self.functions}
-        compiler = compiled("dynamics", "worlds", "tasks", "tasks/worlds", ".", *sorted(folders))
+        compiler = compiled(
+            "dynamics", "worlds", "tasks", "tasks/worlds", "tasks/ranges", ".", *sorted(folders)
+        )
         return compiler(loop)  # type: ignore[no-any-return]
 
 

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from auvbench.blocks import Setting
-from auvbench.config import tasks
+from auvbench.config import ranges, tasks
 from auvbench.errors import AgentError, ConfigError
 from auvbench.observation import BODY, WORLD, Block, ObservationSpec
 from auvbench.registry import BLOCKS, TASKS, telling
@@ -59,7 +60,8 @@ def _described(name: str, setting: Setting, task: tasks.Task) -> Block:
         AgentError: a package's block describes itself wrongly.
     """
     if name not in task.block_packages:
-        return BLOCKS[name].describe(setting)
+        own = getattr(task.range, ranges.key_of(name), None) if task.range else None
+        return BLOCKS[name].describe(replace(setting, sensor=own))
     who = owner_of_block(name, task)
     with telling(who, "describe fails"):
         block: Any = BLOCKS[name].describe(setting)

@@ -115,6 +115,7 @@ _SHARED_KEYS = {
     "package",
     "observation",
     "block_packages",
+    "range",
     "time_limit",
     "position_frame",
     *PARAMETERS,

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import borrowed, compiled, inline
-from auvbench.dynamics.layout import Record, Vector
-from auvbench.dynamics.vectors import ZERO, dot, subtract
+from auvbench.dynamics.layout import Matrix, Record, Vector
+from auvbench.dynamics.vectors import ZERO, dot, product, subtract
 from auvbench.worlds.convex import (
     Signed,
     box_distance,
@@ -126,6 +126,35 @@ def first_hit(
         if distance < nearest:
             nearest, index = distance, k
     return nearest, index
+
+
+@compiled("dynamics")
+def nearest_along(
+    solids: Any,
+    heights: Floats,
+    origin: Vector,
+    rotation: Matrix,
+    rays: Floats,
+    first: int,
+    stop: int,
+    longest: float,
+) -> float:
+    """Return the distance in m of the first surface that any of some rays meets at time 0; `longest` if none does.
+
+    Args:
+        solids: (n,) records of SOLID.
+        heights: (m,) m, of all terrain.
+        origin: m, world axes.
+        rotation: from the axes of the rays to the world's.
+        rays: (k, 3) directions of length 1, of which first .. stop - 1 count.
+        first: index of the first ray.
+        stop: index after the last ray.
+        longest: m, finite.
+    """
+    nearest = longest
+    for k in range(first, stop):
+        nearest, _ = first_hit(solids, heights, 0.0, origin, product(rotation, triple(rays[k])), nearest)
+    return nearest
 
 
 @compiled("dynamics")

@@ -12,11 +12,12 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from auvbench import metrics, record
+from auvbench.config.ranges import Ranges, key_of
 from auvbench.config.schema import choice, choice_of, later, number
 from auvbench.config.schema import name as plain_name
 from auvbench.errors import ConfigError, closest
 from auvbench.metrics import Metric
-from auvbench.registry import BLOCKS, TASKS, Spec
+from auvbench.registry import BLOCKS, TASKS, WORLDS, Spec
 from auvbench.untrusted.text import short
 
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
@@ -42,6 +43,7 @@ class Task:
     observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
     block_packages: dict[str, str] = field(default_factory=dict)  # releases by block; `complete` writes them
     history: int = later(number(1, 64), 1)
+    range: Ranges | None = None  # of the sensors that are observed; `complete` leaves out the others
 
     def check(self) -> None:
         """Refuse values with which no episode can succeed.
@@ -203,10 +205,15 @@ def check_observation(task: Task) -> None:
         ConfigError: the message names the block and the closest one, or what is missing.
     """
     own = TASKS[task.name].blocks
-    known = tuple(dict.fromkeys([*own, *(name for name in BLOCKS.names() if name not in BLOCKS.own)]))
+    sensors = tuple(name for name in BLOCKS.own if BLOCKS[name].sensor)
+    known = tuple(
+        dict.fromkeys([*own, *sensors, *(name for name in BLOCKS.names() if name not in BLOCKS.own)])
+    )
     for name in task.observation:
         if name in task.block_packages:
             _check_reads(task, name)
+        elif name in sensors:
+            _check_sensor(task, name)
         elif name not in own:
             raise ConfigError(
                 f"task.observation: {name} is not a block of task={task.name}; {closest(name, known)}"
@@ -215,6 +222,15 @@ def check_observation(task: Task) -> None:
             raise ConfigError(f"task.observation: {name} occurs twice")
     if not task.observation:
         raise ConfigError(f"task.observation=[]: must have at least one block: {', '.join(known)}")
+
+
+def _check_sensor(task: Task, name: str) -> None:
+    """Check the keys of a range sensor."""
+    key = key_of(name)
+    sensor = getattr(task.range, key, None) if task.range else None
+    if sensor is None:
+        raise ConfigError(f"task.range.{key}: a value is missing, since task.observation has {name}")
+    sensor.check(f"task.range.{key}.")
 
 
 def _check_reads(task: Task, name: str) -> None:
@@ -232,6 +248,24 @@ def _check_reads(task: Task, name: str) -> None:
             raise ConfigError(
                 f"task.observation: {name} of {task.block_packages[name]} reads "
                 f"{thing or f'the {what}, which task={task.name} does not have here'}{hint}"
+            )
+
+
+def check_solids(task: Task, empty: str) -> None:
+    """Refuse a range sensor in a world without solids.
+
+    Args:
+        task: checked task.
+        empty: name of the world if it has no solids, else "".
+
+    Raises:
+        ConfigError: names the block and the worlds that it can measure.
+    """
+    for name in task.observation if empty else ():
+        if "solids" in BLOCKS[name].reads:
+            worlds = " or ".join(f"world={other}" for other in WORLDS.own if other != empty)
+            raise ConfigError(
+                f"task.observation: {name} has nothing to measure in world={empty}; use {worlds}"
             )
 
 

@@ -1,0 +1,189 @@
+"""What a range sensor is: a function of one episode, and what the episode remembers of the sensor.
+
+A sensor sees the solids from the true pose at the end of an agent step, or from the pose that a delayed measurement has. It changes its
+state once for each step of the episode, so that observing again changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics.layout import Matrix, Vector
+from auvbench.dynamics.random import RANGE, uniform4
+from auvbench.dynamics.vectors import rotation_matrix
+from auvbench.tasks import records
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import row
+from auvbench.worlds.casting import nearest_along
+
+Floats = NDArray[np.float64]
+
+NOW = 1e-9
+"""share of a period: a ping that is due this soon is due now"""
+
+
+class Scene(NamedTuple):
+    """What a sensor can measure, and from where."""
+
+    solids: Any  # (most,) records, of which the first `known` exist
+    known: int
+    heights: Any  # m, of terrain
+    position: Vector  # m, world axes
+    rotation: Matrix  # from body to world axes
+    stream: int  # flag of the streams of random numbers
+
+
+@row
+def scene(solids: Any, known: int, heights: Any, pose: Any, stream: int) -> Scene:
+    """Return what a vehicle at a pose (7,) can measure."""
+    rotation: Matrix = rotation_matrix((pose[3], pose[4], pose[5], pose[6]))
+    return Scene(solids, known, heights, (pose[0], pose[1], pose[2]), rotation, stream)
+
+
+@row
+def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: int, longest: float) -> float:
+    """Return the distance in m of the nearest echo of some rays, or `longest`.
+
+    Args:
+        scene: what is there.
+        rotation: from the axes of the rays to the world's.
+        rays: (k, 3) unit vectors, of which first .. stop - 1 count.
+        first: index of the first ray.
+        stop: index after the last ray.
+        longest: m.
+    """
+    solids = scene.solids[: scene.known]
+    return float(nearest_along(solids, scene.heights, scene.position, rotation, rays, first, stop, longest))
+
+
+@row
+def draws(e: Record, p: Record, stream: int, block: int) -> tuple[float, float, float, float]:
+    """Return four draws in (0, 1) of a sensor in this step; each `block` has its own."""
+    return uniform4(e.seed, RANGE | stream, p.channel + block, e.steps, e.episode, e.environment)
+
+
+@row
+def normal(u: float, v: float) -> float:
+    """Return a standard normal number from two uniform ones (Box and Muller, 1958)."""
+    return float(math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v))
+
+
+@row
+def closeness(e: Record, p: Record, stream: int, block: int, distance: float, low: float) -> float:
+    """Return 1 - distance / high with the sensor's noise; 0 without an echo or when the echo is lost."""
+    if p.noise > 0.0 or p.dropout > 0.0:
+        lost, u, v, _ = draws(e, p, stream, block)
+        if lost < p.dropout:
+            return 0.0
+        if p.noise > 0.0 and distance < p.high:
+            distance += p.noise * normal(u, v)
+    return float(1.0 - min(max(distance, low), p.high) / p.high)
+
+
+@row
+def pings_until(steps: int, p: Record) -> int:
+    """Return the pings from the start of an episode, without the one at the start, to the end of an agent step."""
+    pings: int = math.floor(steps * p.duration / p.period + NOW)
+    return pings
+
+
+@row
+def new_step(e: Record, d: Record) -> bool:
+    """Return whether the sensor has not yet seen this step of the episode."""
+    new = e.steps == 0 or d.step != e.steps
+    d.step = e.steps
+    return bool(new)
+
+
+@row
+def keep(e: Record, p: Record, memory: Floats) -> None:
+    """Put the numbers of now into the ring of numbers that are under way; at the start, into all of it.
+
+    Args:
+        e: the episode.
+        p: parameters of the sensor, with `size` and `slots` of `more`.
+        memory: (size (1 + slots),) the numbers of now, then the ring.
+    """
+    for slot in range(p.slots):
+        if e.steps == 0 or slot == e.steps % p.slots:
+            for j in range(p.size):
+                memory[(1 + slot) * p.size + j] = memory[j]
+
+
+@row
+def arrived(e: Record, p: Record, memory: Floats, j: int) -> float:
+    """Return number j of those that have arrived by now."""
+    return float(memory[(1 + (e.steps + 1) % p.slots) * p.size + j])
+
+
+class RangeSensor:
+    """One sensor of N episodes.
+
+    Args:
+        name: of the block.
+        settings: of the schema of its spec.
+        n: number of episodes.
+        frequency: of the agent's steps, Hz.
+        shared: parameters of every task, by name.
+    """
+
+    sense: ClassVar[Callable[..., None]]
+    """`sense(e, d, memory, p, rays, scene, out)`: writes the numbers of the block for the episode e, of which the sensor remembers d and
+    the floats `memory`, with the parameters p"""
+    fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
+    """what an episode remembers in addition to `memory`: (name, type)"""
+
+    def __init__(
+        self, name: str, settings: Any, n: int, frequency: float, shared: Mapping[str, float]
+    ) -> None:
+        self.name, self.settings, self.frequency = name, settings, frequency
+        who = f"task.observation={name}"
+        size, delay = self.size(), getattr(settings, "delay", 0.0)
+        slots = 1 + math.ceil(delay * frequency - NOW) if size else 0
+        more = {"size": size, "slots": slots, "channel": zlib.crc32(name.encode()) & 0xFFFF0000}
+        own = {**records.of_schema(settings), **self.more(), **more}
+        self.parameters = records.one_row(own, shared, who)
+        """(1,)"""
+        self.rays = mounted(self.directions(), settings.yaw, settings.pitch)
+        """(k, 3) unit vectors, body axes"""
+        self.state = records.state(n, (*self.fields, ("step", "i8")), who)
+        """(n,) records: what each episode remembers"""
+        # Not a field of the records: compiled code is made for each shape of a record's fields.
+        self.memory: Floats = np.zeros((n, size * (1 + slots)))
+        """numbers of now and those that are under way (`keep`)"""
+
+    def directions(self) -> Floats:
+        """Return the rays (k, 3) of a sensor that points forward: unit vectors."""
+        raise NotImplementedError
+
+    def size(self) -> int:
+        """Return the numbers of a measurement that an episode remembers."""
+        return 0
+
+    def more(self) -> dict[str, Any]:
+        """Return parameters in addition to the keys of the schema, by name."""
+        return {}
+
+
+def mounted(rays: Floats, yaw: float, pitch: float) -> Floats:
+    """Return rays (k, 3) of a sensor that is turned by a yaw and a pitch in rad, pitch positive upwards."""
+    c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
+    turned = np.array([[c * cp, -s, -c * sp], [s * cp, c, -s * sp], [sp, 0.0, cp]])
+    return np.ascontiguousarray(rays @ turned.T)
+
+
+def fan(azimuths: Floats, elevations: Floats) -> Floats:
+    """Return unit vectors (k, 3) for azimuths (k,), counter-clockwise from forward, and elevations (k,) in rad."""
+    level = np.cos(elevations)
+    return np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], axis=1)
+
+
+def spread(angle: float, count: int) -> Floats:
+    """Return `count` angles in rad from -angle / 2 to angle / 2; one is 0."""
+    return np.linspace(-0.5 * angle, 0.5 * angle, count) if count > 1 else np.zeros(1)

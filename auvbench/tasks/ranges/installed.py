@@ -1,0 +1,52 @@
+"""The range sensors of a task's observation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from numpy.typing import NDArray
+
+from auvbench.config import schema, tasks
+from auvbench.config.ranges import key_of
+from auvbench.registry import BLOCKS, resolve
+from auvbench.tasks import records
+from auvbench.tasks.ranges.base import RangeSensor
+
+
+class Sensors:
+    """The sensors of N episodes, in the order of their names, as `loops.observed` has them.
+
+    Args:
+        config: with a world that has solids.
+        n: number of episodes.
+        shared: parameters of every task, by name.
+    """
+
+    def __init__(self, config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> None:
+        self.each: list[RangeSensor] = [
+            resolve(BLOCKS[name].sensor)(
+                name, getattr(config.task.range, key_of(name)), n, config.step.frequency, shared
+            )
+            for name in sorted(tasks.blocks(config.task))
+            if BLOCKS[name].sensor
+        ]
+
+    def tables(self, interpreted: bool) -> tuple[tuple[Any, ...], ...]:
+        """Return states, floats that are remembered, parameters and rays, as the loop takes them."""
+        states, parameters = [s.state for s in self.each], [s.parameters for s in self.each]
+        if not interpreted:
+            states, parameters = [*map(records.plain, states)], [*map(records.plain, parameters)]
+        memories, rays = [s.memory for s in self.each], [s.rays for s in self.each]
+        return tuple(states), tuple(memories), tuple(parameters), tuple(rays)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that an exact resume needs, by the names of the blocks."""
+        states = {sensor.name: records.bare(sensor.state) for sensor in self.each}
+        return states | {f"{sensor.name}.memory": sensor.memory for sensor in self.each}
+
+
+def make(config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> Sensors | None:
+    """Return the sensors of an observation; None without any, so that they cost nothing."""
+    sensors = Sensors(config, n, shared)
+    return sensors if sensors.each else None

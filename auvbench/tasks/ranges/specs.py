@@ -1,0 +1,55 @@
+"""Describe the blocks of range sensors.
+
+Importing this module imports no code of a sensor.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from auvbench.blocks import BlockSpec, Reading, Setting
+from auvbench.config.ranges import PREFIX, oldest
+from auvbench.observation import Block
+
+
+def in_the_loop(m: Reading, e: Any, p: Any, out: Any) -> None:
+    """Stand for the function of a block that its sensor writes."""
+    raise NotImplementedError
+
+
+def _block(s: Setting, name: str, labels: list[str], more: dict[str, float], meaning: str) -> Block:
+    """Return a block of closenesses, then of other numbers with their bounds."""
+    names = tuple(f"range_{name}_{label}" for label in (*labels, *more))
+    text = f"{meaning}: 1 - distance / {s.sensor.high:g} m; 0: nothing"
+    return Block(f"{PREFIX}{name}", names, "1", (1.0,) * len(labels) + tuple(more.values()), text)
+
+
+def _ideal(s: Setting) -> Block:
+    labels = [f"{row}_{column}" for row in range(s.sensor.rows) for column in range(s.sensor.columns)]
+    return _block(s, "ideal", labels, {}, "closeness along rays, rows from the lowest, each from port")
+
+
+def _ping1d(s: Setting) -> Block:
+    names = ("range_ping1d_distance", "range_ping1d_confidence", "range_ping1d_age")
+    bounds = (s.sensor.high, 1.0, oldest(s.sensor))
+    return Block(f"{PREFIX}ping1d", names, "m, 1, s", bounds, "distance, its confidence and its age")
+
+
+def _ping360(s: Setting) -> Block:
+    labels = [str(sector) for sector in range(s.sensor.sectors)]
+    meaning = "closeness in sectors, counter-clockwise, then cosine and sine of the head's direction"
+    return _block(s, "ping360", labels, {"cos": 1.0, "sin": 1.0}, meaning)
+
+
+def _multibeam(s: Setting) -> Block:
+    labels = [str(beam) for beam in range(s.sensor.beams)]
+    meaning = "closeness in beams from port, then their age in s"
+    return _block(s, "multibeam", labels, {"age": oldest(s.sensor)}, meaning)
+
+
+_CODE = "auvbench.tasks.ranges"
+READS = ("pose", "solids")
+ideal = BlockSpec("range.ideal", in_the_loop, _ideal, READS, f"{_CODE}.ideal:IdealFan")
+ping1d = BlockSpec("range.ping1d", in_the_loop, _ping1d, READS, f"{_CODE}.ping1d:EchoSounder")
+ping360 = BlockSpec("range.ping360", in_the_loop, _ping360, READS, f"{_CODE}.ping360:ScanningSonar")
+multibeam = BlockSpec("range.multibeam", in_the_loop, _multibeam, READS, f"{_CODE}.multibeam:MultibeamSonar")
