@@ -100,6 +100,13 @@ class Lag:
     def order(self) -> int:
         return int(self.B.size)
 
+    @property
+    def delay(self) -> float:
+        """Mean delay in s: -G'(0) of G(s) = C (s - A)^-1 B."""
+        if self.order == 0:
+            return 0.0
+        return float(self.C @ np.linalg.solve(self.A, np.linalg.solve(self.A, self.B)))
+
     @classmethod
     def first_order(cls, time_constant: float) -> Lag:
         return cls(np.array([[-1.0 / time_constant]]), np.array([1.0 / time_constant]), np.ones(1))

@@ -130,11 +130,8 @@ def symbolic(vehicle: VehicleModel) -> SymbolicModel:
 
 
 def _first_order(lag: Lag) -> Lag:
-    """Return the first-order lag with the same mean delay, -G'(0) / G(0) of G(s) = C (s - A)^-1 B."""
-    if lag.order <= 1:
-        return lag
-    once = np.linalg.solve(lag.A, lag.B)
-    return Lag.first_order(float(lag.C @ np.linalg.solve(lag.A, once)) / -float(lag.C @ once))
+    """Return the first-order lag with the same mean delay."""
+    return lag if lag.order <= 1 else Lag.first_order(lag.delay)
 
 
 def _rigid(ca: Any, vehicle: VehicleModel, n_u: int) -> Any:

@@ -80,7 +80,9 @@ def test_a_controller_keeps_its_contract(agent: str, tmp_path: Path) -> None:
     if agent == "onnx":
         from tests import onnx_files
 
-        overrides = (f"algo.path={onnx_files.saved(tmp_path / 'policy.onnx', onnx_files.model())}",)
+        # The file's policy has the original study's observation.
+        path = onnx_files.saved(tmp_path / "policy.onnx", onnx_files.model())
+        overrides = ("vehicle=bluerov2", "task=waypoint", f"algo.path={path}")
     testing.check_agent(f"algo={agent}", *overrides)
 
 

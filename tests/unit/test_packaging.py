@@ -124,7 +124,7 @@ def test_nothing_is_imported_at_start_that_windows_lacks(arguments):
 
 @pytest.mark.slow
 def test_environments_run_without_what_windows_lacks():
-    code = f"{NOT_ON_WINDOWS}\nimport auvbench, gymnasium\ne = gymnasium.make('auvbench/Waypoint-v0')\ne.reset()\ne.step(e.action_space.sample())"
+    code = f"{NOT_ON_WINDOWS}\nimport auvbench, gymnasium\ne = gymnasium.make('auvbench/Waypoint-v1')\ne.reset()\ne.step(e.action_space.sample())"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

@@ -126,5 +126,5 @@ def test_the_last_bits_of_another_machine_do_not_matter(monkeypatch: pytest.Monk
 
 
 def test_some_arrive_some_leave_the_water_and_some_run_out_of_time() -> None:
-    outcomes = dict(reference._played(config(), None))["outcome"]
+    outcomes = dict(reference._played(config("vehicle=bluerov2", "task=waypoint"), None))["outcome"]
     assert set(outcomes.tolist()) == {0.0, 1.0, 2.0}
