@@ -23,7 +23,7 @@ from auvbench.untrusted import archives, columns, reading, tables, typed_json
 
 NAME = "trajectories.npz"
 REQUIRED = ("waypoint", "position", "time")
-OPTIONAL = ("reference", "dock_yaw")
+OPTIONAL = ("reference", "dock_yaw", "outlines")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +36,7 @@ class StoredPath:
     time: FloatArray  # (T + 1,) s
     reference: FloatArray | None = None  # (T + 1, 3) m, if the reference moves; missing in a published study
     dock_yaw: float | None = None  # rad; missing in a published study
+    outlines: FloatArray | None = None  # (k, 2, 3) m, segments of a world; missing in a published study
 
 
 def has_paths(evaluation: Evaluation | None) -> bool:
@@ -101,7 +102,14 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
     position = path["position"]
     if position.ndim != 2 or position.shape[1] != 3 or len(position) == 0:
         raise ValueError(f"position_{suffix} has shape {position.shape}, expected (steps + 1, 3)")
-    shapes = {"time": (len(position),), "waypoint": (3,), "reference": position.shape, "dock_yaw": (1,)}
+    shapes: dict[str, tuple[int, ...]] = {
+        "time": (len(position),),
+        "waypoint": (3,),
+        "reference": position.shape,
+        "dock_yaw": (1,),
+    }
+    if "outlines" in path:
+        shapes["outlines"] = (len(path["outlines"]), 2, 3)
     for name, array in path.items():
         if array.shape != shapes.get(name, array.shape):
             raise ValueError(f"{name}_{suffix} has shape {array.shape}, expected {shapes[name]}")
@@ -109,7 +117,8 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
         raise ValueError(f"episode {episode} has numbers that are not finite")
     x, y, z = path["waypoint"].tolist()
     yaw = float(path["dock_yaw"][0]) if "dock_yaw" in path else None
-    return StoredPath(episode, (x, y, z), position, path["time"], path.get("reference"), yaw)
+    moving, solids = path.get("reference"), path.get("outlines")
+    return StoredPath(episode, (x, y, z), position, path["time"], moving, yaw, solids)
 
 
 TRAINING = "train/episodes.csv"

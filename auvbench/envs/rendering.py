@@ -6,9 +6,10 @@ as pixels; each picture adds the lines. The first picture imports Matplotlib.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from auvbench.config import schema, tasks
 from auvbench.dynamics import frames
 from auvbench.errors import ConfigError, closest
+from auvbench.worlds.outlines import clipped
 
 if TYPE_CHECKING:
     from auvbench.envs.batch import Batch, Transition
@@ -28,6 +30,8 @@ DPI = 80
 """inches and dots per inch: 832 x 352 pixels, even numbers for video codecs"""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
 PATH = "#0072B2"
+SOLID = "#8a6d3b"
+"""colour of solids"""
 
 MODES = ("rgb_array", "ansi")
 """modes of rendering, in addition to None"""
@@ -78,6 +82,8 @@ class Trail:
 
     waypoint: Floats  # (3,) m, the goal of a task with another
     dock_yaw: float | None = None  # rad, in which a dock is entered
+    outlines: Callable[[Floats, Floats], Floats | None] | None = None
+    """segments of the world inside a box (see `Task.outlines`); None in open water"""
     position: list[Floats] = field(default_factory=list)  # (3,) m
     yaw: list[float] = field(default_factory=list)  # rad
     distance: list[float] = field(default_factory=list)  # m
@@ -104,6 +110,7 @@ def panels(
     farthest: float,
     force: float,
     dock_yaw: float | None = None,
+    outlines: Floats | None = None,
 ) -> tuple[Any, Any, Any, Any]:
     """Return axes in space, from above, of the distance over time and of the commands over time, with everything that
     does not move.
@@ -118,6 +125,7 @@ def panels(
         farthest: m, end of the axis of distances.
         force: N, end of the axis of commands.
         dock_yaw: rad, yaw with which a dock at the waypoint is entered.
+        outlines: (k, 2, 3) m, segments of solids.
     """
     from matplotlib.patches import Circle
 
@@ -152,6 +160,12 @@ def panels(
         zlabel="z (m)",
         box_aspect=(1, 1, 1),
     )
+    if outlines is not None and len(outlines):
+        inside = clipped(outlines, middle - half, middle + half)
+        # A gap after each segment: one line for all of them.
+        lines = np.concatenate([inside, np.full((len(inside), 1, 3), np.nan)], axis=1).reshape(-1, 3)
+        space.plot(*lines.T, color=SOLID, linewidth=0.6)
+        above.plot(*lines[:, :2].T, color=SOLID, linewidth=0.6)
     xs, ys = np.meshgrid(limits[0], limits[1])
     for depth in (task.depth_low, task.depth_high):
         if limits[2][0] <= depth <= limits[2][1]:
@@ -254,6 +268,7 @@ class Scene:
                 farthest=self._farthest,
                 force=self._force,
                 dock_yaw=trail.dock_yaw,
+                outlines=trail.outlines and trail.outlines(self._low - room, self._high + room),
             )
             figure.suptitle(" ", fontsize=10)
             self._canvas.draw()
@@ -309,7 +324,8 @@ class Renderer:
         for i in indices.tolist():
             self._scenes[i] = None
             task = self._batch.task
-            trail = self._trails[i] = Trail(task.goal(i), task.dock_yaw(i))
+            around = partial(task.outlines, i) if task.world else None
+            trail = self._trails[i] = Trail(task.goal(i), task.dock_yaw(i), around)
             trail.add(state.pose[i], state.distance[i])
 
     def follow(self, i: int, pose: Any, distance: float, force: Any, outcome: str | None = None) -> None:

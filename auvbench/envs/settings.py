@@ -41,6 +41,7 @@ KEYS = {
     "frequency": "step.frequency",
     "noise": "noise",
     "disturbance": "disturbance",
+    "world": "world",
 }
 """Override of each keyword argument of an environment."""
 

@@ -43,6 +43,7 @@ class Replay:
     waypoint: Floats  # (3,) m, goal; (see `reference` for tasks that move it)
     reference: Floats | None = None  # (T + 1, 3) m, if the reference moves
     dock_yaw: Floats | None = None  # (1,) rad, heading in which a dock is entered
+    outlines: Floats | None = None  # (k, 2, 3) m, segments that show the solids of a world
 
     @property
     def distance(self) -> Floats:

@@ -21,6 +21,7 @@ from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_once
 from auvbench.record import Record
 from auvbench.runs import provenance
+from auvbench.worlds.outlines import round_path
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -43,17 +44,20 @@ class Trajectory:
     waypoint: Floats = field(default_factory=lambda: np.zeros(3))  # (3,) m, goal
     reference: list[Floats] = field(default_factory=list)  # (3,) m each
     dock_yaw: float | None = None  # rad, heading in which a dock is entered
+    outlines: Floats | None = None  # (k, 2, 3) m, segments that show the solids near the path, in a world
 
     def arrays(self, duration: float) -> dict[str, NDArray[np.float32]]:
         """Return float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,).
 
         For a dock the arrays also have dock_yaw (1,); otherwise, if the reference moves, reference (T + 1,
-        3). A docking task's moving reference is only an aid of the task: its goal is the dock.
+        3). A docking task's moving reference is only an aid of the task: its goal is the dock. In a world the arrays have
+        outlines (k, 2, 3) m, segments that show the solids near the path.
         """
         reference = np.asarray(self.reference, dtype=np.float32)
         moves = self.dock_yaw is None and bool((reference != reference[:1]).any())
         return {
             **({"reference": reference} if moves else {}),
+            **({} if self.outlines is None else {"outlines": self.outlines.astype(np.float32)}),
             **({} if self.dock_yaw is None else {"dock_yaw": np.array([self.dock_yaw], dtype=np.float32)}),
             "position": np.asarray(self.position, dtype=np.float32),
             "yaw": np.asarray(self.yaw, dtype=np.float32),
@@ -199,6 +203,9 @@ def _one_batch(
             told(len(rows) - before)
         if spare is not None and len(result.ended):
             spare(result.ended)
+    for i, episode in enumerate(followed):
+        path = paths[episode]
+        path.outlines = task.outlines(i, *round_path(np.array([*path.position, path.waypoint])))
     return [rows[i] for i in range(environments.n)]
 
 

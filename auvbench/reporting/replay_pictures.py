@@ -112,6 +112,7 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
         farthest=max(float(episode.distance.max()) for episode in episodes) * 1.05,
         force=float(np.abs(first.command).max()) * 1.05 or 1.0,
         dock_yaw=None if first.dock_yaw is None else float(first.dock_yaw[0]),
+        outlines=_outlines(episodes),
     )
     own = OUTCOME_LOOK.get(str(first.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
     moving = []
@@ -149,6 +150,12 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
         about = " ".join(f"{first.protocol} {place} episode {first.record['episode']}".split())
     figure.suptitle(about, x=0.01, ha="left", fontsize=10)
     return figure, moving
+
+
+def _outlines(episodes: Sequence[Replay]) -> Any:
+    """Return the segments (k, 2, 3) in m of the solids near any of the paths; None in open water."""
+    found = [episode.outlines for episode in episodes if episode.outlines is not None]
+    return np.concatenate(found).astype(np.float64) if found else None
 
 
 def labels(episodes: Sequence[Replay]) -> list[str]:

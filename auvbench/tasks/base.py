@@ -338,6 +338,11 @@ class Task:
         """Return the goal (3,) of environment i in m: waypoint, station, dock, end of the path or curve."""
         return np.array(self.reference[i])
 
+    def outlines(self, i: int, low: Floats, high: Floats) -> Floats | None:
+        """Return the segments (k, 2, 3) in m that show the world of environment i inside a box; None in open water."""
+        count = int(self.episodes[i].solids) if self.world else 0
+        return self.world.outlines(i, count, low, high) if self.world else None
+
     def dock_yaw(self, i: int) -> float | None:
         """Return the yaw in rad with which a vehicle enters the dock of environment i; None in a task without a dock."""
         return None

@@ -88,6 +88,8 @@ def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any
     counts of `unit` metres; point i is at min(i dt, end) seconds after the start. `reference` has as many
     points of a moving reference.
     """
+    worlds = _worlds(tracks)
+    budget -= sum(len(packed["outlines"]) for packed in worlds.values())
     count = sum(1 + (track.path.reference is not None) for track in tracks)
     # 6 bytes per point, 4 characters per 3 bytes
     points = max(24, min(POINTS, budget // max(1, count) // 8))
@@ -98,8 +100,26 @@ def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any
             dock = {} if path.dock_yaw is None else {"dock_yaw": round(path.dock_yaw, 4)}
             waypoint = [round(value, 3) for value in path.waypoint]
             episodes[path.episode] = {"episode": path.episode, "waypoint": waypoint, "tracks": [], **dock}
+            episodes[path.episode].update(worlds.get(path.episode, {}))
         episodes[path.episode]["tracks"].append(_pack_track(track, points))
     return list(episodes.values())
+
+
+def _worlds(tracks: Sequence[Track]) -> dict[int, dict[str, Any]]:
+    """Return the solids of each episode in a world: of the paths in one episode, those of the path that passes most.
+
+    `outlines` is base64 of int16 (k, 2, 3) counts of `outlines_unit` metres: the ends of k segments.
+    """
+    found: dict[int, NDArray[np.float64]] = {}
+    for track in tracks:
+        lines = track.path.outlines
+        if lines is not None and len(lines) > len(found.get(track.path.episode, ())):
+            found[track.path.episode] = lines
+    packed = {}
+    for episode, lines in found.items():
+        unit = max(UNIT, float(np.abs(lines).max()) / 32767.0)
+        packed[episode] = {"outlines": _counts(lines, unit), "outlines_unit": unit}
+    return packed
 
 
 def _pack_track(track: Track, points: int) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from auvbench.tasks.worlds.base import Episode, World, key_of
 from auvbench.tasks.worlds.contact import FIELDS, HULL
 from auvbench.vehicles.vehicle_model import VehicleModel
 from auvbench.worlds.casting import clearance
+from auvbench.worlds.outlines import outlines
 from auvbench.worlds.solids import KINDS, SOLID
 
 if TYPE_CHECKING:
@@ -104,6 +105,10 @@ class Surroundings:
         scene = self.solids[i, :count]
         clearance(scene, self.heights, 0.0, points, FAR, distances, nearest, np.empty((len(points), 3)))
         return distances
+
+    def outlines(self, i: int, count: int, low: Floats, high: Floats) -> Floats:
+        """Return the segments (k, 2, 3) in m that show the solids of episode i inside a box with corners `low` and `high`."""
+        return outlines(self.solids[i, :count], self.heights, low, high)
 
     def name(self, i: int, count: int) -> str:
         """Return the name of the world of episode i: two worlds with the same solids have the same name."""

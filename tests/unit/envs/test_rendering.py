@@ -50,6 +50,24 @@ def test_pictures_show_where_the_vehicle_is():
 
 
 @pytest.mark.slow
+def test_pictures_show_the_solids_of_a_world():
+    """Also those of a copy, which draws anew."""
+    brown = np.array([0x8A, 0x6D, 0x3B])
+
+    def inked(env):
+        return int((np.abs(env.render().astype(int) - brown).sum(-1) < 60).sum())
+
+    counts = {}
+    for world in ("open", "pillars"):
+        env = gymnasium.make("auvbench/Docking-v1", render_mode="rgb_array", world=world)
+        env.reset(seed=1)
+        counts[world] = inked(env)
+        assert inked(pickle.loads(pickle.dumps(env.unwrapped))) == counts[world]
+    assert counts["open"] == 0
+    assert counts["pillars"] > 50
+
+
+@pytest.mark.slow
 def test_a_picture_is_drawn_on_the_one_before(monkeypatch):
     drawn = []
     whole = Figure.draw

@@ -265,6 +265,16 @@ def test_a_reference_is_packed_with_its_path(run: RunRecord) -> None:
     assert "dock_yaw" not in plain
 
 
+def test_solids_are_packed_once_for_all_paths_of_an_episode(run: RunRecord) -> None:
+    position = np.zeros((5, 3))
+    few, many = (np.random.default_rng(n).uniform(-30.0, 30.0, (n, 2, 3)) for n in (7, 9))
+    packed = trajectories.pack([track_of(run, position, outlines=lines) for lines in (few, many)])[0]
+    counts = np.frombuffer(base64.b64decode(packed["outlines"]), "<i2").reshape(-1, 2, 3)
+    np.testing.assert_allclose(counts * packed["outlines_unit"], many, atol=0.0051)
+    assert not any("outlines" in track for track in packed["tracks"])
+    assert "outlines" not in trajectories.pack([track_of(run, position)])[0]
+
+
 def test_budget_thins_paths(run: RunRecord) -> None:
     packed = trajectories.pack([track_of(run, np.zeros((1001, 3)))] * 100, budget=100_000)
     assert len(json.dumps([t["points"] for t in packed[0]["tracks"]])) < 110_000

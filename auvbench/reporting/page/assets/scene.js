@@ -133,6 +133,15 @@ const Scene = (() => {
     axis(context, project, [ex, ey, z], [ex, ey, high[2]], depths, 2, "up, m", [-9, 0], colours, taken);
   }
 
+  /** The solids of a world, as segments. */
+  function solids(context, project, points, colours) {
+    context.strokeStyle = colours.soft;
+    context.lineWidth = 0.8;
+    context.globalAlpha = 0.45;
+    for (let i = 0; i < points.length; i += 6) line(context, project, [points.slice(i, i + 3), points.slice(i + 3, i + 6)]);
+    context.globalAlpha = 1;
+  }
+
   const TURN = Array.from({ length: 49 }, (_, i) => (i * Math.PI) / 24);
 
   /** The sphere around the waypoint that counts as reached: outline, equator and two meridians. */
@@ -281,8 +290,8 @@ const Scene = (() => {
   }
 
   /**
-   * Draw everything. `show` = {world, waypoint, start, dock, guide, tracks, time}: `dock` is the yaw of a dock, `guide` the
-   * points of a reference that moves; both may be undefined.
+   * Draw everything. `show` = {world, waypoint, start, dock, guide, outlines, tracks, time}: `dock` is the yaw of a dock, `guide`
+   * the points of a reference that moves, `outlines` the ends of segments that show solids; all three may be undefined.
    */
   function draw(canvas, camera, show) {
     const { context, width, height } = prepare(canvas);
@@ -295,6 +304,7 @@ const Scene = (() => {
     axes(context, project, camera, box, colours);
     goal(context, project, waypoint, world.goal_radius, colours);
     if (yaw !== undefined) dock(context, project, waypoint, yaw, world, colours);
+    if (show.outlines) solids(context, project, show.outlines, colours);
     if (guide) reference(context, project, guide, colours);
     const start = project(show.start);
     if (start) {

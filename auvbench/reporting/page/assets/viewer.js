@@ -34,13 +34,19 @@
     return track;
   }
 
+  /** The ends of the segments of an episode's solids as metres, unpacked once; undefined in open water. */
+  function outlines(of) {
+    if (of.outlines && !of.segments) of.segments = metres(of.outlines, of.outlines_unit);
+    return of.segments;
+  }
+
   const shown = () => tracks.filter((track) => chosen.has(track.run));
   const longest = () => Math.max(0, ...(shown().length ? shown() : tracks).map((track) => track.end));
 
   function scene() {
     const guided = tracks.filter((track) => track.guide).sort((a, b) => b.end - a.end);
     return {
-      world, waypoint: episode.waypoint, dock: episode.dock_yaw, guide: guided[0]?.guide, start: tracks[0].xyz.slice(0, 3),
+      world, waypoint: episode.waypoint, dock: episode.dock_yaw, guide: guided[0]?.guide, outlines: outlines(episode), start: tracks[0].xyz.slice(0, 3),
       tracks: shown(), time, longest: longest(),
     };
   }
