@@ -93,8 +93,10 @@ def _upright(solid: Any, low: Floats, high: Floats) -> Segments:
     )
     ends = [centre - half, centre + half]
     lines = [np.array([[ends[0] + r, ends[1] + r]]) for r in (u, v, -u, -v)]
-    # A long solid may have both ends outside the picture: a ring shows it there.
-    rings = [_circle(point, u, v) for point in [*ends, np.clip(centre, low, high)]]
+    # A long solid may have both ends outside the picture: a ring shows it next to the middle.
+    length = float(solid["half"][2])
+    along = float(np.clip((0.5 * (low + high) - centre) @ axes[2], -length, length))
+    rings = [_circle(point, u, v) for point in [*ends, centre + along * axes[2]]]
     caps = []
     if solid["kind"] == CAPSULE:
         tip = float(solid["radius"]) * axes[2]
