@@ -435,7 +435,19 @@ COMMANDS: Kind[CommandSpec] = Kind(
             "verify",
             "bound",
         ),
-        *("plan", "vehicles", "simulate", "serve", "pilot", "runs", "export", "replay", "completion"),
+        *(
+            "plan",
+            "vehicles",
+            "identify",
+            "validate",
+            "simulate",
+            "serve",
+            "pilot",
+            "runs",
+            "export",
+            "replay",
+            "completion",
+        ),
     ),
 )
 

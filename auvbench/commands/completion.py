@@ -66,6 +66,8 @@ HYDRA = {
 KEYS = {
     "evaluate": ("protocol", "protocol.episodes"),
     "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start", "seed"),
+    "identify": ("vehicle", "parameters", "name", "frame", "window", "replicates", "gate", "output"),
+    "validate": ("vehicle", "frame", "output"),
     "bound": ("protocol", "vehicle", "output"),
     "resume": ("train.total_steps",),
     WHERE: ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment"),
@@ -75,6 +77,8 @@ KEYS = {
 VALUES: Mapping[str, Sequence[str]] = {
     **dict.fromkeys(("--rank-by", "--metric"), measure_names()),
     "state": ("pending", "running", "interrupted", "failed", "complete"),
+    "frame": ("enu", "ned"),
+    "gate": ("on", "off"),
     "--format": FORMATS,
     "--study": STUDIES,
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
@@ -94,6 +94,17 @@ class FossenSimulator(VehicleBatch):
         rows = parameter_rows(vehicle, np.ones((1, len(SCALES))))
         self._parameters = np.repeat(rows.T, layout.LANES, axis=1).reshape(1, -1)
         self._scaled = False
+
+    def load_bodies(self, vehicles: Sequence[VehicleModel]) -> None:
+        """Give equal groups of blocks the masses, damping and buoyancy of `vehicles`, whose actuators stay this simulator's.
+
+        Args:
+            vehicles: one for each group; their number divides the number of blocks. Scales of `reset` are not used afterwards.
+        """
+        ones = np.ones((1, len(SCALES)))
+        rows = np.concatenate([parameter_rows(vehicle, ones) for vehicle in vehicles])
+        blocks = np.repeat(rows, layout.LANES, axis=1).reshape(len(vehicles), -1)
+        self._parameters = np.repeat(blocks, self._n_blocks // len(vehicles), axis=0)
 
     def reset(
         self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None

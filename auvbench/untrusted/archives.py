@@ -122,3 +122,14 @@ def members(data: bytes, limit: int) -> Iterator[tuple[str, bytes]]:
                 yield member.filename, content
     except FAULTS as error:
         raise ValueError(_reason(error)) from error
+
+
+def names(data: bytes) -> list[str]:
+    """Return the names of the files in an archive.
+
+    Raises:
+        ValueError: the archive is damaged.
+    """
+    _sizes(data)
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return archive.namelist()

@@ -16,12 +16,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.dynamics import layout
 from auvbench.errors import closest
-from auvbench.vehicles.curves import Curve, Lag, Power, t200_curve
+from auvbench.vehicles.curves import Curve, Lag, Power, t200_at, t200_curve
 from auvbench.vehicles.reader import Document, Keys
 
 FloatArray = NDArray[np.float64]
 
-CURVES = ("linear", "t200_16v", "polynomial", "rotor")
+CURVES = ("linear", "t200", "t200_16v", "polynomial", "rotor")
+VOLTAGES = (10.0, 20.0)
+"""Smallest and largest supply of the T200's tables, V"""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -376,6 +378,16 @@ def _thrust_curve(document: Document, at: Keys) -> tuple[Curve, float]:
         document.section(at, ("kind", "source"))
         document.source((*at, "source"))
         return t200_curve(), 0.0
+    if kind == "t200":
+        document.section(at, ("kind", "voltage", "source"))
+        document.source((*at, "source"))
+        voltage = document.number((*at, "voltage"), "V", low=VOLTAGES[0])
+        if voltage > VOLTAGES[1]:
+            document.fail(
+                (*at, "voltage", "value"),
+                f"{voltage:g} V is out of range: the table ends at {VOLTAGES[1]:g} V",
+            )
+        return t200_at(voltage), 0.0
     if kind == "polynomial":
         document.section(at, ("kind", "coefficients"))
         coefficients = document.sequence((*at, "coefficients"), "N")

@@ -23,6 +23,7 @@ class Curve:
     table: FloatArray = field(default_factory=lambda: np.zeros(0))  # values at equally spaced commands
     coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))  # coefficients of a^0, a^1, ...
     neutral: float = 0.0  # value at command 0 of a linear curve
+    voltage: float = 0.0  # supply of a T200's table, V; 0: the curve does not depend on it
 
     @property
     def code(self) -> int:
@@ -166,7 +167,26 @@ def t200_table() -> dict[str, FloatArray]:
 def t200_curve() -> Curve:
     """Return the thrust of a T200 at 16 V in N over the normalised pulse width."""
     force = t200_table()["force_N"]
-    return Curve("table", (float(force[0]), float(force[-1])), table=force)
+    return Curve("table", (float(force[0]), float(force[-1])), table=force, voltage=16.0)
+
+
+@cache
+def t200_forces() -> tuple[FloatArray, FloatArray]:
+    """Return the voltages (6,) of Blue Robotics' public T200 measurements, and the forces (6, 201) in N by pulse width."""
+    path = resources.files("auvbench.vehicles") / "data" / "t200_force.csv"
+    with path.open(encoding="utf-8") as lines:
+        _, heading, *rows = lines
+    voltages = [float(name.removesuffix("_V")) for name in heading.strip().split(",")[1:]]
+    return np.array(voltages), np.loadtxt(rows, delimiter=",").T[1:]
+
+
+def t200_at(voltage: float) -> Curve:
+    """Return the thrust of a T200 at a supply voltage from 10 to 20 V, linear between the measured voltages."""
+    voltages, forces = t200_forces()
+    upper = int(np.clip(np.searchsorted(voltages, voltage), 1, voltages.size - 1))
+    share = (voltage - voltages[upper - 1]) / (voltages[upper] - voltages[upper - 1])
+    force = (1.0 - share) * forces[upper - 1] + share * forces[upper]
+    return Curve("table", (float(force[0]), float(force[-1])), table=force, voltage=voltage)
 
 
 @cache

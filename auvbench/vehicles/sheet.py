@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from auvbench.dynamics.rigid_body import RELEASES, rigid_body_mass
 from auvbench.errors import VehicleError, closest
+from auvbench.vehicles import identified
 from auvbench.vehicles.actuators import read_actuators
 from auvbench.vehicles.inspect import AXES
 from auvbench.vehicles.reader import Document, read
@@ -50,7 +51,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
         (),
         ("name", "title", "frame", "sources", "environment", "rigid_body", "buoyancy", "hydrodynamics",
          "actuators", "controllable"),
-        ("hull", "remarks"),
+        ("hull", "identification", "remarks"),
     )  # fmt: skip
     document.section(("sources",), (), tuple(document.mapping(("sources",))))
     frame = document.text(("frame",), ("enu", "ned"))
@@ -64,6 +65,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
     M_A, coriolis, release, linear, quadratic = _hydrodynamics(document, turn)
     _check_mass(document, rigid_body_mass(mass, r_g, inertia), M_A)
     units = read_actuators(document, turn)
+    identified.of(document)
     vehicle = VehicleModel(
         name=document.text(("name",)),
         title=document.text(("title",)),

@@ -38,7 +38,7 @@ def test_its_flags_are_those_of_the_command(line: str) -> None:
     name, *arguments = shlex.split(line)
     module = "report_options" if name == "report" else name
     parser = importlib.import_module(f"auvbench.commands.{module}").parser()
-    overrides = name in ("evaluate", "bound", "resume", "serve")
+    overrides = name in ("evaluate", "bound", "resume", "serve", "identify", "validate")
     words = parser.read(arguments, **({"overrides": True} if overrides else {}))
     if name == "evaluate":
         typed = [word for word in words.words if "=" in word and not word.endswith(".json")]

@@ -99,24 +99,32 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
 
     Parts that `shown` does not name are left out.
     """
-    script = "\n".join(_asset(name) for name in SCRIPTS)
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
-    policy = (
-        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
-        f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
-    )
-    # Labels, ids and messages come from untrusted files, so everything is escaped.
-    environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    return environment.from_string(_asset("page.html")).render(
-        style=Markup(_asset("page.css")),
-        script=Markup(script),
-        policy=policy,
+    return document(
+        "page.html",
+        SCRIPTS,
         ranking=ranking,
         vehicles=distinct(run.config.get("vehicle.name") for run in found),
         runs_found=len(found),
         confidence=f"{100 * ranking.confidence:g}",
         shown_notes=SHOWN_NOTES,
         **shown,
+    )
+
+
+def document(template: str, scripts: Sequence[str], **shown: Any) -> str:
+    """Return a self-contained page from a template among the assets, with a policy that allows only its own script."""
+    script = "\n".join(_asset(name) for name in scripts)
+    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+    policy = (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; "
+        f"script-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
+    )
+    # Labels, ids and messages come from untrusted files, so everything is escaped.
+    environment = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, loader=jinja2.FunctionLoader(_asset)
+    )
+    return environment.get_template(template).render(
+        style=Markup(_asset("page.css")), script=Markup(script), policy=policy, **shown
     )
 
 

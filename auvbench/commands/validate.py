@@ -1,0 +1,76 @@
+"""`auvbench validate`: replay logs with one or several vehicle sheets, and compare their predictions with the measurements."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from auvbench.commands.grammar import Parser, paths_and_overrides
+from auvbench.commands.identify import FRAMES, choice, keys
+from auvbench.errors import UserError
+
+KEYS = ("vehicle", "frame", "output")
+OUTPUT = "outputs/validate"
+
+
+def parser() -> Parser:
+    parser = Parser(
+        prog="auvbench validate",
+        description="Replays the inputs of logs in windows of 0.1 to 5 s with each sheet, and compares the predictions with what"
+        " was measured, with holding the value, and with constant velocity (docs/identification.md).",
+        epilog="example: auvbench validate log.csv vehicle=bluerov2_2026,bluerov2,bluerov2_wu2018",
+        keys=KEYS,
+    )
+    parser.add_argument(
+        "words",
+        nargs="*",
+        metavar="LOG|KEY=VALUE",
+        help="logs (.csv, or auvbench's own records); vehicle=A,B,C: names or files of sheets; frame=ned for tables with z"
+        f" down; output=DIR (default: {OUTPUT})",
+    )
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    words = parser().read(arguments, overrides=True).words
+    paths, overrides = paths_and_overrides(words)
+    given = keys(overrides, KEYS, "validate")
+    if not paths:
+        raise UserError(
+            "validate: no log given: auvbench validate LOG... vehicle=A,B (docs/identification.md lists the columns)"
+        )
+    if "vehicle" not in given:
+        raise UserError(
+            "validate: no vehicle given: vehicle=A,B are the sheets to compare (auvbench vehicles)"
+        )
+    frame = choice(given, "frame", FRAMES)
+    folder = Path(given.get("output", OUTPUT))
+    from auvbench.identification import inputs, readers, validation
+    from auvbench.reporting import identification as page
+    from auvbench.runs.atomic_io import check_writable
+    from auvbench.vehicles import identified, reader, sheet
+
+    check_writable(folder / "index.html", f"output={folder}")
+    logs = readers.read(paths, frame)
+    entries = []
+    for name in dict.fromkeys(part for part in given["vehicle"].split(",") if part):
+        vehicle = sheet.load(name)
+        inputs.check(logs, vehicle)
+        entries.append(
+            (
+                vehicle.name if name.endswith((".yaml", ".yml")) else name,
+                vehicle,
+                identified.of(reader.read(name)),
+            )
+        )
+    result = validation.validate(logs, entries)
+    for remark in result.remarks:
+        print(f"note: {remark}", file=sys.stderr)
+    folder.mkdir(parents=True, exist_ok=True)
+    index = page.write_validation(folder, result, command=shlex.join(["auvbench", "validate", *arguments]))
+    print(page.validation_text(result))
+    print(os.path.relpath(index))
+    return 0

@@ -1,0 +1,73 @@
+"""Recommend the manoeuvre from which the next log would teach most about a vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.identification import manoeuvres
+from auvbench.identification.fit import Fit, information
+from auvbench.identification.inputs import has_voltage
+from auvbench.identification.log import LogError
+from auvbench.identification.parameters import with_values
+from auvbench.vehicles.inspect import AXES
+
+FloatArray = NDArray[np.float64]
+
+SECONDS = 30.0
+"""Duration of a candidate in s; a recommendation is twice as long."""
+AMPLITUDES = (0.15, 0.3)
+"""Shares of the largest force along an axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """A manoeuvre with what it is expected to bring."""
+
+    axis: str
+    amplitude: float
+    gain: float
+    """Expected fall of the mean logarithm of the parameters' standard deviations."""
+
+    @property
+    def text(self) -> str:
+        """Return the recommendation as a sentence."""
+        return (
+            f"Fly a telegraph signal in {self.axis} for a minute without a controller: the thrusters push to and fro with"
+            f" {100 * self.amplitude:.0f} % and {40 * self.amplitude:.0f} % of their largest force along this axis, and"
+            f" each level lasts {manoeuvres.SHORT:g} to {manoeuvres.LONG:g} s."
+        )
+
+
+def advise(result: Fit) -> list[Advice]:
+    """Return candidates, the best first: telegraph signals along each axis that the thrusters reach.
+
+    Each candidate is simulated with the fitted vehicle and with the sensors of the logs. Its Fisher information is added to the
+    present covariance's inverse.
+    """
+    vehicle = with_values(result.vehicle, result.numbers)
+    if not vehicle.thrusters or vehicle.others:
+        return []
+    noise = {name: max(spread, manoeuvres.NOISE[name]) for name, spread in result.sigma.items()}
+    present = np.linalg.inv(result.covariance)
+    before = float(np.linalg.slogdet(present)[1])
+    parameters = tuple(
+        estimate.parameter
+        for estimate in result.estimates
+        if estimate.parameter.name != "voltage" or has_voltage(vehicle)
+    )
+    found = []
+    for axis in (name for name in AXES if name in vehicle.controllable):
+        for amplitude in AMPLITUDES:
+            generator = np.random.default_rng(0)
+            command = manoeuvres.telegraph(vehicle, [axis], SECONDS, amplitude, generator)
+            try:
+                log = manoeuvres.fly(vehicle, command, generator, noise=noise, every=5, name=axis)
+            except LogError:  # The vehicle would turn over, or be faster than any vehicle.
+                continue
+            added = information([log], result.vehicle, parameters, result.x, noise)
+            after = float(np.linalg.slogdet(present + 2.0 * added)[1])
+            found.append(Advice(axis, amplitude, 0.5 * (after - before) / len(parameters)))
+    return sorted(found, key=lambda advice: -advice.gain)

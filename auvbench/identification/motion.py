@@ -1,0 +1,133 @@
+"""Estimate a vehicle's state at each row of a log from what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics import frames
+from auvbench.identification.log import ATTITUDE, CHANNELS, POSITION, RATES, VELOCITY, Log
+
+FloatArray = NDArray[np.float64]
+
+DEPTH = -5.0
+"""z in m of a vehicle whose depth was not measured."""
+SPAN = 0.15
+"""Half of the time in s over which a position or an angle gives a velocity, or one interval if that is longer."""
+UNKNOWN = 0.3
+"""Standard deviation of a velocity that nothing shows, m/s and rad/s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """States of a log in its rows, with blanks filled."""
+
+    state: FloatArray
+    """(T, 12) of `CHANNELS`."""
+    source: tuple[str, ...]
+    """For each channel: "measured", "derived" from position or attitude, or "" for an assumed value."""
+    spread: FloatArray
+    """(12,) standard deviation of a state that is derived or assumed, per standard deviation 1 of what it is derived from; 0
+    where it was measured."""
+
+
+def of_log(log: Log) -> Motion:
+    """Return the states of a log."""
+    state = np.zeros((log.time.size, len(CHANNELS)))
+    state[:, 2] = DEPTH
+    source = [""] * len(CHANNELS)
+    for index, channel in enumerate(CHANNELS):
+        if log.has(channel):
+            state[:, index] = _filled(log, index)
+            source[index] = "measured"
+    world = np.zeros((log.time.size, 6))
+    for index in range(6):
+        if source[index]:
+            world[:, index] = _slope(log, index)
+    quaternion = frames.quaternion(state[:, ATTITUDE])
+    body = np.einsum("tji,tj->ti", frames.rotation(quaternion), world[:, POSITION])
+    _derive(state, source, VELOCITY, body, any(source[POSITION]))
+    _derive(state, source, RATES, _rates(state[:, ATTITUDE], world[:, ATTITUDE]), any(source[ATTITUDE]))
+    spread = np.zeros(len(CHANNELS))
+    for index in range(6, 12):
+        if source[index] == "derived":
+            spread[index] = _derived_spread(log, index - 6)
+        elif not source[index]:
+            spread[index] = np.inf
+    return Motion(state, tuple(source), spread)
+
+
+def _derive(state: FloatArray, source: list[str], part: slice, values: FloatArray, there: bool) -> None:
+    """Fill velocities or rates that were not measured."""
+    for column, index in enumerate(range(part.start, part.stop)):
+        # A component is known where its world axis was measured; at small tilt they are the same.
+        if not source[index] and there and source[index - 6]:
+            state[:, index] = values[:, column]
+            source[index] = "derived"
+
+
+def _rates(angles: FloatArray, change: FloatArray) -> FloatArray:
+    """Return body rates (T, 3) of the derivatives (T, 3) of roll, pitch and yaw (Fossen 2011, eq. 2.28)."""
+    roll, pitch, _ = angles.T
+    d_roll, d_pitch, d_yaw = change.T
+    return np.column_stack(
+        [
+            d_roll - np.sin(pitch) * d_yaw,
+            np.cos(roll) * d_pitch + np.sin(roll) * np.cos(pitch) * d_yaw,
+            -np.sin(roll) * d_pitch + np.cos(roll) * np.cos(pitch) * d_yaw,
+        ]
+    )
+
+
+def _filled(log: Log, index: int) -> FloatArray:
+    """Return a channel (T,) with blanks filled by linear interpolation."""
+    column = log.measured[:, index]
+    there = np.isfinite(column)
+    return np.interp(log.time, log.time[there], column[there])
+
+
+def interpolated(log: Log) -> FloatArray:
+    """Return the measurements (T, 12) with blanks filled by linear interpolation; NaN for channels that were not measured."""
+    known = np.full(log.measured.shape, np.nan)
+    for index, channel in enumerate(CHANNELS):
+        if log.has(channel):
+            known[:, index] = _filled(log, index)
+    return known
+
+
+def _half_width(log: Log, index: int) -> int:
+    """Return how many measurements on each side give a derivative."""
+    return max(1, round(SPAN / log.interval(CHANNELS[index])))
+
+
+def _slope(log: Log, index: int) -> FloatArray:
+    """Return the derivative (T,) of a channel: the slope of a line through the measurements around each row."""
+    column = log.measured[:, index]
+    slope = np.zeros(log.time.size)
+    width = _half_width(log, index)
+    for first, last in log.segments:
+        rows = first + np.flatnonzero(np.isfinite(column[first:last]))
+        if rows.size < 2:
+            continue
+        time, value = log.time[rows], column[rows]
+        kernel = np.ones(2 * width + 1)
+        t0 = time.mean()
+        sums = [
+            np.convolve(part, kernel, "same")
+            for part in (np.ones(rows.size), time - t0, value, (time - t0) ** 2, (time - t0) * value)
+        ]
+        n, s_t, s_v, s_tt, s_tv = sums
+        local = (s_tv - s_t * s_v / n) / (s_tt - s_t**2 / n)
+        slope[first:last] = np.interp(log.time[first:last], time, local)
+    return slope
+
+
+def _derived_spread(log: Log, index: int) -> float:
+    """Return the standard deviation of a derivative per standard deviation of its channel."""
+    if not log.has(CHANNELS[index]):
+        return np.inf
+    width, step = _half_width(log, index), log.interval(CHANNELS[index])
+    places = step * np.arange(-width, width + 1)
+    return float(1.0 / np.sqrt(np.sum(places**2)))

@@ -1,0 +1,329 @@
+"""Cut logs into windows, and predict each window with the compiled model from its first state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from auvbench.dynamics import frames
+from auvbench.dynamics.layout import LANES
+from auvbench.identification import inputs as actuation
+from auvbench.identification import motion
+from auvbench.identification.log import CHANNELS, STEEP, Log
+from auvbench.identification.parameters import gains, with_values
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.vehicles.actuators import Actuator, Thruster
+from auvbench.vehicles.curves import Curve, Lag
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+SHORTEST_STEP, LONGEST_STEP = 0.02, 0.05
+"""Shortest and longest time in s between two changes of the input in a prediction."""
+SUBSTEP = 0.025
+"""Longest physics step in s."""
+MOST_LANES = 4096
+"""Largest number of vehicles that are simulated together."""
+CHECKS = 40
+"""Largest number of measurements of a window that are compared."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """n windows of some logs, each with up to m rows to compare."""
+
+    logs: tuple[Log, ...]
+    motions: tuple[motion.Motion, ...]
+    length: float
+    """s"""
+    step: float
+    """Time in s between two changes of the input in a prediction."""
+    log: IntArray
+    """(n,) index of the log."""
+    start: FloatArray
+    """(n,) s, time of the first row."""
+    state: FloatArray
+    """(n, 12) state in the first row."""
+    time: FloatArray
+    """(n, m) s after the start."""
+    measured: FloatArray
+    """(n, m, 12), NaN where nothing was measured or the window has fewer rows."""
+    channels: tuple[int, ...]
+    """Channels that some log measured."""
+
+    @property
+    def n(self) -> int:
+        """Return the number of windows."""
+        return int(self.start.size)
+
+
+def cut(logs: Sequence[Log], length: float, stride: float | None = None) -> Windows:
+    """Return windows of `length` s, each `stride` s after the one before (default: `length`); none crosses a gap."""
+    motions = tuple(motion.of_log(log) for log in logs)
+    pieces: list[tuple[int, IntArray]] = []
+    for number, log in enumerate(logs):
+        there: NDArray[np.bool_] = np.asarray(np.isfinite(log.measured).any(axis=1))
+        for first, last in log.segments:
+            rows = first + np.flatnonzero(there[first:last])
+            pieces += [(number, piece) for piece in _pieces(log.time[rows], rows, length, stride or length)]
+    thinned = [(number, rows[:: max(1, -(-rows.size // CHECKS))]) for number, rows in pieces]
+    most = max((rows.size for _, rows in thinned), default=1)
+    n = len(thinned)
+    time, measured = np.zeros((n, most)), np.full((n, most, len(CHANNELS)), np.nan)
+    start, state = np.zeros(n), np.zeros((n, len(CHANNELS)))
+    for k, (number, rows) in enumerate(thinned):
+        log = logs[number]
+        start[k], state[k] = log.time[rows[0]], motions[number].state[rows[0]]
+        time[k, : rows.size] = log.time[rows] - start[k]
+        measured[k, : rows.size] = log.measured[rows]
+    measured[:, 0] = np.nan  # The first row is the start itself.
+    measured[..., [3, 5]] = np.where(np.abs(measured[..., 4:5]) > STEEP, np.nan, measured[..., [3, 5]])
+    return Windows(
+        logs=tuple(logs),
+        motions=motions,
+        length=length,
+        step=step_of(logs),
+        log=np.array([number for number, _ in thinned], dtype=np.int64),
+        start=start,
+        state=state,
+        time=time,
+        measured=measured,
+        channels=tuple(k for k, name in enumerate(CHANNELS) if any(log.has(name) for log in logs)),
+    )
+
+
+def step_of(logs: Sequence[Log]) -> float:
+    """Return the time in s between two changes of the input in predictions: half of that between two measurements, in bounds."""
+    intervals = [float(np.median(np.diff(log.time[np.isfinite(log.measured).any(axis=1)]))) for log in logs]
+    return min(LONGEST_STEP, max(SHORTEST_STEP, 0.5 * min(intervals)))
+
+
+def _pieces(time: FloatArray, rows: IntArray, length: float, stride: float) -> list[IntArray]:
+    """Return the rows of each window of a segment; a window has at least four rows and half the length."""
+    pieces = []
+    at = float(time[0]) if time.size else 0.0
+    while time.size and at < time[-1] - 0.5 * length:
+        first, last = np.searchsorted(time, [at - 1e-9, at + length + 1e-9])
+        if last - first >= 4:
+            pieces.append(rows[first:last])
+        at += stride
+    return pieces
+
+
+class Predictor:
+    """Predictions of one vehicle for some windows.
+
+    Args:
+        windows: windows to predict.
+        vehicle: vehicle of the prior.
+
+    Raises:
+        LogError: a log's inputs do not fit the vehicle.
+    """
+
+    def __init__(self, windows: Windows, vehicle: VehicleModel) -> None:
+        self.windows = windows
+        self.vehicle = vehicle
+        self.by_wrench = windows.logs[0].kind == "wrench"
+        self._steps = max(1, int(np.ceil(windows.length / windows.step - 1e-9)))
+        # Larger than any input, so that the compiled model clips none.
+        self._factors = np.array([4.0 * max(1e-9, *map(abs, unit.curve.limits)) for unit in vehicle.units])
+        self._held: dict[tuple[float, float | None, float | None], tuple[FloatArray, list[FloatArray]]] = {}
+
+    def states(self, values: dict[str, float], state: FloatArray | None = None) -> FloatArray:
+        """Return the predicted states (n, m, 12) in the rows of the windows.
+
+        Args:
+            values: numbers of the sheet that differ, by the names of `parameters.known`.
+            state: (n, 12) first states; default: those of the windows.
+        """
+        return np.asarray(self.many([values], [state])[0])
+
+    def many(
+        self, values: Sequence[dict[str, float]], states: Sequence[FloatArray | None] | None = None
+    ) -> FloatArray:
+        """Return the predicted states (k, n, m, 12) for k sets of numbers and of first states, simulated together."""
+        first = [self.windows.state if state is None else state for state in states or [None] * len(values)]
+        padded = -(-self.windows.n // LANES) * LANES
+        group = max(1, MOST_LANES // padded)
+        parts = [
+            self._some(values[k : k + group], first[k : k + group], padded)
+            for k in range(0, len(values), group)
+        ]
+        return np.concatenate(parts)
+
+    def _some(
+        self, values: Sequence[dict[str, float]], first: Sequence[FloatArray], padded: int
+    ) -> FloatArray:
+        """Return `many` for sets that are simulated in one batch, in which each has `padded` vehicles."""
+        vehicles = [with_values(self.vehicle, some) for some in values]
+        inputs = [self._inputs(vehicle, some) for vehicle, some in zip(vehicles, values, strict=True)]
+        k, n = len(values), self.windows.n
+
+        def spread(arrays: Sequence[FloatArray]) -> FloatArray:
+            whole = np.zeros((k, padded, *arrays[0].shape[1:]))
+            whole[:, :n] = np.stack(arrays)
+            return whole.reshape(k * padded, *arrays[0].shape[1:])
+
+        units = self._units(vehicles[0])
+        simulator = FossenSimulator(replace(self.vehicle, units=units), k * padded, SUBSTEP)
+        simulator.load_bodies(vehicles)
+        start = spread(first)
+        simulator.pose[:] = np.column_stack([start[:, :3], frames.quaternion(start[:, 3:6])])
+        simulator.velocity[:] = start[:, 6:]
+        command = spread([means for means, _ in inputs])
+        if self.by_wrench:
+            action = np.zeros((k * padded, 0))
+        else:
+            command = command / self._factors
+            simulator.effectiveness[:] = spread(
+                [np.tile(gains(self.vehicle, some), (n, 1)) for some in values]
+            )
+            simulator.actuators[:] = spread([self._actuator_states(units, now) for _, now in inputs])
+        grid = np.empty((self._steps + 1, k * padded, 13))
+        grid[0] = np.column_stack([simulator.pose, simulator.velocity])
+        for step in range(self._steps):
+            if self.by_wrench:
+                simulator.external_wrench[:] = command[:, step]
+            else:
+                action = command[:, step]
+            simulator.step(action, self.windows.step)
+            grid[step + 1, :, :7], grid[step + 1, :, 7:] = simulator.pose, simulator.velocity
+        lanes = np.arange(k * padded).reshape(k, padded)[:, :n]
+        return self._sampled(grid, start, lanes)
+
+    def _units(self, vehicle: VehicleModel) -> tuple[Actuator, ...]:
+        """Return actuators whose command is their quantity over a factor, and whose first-order lag is in the inputs."""
+        if self.by_wrench:
+            return ()
+        return tuple(
+            replace(
+                unit,
+                curve=Curve("polynomial", (-factor, factor), coefficients=np.array([0.0, factor])),
+                lag=Lag.none() if _lagged(unit) else unit.lag,
+                resting=np.zeros(0) if _lagged(unit) else unit.rest,
+            )
+            for unit, factor in zip(vehicle.units, self._factors.tolist(), strict=True)
+        )
+
+    def _inputs(self, vehicle: VehicleModel, values: dict[str, float]) -> tuple[FloatArray, list[FloatArray]]:
+        """Return the mean inputs (n, steps, n_u) of each step, and those (n_k, n_u) at the windows' starts, by log."""
+        delay, voltage = values.get("delay", 0.0), values.get("voltage")
+        key = delay, voltage, values.get("lag")
+        if key not in self._held:
+            if len(self._held) > 8:
+                self._held.clear()
+            self._held[key] = self._averaged(vehicle, delay, voltage)
+        return self._held[key]
+
+    def _averaged(
+        self, vehicle: VehicleModel, delay: float, voltage: float | None
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        windows = self.windows
+        lags = np.array([-1.0 / unit.lag.A[0, 0] if _lagged(unit) else 0.0 for unit in vehicle.units])
+        edges = windows.step * np.arange(self._steps + 1) - delay
+        now: list[FloatArray] = []
+        command = np.empty((0, 0, 0))
+        for number, log in enumerate(windows.logs):
+            values = log.inputs if self.by_wrench else actuation.quantities(log, self.vehicle, voltage)
+            own = np.flatnonzero(windows.log == number)
+            held = Held(log.time, values, np.zeros(6) if self.by_wrench else lags)
+            if not command.size:
+                command = np.empty((windows.n, self._steps, values.shape[1]))
+            command[own] = held.means(windows.start[own, None] + edges)
+            now.append(held.at(windows.start[own] - delay))
+        return command, now
+
+    def _actuator_states(self, units: Sequence[Actuator], now: list[FloatArray]) -> FloatArray:
+        """Return the states (n, n_states) of actuators with dynamics at the start of the windows: at rest at the input there."""
+        windows = self.windows
+        inputs = np.zeros((windows.n, len(units)))
+        for number, values in enumerate(now):
+            inputs[windows.log == number] = values
+        columns = [np.zeros((windows.n, 0))]
+        for a, unit in enumerate(units):
+            if unit.rate > 0.0:
+                columns.append(inputs[:, a : a + 1])
+            elif unit.lag.order:
+                columns.append(np.stack([unit.lag.steady(value) for value in inputs[:, a].tolist()]))
+            elif unit.rest.size:
+                columns.append(np.tile(unit.rest, (windows.n, 1)))
+        return np.concatenate(columns, axis=1)
+
+    def _sampled(self, grid: FloatArray, start: FloatArray, lanes: IntArray) -> FloatArray:
+        """Return the states (k, n, m, 12) at the windows' rows.
+
+        Args:
+            grid: (steps + 1, vehicles, 13) poses and velocities.
+            start: (vehicles, 12) first states.
+            lanes: (k, n) vehicle of each window of each set.
+        """
+        place = np.clip(self.windows.time / self.windows.step, 0.0, self._steps)
+        below = np.minimum(place.astype(int), self._steps - 1)
+        share = (place - below)[..., None]
+        angles = np.unwrap(frames.euler(grid[:, :, 3:7]), axis=0)
+        angles += start[:, 3:6] - angles[0]
+        whole = np.concatenate([grid[:, :, :3], angles, grid[:, :, 7:]], axis=2)
+        return np.asarray(
+            (1.0 - share) * whole[below, lanes[..., None]] + share * whole[below + 1, lanes[..., None]]
+        )
+
+
+def _lagged(unit: Actuator) -> bool:
+    """Return whether an actuator has a first-order lag, which `Held` computes exactly."""
+    return unit.lag.order == 1 and unit.rate == 0.0 and isinstance(unit, Thruster)
+
+
+@njit(cache=True)
+def _follow(state: FloatArray, keep: FloatArray) -> None:
+    """Replace inputs (T, n_u) by their states after a lag that keeps shares (T - 1, n_u) of the distance in each step."""
+    last = state[0].copy()
+    for k in range(keep.shape[0]):
+        for a in range(keep.shape[1]):
+            moved = state[k, a] + keep[k, a] * (last[a] - state[k, a])
+            state[k, a] = last[a]
+            last[a] = moved
+    state[-1] = last
+
+
+class Held:
+    """Inputs (T, n_u) that hold from row to row, after a first-order lag.
+
+    Values and means are continuous in time, so that a delay has a derivative. With the lag tau x' = u - x, the area under x is
+    the area under u less tau times the change of x.
+    """
+
+    def __init__(self, time: FloatArray, values: FloatArray, lags: FloatArray) -> None:
+        early, late = time[0] - 1e4, time[-1] + 1e4
+        self._time = np.concatenate([[early], time, [late]])
+        self._value = np.vstack([values[:1], values, values[-1:]])
+        steps = np.diff(self._time)[:, None]
+        self._area = np.vstack([np.zeros(values.shape[1]), np.cumsum(self._value[:-1] * steps, axis=0)])
+        self._area -= self._area[1]
+        self._lags = lags
+        self._state = self._value.copy()
+        if np.any(lags > 0.0):
+            keep = np.exp(-steps / np.where(lags > 0.0, lags, 1e-9))
+            _follow(self._state, keep)
+
+    def at(self, time: FloatArray) -> FloatArray:
+        """Return the lagged inputs (..., n_u) at times (...)."""
+        row = np.clip(np.searchsorted(self._time, time, side="right") - 1, 0, self._time.size - 2)
+        since = (time - self._time[row])[..., None]
+        value = self._value[row]
+        fading = np.exp(-since / np.where(self._lags > 0.0, self._lags, 1e-9))
+        return np.asarray(value + np.where(self._lags > 0.0, fading, 0.0) * (self._state[row] - value))
+
+    def means(self, edges: FloatArray) -> FloatArray:
+        """Return the means (..., k, n_u) of the lagged inputs between edges (..., k + 1)."""
+        areas = np.stack(
+            [np.interp(edges, self._time, self._area[:, a]) for a in range(self._area.shape[1])], axis=-1
+        )
+        if np.any(self._lags > 0.0):
+            areas = areas - self._lags * self.at(edges)
+        return np.asarray(np.diff(areas, axis=-2) / np.diff(edges, axis=-1)[..., None])

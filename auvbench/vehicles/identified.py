@@ -1,0 +1,106 @@
+"""The section `identification` of a sheet: which numbers came from logs, with their joint covariance and prediction errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.vehicles.reader import Document
+
+FloatArray = NDArray[np.float64]
+
+AT = ("identification",)
+LISTS = ("parameters", "prior", "sd", "logarithmic", "fitted")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Identified:
+    """What logs said about a vehicle.
+
+    A parameter is `prior` exp(`sd` x) where it is logarithmic, else `prior` + `sd` x, with x normal of mean `fitted` and
+    covariance `covariance`. Parameters that the logs do not identify have x = 0 and nearly the prior's variance, 1.
+    """
+
+    parameters: tuple[str, ...]
+    prior: FloatArray
+    sd: FloatArray
+    logarithmic: NDArray[np.bool_]
+    fitted: FloatArray
+    covariance: FloatArray
+    delay: float
+    """Time in s from a command to its execution, which sheets do not have."""
+    errors: Mapping[str, Mapping[float, float]]
+    """90 % quantile of the absolute prediction error on the logs, by channel and horizon in s."""
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """Return the numbers (..., n_p) of normalised values (..., n_p)."""
+        return np.where(self.logarithmic, self.prior * np.exp(self.sd * x), self.prior + self.sd * x)
+
+    def draws(self, count: int, generator: np.random.Generator) -> list[dict[str, float]]:
+        """Return vehicles drawn from the joint distribution: numbers by the parameters' names."""
+        x = generator.multivariate_normal(self.fitted, self.covariance, size=count, method="eigh")
+        values = self.values(x)
+        delay = np.array([name == "delay" for name in self.parameters])
+        values[:, delay] = np.maximum(values[:, delay], 0.0)
+        return [dict(zip(self.parameters, row.tolist(), strict=True)) for row in values]
+
+
+def of(document: Document) -> Identified | None:
+    """Return the section of a sheet; None without one.
+
+    Raises:
+        VehicleError: the section breaks a rule.
+    """
+    if AT[0] not in document.data:
+        return None
+    document.section(AT, (*LISTS, "covariance", "delay", "errors", "logs", "command"))
+    names = document.get((*AT, "parameters"))
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
+        document.fail((*AT, "parameters"), f"expected a list of names, got {names!r}")
+    n = len(names)
+    numbers = {key: document.numbers((*AT, key), document.get((*AT, key)), ((n,),)) for key in LISTS[1:3]}
+    fitted = document.numbers((*AT, "fitted"), document.get((*AT, "fitted")), ((n,),))
+    flags = document.get((*AT, "logarithmic"))
+    if not isinstance(flags, list) or len(flags) != n or not all(isinstance(flag, bool) for flag in flags):
+        document.fail((*AT, "logarithmic"), f"expected a list of {n} truth values")
+    covariance = document.numbers((*AT, "covariance"), document.get((*AT, "covariance")), ((n, n),))
+    if np.max(np.abs(covariance - covariance.T)) > 1e-6 or np.linalg.eigvalsh(covariance)[0] < -1e-6:
+        document.fail((*AT, "covariance"), "must be symmetric without negative eigenvalues")
+    delay = float(document.numbers((*AT, "delay"), document.get((*AT, "delay")), ((),)))
+    return Identified(
+        parameters=tuple(names),
+        prior=numbers["prior"],
+        sd=numbers["sd"],
+        logarithmic=np.array(flags),
+        fitted=fitted,
+        covariance=covariance,
+        delay=delay,
+        errors=_errors(document),
+    )
+
+
+def _errors(document: Document) -> dict[str, dict[float, float]]:
+    at = (*AT, "errors")
+    table: Any = document.get(at)
+    if not isinstance(table, Mapping):
+        document.fail(at, f"expected channels with horizons, got {table!r}")
+    errors: dict[str, dict[float, float]] = {}
+    for channel, row in table.items():
+        if not isinstance(row, Mapping):
+            document.fail((*at, str(channel)), f"expected horizons with errors, got {row!r}")
+        keys = [_horizon(document, str(channel), str(key)) for key in row]
+        values = document.numbers((*at, str(channel)), list(row.values()), ((len(row),),))
+        errors[str(channel)] = {float(key): float(value) for key, value in zip(keys, values, strict=True)}
+    return errors
+
+
+def _horizon(document: Document, channel: str, key: str) -> float:
+    """Return the horizon in s of a key such as `0.5_s`."""
+    try:
+        return float(key.removesuffix("_s"))
+    except ValueError:
+        document.fail((*AT, "errors", channel, key), "expected a horizon such as 0.5_s")

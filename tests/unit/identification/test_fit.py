@@ -1,0 +1,226 @@
+"""Recovery of known numbers from simulated logs, and what logs cannot say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pytest
+
+from auvbench.errors import ConfigError
+from auvbench.identification import gate, manoeuvres, parameters
+from auvbench.identification.fit import Fit, fit
+from auvbench.identification.log import CHANNELS, Log
+from auvbench.identification.windows import Held, Predictor, cut
+from auvbench.vehicles import sheet
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+NOISE = {"yaw": 0.005, "r": 0.005}
+TRUTH = {"added_mass.yaw": 0.4, "linear_damping.yaw": 1.6, "quadratic_damping.yaw": 0.5}
+
+
+def flown(
+    truth: Mapping[str, float],
+    axes: list[str],
+    seconds: float,
+    *,
+    noise: Mapping[str, float] = NOISE,
+    seed: int = 0,
+    amplitude: float = 0.1,
+) -> tuple[VehicleModel, Log]:
+    vehicle = sheet.load("bluerov2_2026")
+    generator = np.random.default_rng(seed)
+    command = manoeuvres.telegraph(vehicle, axes, seconds, amplitude, generator)
+    other = parameters.with_values(vehicle, dict(truth))
+    return vehicle, manoeuvres.fly(
+        other, command, generator, noise=noise, every=3, delay=truth.get("delay", 0.0)
+    )
+
+
+def fitted(vehicle: VehicleModel, log: Log, *names: str, kept: dict[str, str] | None = None) -> Fit:
+    return fit([log], vehicle, parameters.choose(vehicle, names, False), kept=kept)
+
+
+def by_name(result: Fit) -> dict[str, tuple[float, float, float, str]]:
+    return {e.parameter.name: (e.value, e.low, e.high, e.kept) for e in result.estimates}
+
+
+@pytest.mark.slow
+def test_the_numbers_of_yaw_come_back() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 40.0)
+    result = by_name(fitted(vehicle, log, *TRUTH))
+    for name, truth in TRUTH.items():
+        value, low, high, kept = result[name]
+        assert not kept
+        assert value == pytest.approx(truth, rel=0.15)
+        assert low < truth < high
+        assert low < value < high
+
+
+@pytest.mark.slow
+def test_a_log_of_yaw_says_nothing_about_surge_and_mass() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 30.0)
+    result = by_name(fitted(vehicle, log, "mass", "added_mass.surge", *TRUTH))
+    for name in ("mass", "added_mass.surge"):
+        assert result[name][3]
+        assert result[name][0] == pytest.approx(parameters.known(vehicle)[name].prior)
+    assert not result["added_mass.yaw"][3]
+
+
+@pytest.mark.slow
+def test_of_inertia_and_added_mass_a_log_has_the_sum() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 40.0)
+    result = by_name(fitted(vehicle, log, "inertia.yaw", *TRUTH))
+    kept = [name for name in ("inertia.yaw", "added_mass.yaw") if result[name][3]]
+    assert len(kept) == 1
+    assert "together with" in result[kept[0]][3]
+    total = result["inertia.yaw"][0] + result["added_mass.yaw"][0]
+    assert total == pytest.approx(vehicle.inertia[2, 2] + TRUTH["added_mass.yaw"], rel=0.05)
+
+
+@pytest.mark.slow
+def test_lag_and_delay_are_told_apart() -> None:
+    truth = {**TRUTH, "lag": 0.1, "delay": 0.06}
+    vehicle, log = flown(truth, ["yaw"], 60.0, noise={"yaw": 0.002, "r": 0.002})
+    result = by_name(fitted(vehicle, log, "lag", "delay", *TRUTH))
+    assert result["lag"][0] == pytest.approx(0.1, abs=0.02)
+    assert result["delay"][0] == pytest.approx(0.06, abs=0.015)
+
+
+@pytest.mark.slow
+def test_a_wrong_sheet_predicts_worse_before_than_after() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 30.0)
+    result = fitted(vehicle, log, *TRUTH)
+    r = CHANNELS.index("r")
+    before, after = (
+        np.sqrt(np.nanmean((values - result.windows.measured)[..., r] ** 2))
+        for values in (result.before, result.predicted)
+    )
+    assert after < 0.2 * before
+    assert result.sigma["r"] == pytest.approx(0.005, rel=0.2)
+
+
+@pytest.mark.slow
+def test_the_same_log_gives_the_same_bits() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 20.0)
+    one, two = (fitted(vehicle, log, *TRUTH) for _ in range(2))
+    np.testing.assert_array_equal(one.x, two.x)
+    np.testing.assert_array_equal(one.covariance, two.covariance)
+
+
+@pytest.mark.slow
+def test_an_outlier_does_not_move_the_fit() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 40.0)
+    clean = by_name(fitted(vehicle, log, *TRUTH))
+    rows = np.flatnonzero(np.isfinite(log.measured[:, CHANNELS.index("r")]))[30::60]
+    log.measured[rows, CHANNELS.index("r")] += 1.0
+    dirty = by_name(fitted(vehicle, log, *TRUTH))
+    for name in TRUTH:
+        assert dirty[name][0] == pytest.approx(clean[name][0], rel=0.2)
+
+
+@pytest.mark.slow
+def test_a_kept_parameter_stays() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 20.0)
+    result = by_name(fitted(vehicle, log, *TRUTH, kept={"added_mass.yaw": "because"}))
+    assert result["added_mass.yaw"][0] == parameters.known(vehicle)["added_mass.yaw"].prior
+    assert result["added_mass.yaw"][3] == "because"
+
+
+def test_a_number_that_is_zero_or_unknown_is_refused() -> None:
+    vehicle = sheet.load("bluerov2")
+    zero = {**{f"linear_damping.{axis}": 0.0 for axis in ("yaw",)}}
+    with pytest.raises(ConfigError, match="is 0 in the sheet of bluerov2"):
+        parameters.choose(parameters.with_values(vehicle, zero), ["linear_damping.yaw"], False)
+    with pytest.raises(ConfigError, match=r"did you mean 'linear_damping\.yaw'"):
+        parameters.choose(vehicle, ["linear_dampin.yaw"], False)
+
+
+def closed_loop(vehicle: VehicleModel) -> Log:
+    """A vehicle under a yaw controller, pushed by an unknown moment."""
+    from auvbench.simulators.fossen import FossenSimulator
+
+    generator = np.random.default_rng(0)
+    simulator = FossenSimulator(vehicle, 1, 0.005)
+    simulator.pose[:, 2] = -10.0
+    push = manoeuvres.direction(vehicle, "yaw")
+    limits = vehicle.force(np.ones(6))
+    rows, commands, moment = [], [], 0.0
+    for _ in range(2000):
+        rows.append([2.0 * np.arctan2(simulator.pose[0, 6], simulator.pose[0, 3]), simulator.velocity[0, 5]])
+        share = float(np.clip(-0.25 * rows[-1][0] - 0.15 * rows[max(0, len(rows) - 4)][1], -0.5, 0.5))
+        commands.append(vehicle.action(share * push))
+        moment += 0.02 * (-moment / 1.0) + 0.6 * float(generator.standard_normal()) * 0.02**0.5
+        simulator.external_wrench[:, 5] = 2.0 * moment
+        simulator.step(commands[-1][None], 0.02)
+    assert limits.size == 6
+    measured = np.full((len(rows), 12), np.nan)
+    measured[:, 5] = np.unwrap(np.array(rows)[:, 0])
+    measured[:, 11] = np.array(rows)[:, 1]
+    time = 0.02 * np.arange(len(rows))
+    return Log(
+        "closed",
+        "",
+        time,
+        "command",
+        vehicle.actuators,
+        np.array(commands),
+        measured,
+        segments=((0, len(rows)),),
+    )
+
+
+def test_the_gate_separates_open_from_closed_loop() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 40.0)
+    opened = {verdict.axis: verdict for verdict in gate.judge([log], vehicle)}
+    assert opened["yaw"].state == "open loop"
+    assert opened["yaw"].correlation > 0.7
+    assert 0.0 <= opened["yaw"].lag <= 0.1
+    assert opened["surge"].state == "not commanded"
+    assert gate.warning(list(opened.values())) == ""
+    verdicts = gate.judge([closed_loop(vehicle)], vehicle)
+    closed = {verdict.axis: verdict for verdict in verdicts}
+    assert closed["yaw"].state == "closed loop"
+    assert "record a telegraph signal without a controller" in gate.warning(verdicts)
+    assert list(gate.reasons(verdicts, ["added_mass.yaw", "added_mass.surge", "lag"])) == ["added_mass.yaw"]
+
+
+@pytest.mark.slow
+def test_rare_measurements_leave_the_order_open() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 40.0)
+    log.measured[np.arange(len(log.time)) % 10 != 0] = np.nan
+    verdicts = {verdict.axis: verdict.state for verdict in gate.judge([log], vehicle)}
+    assert verdicts["yaw"] == "not resolved"
+
+
+def test_a_prediction_from_true_states_is_the_simulation() -> None:
+    vehicle, log = flown(TRUTH, ["surge", "yaw"], 20.0, noise=dict.fromkeys(CHANNELS, 1e-9))
+    windows = cut([log], 2.0)
+    predicted = Predictor(windows, vehicle).states(TRUTH)
+    error = np.nanmax(np.abs(predicted - windows.measured), axis=(0, 1))
+    assert np.all(error < [2e-3] * 3 + [2e-3] * 3 + [2e-3] * 3 + [4e-3] * 3)
+
+
+def test_many_predictions_are_the_same_as_one_by_one() -> None:
+    vehicle, log = flown(TRUTH, ["surge", "yaw"], 10.0, noise=dict.fromkeys(CHANNELS, 1e-3))
+    predictor = Predictor(cut([log], 2.0), vehicle)
+    sets = [TRUTH, {"delay": 0.05}, {"lag": 0.1, "thrust": 1.2}]
+    together = predictor.many(sets)
+    for values, states in zip(sets, together, strict=True):
+        np.testing.assert_array_equal(predictor.states(values), states)
+
+
+def test_a_held_input_after_a_lag_is_exact() -> None:
+    time, values = np.array([0.0, 0.3, 0.35]), np.array([[1.0], [3.0], [0.0]])
+    tau = 0.1
+    held = Held(time, values, np.array([tau]))
+    grid = np.linspace(-0.1, 1.0, 110_001)
+    fine = held.at(grid)[:, 0]
+    # x(0.3) = 1; x(0.35) = 3 - 2 exp(-0.5); then it fades.
+    assert fine[0] == 1.0
+    assert float(held.at(np.array([0.35]))[0, 0]) == pytest.approx(3.0 - 2.0 * np.exp(-0.5))
+    assert float(held.at(np.array([0.55]))[0, 0]) == pytest.approx((3.0 - 2.0 * np.exp(-0.5)) * np.exp(-2.0))
+    means = held.means(np.array([0.2, 0.4, 0.9]))[:, 0]
+    for k, (first, last) in enumerate(((0.2, 0.4), (0.4, 0.9))):
+        inside = (grid >= first - 1e-9) & (grid <= last + 1e-9)
+        assert means[k] == pytest.approx(np.trapezoid(fine[inside], grid[inside]) / (last - first), rel=1e-4)
