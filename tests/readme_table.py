@@ -182,6 +182,14 @@ def _typical(row: dict[str, str], pid: dict[str, str], measure: str, unit: str, 
     return f"{cell} (mean {_digits(scale * mean)})" if apart else cell
 
 
+def log_columns() -> str:
+    """Return the columns of a log."""
+    from auvbench.identification.columns import DESCRIBED
+
+    names = [", ".join(f"`{name}`" for name in group) for group, _ in DESCRIBED]
+    return _table(("columns", "what"), names, [[text for _, text in DESCRIBED]])
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "leaderboard": leaderboard,
     "vehicles": vehicles,
@@ -191,6 +199,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "cases": cases,
     "currents": currents,
     "elsewhere": elsewhere,
+    "log_columns": log_columns,
 }
 LANGUAGES = {".py": "python", ".toml": "toml", ".yaml": "yaml"}
 EXAMPLE = "examples/auvbench-example"
@@ -214,6 +223,7 @@ PAGES = {
     "docs/adding-a-disturbance.md": ("examples/auvbench-example/auvbench_example/surge.py",),
     "docs/adding-a-package.md": (f"{EXAMPLE}/auvbench_example/doppler.py", "examples/still.py"),
     "docs/adding-a-vehicle.md": ("examples/polyu.yaml",),
+    "docs/identification.md": ("log_columns",),
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
     "results/station/README.md": ("station",),

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from auvbench.commands.grammar import Parser, number, paths_and_overrides, whole
 from auvbench.errors import ConfigError, UserError, closest
+from auvbench.identification.columns import DESCRIBED
 
 if TYPE_CHECKING:
     from auvbench.identification.log import Log
@@ -22,12 +23,13 @@ FRAMES = ("enu", "ned")
 
 
 def parser() -> Parser:
+    columns = "\n".join(f"  {', '.join(names)}: {text}" for names, text in DESCRIBED)
     parser = Parser(
         prog="auvbench identify",
         description="Fits numbers of a vehicle sheet to logs of the vehicle, says which numbers the logs do not determine,"
         " and writes a sheet with intervals and a page (docs/identification.md).",
-        epilog="examples: auvbench identify log.csv vehicle=bluerov2_2026 |"
-        " auvbench identify logs/*.csv vehicle=bluerov2_2026 parameters=added_mass,linear_damping.yaw name=mine",
+        epilog="examples:\n  auvbench identify log.csv vehicle=bluerov2_2026\n  auvbench identify logs/*.csv"
+        f" vehicle=bluerov2_2026 parameters=added_mass,linear_damping.yaw name=mine\n\ncolumns of a log:\n{columns}",
         keys=KEYS,
     )
     parser.add_argument(
