@@ -151,7 +151,7 @@ def _components(quantity: dict[str, Any], parts: Mapping[int, tuple[float, float
         values[k], low[k], high[k] = _round(value), _round(lowest), _round(highest)
         low[k], high[k] = min(low[k], values[k]), max(high[k], values[k])
     quantity |= {"value": values, "range": [low, high]}
-    _source(quantity, [AXES[k] if len(values) == 6 else "xyz"[k] for k in sorted(parts)])
+    _source(quantity, [(AXES if len(values) == 6 else "xyz")[k] for k in sorted(parts)])
 
 
 def _source(quantity: dict[str, Any], names: Sequence[str]) -> None:
@@ -159,7 +159,8 @@ def _source(quantity: dict[str, Any], names: Sequence[str]) -> None:
     given = quantity["source"]
     others = list(given) if isinstance(given, (list, tuple)) else [given]
     quantity["source"] = [SOURCE, *(source for source in others if source != SOURCE)]
-    quantity["note"] = f"identified: {', '.join(names)}; the range of these is the 95 % interval"
+    note = f"identified: {', '.join(names)}; the range of these is the 95 % interval"
+    quantity["note"] = "; ".join([note, *([quantity["note"]] if quantity.get("note") else [])])
 
 
 def _thrusters(found: dict[str, Any], estimates: Mapping[str, Estimate]) -> None:

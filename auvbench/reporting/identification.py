@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -67,7 +67,7 @@ def parameters_table(fit: Fit) -> Table:
                         sort=estimate.value,
                     ),
                     Cell(f"{100 * estimate.ratio:.0f}", sort=estimate.ratio),
-                    Cell((estimate.kept and f"not identified, stays: {estimate.kept}") or "identified"),
+                    Cell("not identified" if kept else "identified"),
                 )
             )
         )
@@ -82,7 +82,8 @@ def parameters_table(fit: Fit) -> Table:
     notes = (
         f"95 % intervals from a bootstrap of {fit.blocks} blocks of the logs"
         + ("; so few blocks make them rough" if fit.blocks < 10 else ""),
-        "Linear and quadratic damping of an axis are known together better than apart: the sheet has the joint covariance.",
+        "the uncertainty left counts that of the numbers that stay; the sheet has the joint covariance",
+        *(f"{e.parameter.name} stays: {e.kept}" for e in fit.estimates if e.kept),
     )
     return Table(headings, tuple(lines), "numbers of the sheet before and after", notes)
 
@@ -125,9 +126,11 @@ def terminal(fit: Fit, verdicts: Sequence[Verdict], advice: Sequence[Advice]) ->
 
 
 def _printed(table: Table) -> str:
+    """Return a table with all its notes, for the terminal."""
     stream = io.StringIO()
-    Console(file=stream, width=WIDTH, highlight=False).print(TableView(table))
-    return "\n".join(line.rstrip() for line in stream.getvalue().splitlines()) + "\n"
+    Console(file=stream, width=WIDTH, highlight=False).print(TableView(replace(table, notes=())))
+    lines = [line.rstrip() for line in stream.getvalue().splitlines()]
+    return "\n".join([*lines, *(f"  {note}" for note in table.notes)]) + "\n"
 
 
 def write_identification(
