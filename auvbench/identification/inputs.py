@@ -31,9 +31,11 @@ def columns(log: Log, vehicle: VehicleModel) -> list[int]:
     by_name = {name.casefold(): index for index, name in enumerate(names)}
     place: dict[int, int] = {}
     for column, given in enumerate(log.actuators):
-        index = by_name.get(given.casefold())
-        if index is None and (match := _NUMBERED.fullmatch(given)):
+        index, match = by_name.get(given.casefold()), _NUMBERED.fullmatch(given)
+        if index is None and match:
             index = int(match[1]) - 1
+        if match and index is not None and index >= len(names) and np.ptp(log.inputs[:, column]) == 0.0:
+            continue  # Such as an autopilot's output for lights.
         if index is None or not 0 <= index < len(names):
             raise LogError(
                 f"{log.name}: {vehicle.name} has no actuator {given!r}; {closest(given, names)}, or numbers from 1 to"

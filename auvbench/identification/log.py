@@ -105,7 +105,11 @@ def checked(log: Log) -> Log:
             f" {steps[breaks[0] - 1]:.3g} s at {at:.6g} s; no window crosses a gap"
         )
     measured = log.measured.copy()
-    still = [k for k in range(len(CHANNELS)) if log.has(CHANNELS[k]) and np.nanstd(measured[:, k]) == 0.0]
+    still = [
+        k
+        for k in range(len(CHANNELS))
+        if log.has(CHANNELS[k]) and np.nanmin(measured[:, k]) == np.nanmax(measured[:, k])
+    ]
     measured[:, still] = np.nan
     if still:
         remarks.append(

@@ -15,9 +15,15 @@ def _csv(path: Path, frame: str) -> list[Log]:
     return [csv_log.read(path, frame)]
 
 
-READERS: dict[str, Callable[[Path, str], list[Log]]] = {".csv": _csv}
+def _dataflash(path: Path, frame: str) -> list[Log]:
+    from auvbench.identification import dataflash
+
+    return dataflash.read(path)
+
+
+READERS: dict[str, Callable[[Path, str], list[Log]]] = {".csv": _csv, ".bin": _dataflash}
 """Readers by the ending of a file: path and axes to logs."""
-SAID = ".csv, and auvbench's own records (.npz, or a folder of missions)"
+SAID = ".csv, .BIN (ArduSub), and auvbench's own records (.npz, or a folder of missions)"
 
 
 def read(paths: Sequence[str], frame: str = "enu") -> list[Log]:

@@ -1,0 +1,118 @@
+"""Read ArduSub's DataFlash logs (`.BIN`) with pymavlink.
+
+Messages: RCOU pulse widths; ATT attitude; IMU rates and specific force of the first sensor; XKF1 position and velocity of the first
+core; CTUN altitude where there is no XKF1; BAT voltage of the first battery. Axes are NED and FRD.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from auvbench.dynamics import frames
+from auvbench.errors import MissingExtraError
+from auvbench.identification import csv_log
+from auvbench.identification.log import Log, LogError
+from auvbench.untrusted import reading
+from auvbench.untrusted.text import short
+
+CHANNELS = 14
+"""Number of outputs of RCOU."""
+FIELDS: Mapping[str, Mapping[str, str]] = {
+    "RCOU": {f"C{k}": f"C{k}_us" for k in range(1, CHANNELS + 1)},
+    "ATT": {"Roll": "roll_deg", "Pitch": "pitch_deg", "Yaw": "yaw_deg"},
+    "IMU": {
+        **{f"Gyr{axis}": f"{rate}_radps" for axis, rate in zip("XYZ", "pqr", strict=True)},
+        **{f"Acc{axis}": f"a{axis.lower()}_mps2" for axis in "XYZ"},
+    },
+    "XKF1": {"PN": "x_m", "PE": "y_m", "PD": "z_m", "VN": "vn", "VE": "ve", "VD": "vd"},
+    "CTUN": {"Alt": "altitude"},
+    "BAT": {"Volt": "voltage_V"},
+}
+"""Fields of the messages that are read, and the columns that they become."""
+INSTANCE = ("I", "Instance", "Inst", "C")
+"""Fields with the number of a sensor or core; only number 0 is read."""
+
+
+def read(path: Path, frame: str = "ned") -> list[Log]:
+    """Return the log of a file, whose axes are known.
+
+    Raises:
+        LogError: the file cannot be read, has no outputs of thrusters, or a check fails.
+        MissingExtraError: pymavlink is not installed.
+    """
+    try:
+        from pymavlink import DFReader
+    except ImportError:
+        raise MissingExtraError("pymavlink", extra="mavlink", purpose="DataFlash logs") from None
+    try:
+        digest = sha256(reading.content(path, reading.DATA)).hexdigest()
+        rows = _rows(DFReader.DFReader_binary(str(path), zero_time_base=True))
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror}") from None
+    except Exception as error:  # pymavlink raises exceptions of all kinds on damaged files
+        raise LogError(f"{path}: not a DataFlash log: {short(error)}") from None
+    if not any("C1_us" in row for row in rows):
+        raise LogError(
+            f"{path}: has no RCOU messages, the outputs of the thrusters; set LOG_BITMASK to log RC output"
+        )
+    return [csv_log.parse(_table(rows), str(path), digest, "ned")]
+
+
+def _rows(log: Any) -> list[dict[str, float]]:
+    """Return a row with its time for each message that is read."""
+    rows = []
+    while (message := log.recv_match(type=list(FIELDS))) is not None:
+        kind = message.get_type()
+        if kind != "ATT" and any(getattr(message, name, 0) for name in INSTANCE if kind != "RCOU"):
+            continue
+        row = {"t_s": 1e-6 * float(message.TimeUS)}
+        for field, column in FIELDS[kind].items():
+            value = getattr(message, field, None)
+            if value is not None:
+                row[column] = float(value)
+        rows.append(row)
+    return rows
+
+
+def _table(rows: list[dict[str, float]]) -> pd.DataFrame:
+    """Return the table of `csv_log`: one row per time, inputs held, from the first output on."""
+    table = pd.DataFrame(rows).groupby("t_s", as_index=False).first().sort_values("t_s")
+    outputs = [name for name in FIELDS["RCOU"].values() if name in table]
+    # An output that is always 0 is not in use.
+    table = table.drop(columns=[name for name in outputs if not table[name].fillna(0.0).any()])
+    held = [name for name in (*outputs, "voltage_V") if name in table]
+    table[held] = table[held].ffill()
+    if "voltage_V" in table:
+        table["voltage_V"] = table["voltage_V"].bfill()
+    used = [name for name in outputs if name in table]
+    table = table[table[used].notna().all(axis=1)].reset_index(drop=True)
+    if "yaw_deg" in table:
+        there = table["yaw_deg"].notna()
+        table.loc[there, "yaw_deg"] = np.degrees(np.unwrap(np.radians(table.loc[there, "yaw_deg"])))
+    if "x_m" in table:
+        table = _with_body_velocity(table).drop(columns="altitude", errors="ignore")
+    elif "altitude" in table:
+        table["depth_m"] = -table.pop("altitude")
+    return table
+
+
+def _with_body_velocity(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table with the velocity over ground as u, v, w, by the attitude at each of its rows."""
+    there = table["vn"].notna().to_numpy()
+    time = table["t_s"].to_numpy()
+    angles = []
+    for name in ("roll_deg", "pitch_deg", "yaw_deg"):
+        known = table[name].notna().to_numpy() if name in table else np.zeros(len(table), bool)
+        values = np.radians(table[name].to_numpy()[known]) if known.any() else np.zeros(1)
+        angles.append(np.interp(time[there], time[known] if known.any() else np.zeros(1), values))
+    R = frames.rotation(frames.quaternion(np.stack(angles, axis=-1)))
+    velocity = np.einsum("tji,tj->ti", R, table.loc[there, ["vn", "ve", "vd"]].to_numpy(dtype=np.float64))
+    for column, name in enumerate(("u_mps", "v_mps", "w_mps")):
+        table.loc[there, name] = velocity[:, column]
+    return table.drop(columns=["vn", "ve", "vd"])
