@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from auvbench.identification.fit import Fit
@@ -146,7 +147,10 @@ def _log_scales(ax: Axes) -> None:
     ax.set_xscale("log")
     if ax.lines and any(np.nanmax(np.nan_to_num(line.get_ydata())) > 0.0 for line in ax.lines):
         ax.set_yscale("log")
-    ax.set_xticks(HORIZONS, [f"{horizon:g}" for horizon in HORIZONS])
+        ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.yaxis.set_minor_locator(NullLocator())
+    ax.set_xticks(HORIZONS, [f"{horizon:g}" for horizon in HORIZONS], fontsize=7)
     ax.set_xticks([], minor=True)
 
 
