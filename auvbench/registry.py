@@ -331,7 +331,11 @@ TASKS: Kind[TaskSpec] = Kind(
     "auvbench.tasks",
     "task.name",
     f"{_TASKS}:TaskSpec",
-    _files(_TASKS, "waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"),
+    _files(
+        _TASKS,
+        *("waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"),
+        *("transit", "terrain"),
+    ),
 )
 
 _REWARDS = "auvbench.config.rewards"

@@ -52,7 +52,15 @@ KINDS = {
 }
 """An example of auvbench's own for each kind, and the folder of its YAML file."""
 
-TASKS = ("waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking")
+TASKS = (
+    "waypoint",
+    "station_keeping",
+    "trajectory_tracking",
+    "path_following",
+    "docking",
+    "transit",
+    "terrain",
+)
 """auvbench's own tasks."""
 
 COMPILED = re.compile(r"compiled|njit|jit|cfunc|row")

@@ -102,6 +102,8 @@ def _complete_ranges(task: DictConfig) -> None:
     """Leave out the keys of range sensors that the observation does not have; `task.range` is absent without any."""
     own = task.get("range")
     if not isinstance(own, DictConfig):
+        with open_dict(task):
+            task.pop("range", None)
         return
     observed = {ranges.key_of(str(name)) for name in task.get("observation") or ()}
     with open_dict(own):

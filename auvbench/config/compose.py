@@ -197,6 +197,8 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         merged.algo = _empty(config, "algo.agent", _schemas(AGENTS))
         merged.simulator = _empty(config, "simulator.name", _schemas(SIMULATORS))
         merged.task = _empty(config, "task.name", _schemas(TASKS))
+        if "range" not in config.task:
+            merged.task.range = None
         merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
         if config.get("world") is not None:
             merged.world = _empty(config, "world.name", _schemas(WORLDS))

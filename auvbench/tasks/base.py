@@ -71,6 +71,8 @@ class Task:
     `e.distance` and, if the reference has its own yaw, `e.yaw_error` have their present values"""
     refer: ClassVar[Callable[..., None]]
     """`refer(e, v, p)`, optional: moves the reference; called before `step`"""
+    look: ClassVar[Callable[..., None]]
+    """`look(e, v, p, solids, heights)`, optional: measures the solids of a world after `refer`; of `solids`, the first `e.solids` exist"""
     preview_row: ClassVar[Callable[..., None]]
     """`preview_row(e, p, points)`, for tasks with the block `preview`: writes the future positions (points, 3) of the
     reference"""
@@ -168,7 +170,7 @@ class Task:
         """(n, 3) m, present reference positions; the waypoint in the waypoint task"""
         self.distance: Floats = self.episodes.distance
         """(n,) m, present distances to the references"""
-        optional = [name for name in ("refer", "preview_row", "relocate") if hasattr(self, name)]
+        optional = [name for name in ("refer", "look", "preview_row", "relocate") if hasattr(self, name)]
         named = {name: getattr(type(self), name) for name in ("draw", "step", *optional)}
         has_yaw = TASKS[self.name].has_yaw
         self._around: tuple[Any, ...] = self.world.loops if self.world else ()

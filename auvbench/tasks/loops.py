@@ -55,6 +55,7 @@ def {name}(
         v = vehicle(i, pose, velocity, action, previous, force, power)
         e.steps += 1
         {refer}
+        {look}
         measure(e, v)
         if not isfinite(e.distance):
             return -1 - i
@@ -208,6 +209,7 @@ def _of_task(
         "refer": ["refer(e, v, p)"] if "refer" in named else [],
         "turn": turn,
         "preview": ["preview_row(e, p, preview[i])"] if "preview_row" in named else [],
+        "look": ["look(e, v, p, solids[i], heights)"] if solid and "look" in named else [],
         **dict.fromkeys(_IN_WORLD, ()),
     }
     names: dict[str, Any] = {**_OF_EVERY_TASK, **given}

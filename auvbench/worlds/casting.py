@@ -158,6 +158,13 @@ def nearest_along(
 
 
 @compiled("dynamics")
+def range_below(solids: Any, heights: Floats, point: Vector, longest: float) -> float:
+    """Return the distance in m from a point down to the first surface at time 0; `longest` if none is nearer."""
+    distance, _ = first_hit(solids, heights, 0.0, point, (0.0, 0.0, -1.0), longest)
+    return distance
+
+
+@compiled("dynamics")
 def nearest_surface(
     solids: Any, heights: Floats, time: float, point: Vector, longest: float
 ) -> tuple[float, int, Vector]:

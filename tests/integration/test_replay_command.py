@@ -164,16 +164,17 @@ def test_a_folder_of_runs_is_no_run(tmp_path, capsys):
 def test_each_task_is_drawn_with_its_reference_or_its_dock(task, tmp_path, monkeypatch):
     monkeypatch.setattr(films, "LONGEST", 5)
     words = [f"task={task}", "vehicle=bluerov2_heavy", "task.time_limit=2.0"]
-    words += ["task.hold_time=1.0", "task.settling=0.5"] if task == "station_keeping" else []
+    words += ["task.hold_time=1.0"] if task == "station_keeping" else []
+    words += ["task.settling=0.5"] if task in ("station_keeping", "terrain") else []
     assert main(["train", "algo=pid", f"output={tmp_path}", *words]) == 0
     path = next((tmp_path / "default").glob("*/manifest.json")).parent
     protocol = evaluate_config(compose("evaluate", [])).protocol
     shown = replay(RunDirectory(path), protocol, "nominal", 0)
-    assert (shown.reference is not None) == (task in ("trajectory_tracking", "path_following"))
+    assert (shown.reference is not None) == (task in ("trajectory_tracking", "path_following", "terrain"))
     assert (shown.dock_yaw is not None) == (task == "docking")
     target = shown.waypoint if shown.reference is None else shown.reference
     assert shown.distance[-1] == np.float32(np.linalg.norm(shown.position - target, axis=1)[-1])
     film, plain = films.film([shown], tmp_path / "film.gif"), tmp_path / "plain.gif"
     films.film([dataclasses.replace(shown, reference=None, dock_yaw=None)], plain)
     same = film.read_bytes() == plain.read_bytes()
-    assert same == (task == "station_keeping"), "the reference or the dock is not drawn"
+    assert same == (task in ("station_keeping", "transit")), "the reference or the dock is not drawn"

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.agents.classical import ranging
 from auvbench.config import schema
 from auvbench.config.algorithms.cascade import Cascade as Gains
 from auvbench.errors import ConfigError
@@ -189,6 +190,8 @@ class Cascade:
         self.dt = 1.0 / config.step.frequency
         spec = observation_spec(config.task, vehicle.actuators)
         self.estimate = Estimator(self.dt, gains.filter_time, spec)
+        self.ranging = ranging.of(config, vehicle, spec)
+        """guidance by range sensors; None without a fitting one"""
         self.mass = np.diag(vehicle.M).copy()
         self.inertia = vehicle.M_RB + vehicle.coriolis_sign * vehicle.M_A
         self.inverse: Floats = np.asarray(np.linalg.pinv(_controlled(vehicle.allocation)), dtype=np.float64)
@@ -209,15 +212,25 @@ class Cascade:
 
     def reset(self, episodes: Integers) -> None:
         self.estimate.reset(len(episodes))
+        if self.ranging is not None:
+            self.ranging.reset(len(episodes))
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Return `Estimator.memory` with what the law carries from step to step."""
-        return {**self.estimate.memory(), **{name: getattr(self, name) for name in self.carried}}
+        """Return `Estimator.memory` with what law and guidance carry from step to step."""
+        guided = {} if self.ranging is None else self.ranging.memory()
+        own = {name: getattr(self, name) for name in self.carried}
+        return {**self.estimate.memory(), **guided, **own}
 
     def act(self, observation: Observations) -> Actions:
         now = self.estimate
-        now.update(observation.astype(np.float64))
-        wanted = self._feasible(from_level(self.guidance(), now.tilt))
+        seen = observation.astype(np.float64)
+        now.update(seen)
+        level, read = self.guidance(), now.yaw_error
+        if self.ranging is not None:
+            moving = to_level(to_body(now.velocity, now.yaw), now.tilt)
+            level, turn = self.ranging.steer(seen, to_body(now.error, now.yaw), level, moving, now.yaw_rate)
+            now.yaw_error = read if turn is None else turn
+        wanted = self._feasible(from_level(level, now.tilt))
         velocity = to_body(now.velocity, now.yaw)
         wrench = self.law(wanted, velocity)
         wrench[:, HEAVE] -= self.lift
@@ -229,6 +242,7 @@ class Cascade:
         thrust = self._allocate(wrench)
         scale = self._scale(thrust)
         self.after(wanted - velocity, scale >= 1.0)
+        now.yaw_error = read
         return self.vehicle.action(thrust * scale[:, None])
 
     def guidance(self) -> Floats:

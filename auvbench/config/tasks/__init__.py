@@ -21,6 +21,8 @@ from auvbench.registry import BLOCKS, TASKS, WORLDS, Spec
 from auvbench.untrusted.text import short
 
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
+MISSING: Any = "???"
+"""value that OmegaConf replaces"""
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
 """blocks that every task supplies, besides THESIS_BLOCKS"""
 ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")
@@ -43,7 +45,12 @@ class Task:
     observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
     block_packages: dict[str, str] = field(default_factory=dict)  # releases by block; `complete` writes them
     history: int = later(number(1, 64), 1)
-    range: Ranges | None = None  # of the sensors that are observed; `complete` leaves out the others
+    # Of the sensors that are observed; `complete` leaves out the others. None would replace the values of `conf/range`.
+    range: Ranges | None = MISSING
+
+    def __post_init__(self) -> None:
+        if self.range == MISSING:
+            self.range = None
 
     def check(self) -> None:
         """Refuse values with which no episode can succeed.
@@ -145,6 +152,8 @@ class TaskSpec(Spec):
     """whether the reference is a path, and its point of now goes along with the vehicle"""
     holds: bool = False
     """whether the vehicle is to stay at the reference until the time is up"""
+    solids: bool = False
+    """whether the task needs a world with solids"""
     at_rest: bool = False
     """whether the reference is one pose at rest, which a pilot takes from /goal_pose"""
     shared: tuple[str, ...] = metrics.SHARED
@@ -252,7 +261,7 @@ def _check_reads(task: Task, name: str) -> None:
 
 
 def check_solids(task: Task, empty: str) -> None:
-    """Refuse a range sensor in a world without solids.
+    """Refuse a task or a range sensor that needs solids in a world without any.
 
     Args:
         task: checked task.
@@ -261,9 +270,13 @@ def check_solids(task: Task, empty: str) -> None:
     Raises:
         ConfigError: names the block and the worlds that it can measure.
     """
-    for name in task.observation if empty else ():
+    if not empty:
+        return
+    worlds = " or ".join(f"world={other}" for other in WORLDS.own if other != empty)
+    if TASKS[task.name].solids:
+        raise ConfigError(f"task={task.name}: has no bottom in world={empty}; use {worlds}")
+    for name in task.observation:
         if "solids" in BLOCKS[name].reads:
-            worlds = " or ".join(f"world={other}" for other in WORLDS.own if other != empty)
             raise ConfigError(
                 f"task.observation: {name} has nothing to measure in world={empty}; use {worlds}"
             )

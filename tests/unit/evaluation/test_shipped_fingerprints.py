@@ -54,7 +54,7 @@ def test_fingerprints_cover_columns_and_blocks_that_a_task_declares(task: str) -
     assert set(kind.reference_blocks) <= set(spec.blocks)
     assert kind.reference_columns
     assert kind.reference_blocks
-    assert set(frozen.BLOCKS) <= set(kind.reference_blocks) or task == "waypoint"
+    assert set(frozen.BLOCKS) <= set(kind.reference_blocks) or not spec.has_yaw
 
 
 @pytest.mark.slow
