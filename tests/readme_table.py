@@ -11,15 +11,26 @@ import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import pandas as pd
+
 NO_BREAK = "\u00a0"
 """a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
-LEADERBOARD, ROBUST, STATION, SUITE, TUNING = (
-    ROOT / "results" / name for name in ("leaderboard", "robust", "station", "suite", "tuning")
+LEADERBOARD, ROBUST, STATION, SUITE, TUNING, WAYPOINT = (
+    ROOT / "results" / name
+    for name in ("leaderboard", "robust", "station", "suite", "tuning", "waypoint-2026")
 )
 SEARCHED = {"pid": "PID", "lqr": "LQR", "smc": "SMC", "mpc": "MPC"}
 AGENTS = ("MPC", "PPO added to PID", "PID", "PPO", "SAC")
 MORE_AGENTS = ("MPC, tuned", "MPC", "PID", "LQR", "SMC", "PPO added to PID", "PPO", "SAC", "TD3")
+WATERS = {  # title, condition
+    "still water": "nominal",
+    "0.5 m/s current": "current=0.5",
+    "sea state 3": "sea-state-3",
+    "other model": "vehicle=bluerov2-vonbenzon2022",
+}
+LIMIT = 100.0
+"""s, what a failure counts in the waypoint task"""
 CONDITIONS = {
     "1 m/s current": "current=1",
     "real inertia": "vehicle=bluerov2-realistic-inertia",
@@ -70,6 +81,32 @@ def leaderboard() -> str:
     still = _shares([float(row["success_rate"]) for row in chosen])
     columns = [times, still, *(_success(LEADERBOARD, AGENTS, condition) for condition in CONDITIONS.values())]
     return _table(("waypoints", "mean time", "still water", *CONDITIONS), AGENTS, columns)
+
+
+def waters() -> str:
+    """Return the mean time to the waypoint in each water, and the share that is reached where it is not all of them."""
+    rows = _rows(WAYPOINT, "table.csv")
+    episodes = pd.read_parquet(WAYPOINT / "episodes.parquet")
+    episodes["time"] = (episodes["steps"] / episodes["frequency_hz"]).where(
+        episodes["outcome"] == "success", LIMIT
+    )
+    episodes["reached"] = episodes["outcome"] == "success"
+    columns = []
+    for condition in WATERS.values():
+        here = episodes[episodes["condition"] == condition]
+        found = [
+            here[here["run"].isin(row["runs"].split())][["time", "reached"]].mean().tolist() for row in rows
+        ]
+        least = min(time for time, _ in found)
+        columns.append([_reached(time, share, time == least) for time, share in found])
+    columns[0] = [_time(row, cell.startswith("**")) for row, cell in zip(rows, columns[0], strict=True)]
+    return _table(("mean time to a waypoint", *WATERS), [row["agent"] for row in rows], columns)
+
+
+def _reached(time: float, share: float, best: bool) -> str:
+    shown = f"{time:.1f}{NO_BREAK}s"
+    shown = f"**{shown}**" if best else shown
+    return shown if share == 1.0 else f"{shown} ({_digits(100 * share)}{NO_BREAK}%)"
 
 
 def vehicles() -> str:
@@ -192,6 +229,7 @@ def log_columns() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "leaderboard": leaderboard,
+    "waters": waters,
     "vehicles": vehicles,
     "robust": robust,
     "station": station,
@@ -205,9 +243,9 @@ LANGUAGES = {".py": "python", ".toml": "toml", ".yaml": "yaml"}
 EXAMPLE = "examples/auvbench-example"
 PACKAGE = f"{EXAMPLE}/auvbench_example"
 PAGES = {
-    "README.md": ("leaderboard",),
-    "docs/index.md": ("leaderboard",),
-    "docs/results.md": ("suite",),
+    "README.md": ("waters",),
+    "docs/index.md": ("waters",),
+    "docs/results.md": ("leaderboard", "suite"),
     "docs/adding-a-controller.md": (
         f"{EXAMPLE}/pyproject.toml",
         f"{PACKAGE}/conf/algo/pursuit.yaml",
