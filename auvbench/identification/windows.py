@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from auvbench.dynamics import frames
+from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.layout import LANES
 from auvbench.identification import inputs as actuation
 from auvbench.identification import motion
@@ -279,7 +279,7 @@ def _lagged(unit: Actuator) -> bool:
     return unit.lag.order == 1 and unit.rate == 0.0 and isinstance(unit, Thruster)
 
 
-@njit(cache=True)
+@compiled()
 def _follow(state: FloatArray, keep: FloatArray) -> None:
     """Replace inputs (T, n_u) by their states after a lag that keeps shares (T - 1, n_u) of the distance in each step."""
     last = state[0].copy()

@@ -159,7 +159,6 @@ def test_what_cannot_be_simulated_is_named(tmp_path: Path) -> None:
     protocol = sealed.read(written(tmp_path, conditions=entries))
     assert [condition.name for condition in protocol.conditions] == ["still"]
     assert [text.split(":")[0] for text in protocol.not_tested] == [
-        "task transit",
         "condition lost",
         "condition bias",
     ]
@@ -168,7 +167,7 @@ def test_what_cannot_be_simulated_is_named(tmp_path: Path) -> None:
 def test_a_run_of_another_task_is_refused(tmp_path: Path) -> None:
     protocol = sealed.read(written(tmp_path))
     run = prepare(compose("train", [f"output={tmp_path}", "algo=pid", "task=docking"]))
-    with pytest.raises(ConfigError, match="tests waypoint, but the run has task docking"):
+    with pytest.raises(ConfigError, match="tests waypoint, transit, but the run has task docking"):
         resolve_conditions(protocol, run.config())
 
 

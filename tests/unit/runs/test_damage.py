@@ -135,7 +135,7 @@ def test_a_manifest_that_lacks_what_is_read_is_one_clear_line(
         run.update_manifest(**({"steps": "many"} if "steps" in message else {"state": "done"}))
     else:
         run.manifest_path.write_text(text)
-    for arguments in (["train", f"output={tmp_path}"], ["resume", str(run.path)]):
+    for arguments in (["train", *configs.ORIGINAL, f"output={tmp_path}"], ["resume", str(run.path)]):
         assert cli.main(arguments) == 2
         error = capsys.readouterr().err
         assert message in error

@@ -14,7 +14,7 @@ from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.training import worker
 from auvbench.untrusted import path_safety
-from tests import synthetic
+from tests import configs, synthetic
 from tests.unit.runs.test_damage import frozen
 
 LINKS = (
@@ -73,7 +73,7 @@ def test_no_command_follows_a_link_out_of_a_run(
         ["resume", path, "train.total_steps=9000000"],
         ["evaluate", path, "protocol.episodes=1"],
         ["replay", path],
-        ["train", "algo=random", f"output={tmp_path / 'out'}"],
+        ["train", *configs.ORIGINAL, "algo=random", f"output={tmp_path / 'out'}"],
     ):
         code = cli.main(arguments)
         error = capsys.readouterr().err
