@@ -24,7 +24,7 @@ def parser() -> Parser:
         "typical trainings); the configuration keys in which they differ; the success rate in training.",
         epilog="examples:\n"
         "  auvbench compare pid mpc --in outputs/quickstart\n"
-        "  auvbench compare outputs/default/ppo-k1-f10-s0-bbe2fa44 outputs/default/ppo-k1-f10-s1-44c8f5ef\n"
+        "  auvbench compare outputs/default/ppo-bluerov2_2026-k1-f10-s0-f3f211ab outputs/default/ppo-bluerov2_2026-k1-f10-s1-d8c3846d\n"
         "  auvbench compare outputs/before outputs/after --where algo=ppo",
     )
     add = parser.add_argument

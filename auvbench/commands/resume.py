@@ -17,8 +17,8 @@ BUDGET = "train.total_steps"
 _EPILOG = """examples:
   auvbench resume outputs                                  finish every interrupted, failed or pending run
   auvbench resume outputs --where algo=ppo                 finish those of PPO
-  auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e  finish this one
-  auvbench resume outputs/default/ppo-k1-f10-s42-1b2c3d4e train.total_steps=2000000
+  auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6  finish this one
+  auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6 train.total_steps=2000000
                                                            go on to a larger budget, in a run of its own
 
 A resumed run ends with the same bits as one that was never interrupted (docs/resume.md).

@@ -123,7 +123,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 def with_ids(text: str) -> str:
     """Return a text with the ids of the runs that are here: an id ends in a hash of the configuration."""
     return re.sub(
-        r"\b([a-z]+-k\d+-f\d+-s\d+)-[0-9a-f]{8}",
+        r"\b([a-z]+(?:-\w+)?-k\d+-f\d+-s\d+)-[0-9a-f]{8}",
         lambda id: next(Path("outputs").rglob(f"{id[1]}-*")).name,
         text,
     )
@@ -176,7 +176,7 @@ def test_the_blocks_of_a_page_run(
         # A copy: a report is written into the folder of its study.
         shutil.copytree(ROOT / "results/leaderboard", "results/leaderboard")
     Path("paper.yaml").write_text("format: md\n")
-    names: dict[str, Any] = {"Metric": Metric, "observation": np.zeros((1, 10), np.float32)}
+    names: dict[str, Any] = {"Metric": Metric, "observation": np.zeros((1, 19), np.float32)}
     sheet = Path("conf/vehicle/polyu.yaml")
     for kind, text in blocks:
         if kind == "python":
