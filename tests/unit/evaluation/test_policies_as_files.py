@@ -26,7 +26,7 @@ from auvbench.policies import exported
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import plan, prepare
 from auvbench.vehicles import sheet
-from tests import onnx_files
+from tests import configs, onnx_files
 from tests.conftest import Once
 from tests.onnx_files import model, saved
 from tests.unit.runs.test_damage import frozen
@@ -37,7 +37,7 @@ BRIEF = ["protocol.episodes=8", "--workers", "1"]
 def trained(folder: Path, *overrides: str) -> RunDirectory:
     """A complete run with the weights that training begins from, and statistics of observations."""
     run = frozen(folder, *overrides, state="pending")
-    config = typed(compose("train", list(overrides)))
+    config = configs.training(*overrides)
     torch.manual_seed(0)
     vehicle = sheet.load(config.vehicle)
     policy = trained_policy._policy(config, vehicle)
@@ -246,7 +246,9 @@ def test_a_missing_extra_is_one_line(
 
 
 def entered(path: Path, folder: Path, *overrides: str) -> list[str]:
-    return ["algo=onnx", f"algo.path={path}", f"output={folder}", "task.max_steps=60", *overrides]
+    return [
+        *configs.original("algo=onnx", f"algo.path={path}", f"output={folder}", "task.max_steps=60", *overrides)
+    ]
 
 
 def torch_file(path: Path) -> Path:
@@ -444,7 +446,11 @@ def test_a_grid_goes_on_without_the_one_that_fails(
 ) -> None:
     good = saved(tmp_path / "good.onnx", model())
     bad = saved(tmp_path / "bad.onnx", onnx_files.ending("Log"))
-    grid = ["algo=onnx", f"algo.path={good},{bad}", f"output={tmp_path / 'out'}", "launcher.workers=1"]
+    grid = [
+        *configs.original(
+            "algo=onnx", f"algo.path={good},{bad}", f"output={tmp_path / 'out'}", "launcher.workers=1"
+        )
+    ]
     assert cli.main(["train", "-m", *grid]) == 1
     states = {
         path.parent.name.partition("-")[0]: json.loads(path.read_text())["state"]

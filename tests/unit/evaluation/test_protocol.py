@@ -100,7 +100,7 @@ def test_own_tests_a_run_in_what_it_was_trained_with(override):
     (condition,) = resolve_conditions(test, run)
     assert condition.config.step.frequency == 25
     group = override.partition("=")[0].partition(".")[0]
-    own = {"block_packages": {}} if group == "task" else {}
+    own = {"block_packages": {}, "range": None} if group == "task" else {}
     assert dataclasses.asdict(getattr(condition.config, group)) == own | run[group]
     assert of(test, run) != of(test, config())
     assert of(test, config("reward.k=100")) == of(test, config())
