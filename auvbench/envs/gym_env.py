@@ -44,7 +44,7 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     >>> env = gymnasium.make("auvbench/Waypoint-v1", frequency=25)
     >>> observation, info = env.reset(seed=1)
     >>> observation.shape, info["waypoint"].round(1)
-    ((10,), array([-14.6, -12.9, -16.6]))
+    ((19,), array([-14.6, -12.9, -16.6]))
     """
 
     metadata = {"render_modes": list(rendering.MODES), "render_fps": 10}  # noqa: RUF012

@@ -16,13 +16,9 @@ class PursuitConfig(AgentConfig):
     effort: float = number(0.0, 1.0, open_low=True)  # share of each thruster's range
 
 
-def in_body_axes(observation):
-    """Return the yaw error (n,) in rad and the position error (n, 3) in m in body axes, from observations in world axes."""
-    yaw_error, x, y, z = observation[:, :4].astype(np.float64).T
-    yaw = np.arctan2(y, x) - yaw_error
-    return yaw_error, np.stack(
-        [np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x, z], axis=1
-    )
+def errors(observation):
+    """Return the yaw error (n,) in rad and the position error (n, 3) in m, in level axes that turn with the vehicle."""
+    return observation[:, 3].astype(np.float64), observation[:, :3].astype(np.float64)
 
 
 class Pursuit:
@@ -41,7 +37,7 @@ class Pursuit:
 
     def act(self, observation):
         """Return actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
-        yaw_error, error = in_body_axes(observation)
+        yaw_error, error = errors(observation)
         wanted = np.column_stack([self.gains.force_gain * error, self.gains.turn_gain * yaw_error])
         wanted[:, 2] -= self.vehicle.buoyancy - self.vehicle.weight
         # Not a matrix product, whose rounding may depend on the size of the batch.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from auvbench.plugin import AgentConfig, Components, RunError, TrainConfig, VehicleModel, number
-from auvbench_example.pursuit import in_body_axes
+from auvbench_example.pursuit import errors
 
 
 @dataclass(kw_only=True)
@@ -39,7 +39,7 @@ class Search:
 
     def steer(self, observation, weights):
         """Return actions with weights (n, n_u, 5), or with weights (1, n_u, 5) for all observations."""
-        yaw_error, error = in_body_axes(observation)
+        yaw_error, error = errors(observation)
         features = np.column_stack([np.tanh(error / 5.0), yaw_error / np.pi, np.ones(len(error))])
         return np.tanh((features[:, None, :] * weights).sum(axis=2))
 

@@ -247,7 +247,9 @@ def test_a_missing_extra_is_one_line(
 
 def entered(path: Path, folder: Path, *overrides: str) -> list[str]:
     return [
-        *configs.original("algo=onnx", f"algo.path={path}", f"output={folder}", "task.max_steps=60", *overrides)
+        *configs.original(
+            "algo=onnx", f"algo.path={path}", f"output={folder}", "task.max_steps=60", *overrides
+        )
     ]
 
 
