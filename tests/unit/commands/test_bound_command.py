@@ -65,11 +65,11 @@ def test_computed_and_not_computed_again(capsys: pytest.CaptureFixture[str]) -> 
     assert cli.main(["bound", "protocol=near", "--workers", "1"]) == 0
     out = capsys.readouterr().out
     assert "proven to be at least" in out
-    assert "wrote outputs/bounds/near-bluerov2" in out
-    before = Path("outputs/bounds/near-bluerov2/bounds.jsonl").stat().st_mtime_ns
+    assert "wrote outputs/bounds/near-bluerov2_2026" in out
+    before = Path("outputs/bounds/near-bluerov2_2026/bounds.jsonl").stat().st_mtime_ns
     assert cli.main(["bound", "protocol=near"]) == 0
     assert "exist already" in capsys.readouterr().out
-    assert Path("outputs/bounds/near-bluerov2/bounds.jsonl").stat().st_mtime_ns == before
+    assert Path("outputs/bounds/near-bluerov2_2026/bounds.jsonl").stat().st_mtime_ns == before
 
 
 def test_help(capsys: pytest.CaptureFixture[str]) -> None:
