@@ -18,7 +18,7 @@ from omegaconf import OmegaConf
 from auvbench import cli
 from auvbench.agents.learned import learners, trained_policy
 from auvbench.commands import export
-from auvbench.config.compose import compose, typed
+from auvbench.config.compose import compose
 from auvbench.errors import RunError
 from auvbench.evaluation import exporting
 from auvbench.evaluation.evaluate import make_agent, read_summary
