@@ -100,12 +100,19 @@ def command(*arguments: str, before: str = "") -> list[str]:
     return [sys.executable, "-c", code, *arguments]
 
 
+def original(arguments: Sequence[str]) -> Sequence[str]:
+    """Return the words that give a command the original study's vehicle, whose topics the tests name."""
+    if any(word.startswith("vehicle=") or word == "--vehicle" for word in arguments):
+        return ()
+    return {"serve": ("vehicle=bluerov2",), "pilot": ("--vehicle", "bluerov2")}.get(arguments[0], ())
+
+
 class Process:
     """`auvbench ...` in a process of its own, in the present domain, with open `descriptors`; its output is kept."""
 
     def __init__(self, *arguments: str, before: str = "", descriptors: Sequence[int] = ()) -> None:
         self.process = subprocess.Popen(
-            command(*arguments, before=before),
+            command(*arguments, *original(arguments), before=before),
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -20,7 +20,7 @@ from auvbench.ros2.middleware import InterfaceError, Session
 from auvbench.runs.directory import RunDirectory
 from auvbench.simulators import ros2
 from auvbench.vehicles.sheet import load
-from tests import dds
+from tests import configs, dds
 from tests.waiting import LIMIT, until
 
 pytestmark = [dds.needs_ros, pytest.mark.slow]
@@ -239,6 +239,7 @@ def test_delayed_is_not_lost_and_halted_is_said(server):
 
 
 LEARNER = [
+    *configs.ORIGINAL,
     "algo=ppo",
     "algo.n_envs=1",
     "algo.n_steps=64",

@@ -16,7 +16,7 @@ from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.runs.directory import RunDirectory
 from auvbench.simulators import ros2
-from tests import dds
+from tests import configs, dds
 from tests.waiting import LIMIT
 
 pytestmark = [dds.needs_ros, pytest.mark.slow]
@@ -34,7 +34,7 @@ SETTINGS = Ros2(name="ros2", namespace=None, clock="lockstep", timeout=LIMIT)
 
 def batches(*overrides, n=2):
     """The same environments in this process and over ROS 2."""
-    config = train_config(compose("train", list(overrides), folder=None))
+    config = train_config(compose("train", list(configs.original(*overrides)), folder=None))
     return Batch(config, n), Batch(dataclasses.replace(config, simulator=SETTINGS), n)
 
 
@@ -90,6 +90,7 @@ def test_a_test_has_the_same_rows_as_in_process(two_vehicles, algo, task, tmp_pa
     torch.set_num_threads(1)
     learner = ["algo.n_envs=8", "algo.batch_size=128", "train.total_steps=4096", "train.progress=false"]
     arguments = [
+        "vehicle=bluerov2",
         f"output={tmp_path}",
         f"algo={algo}",
         f"task={task}",
@@ -116,7 +117,7 @@ def test_a_test_has_the_same_rows_as_in_process(two_vehicles, algo, task, tmp_pa
 
 
 def test_more_vehicles_than_the_server_has(two_vehicles):
-    config = train_config(compose("train", [], folder=None))
+    config = train_config(compose("train", list(configs.ORIGINAL), folder=None))
     with pytest.raises(
         ConfigError, match="3 vehicles are needed at once, the server has 2: start it with --vehicles 3"
     ):

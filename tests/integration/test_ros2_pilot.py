@@ -371,7 +371,10 @@ def test_an_unfinished_mission_is_kept(steering):
 
 def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
     learner = ["algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=64"]
-    assert main(["train", "algo=ppo", f"output={tmp_path}", "train.progress=false", *learner]) == 0
+    assert (
+        main(["train", *configs.ORIGINAL, "algo=ppo", f"output={tmp_path}", "train.progress=false", *learner])
+        == 0
+    )
     assert main(["export", str(tmp_path / "default"), "--out", str(tmp_path / "exports")]) == 0
     (file,) = (tmp_path / "exports").glob("*.onnx")
     setup = command._setup(command.parser().read([str(file)]))
