@@ -45,17 +45,9 @@ def parser() -> Parser:
 
 
 def main(arguments: Sequence[str]) -> int:
-    words = parser().read(arguments, overrides=True).words
-    paths, overrides = paths_and_overrides(words)
-    given = keys(overrides, KEYS, "identify")
-    if not paths:
-        raise UserError(
-            "identify: no log given: auvbench identify LOG... vehicle=NAME (docs/identification.md lists the columns)"
-        )
-    if "vehicle" not in given:
-        raise UserError(
-            "identify: no vehicle given: vehicle=NAME is the sheet from which the fit starts (auvbench vehicles)"
-        )
+    paths, given = logs_and_keys(
+        "identify", parser(), arguments, KEYS, "vehicle=NAME", "is the sheet from which the fit starts"
+    )
     base, name = given["vehicle"], given.get("name", f"{given['vehicle']}_identified")
     if not re.fullmatch(r"[A-Za-z0-9][\w.-]{0,99}", name):
         raise UserError(f"name={name}: must have only letters, digits, '_', '-' and '.'")
@@ -129,6 +121,33 @@ def _identify(
     )
     print(os.path.relpath(index))
     return 0
+
+
+def logs_and_keys(
+    command: str, parser: Parser, arguments: Sequence[str], valid: Sequence[str], vehicle: str, meaning: str
+) -> tuple[list[str], dict[str, str]]:
+    """Return the paths of logs, and the values of `key=value` words.
+
+    Args:
+        command: name of the command, for messages.
+        parser: its parser.
+        arguments: what was typed after the command.
+        valid: its keys.
+        vehicle: how the sheets are typed.
+        meaning: what the sheets are.
+
+    Raises:
+        UserError: no log, no vehicle, or a wrong word.
+    """
+    paths, overrides = paths_and_overrides(parser.read(arguments, overrides=True).words)
+    given = keys(overrides, valid, command)
+    if not paths:
+        raise UserError(
+            f"{command}: no log given: auvbench {command} LOG... {vehicle} (docs/identification.md lists the columns)"
+        )
+    if "vehicle" not in given:
+        raise UserError(f"{command}: no vehicle given: {vehicle} {meaning} (auvbench vehicles)")
+    return paths, given
 
 
 def keys(overrides: Sequence[str], valid: Sequence[str], command: str) -> dict[str, str]:

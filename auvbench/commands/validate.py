@@ -8,9 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from auvbench.commands.grammar import Parser, paths_and_overrides
-from auvbench.commands.identify import FRAMES, choice, keys
-from auvbench.errors import UserError
+from auvbench.commands.grammar import Parser
+from auvbench.commands.identify import FRAMES, choice, logs_and_keys
 
 KEYS = ("vehicle", "frame", "output")
 OUTPUT = "outputs/validate"
@@ -35,17 +34,9 @@ def parser() -> Parser:
 
 
 def main(arguments: Sequence[str]) -> int:
-    words = parser().read(arguments, overrides=True).words
-    paths, overrides = paths_and_overrides(words)
-    given = keys(overrides, KEYS, "validate")
-    if not paths:
-        raise UserError(
-            "validate: no log given: auvbench validate LOG... vehicle=A,B (docs/identification.md lists the columns)"
-        )
-    if "vehicle" not in given:
-        raise UserError(
-            "validate: no vehicle given: vehicle=A,B are the sheets to compare (auvbench vehicles)"
-        )
+    paths, given = logs_and_keys(
+        "validate", parser(), arguments, KEYS, "vehicle=A,B", "are the sheets to compare"
+    )
     frame = choice(given, "frame", FRAMES)
     folder = Path(given.get("output", OUTPUT))
     from auvbench.identification import inputs, readers, validation

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any
 
-from auvbench.config.fields import number
+from auvbench.config.fields import below, number
 from auvbench.errors import ConfigError
 
 SOUND = 1500.0
@@ -125,8 +125,7 @@ class Multibeam(Pinged):
 
 def check_low(sensor: Any, prefix: str) -> None:
     """Raise ConfigError unless the smallest range is below the largest."""
-    if sensor.low >= sensor.high:
-        raise ConfigError(f"{prefix}low={sensor.low:g}: must be below {prefix}high={sensor.high:g}")
+    below(f"{prefix}low", sensor.low, f"{prefix}high", sensor.high, strictly=True)
 
 
 @dataclass(kw_only=True)

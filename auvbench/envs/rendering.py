@@ -82,7 +82,7 @@ class Trail:
 
     waypoint: Floats  # (3,) m, the goal of a task with another
     dock_yaw: float | None = None  # rad, in which a dock is entered
-    outlines: Callable[[Floats, Floats], Floats | None] | None = None
+    outlines: Callable[[Floats, Floats], Floats] | None = None
     """segments of the world inside a box (see `Task.outlines`); None in open water"""
     position: list[Floats] = field(default_factory=list)  # (3,) m
     yaw: list[float] = field(default_factory=list)  # rad

@@ -207,8 +207,9 @@ def _of_other_tasks(node: DictConfig, key: str) -> bool:
     """Return whether only other tasks or agents have a key: `task.station` in a condition moves stations, but not docks, and
     `task.range.ping1d.dropout` is for agents that observe this sensor.
     """
-    if key.startswith(SENSORS) and ".".join(key.split(".")[:3]) != key:
-        return OmegaConf.select(node, ".".join(key.split(".")[:3])) is None
+    sensor = ".".join(key.split(".")[:3])
+    if key.startswith(SENSORS) and sensor != key:
+        return OmegaConf.select(node, sensor) is None
     group, _, name = key.partition(".")
     return (
         group == "task"

@@ -203,7 +203,7 @@ def _one_batch(
             told(len(rows) - before)
         if spare is not None and len(result.ended):
             spare(result.ended)
-    for i, episode in enumerate(followed):
+    for i, episode in enumerate(followed if task.world else ()):
         path = paths[episode]
         path.outlines = task.outlines(i, *round_path(np.array([*path.position, path.waypoint])))
     return [rows[i] for i in range(environments.n)]

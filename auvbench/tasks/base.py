@@ -340,10 +340,10 @@ class Task:
         """Return the goal (3,) of environment i in m: waypoint, station, dock, end of the path or curve."""
         return np.array(self.reference[i])
 
-    def outlines(self, i: int, low: Floats, high: Floats) -> Floats | None:
-        """Return the segments (k, 2, 3) in m that show the world of environment i inside a box; None in open water."""
-        count = int(self.episodes[i].solids) if self.world else 0
-        return self.world.outlines(i, count, low, high) if self.world else None
+    def outlines(self, i: int, low: Floats, high: Floats) -> Floats:
+        """Return the segments (k, 2, 3) in m that show the world of environment i, which is not open, inside a box."""
+        assert self.world is not None
+        return self.world.outlines(i, int(self.episodes[i].solids), low, high)
 
     def dock_yaw(self, i: int) -> float | None:
         """Return the yaw in rad with which a vehicle enters the dock of environment i; None in a task without a dock."""

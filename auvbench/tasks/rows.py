@@ -175,6 +175,18 @@ def leaves_water(v: Vehicle, p: Record) -> bool:
 
 
 @row
+def arrival(e: Record, v: Vehicle, p: Record) -> int:
+    """Return the outcome of a step towards a point, or GOES_ON. The depth limits are checked first, then the goal, then the last step."""
+    if leaves_water(v, p):
+        return COLLISION
+    if e.distance < p.goal_radius:
+        return SUCCESS
+    if e.steps >= p.max_steps:
+        return TIMEOUT
+    return GOES_ON
+
+
+@row
 def add_errors(e: Record) -> None:
     """Add the errors of a step to the sums of their squares."""
     e.error_squared_sum += e.distance * e.distance

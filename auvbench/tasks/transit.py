@@ -7,19 +7,7 @@ import math
 from auvbench.tasks import fingerprint
 from auvbench.tasks.base import Task
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import (
-    COLLISION,
-    GOES_ON,
-    SUCCESS,
-    TIMEOUT,
-    Vehicle,
-    drawn,
-    leaves_water,
-    put,
-    row,
-    triple,
-    wrap,
-)
+from auvbench.tasks.rows import SUCCESS, arrival, drawn, put, row, triple, wrap
 
 SLOWEST, FASTEST = 8.0, 2.0
 """times between which the score of the BARN challenge falls, in times of the shortest way (Xiao et al., "Autonomous ground navigation in
@@ -40,23 +28,11 @@ def draw(e: Record, p: Record, stream: int) -> float:
     return wrap(2.0 * math.pi * heading)
 
 
-@row
-def step(e: Record, v: Vehicle, p: Record) -> int:
-    """Return the outcome of an agent step, or GOES_ON."""
-    if leaves_water(v, p):
-        return COLLISION
-    if e.distance < p.goal_radius:
-        return SUCCESS
-    if e.steps >= p.max_steps:
-        return TIMEOUT
-    return GOES_ON
-
-
 class TransitTask(Task):
     """N episodes of transit."""
 
     draw = staticmethod(draw)
-    step = staticmethod(step)
+    step = staticmethod(arrival)
     reference_columns = fingerprint.COLUMNS
     reference_blocks = tuple(name for name in fingerprint.BLOCKS if name != "velocity_error")
     reference_key = "goal"

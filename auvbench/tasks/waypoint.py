@@ -8,19 +8,7 @@ from typing import Any
 from auvbench.config.tasks.waypoint import Waypoint
 from auvbench.tasks.base import Task
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import (
-    COLLISION,
-    GOES_ON,
-    SUCCESS,
-    TIMEOUT,
-    Vehicle,
-    drawn,
-    leaves_water,
-    put,
-    row,
-    triple,
-    wrap,
-)
+from auvbench.tasks.rows import Vehicle, arrival, drawn, put, row, triple, wrap
 
 REFERENCE_COLUMNS = (
     "episode",
@@ -75,19 +63,11 @@ def deviation(e: Record, v: Vehicle) -> float:
 
 @row
 def step(e: Record, v: Vehicle, p: Record) -> int:
-    """Return the outcome of an agent step, or GOES_ON. The depth limits are checked first, then the goal, then the
-    last step.
-    """
+    """Return the outcome of an agent step, or GOES_ON."""
     off = deviation(e, v)
     e.deviation_sum += off
     e.deviation_squared_sum += off * off
-    if leaves_water(v, p):
-        return COLLISION
-    if e.distance < p.goal_radius:
-        return SUCCESS
-    if e.steps >= p.max_steps:
-        return TIMEOUT
-    return GOES_ON
+    return arrival(e, v, p)
 
 
 class WaypointTask(Task):

@@ -55,8 +55,6 @@ class SymbolicModel:
     n_u: int
     derivative: Any
     """Function (state (n_x), input (n_u), current (3)) -> d state / dt (n_x)"""
-    rigid: Any
-    """Function (rigid state (13), thrust (n_u) in N, current (3)) -> d rigid state / dt (13)"""
     input_limits: FloatArray
     """(n_u, 2) limits of the inputs, N"""
     rest: FloatArray
@@ -122,7 +120,6 @@ def symbolic(vehicle: VehicleModel) -> SymbolicModel:
         RIGID + n_a,
         n_u,
         ca.Function("derivative", [x, u, current], [x_dot]),
-        rigid,
         vehicle.force_limits,
         np.zeros(n_a),
         2.0 * min(shortest_time_constant(vehicle), *(1.0 / abs(pole) for pole in poles), np.inf),

@@ -33,7 +33,7 @@ from auvbench.config import schema, tasks
 from auvbench.config.algorithms.mpc import MPC
 from auvbench.registry import TASKS
 from auvbench.vehicles.curves import Lag
-from auvbench.vehicles.symbolic import symbolic
+from auvbench.vehicles.symbolic import RIGID, symbolic
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -72,7 +72,7 @@ class MPCController:
         self.observer = Observer(model, config)
         self.dt = 1.0 / config.step.frequency
         task = config.task
-        prompt = all(unit.lag.delay < PROMPT * self.dt for unit in vehicle.units)
+        prompt = model.n_x > RIGID and all(unit.lag.delay < PROMPT * self.dt for unit in vehicle.units)
         self.program = Program(symbolic(without_lags(vehicle)) if prompt else model, algo)
         # If the task fixes the depth at the start, the first reading gives the depth of the waypoint. Otherwise the
         # depth is unknown.

@@ -40,8 +40,8 @@ SMALLEST_NOISE = 0.01  # m, rad, m/s, rad/s
 # Beyond this no state is plausible: the equations have diverged from the vehicle, and the filter restarts.
 LARGEST_STATE = 1e4  # m, m/s, rad/s
 
-# Blocks of true values that the filter reads, with their indices in (position, attitude, velocity).
-MEASURED = {"gravity": (3, 4), "velocity": (6, 7, 8), "angular_velocity": (9, 10, 11)}
+# Blocks of true values that the filter reads, with their places among its errors.
+MEASURED = {"gravity": slice(3, 5), "velocity": slice(6, 9), "angular_velocity": slice(9, 12)}
 READ = (*MEASURED, "velocity_error", "goal_error", "preview")
 
 
@@ -159,16 +159,17 @@ class Observer:
         x = self.state[i]
         R = frames.rotation(x[3:7])
         innovation, H, noise = self._poses(x, R, position, yaw)
-        exact: list[tuple[Floats, int]] = []
-        if "gravity" in self._read:
-            # Rotation from the predicted to the measured direction, to first order.
-            exact.append((np.cross(observation[self._read["gravity"]], -R[2])[:2], 3))
-        for name, own, first in (("velocity", slice(7, 10), 6), ("angular_velocity", slice(10, 13), 9)):
-            if name in self._read:
-                exact.append((observation[self._read[name]] - x[own], first))
-        for values, first in exact:
-            innovation = np.concatenate([innovation, values])
-            H = np.concatenate([H, np.eye(len(values), ERRORS, first)])
+        for name, errors in MEASURED.items():
+            if name not in self._read:
+                continue
+            reading = observation[self._read[name]]
+            if name == "gravity":
+                # Rotation from the predicted to the measured direction, to first order.
+                off = np.cross(reading, -R[2])[:2]
+            else:
+                off = reading - x[errors.start + 1 : errors.stop + 1]  # a quaternion has one number more
+            innovation = np.concatenate([innovation, off])
+            H = np.concatenate([H, np.eye(ERRORS)[errors]])
         N = np.diag(np.full(len(H), SMALLEST_NOISE**2))
         N[: len(noise), : len(noise)] = noise
         P = self.covariance[i]

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.ranges import key_of
+from auvbench.config.ranges import GRADIANS, key_of
 from auvbench.config.tasks import blocks
 from auvbench.observation import ObservationSpec
 from auvbench.registry import TASKS
+from auvbench.tasks.ranges.base import middles, spread
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -71,15 +72,12 @@ def of(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec)
 def rays_of(key: str, sensor: Any) -> tuple[Floats, Integers]:
     """Return the azimuths (k,) in rad, counter-clockwise from the bow, of the numbers of a sonar that look ahead, and their columns."""
     if key == "multibeam":
-        azimuths = -sensor.horizontal * ((np.arange(sensor.beams) + 0.5) / sensor.beams - 0.5)
-        return azimuths + sensor.yaw, np.arange(sensor.beams)
+        return sensor.yaw - middles(sensor.horizontal, sensor.beams), np.arange(sensor.beams)
     if key == "ping360":
-        span = 2.0 * np.pi * sensor.beams * sensor.step / 400.0
-        return span * ((np.arange(sensor.sectors) + 0.5) / sensor.sectors - 0.5) + sensor.yaw, np.arange(
-            sensor.sectors
-        )
-    azimuths = np.linspace(0.5, -0.5, sensor.columns) * sensor.horizontal * (sensor.columns > 1)
-    elevations = np.linspace(-0.5, 0.5, sensor.rows) * sensor.vertical * (sensor.rows > 1) + sensor.pitch
+        span = 2.0 * np.pi * sensor.beams * sensor.step / GRADIANS
+        return middles(span, sensor.sectors) + sensor.yaw, np.arange(sensor.sectors)
+    azimuths = -spread(sensor.horizontal, sensor.columns)
+    elevations = spread(sensor.vertical, sensor.rows) + sensor.pitch
     ahead = np.flatnonzero(np.abs(np.repeat(elevations, sensor.columns)) <= LEVEL)
     return np.tile(azimuths, sensor.rows)[ahead] + sensor.yaw, ahead
 

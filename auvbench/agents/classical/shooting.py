@@ -111,6 +111,12 @@ class Program:
 
         Return False if the solver failed: the thrusts are as before, and the next call simulates the plan anew.
         """
+        solved = self._iterate(plan, state, current)
+        if not solved:
+            plan.X[:] = np.nan
+        return solved
+
+    def _iterate(self, plan: Plan, state: Floats, current: Floats) -> bool:
         n_u, n_x, N = self.model.n_u, self.model.n_x, self.N
         ends, A, B = self._linearise(plan, current)
         gap = np.abs(ends - plan.X[:, 1:])[:RIGID].max()
@@ -128,7 +134,6 @@ class Program:
             S[k + 1, :, block : block + n_u] += B[k] * self.scale
             d[k + 1] = A[k] @ d[k] + ends[:, k] - plan.X[:, k + 1]
         if not np.all(np.isfinite(S)) or not np.all(np.isfinite(d)):
-            plan.X[:] = np.nan
             return False
         H, g = self._cost(plan, S, d)
         low, high = self._bounds(plan)
@@ -141,7 +146,6 @@ class Program:
         answer = self._solver(h=H, g=g, a=G, lba=lower, uba=upper, lbx=low, ubx=high)
         change = answer["x"].full()[:n, 0]
         if not self._solver.stats()["success"] or not np.all(np.isfinite(change)):
-            plan.X[:] = np.nan
             return False
         plan.U += self.scale[:, None] * change.reshape(len(BLOCKS), n_u)[self._blocks].T
         np.clip(plan.U, self.limits[:, :1], self.limits[:, 1:], out=plan.U)

@@ -20,9 +20,9 @@ from auvbench.metrics import Metric
 from auvbench.registry import BLOCKS, TASKS, WORLDS, Spec
 from auvbench.untrusted.text import short
 
-THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 MISSING: Any = "???"
-"""value that OmegaConf replaces"""
+"""value that OmegaConf replaces; its own name for it, without importing OmegaConf"""
+THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
 """blocks that every task supplies, besides THESIS_BLOCKS"""
 ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")

@@ -184,6 +184,11 @@ def fan(azimuths: Floats, elevations: Floats) -> Floats:
     return np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], axis=1)
 
 
+def middles(angle: float, count: int) -> Floats:
+    """Return the middles in rad of `count` equal parts of an angle, less its half."""
+    return np.asarray(angle * ((np.arange(count) + 0.5) / count - 0.5))
+
+
 def spread(angle: float, count: int) -> Floats:
     """Return `count` angles in rad from -angle / 2 to angle / 2; one is 0."""
     return np.linspace(-0.5 * angle, 0.5 * angle, count) if count > 1 else np.zeros(1)

@@ -16,6 +16,7 @@ from auvbench.tasks.ranges.base import (
     distance_along,
     fan,
     keep,
+    middles,
     new_step,
     pings_until,
     spread,
@@ -53,7 +54,7 @@ class MultibeamSonar(RangeSensor):
     def directions(self) -> Floats:
         s = self.settings
         count = s.beams * ACROSS
-        azimuths = -s.horizontal * ((np.arange(count) + 0.5) / count - 0.5)
+        azimuths = -middles(s.horizontal, count)
         return fan(np.repeat(azimuths, HIGH), np.tile(spread(s.vertical, HIGH), count))
 
     def size(self) -> int:
