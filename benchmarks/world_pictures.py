@@ -14,7 +14,7 @@ from auvbench.envs.batch import Batch
 from auvbench.envs.settings import configuration
 from auvbench.registry import WORLDS
 from auvbench.worlds.casting import clearance
-from auvbench.worlds.solids import KINDS
+from auvbench.worlds.kinds import KINDS
 
 TARGET = Path(__file__).parents[1] / "docs" / "assets" / "worlds.png"
 TASK = ("task=docking", "vehicle=bluerov2_2026", "algo=pid", "task.start_low=14", "task.depth_low=-40")

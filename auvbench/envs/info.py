@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from auvbench.envs.batch import State
 from auvbench.record import OUTCOMES, Record
 from auvbench.worlds.casting import NOTHING
-from auvbench.worlds.solids import KINDS
+from auvbench.worlds.kinds import KINDS
 
 WHOLE = ("episode", "environment", "outcome", "steps", "hit")
 """columns of a record that are whole numbers"""

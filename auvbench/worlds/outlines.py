@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.worlds.solids import BOX, CAPSULE, CYLINDER, PLANE, SPHERE, TERRAIN, Floats, Solids
+from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, PLANE, SPHERE, TERRAIN, Floats, Solids
 
 ROOM = 5.0
 """m round an episode that its pictures show, at least"""

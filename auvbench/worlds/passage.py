@@ -14,7 +14,7 @@ from numba import njit
 
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import uniform4
-from auvbench.worlds.solids import Floats
+from auvbench.worlds.kinds import Floats
 
 CELL = 0.5
 """m, side of a cell of the map"""

@@ -10,19 +10,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from auvbench.dynamics.compiled import inline
 from auvbench.dynamics.layout import Record, Vector, record
 from auvbench.dynamics.vectors import add, dot, scale
-
-Floats = NDArray[np.float64]
-Solids = NDArray[Any]
-"""(n,) records of SOLID"""
-
-SPHERE, CAPSULE, CYLINDER, BOX, PLANE, TERRAIN = range(6)
-KINDS = ("sphere", "capsule", "cylinder", "box", "plane", "bottom")
-"""names of the kinds"""
+from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, PLANE, SPHERE, TERRAIN, Floats, Solids
 
 SOLID = record(
     kind=np.int64,

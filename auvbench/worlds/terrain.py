@@ -12,7 +12,7 @@ from auvbench.dynamics.compiled import inline
 from auvbench.dynamics.layout import Record, Vector
 from auvbench.dynamics.vectors import add, cross, dot, scale, subtract
 from auvbench.worlds.convex import Signed
-from auvbench.worlds.solids import Floats
+from auvbench.worlds.kinds import Floats
 
 Corners = tuple[float, float, float, float]
 """Heights of the corners of a cell in m: lower left, lower right, upper left, upper right."""

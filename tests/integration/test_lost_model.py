@@ -11,6 +11,7 @@ import pytest
 from auvbench import cli
 from auvbench.runs.directory import RunDirectory
 from auvbench.training.checkpoint.store import CheckpointStore
+from tests import configs
 from tests.conftest import Trained
 from tests.soak.bits import bits
 from tests.soak.campaign import CASES, frozen
@@ -31,7 +32,7 @@ def run(trained: Trained, tmp_path: Path) -> RunDirectory:
 
 def command(run: RunDirectory) -> list[str]:
     place = [f"output={run.path.parent.parent}", f"name={run.path.parent.name}"]
-    return ["train", *CASES[CASE], *place, "train.progress=false"]
+    return ["train", *configs.original(*CASES[CASE]), *place, "train.progress=false"]
 
 
 def flipped(name: str) -> Harm:

@@ -331,7 +331,8 @@ def test_another_frame(capsys):
     with ArduSub(port, "bluerov2_heavy"):
         line = refused(capsys, "--mavlink", f"udp:127.0.0.1:{port}")
     assert (
-        "--vehicle bluerov2: has the frame vectored (FRAME_CONFIG 1), and ArduSub has FRAME_CONFIG 2" in line
+        "--vehicle bluerov2_2026: has the frame vectored (FRAME_CONFIG 1), and ArduSub has FRAME_CONFIG 2"
+        in line
     )
 
 

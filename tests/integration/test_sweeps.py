@@ -105,7 +105,7 @@ def test_editing_yaml_during_a_sweep_changes_nothing_and_a_changed_config_is_ref
     run.config_path.write_text(run.config_path.read_text().replace("k: 1", "k: 2", 1))
     refused = auvbench(folder, "train", "-m", "algo=random", f"seed={run.manifest()['seed']},5")
     assert refused.returncode == 2
-    assert "its id is random-k2-" in refused.stderr
+    assert "its id is random-bluerov2_2026-k2-" in refused.stderr
     assert refused.stderr.count("\n") == 1
 
 

@@ -15,7 +15,7 @@ from auvbench.config.ranges import GRADIANS, key_of
 from auvbench.config.tasks import blocks
 from auvbench.observation import ObservationSpec
 from auvbench.registry import TASKS
-from auvbench.tasks.ranges.base import middles, spread
+from auvbench.tasks.ranges.beams import middles, spread
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]

@@ -18,6 +18,7 @@ from auvbench.dynamics.layout import Matrix, Vector
 from auvbench.dynamics.random import RANGE, uniform4
 from auvbench.dynamics.vectors import rotation_matrix
 from auvbench.tasks import records
+from auvbench.tasks.ranges.beams import mounted
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row
 from auvbench.worlds.casting import nearest_along
@@ -169,26 +170,3 @@ class RangeSensor:
     def more(self) -> dict[str, Any]:
         """Return parameters in addition to the keys of the schema, by name."""
         return {}
-
-
-def mounted(rays: Floats, yaw: float, pitch: float) -> Floats:
-    """Return rays (k, 3) of a sensor that is turned by a yaw and a pitch in rad, pitch positive upwards."""
-    c, s, cp, sp = math.cos(yaw), math.sin(yaw), math.cos(pitch), math.sin(pitch)
-    turned = np.array([[c * cp, -s, -c * sp], [s * cp, c, -s * sp], [sp, 0.0, cp]])
-    return np.ascontiguousarray(rays @ turned.T)
-
-
-def fan(azimuths: Floats, elevations: Floats) -> Floats:
-    """Return unit vectors (k, 3) for azimuths (k,), counter-clockwise from forward, and elevations (k,) in rad."""
-    level = np.cos(elevations)
-    return np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], axis=1)
-
-
-def middles(angle: float, count: int) -> Floats:
-    """Return the middles in rad of `count` equal parts of an angle, less its half."""
-    return np.asarray(angle * ((np.arange(count) + 0.5) / count - 0.5))
-
-
-def spread(angle: float, count: int) -> Floats:
-    """Return `count` angles in rad from -angle / 2 to angle / 2; one is 0."""
-    return np.linspace(-0.5 * angle, 0.5 * angle, count) if count > 1 else np.zeros(1)

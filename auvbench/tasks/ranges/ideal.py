@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.tasks.ranges.base import Floats, RangeSensor, Scene, closeness, distance_along, fan, spread
+from auvbench.tasks.ranges.base import Floats, RangeSensor, Scene, closeness, distance_along
+from auvbench.tasks.ranges.beams import fan, spread
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row
 

@@ -14,13 +14,11 @@ from auvbench.tasks.ranges.base import (
     arrived,
     closeness,
     distance_along,
-    fan,
     keep,
-    middles,
     new_step,
     pings_until,
-    spread,
 )
+from auvbench.tasks.ranges.beams import fan, middles, spread
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row
 

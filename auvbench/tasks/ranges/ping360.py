@@ -20,12 +20,11 @@ from auvbench.tasks.ranges.base import (
     arrived,
     closeness,
     distance_along,
-    fan,
     keep,
     new_step,
     pings_until,
-    spread,
 )
+from auvbench.tasks.ranges.beams import fan, spread
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row
 

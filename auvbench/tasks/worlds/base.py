@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.dynamics.random import WORLD, uniform4
+from auvbench.worlds.kinds import Floats, Solids
 from auvbench.worlds.passage import Key
-from auvbench.worlds.solids import NO_HEIGHTS, Floats, Solids
+from auvbench.worlds.solids import NO_HEIGHTS
 
 
 class Episode(NamedTuple):

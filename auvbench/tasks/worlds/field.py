@@ -10,8 +10,9 @@ import numpy as np
 
 from auvbench.errors import ConfigError
 from auvbench.tasks.worlds.base import Episode, World
+from auvbench.worlds.kinds import Floats, Solids
 from auvbench.worlds.passage import scatter, shortest_way
-from auvbench.worlds.solids import Floats, Solids, box, cylinder, none, sphere
+from auvbench.worlds.solids import box, cylinder, none, sphere
 
 MOST = 256
 """obstacles"""

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from auvbench.tasks.worlds.base import Episode, World
-from auvbench.worlds.solids import Solids, capsule
+from auvbench.worlds.kinds import Solids
+from auvbench.worlds.solids import capsule
 
 TRIES = 64
 """draws of the direction until the start is free"""

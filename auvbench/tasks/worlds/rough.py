@@ -10,7 +10,8 @@ import numpy as np
 
 from auvbench.dynamics.random import WORLD
 from auvbench.tasks.worlds.base import Episode, World
-from auvbench.worlds.solids import Floats, Solids, laid, terrain
+from auvbench.worlds.kinds import Floats, Solids
+from auvbench.worlds.solids import laid, terrain
 
 
 class RoughWorld(World):

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from auvbench.tasks.worlds.base import Episode, World
-from auvbench.worlds.solids import Solids, plane
+from auvbench.worlds.kinds import Solids
+from auvbench.worlds.solids import plane
 
 
 class SlopeWorld(World):

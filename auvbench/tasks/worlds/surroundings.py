@@ -16,8 +16,9 @@ from auvbench.tasks.worlds.base import Episode, World, key_of
 from auvbench.tasks.worlds.contact import FIELDS, HULL
 from auvbench.vehicles.vehicle_model import VehicleModel
 from auvbench.worlds.casting import clearance
+from auvbench.worlds.kinds import KINDS
 from auvbench.worlds.outlines import outlines
-from auvbench.worlds.solids import KINDS, SOLID
+from auvbench.worlds.solids import SOLID
 
 if TYPE_CHECKING:
     from auvbench.tasks.base import Task

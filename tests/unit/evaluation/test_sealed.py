@@ -28,7 +28,7 @@ BASE: dict[str, Any] = {
     "nonce": "a1",
     "scenario_seed": 5,
     "episodes": 2,
-    "tasks": ["waypoint", "transit"],
+    "tasks": ["waypoint", "salvage"],
     "conditions": [{"name": "still water"}],
 }
 
@@ -167,7 +167,7 @@ def test_what_cannot_be_simulated_is_named(tmp_path: Path) -> None:
 def test_a_run_of_another_task_is_refused(tmp_path: Path) -> None:
     protocol = sealed.read(written(tmp_path))
     run = prepare(compose("train", [f"output={tmp_path}", "algo=pid", "task=docking"]))
-    with pytest.raises(ConfigError, match="tests waypoint, transit, but the run has task docking"):
+    with pytest.raises(ConfigError, match="tests waypoint, salvage, but the run has task docking"):
         resolve_conditions(protocol, run.config())
 
 
@@ -249,7 +249,7 @@ def test_a_sealed_test_is_marked_and_done_once(
     text = (tmp_path / "out/report.md").read_text().replace("\\", "")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
     assert f"Sealed protocol (SHA-256: sealed.json {digest[:11]}" in text
-    assert "Not tested: task transit" in text
+    assert "Not tested: task salvage" in text
     written(tmp_path, conditions=entries[:1])
     assert not is_done(run, sealed.read(path))
 

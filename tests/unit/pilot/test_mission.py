@@ -24,6 +24,7 @@ from auvbench.record import record_columns
 from auvbench.registry import TASKS
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load
+from tests import configs
 from tests.waiting import LIMIT
 
 
@@ -187,7 +188,10 @@ def policy(tmp_path_factory):
     """A policy as a file with its card: PPO, hardly trained."""
     folder = tmp_path_factory.mktemp("policy")
     learner = ["algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=64", "train.total_steps=64"]
-    assert main(["train", "algo=ppo", f"output={folder}", "train.progress=false", *learner]) == 0
+    assert (
+        main(["train", *configs.ORIGINAL, "algo=ppo", f"output={folder}", "train.progress=false", *learner])
+        == 0
+    )
     (run,) = (folder / "default").glob("*/")
     assert main(["export", str(run), "--out", str(folder / "exports")]) == 0
     (file,) = (folder / "exports").glob("*.onnx")

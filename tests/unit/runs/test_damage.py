@@ -89,7 +89,7 @@ def test_a_config_that_is_not_the_run_s_is_refused_whatever_the_state(
         assert error.count("\n") == 1
     assert cli.main(["evaluate", str(run.path)]) == 2
     assert message in capsys.readouterr().err
-    assert cli.main(["train", f"output={tmp_path}"]) == 2
+    assert cli.main(["train", *configs.ORIGINAL, f"output={tmp_path}"]) == 2
     error = capsys.readouterr().err
     assert str(run.path) in error
     assert error.count("\n") == 1
@@ -165,7 +165,14 @@ def test_a_grid_goes_on_beside_a_damaged_manifest(tmp_path: Path, capsys: pytest
     run = frozen(tmp_path, "algo=random", "seed=0")
     run.manifest_path.write_text("{")
     assert (
-        cli.main(["train", "-m", f"output={tmp_path}", "algo=random", "seed=0,1", "launcher.workers=1"]) == 1
+        cli.main(
+            [
+                "train",
+                "-m",
+                *configs.original(f"output={tmp_path}", "algo=random", "seed=0,1", "launcher.workers=1"),
+            ]
+        )
+        == 1
     )
     assert "1 complete, 1 failed" in capsys.readouterr().out
 

@@ -28,8 +28,8 @@ from auvbench.registry import TASKS, WORLDS
 from auvbench.runs import identity
 from auvbench.tasks.worlds.rough import fractal
 from auvbench.vehicles import sheet
+from auvbench.worlds.kinds import KINDS
 from auvbench.worlds.passage import CELL, scatter, shortest_way
-from auvbench.worlds.solids import KINDS
 from tests.reference import solids as oracle
 
 Floats = NDArray[np.float64]

@@ -1,0 +1,16 @@
+"""Name the kinds of solids, for code that compiles nothing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Solids = NDArray[Any]
+"""(n,) records of `solids.SOLID`"""
+
+SPHERE, CAPSULE, CYLINDER, BOX, PLANE, TERRAIN = range(6)
+KINDS = ("sphere", "capsule", "cylinder", "box", "plane", "bottom")
+"""names of the kinds"""
