@@ -41,6 +41,15 @@ def parser() -> Parser:
         const=Path(),
         help="write a film as well: FILE.gif (default: next to the figure)",
     )
+    parser.add_argument(
+        "--signals",
+        type=Path,
+        nargs="?",
+        const=Path(),
+        metavar="FILE",
+        help="write position, attitude, velocities, commands, forces, power and all that the agent observed, step by step: FILE.png,"
+        " FILE.svg or FILE.csv (default: .png and .csv next to the figure); one run",
+    )
     return parser
 
 
@@ -50,6 +59,8 @@ def main(arguments: Sequence[str]) -> int:
         from auvbench.reporting import replay_pictures
 
         replay_pictures.check(options.video)  # fails before anything is computed
+    if options.signals is not None:
+        _check_signals(options.signals, options.runs)
     from auvbench.evaluation.replay import is_mission, read_mission, replay
 
     first = options.runs[0]
@@ -58,6 +69,7 @@ def main(arguments: Sequence[str]) -> int:
             [read_mission(first, options.episode)],
             (options.out or first / "replays") / f"mission-{options.episode}",
             options.video,
+            options.signals,
         )
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
@@ -78,12 +90,26 @@ def main(arguments: Sequence[str]) -> int:
     episodes = [replay(run, protocol, condition, options.episode) for run in runs]
     folder = options.out or runs[0].path / "replays"
     # A condition's name may contain dots: current=0.5.
-    return _show(episodes, folder / f"{protocol.name}-{condition}-{options.episode}", options.video)
+    stem = folder / f"{protocol.name}-{condition}-{options.episode}"
+    return _show(episodes, stem, options.video, options.signals)
 
 
-def _show(episodes: Sequence[Replay], stem: Path, video: Path | None) -> int:
-    """Print the episodes, draw `stem`.png and .svg, and write a film if `video` is given."""
-    from auvbench.reporting import replay_pictures
+def _check_signals(path: Path, runs: Sequence[Path]) -> None:
+    """Raise UserError unless the signals of the runs can be written."""
+    from auvbench.evaluation.replay import is_mission
+    from auvbench.reporting import signal_pictures
+
+    if len(runs) > 1:
+        raise UserError(f"--signals: shows one run, and {len(runs)} are named; name one")
+    if is_mission(runs[0]):
+        raise UserError(f"--signals: {runs[0]} has missions of a pilot, which record path and commands only")
+    if path != Path():
+        signal_pictures.check(path)
+
+
+def _show(episodes: Sequence[Replay], stem: Path, video: Path | None, signals: Path | None) -> int:
+    """Print the episodes, draw `stem`.png and .svg, and write a film and signals if `video` and `signals` are given."""
+    from auvbench.reporting import replay_pictures, signal_pictures
     from auvbench.runs.atomic_io import storage
 
     print("\n\n".join(replay_pictures.summary(episode) for episode in episodes))
@@ -95,4 +121,19 @@ def _show(episodes: Sequence[Replay], stem: Path, video: Path | None) -> int:
         with storage(f"cannot write {target}"):
             replay_pictures.film(episodes, target)
         print(f"wrote {target}")
+    for target in _signal_files(stem, signals):
+        episode = episodes[0]
+        assert episode.signals is not None
+        about = f"{episode.run}   {episode.protocol} {episode.condition} episode {episode.record['episode']}: {episode.record['outcome']}"
+        with storage(f"cannot write {target}"):
+            signal_pictures.write(episode.signals, target, about)
+        print(f"wrote {target}")
     return 0
+
+
+def _signal_files(stem: Path, given: Path | None) -> tuple[Path, ...]:
+    if given is None:
+        return ()
+    if given != Path():
+        return (given,)
+    return tuple(stem.with_name(f"{stem.name}-signals{kind}") for kind in (".png", ".csv"))

@@ -16,6 +16,7 @@ from auvbench.errors import RunError, UserError, closest
 from auvbench.evaluation.evaluate import make_agent, refuse_incomplete
 from auvbench.evaluation.protocol import resolve_conditions
 from auvbench.evaluation.rollout import one_episode
+from auvbench.evaluation.signals import Recorder, Signals
 from auvbench.pilot.mission import CONDITION, FORMAT, SCHEMA_VERSION
 from auvbench.record import Record
 from auvbench.runs.directory import RunDirectory
@@ -44,6 +45,7 @@ class Replay:
     reference: Floats | None = None  # (T + 1, 3) m, if the reference moves
     dock_yaw: Floats | None = None  # (1,) rad, heading in which a dock is entered
     outlines: Floats | None = None  # (k, 2, 3) m, segments that show the solids of a world
+    signals: Signals | None = None  # of an episode of a test
 
     @property
     def distance(self) -> Floats:
@@ -70,7 +72,9 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
             f"--condition {condition}: not in protocol {protocol.name}; {closest(condition, configs)}"
         )
     config = configs[condition]
-    result = one_episode(config, make_agent(run, config.step.frequency), protocol, episode)
+    recorder = Recorder()
+    agent = make_agent(run, config.step.frequency)
+    result = one_episode(config, agent, protocol, episode, watch=recorder)
     return Replay(
         run=run.id,
         protocol=protocol.name,
@@ -78,6 +82,7 @@ def replay(run: RunDirectory, protocol: schema.Protocol, condition: str, episode
         config=config,
         actuators=result.actuators,
         record=result.records[0],
+        signals=recorder.signals(result.duration),
         **result.trajectories[episode].arrays(result.duration),
     )
 
@@ -109,7 +114,7 @@ def read_mission(folder: Path, number: int) -> Replay:
             raise UserError(f"--episode {number}: {folder} has missions 0 to {len(table) - 1}")
         data = reading.content(folder / "trajectories.npz", reading.DATA)
         stored = archives.paths(data, CONDITION, [number])
-        arrays = {
+        arrays: dict[str, Any] = {
             name: np.asarray(stored[f"{name}_{CONDITION}_{number}"], dtype=np.float32) for name in ARRAYS
         }
         frequency = float(about["frequency_hz"])

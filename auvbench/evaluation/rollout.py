@@ -25,6 +25,8 @@ from auvbench.worlds.outlines import round_path
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Watch = Callable[[Batch, NDArray[Any] | None], None]
+"""a function called after the reset, and with the actions (n, n_u) after each step"""
 
 
 ACTIONS = 200
@@ -110,6 +112,7 @@ def roll_out(
     trajectories: int = 0,
     scenarios: str = "test",
     told: Callable[[int], None] = lambda _: None,
+    watch: Watch | None = None,
 ) -> Rollout:
     """Run an agent through episodes (n,) of a seed, each to its end.
 
@@ -121,6 +124,7 @@ def roll_out(
         trajectories: number of first episodes whose trajectories are recorded.
         scenarios: stream of scenarios, test or validation.
         told: function called with the number of episodes that have just ended.
+        watch: see `signals.Recorder`.
     """
     records: list[Record] = []
     paths: dict[int, Trajectory] = {}
@@ -138,15 +142,21 @@ def roll_out(
         actuators = environments.vehicle.actuators
         followed = numbers[: max(0, trajectories - start)].tolist()
         agent.reset(numbers)
-        records += _one_batch(environments, agent, followed, paths, told)
+        records += _one_batch(environments, agent, followed, paths, told, watch)
     notes = {name: number - before.get(name, 0) for name, number in counted(agent).items()}
     return Rollout(records, paths, duration, actuators, notes)
 
 
 def one_episode(
-    config: schema.TrainConfig, agent: Agent, protocol: schema.Protocol, episode: int, *, path: bool = True
+    config: schema.TrainConfig,
+    agent: Agent,
+    protocol: schema.Protocol,
+    episode: int,
+    *,
+    path: bool = True,
+    watch: Watch | None = None,
 ) -> Rollout:
-    """Run an agent through one episode of a protocol; record the trajectory if `path` is set."""
+    """Run an agent through one episode of a protocol; record the trajectory if `path` is set, and call `watch`."""
     return roll_out(
         config,
         agent,
@@ -155,6 +165,7 @@ def one_episode(
         batch=1,
         trajectories=int(path),
         scenarios=protocol.scenarios,
+        watch=watch,
     )
 
 
@@ -179,8 +190,11 @@ def _one_batch(
     followed: list[int],
     paths: dict[int, Trajectory],
     told: Callable[[int], None],
+    watch: Watch | None,
 ) -> list[Record]:
     observation = environments.reset()
+    if watch is not None:
+        watch(environments, None)
     # A slow agent may skip episodes that have ended.
     spare = getattr(agent, "ended", None)
     rows: dict[int, Record] = {}
@@ -190,8 +204,11 @@ def _one_batch(
         _follow(paths[episode], simulator.pose[i], task.reference[i])
     while len(rows) < environments.n:
         running = [i for i in range(len(followed)) if i not in rows]
-        result = environments.step(agent.act(observation))
+        action = agent.act(observation)
+        result = environments.step(action)
         observation = result.observation
+        if watch is not None:
+            watch(environments, action)
         for i in running:
             _follow(paths[followed[i]], simulator.pose[i], task.reference[i])
             paths[followed[i]].command.append(simulator.command_force[i].copy())

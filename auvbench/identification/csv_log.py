@@ -71,6 +71,8 @@ def parse(table: pd.DataFrame, name: str, digest: str, frame: str = "enu") -> Lo
         LogError: a column is missing or unknown, or a check fails.
     """
     rows = len(table)
+    # Columns with a dot are what a log of `auvbench replay --signals` has in addition.
+    table = table[[column for column in table.columns if "." not in str(column)]]
     given = {str(column) for column in table.columns}
     times = [column for column in TIME if column in given]
     if not times:

@@ -7,6 +7,7 @@ import dataclasses
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
@@ -15,9 +16,11 @@ from auvbench.cli import main
 from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
 from auvbench.evaluation.replay import replay
+from auvbench.identification import csv_log
 from auvbench.registry import TASKS
 from auvbench.reporting import replay_pictures as films
 from auvbench.runs.directory import RunDirectory
+from auvbench.vehicles.sheet import load
 from tests import configs
 
 
@@ -178,3 +181,49 @@ def test_each_task_is_drawn_with_its_reference_or_its_dock(task, tmp_path, monke
     films.film([dataclasses.replace(shown, reference=None, dock_yaw=None)], plain)
     same = film.read_bytes() == plain.read_bytes()
     assert same == (task in ("station_keeping", "transit")), "the reference or the dock is not drawn"
+
+
+@pytest.mark.slow
+def test_signals_are_a_log_of_the_episode(run, tmp_path):
+    """The table is what `auvbench identify` reads; its last row is the end of the episode's row."""
+    file = tmp_path / "signals.csv"
+    with open(run / "evaluations" / "test" / "episodes.csv", newline="", encoding="utf-8") as rows:
+        row = list(csv.DictReader(rows))[2]
+    assert main(["replay", str(run), "--episode", "2", "--out", str(tmp_path), "--signals", str(file)]) == 0
+    table = pd.read_csv(file)
+    assert len(table) == int(row["steps"]) + 1
+    assert table["reference.distance_m"].iloc[-1] == pytest.approx(float(row["final_distance_m"]), abs=1e-5)
+    assert table["vehicle.power_W"].sum() * 0.1 == pytest.approx(float(row["energy_J"]), rel=1e-5)
+    assert table["task.reward"].sum() == pytest.approx(float(row["return"]), rel=1e-5)
+    log = csv_log.read(file)
+    assert log.kind == "command"
+    assert log.actuators == load("bluerov2_2026").actuators
+    np.testing.assert_allclose(
+        log.measured[:, 6:9],
+        table[["observed.velocity_x_mps", "observed.velocity_y_mps", "observed.velocity_z_mps"]],
+    )
+
+
+@pytest.mark.slow
+def test_signals_without_a_name_are_drawn_and_written_next_to_the_figure(run, tmp_path):
+    common = ["replay", str(run), "--protocol", "robustness", "--out", str(tmp_path), "--signals"]
+    assert main([*common, "--condition", "current=0.5"]) == 0
+    stem = tmp_path / "robustness-current=0.5-0-signals"
+    with Image.open(f"{stem}.png") as figure:
+        assert len(figure.convert("L").getcolors()) > 50, "the figure is blank"
+    table = pd.read_csv(f"{stem}.csv")
+    current = table[["current.east_mps", "current.north_mps", "current.up_mps"]]
+    np.testing.assert_allclose(np.linalg.norm(current, axis=1), 0.5, atol=1e-6)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--signals", "a.pdf"], "--signals a.pdf: must end in .png, .svg or .csv"),
+        (["{run}", "--signals"], "--signals: shows one run, and 2 are named; name one"),
+    ],
+)
+def test_signals_that_cannot_be_written(run, words, message, capsys):
+    assert main(["replay", str(run), *(word.format(run=run) for word in words)]) == 2
+    assert message in capsys.readouterr().err

@@ -31,6 +31,8 @@ MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
 Linestyle = Literal["-", "--", "-.", ":"]
 LINESTYLES: tuple[Linestyle, ...] = ("-", "--", "-.", ":")
 
+METADATA: dict[str, dict[str, None]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
+"""nothing that changes from day to day or from version to version, by kind of picture"""
 OUTCOME_LOOK = {
     "success": ("#009E73", "o"),
     "collision": ("#D55E00", "X"),
@@ -109,14 +111,17 @@ def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
     # with any layout engine, even "none", savefig draws everything a second time
     figure.set_layout_engine(None)
     png, svg = (path.with_name(path.name + suffix) for suffix in (".png", ".svg"))
-    drawn: dict[str, bytes] = {}
-    for kind, metadata in (("png", {"Software": None}), ("svg", {"Date": None, "Creator": None})):
-        stream = io.BytesIO()
-        figure.savefig(stream, format=kind, metadata=metadata)
-        drawn[kind] = stream.getvalue()
-    write_atomic(png, drawn["png"], sync_folder=False)
-    write_atomic(svg, drawn["svg"])
+    pictures = {kind: drawn(figure, kind) for kind in METADATA}  # both, before one is written
+    write_atomic(png, pictures["png"], sync_folder=False)
+    write_atomic(svg, pictures["svg"])
     return png, svg
+
+
+def drawn(figure: Canvas, kind: str) -> bytes:
+    """Return a figure as a file of a kind: png or svg."""
+    stream = io.BytesIO()
+    figure.savefig(stream, format=kind, metadata=METADATA[kind])
+    return stream.getvalue()
 
 
 def legend(figure: Canvas, looks: dict[str, Look], *, lines: bool = True, markers: bool = True) -> None:
