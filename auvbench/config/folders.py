@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 from functools import cache
 from importlib import resources
@@ -11,6 +12,8 @@ from pathlib import Path
 
 from auvbench import registry
 from auvbench.errors import ConfigError
+
+State = tuple[tuple[str, int, int, int, int], ...]
 
 GROUP = "auvbench.conf"
 """Group of entry points, each the dotted path of a folder."""
@@ -36,6 +39,21 @@ def packages() -> tuple[tuple[str, Path], ...]:
             )
         found.append((one.release, path))
     return tuple(found)
+
+
+def state(folder: Path) -> State:
+    """Return path, inode, size and times of each file below a folder: with these the same, so is what the files say."""
+    found = []
+    for place, _, names in os.walk(folder):
+        for name in names:
+            path = os.path.join(place, name)
+            try:
+                entry = os.stat(path)  # of the target, if it is a link
+            except OSError:
+                found.append((path, 0, 0, 0, 0))
+            else:
+                found.append((path, entry.st_ino, entry.st_size, entry.st_mtime_ns, entry.st_ctime_ns))
+    return tuple(sorted(found))
 
 
 def of_group(group: str) -> list[Traversable]:

@@ -12,7 +12,7 @@ import io
 import os
 import warnings
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -75,9 +75,7 @@ class OwnFiles(FileConfigSource):
             raise ConfigError(f"{shown}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
         except ValueError as error:
             raise ConfigError(f"{shown}: {error}") from None
-        stream = io.StringIO(text)
-        stream.name = path  # for the position in an error message
-        content = yaml.load(stream, Loader=get_yaml_loader())
+        content = copy.deepcopy(_values(path, text))
         if not isinstance(content, dict | None):
             raise ConfigError(f"{shown}: must map keys to values, e.g. seed: 1")
         group = os.path.dirname(name)
@@ -89,6 +87,14 @@ class OwnFiles(FileConfigSource):
         return ConfigResult(
             provider=self.provider, path=f"{self.scheme()}://{self.path}", config=config, header=header
         )
+
+
+@lru_cache(maxsize=512)
+def _values(path: str, text: str) -> Any:
+    """Return the values of a file's text; cached, since Hydra reads a file several times. Copy them before a change."""
+    stream = io.StringIO(text)
+    stream.name = path  # for the position in an error message
+    return yaml.load(stream, Loader=get_yaml_loader())
 
 
 class InstalledFiles(OwnFiles):
