@@ -34,8 +34,12 @@ Axis = list[str]
 Grid = dict[str, Axis]
 
 
+Load = Callable[[tuple[str, ...], RunMode], DictConfig]
+"""what Hydra loads for some overrides, with the node `hydra`; not to be changed"""
+
+
 def compose(
-    loader: ConfigLoaderImpl, entry: str, overrides: Sequence[str], multirun: bool
+    loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], multirun: bool
 ) -> list[DictConfig]:
     """Return the configurations of all jobs; one configuration without `multirun` and without `hydra.mode:
     MULTIRUN`.
@@ -46,12 +50,14 @@ def compose(
     parser = OverridesParser.create(config_loader=loader)
     parsed = parser.parse_overrides(list(overrides))
     own = [line for line, item in zip(overrides, parsed, strict=True) if item.is_hydra_override()]
-    choices = [line for line, item in zip(overrides, parsed, strict=True) if not _sets_a_value(loader, item)]
-    _refuse_several_grids(loader, entry, parsed)
+    choices = tuple(
+        line for line, item in zip(overrides, parsed, strict=True) if not _sets_a_value(loader, item)
+    )
+    _refuse_several_grids(load, parsed)
     # A value may belong to a swept file, so values are set per job: `algo=sac,td3 algo.learning_starts=300`.
-    chosen = loader.load_configuration(entry, choices, RunMode.MULTIRUN).hydra
+    chosen = load(choices, RunMode.MULTIRUN).hydra
     if not multirun and chosen.mode != RunMode.MULTIRUN:
-        return [single(loader, entry, overrides)]
+        return [single(loader, load, overrides)]
     union, shared = chosen.sweeper.get("grids"), chosen.sweeper.get("params") or {}
     common = from_config(parser, [shared])[0]
     typed = axes(parser, [line for line in overrides if line not in own])
@@ -59,59 +65,42 @@ def compose(
     lines = jobs(narrow(product or [common], typed))
     if not lines:
         raise ConfigError(f"{' '.join(overrides)}: leaves no job of the experiment's grids")
-    # Choosing files takes a tenth of a second, so jobs that differ only in values, e.g. seeds, share the choice.
-    bases: dict[tuple[str, ...], DictConfig] = {}
 
-    def base(files: tuple[str, ...]) -> DictConfig:
-        if files not in bases:
-            found = loader.load_configuration(entry, [*own, *files], RunMode.RUN, from_shell=False)
-            if found.hydra.sweeper.get("grids") != union:
-                raise ConfigError(
-                    f"{' '.join(files)}: an experiment with grids must be the only one; give one experiment"
-                )
-            bases[files] = _without_hydra(found)
-        return bases[files]
+    def of_job(files: tuple[str, ...], mode: RunMode) -> DictConfig:
+        found = load((*own, *files), mode)
+        if found.hydra.sweeper.get("grids") != union:
+            raise ConfigError(
+                f"{' '.join(files)}: an experiment with grids must be the only one; give one experiment"
+            )
+        return found
 
-    return [with_values(loader, line, base) for line in lines]
+    return [single(loader, of_job, line) for line in lines]
 
 
-def _refuse_several_grids(loader: ConfigLoaderImpl, entry: str, parsed: Sequence[Override]) -> None:
+def _refuse_several_grids(load: Load, parsed: Sequence[Override]) -> None:
     """Raise ConfigError for experiment=[A,B] if both experiments have grids: the second would replace the first's."""
     for override in parsed:
         names = override.value() if override.key_or_group == "experiment" else None
         if not isinstance(names, list) or len(names) < 2:
             continue
         words = [f"experiment={name}" for name in names]
-        sweepers = [
-            loader.load_configuration(entry, [word], RunMode.MULTIRUN).hydra.sweeper for word in words
-        ]
+        sweepers = [load((word,), RunMode.MULTIRUN).hydra.sweeper for word in words]
         if sum(bool(sweeper.get("grids")) for sweeper in sweepers) > 1:
             raise ConfigError(
                 f"{override.input_line}: an experiment with grids must be the only one; give one experiment"
             )
 
 
-def single(loader: ConfigLoaderImpl, entry: str, overrides: Sequence[str]) -> DictConfig:
-    """Return the configuration of one job."""
-    return _without_hydra(loader.load_configuration(entry, list(overrides), RunMode.RUN, from_shell=False))
-
-
-def with_values(
-    loader: ConfigLoaderImpl, overrides: Sequence[str], base: Callable[[tuple[str, ...]], DictConfig]
-) -> DictConfig:
-    """Return the configuration of one job: set its values in a copy of what `base` returns for its files."""
+def single(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str]) -> DictConfig:
+    """Return the configuration of one job: set its values in a copy of what `load` returns for its files."""
     parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
     # Hydra rejects a list of values.
     values = [item for item in parsed if _sets_a_value(loader, item) and not item.is_sweep_override()]
     files = tuple(line for line, item in zip(overrides, parsed, strict=True) if item not in values)
-    config = copy.deepcopy(base(files))
-    loader._apply_overrides_to_config(values, config)
-    return config
-
-
-def _without_hydra(config: DictConfig) -> DictConfig:
+    config = copy.deepcopy(load(files, RunMode.RUN))
     with open_dict(config):
         del config["hydra"]
+    loader._apply_overrides_to_config(values, config)
     return config
 
 
