@@ -18,18 +18,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from auvbench.errors import closest
-from auvbench.observation import BODY, Block
+from auvbench.observation import BODY, WORLD, Block
 from auvbench.registry import Spec
 from auvbench.untrusted.text import short
 
 FASTEST = 50.0
 """m/s and rad/s: no vehicle comes near"""
 
+LARGEST = 1e6
+"""m, m/s2 and s: bounds of what an estimator knows"""
+
 BODY_AXES = "body axes (forward, port, up)"
 
-READS = ("pose", "velocity", "action", "goal", "preview", "task", "solids")
+READS = ("pose", "velocity", "action", "goal", "preview", "task", "solids", "navigation")
 """What a block may read: the action of the last step, a goal that is not the reference, the preview, a task's own fields, the solids of
-a world."""
+a world, what an estimator knows."""
 
 
 class Reading(NamedTuple):
@@ -230,6 +233,18 @@ def write_goal_error(m: Reading, e: Any, p: Any, out: Any) -> None:
     write_levelled(m, to_x - x, to_y - y, to_z - z, out)
 
 
+def write_position_sd(m: Reading, e: Any, p: Any, out: Any) -> None:
+    out[0], out[1], out[2] = triple(e.position_sd)
+
+
+def write_specific_force(m: Reading, e: Any, p: Any, out: Any) -> None:
+    out[0], out[1], out[2] = triple(e.specific_force)
+
+
+def write_sensor_age(m: Reading, e: Any, p: Any, out: Any) -> None:
+    out[0], out[1], out[2] = triple(e.sensor_age)
+
+
 def write_levelled(m: Reading, x: float, y: float, z: float, out: Any) -> None:
     """Write a vector of world axes in levelled body axes."""
     out[0] = m.cosine * x + m.sine * y
@@ -290,6 +305,19 @@ def _goal_error(s: Setting) -> Block:
     return vector("goal_error", "m", (level, level, rise), "goal less position", BODY)
 
 
+def _position_sd(s: Setting) -> Block:
+    return vector("position_sd", "m", (LARGEST,) * 3, "standard deviation of the estimated position", WORLD)
+
+
+def _specific_force(s: Setting) -> Block:
+    return vector("specific_force", "m/s2", (LARGEST,) * 3, "reading of the accelerometers", BODY_AXES)
+
+
+def _sensor_age(s: Setting) -> Block:
+    names = tuple(f"sensor_age_{name}" for name in ("dvl", "depth", "heading"))
+    return Block("sensor_age", names, "s", (LARGEST,) * 3, "time since the last valid reading was taken")
+
+
 def _apart(s: Setting) -> tuple[float, float]:
     """Return bounds in m, level and vertical, of a vector to another point than the reference: twice the way to it."""
     return 2.0 * math.hypot(*s.bounds[:2]), 2.0 * s.bounds[2]
@@ -310,3 +338,6 @@ depth_margin = BlockSpec("depth_margin", write_depth_margin, _depth_margin)
 previous_action = BlockSpec("previous_action", write_previous_action, _previous_action, ("action",))
 preview = BlockSpec("preview", write_preview, _preview, ("pose", "preview"))
 goal_error = BlockSpec("goal_error", write_goal_error, _goal_error, ("pose", "goal"))
+position_sd = BlockSpec("position_sd", write_position_sd, _position_sd, ("navigation",))
+specific_force = BlockSpec("specific_force", write_specific_force, _specific_force, ("navigation",))
+sensor_age = BlockSpec("sensor_age", write_sensor_age, _sensor_age, ("navigation",))

@@ -66,6 +66,8 @@ identifies a row, what is the same for every agent, what an agent did); agent: a
 
 OPEN = "open"
 """world of records without columns of a world"""
+TRUTH = "truth"
+"""navigation of records without columns of an estimator"""
 LAST = "yaw_error_rms_rad"
 """the last of METRICS that an episode has"""
 
@@ -104,13 +106,16 @@ class Metric:
     """metric of METRICS that a task's own metric follows in files and tables"""
     worlds: tuple[str, ...] = ()
     """worlds that have the metric; empty: all, also open water"""
+    navigation: tuple[str, ...] = ()
+    """values of `navigation.name` that have the metric; empty: all, also the truth"""
     counts_failures: bool = False
     """whether a failed episode counts as the worst value, not as the measured one"""
     failed: Failed = ""
 
-    def is_of(self, task: str, world: str = OPEN) -> bool:
-        """Return whether a task has the metric, in a kind of world."""
-        return (not self.tasks or task in self.tasks) and (not self.worlds or world in self.worlds)
+    def is_of(self, task: str, world: str = OPEN, navigation: str = TRUTH) -> bool:
+        """Return whether a task has the metric, in a kind of world and with a kind of navigation."""
+        here = (not self.tasks or task in self.tasks) and (not self.worlds or world in self.worlds)
+        return here and (not self.navigation or navigation in self.navigation)
 
     @property
     def measure(self) -> str:
@@ -151,6 +156,7 @@ def column(
     low: float = 0.0,
     high: float = math.inf,
     worlds: tuple[str, ...] = (),
+    navigation: tuple[str, ...] = (),
     counts_failures: bool = False,
     failed: Failed = "",
     after: str = LAST,
@@ -166,6 +172,7 @@ def column(
         low: smallest possible value.
         high: largest possible value.
         worlds: worlds that have it; empty: all.
+        navigation: values of `navigation.name` that have it; empty: all.
         counts_failures: whether a failed episode counts as the worst value, not as the measured one.
         failed: value of a failed episode, if the task does not compute it.
         after: metric that it follows in files and tables.
@@ -182,6 +189,7 @@ def column(
         high=high,
         after=after,
         worlds=worlds,
+        navigation=navigation,
         counts_failures=counts_failures or bool(failed),
         failed=failed,
     )
@@ -192,6 +200,10 @@ SHARED = ("position_error_rms_m", "yaw_error_rms_rad", *POINTS)
 """columns that several tasks have (`TaskSpec.shared`), from `TrackingTask.errors`"""
 SOLID = tuple(name for name in WORLDS.own if name != OPEN)
 """worlds with solids"""
+FILTER = ("ekf",)
+"""estimators with a covariance"""
+ESTIMATED = (*FILTER, "dead_reckoning")
+"""estimators"""
 
 
 METRICS: list[Metric] = [
@@ -353,6 +365,43 @@ METRICS: list[Metric] = [
         "length of the shortest way through the field over the straight line, as seen from above",
         "",
         worlds=("field",),
+    ),
+    column(
+        "navigation_error_rms_m",
+        "m",
+        "RMS navigation error",
+        "root mean square of the distance between estimated and true position",
+        navigation=ESTIMATED,
+    ),
+    column(
+        "navigation_drift",
+        "1",
+        "drift",
+        "navigation error at the end over the length of the path",
+        navigation=ESTIMATED,
+    ),
+    column(
+        "unlocked_share",
+        "1",
+        "without lock",
+        "share of the time without bottom lock; 1 without a DVL",
+        high=1.0,
+        navigation=ESTIMATED,
+    ),
+    column(
+        "diverged",
+        "1",
+        "diverged",
+        "1 if the estimate left the truth by more than 1 km or was not finite; it then stands still",
+        high=1.0,
+        navigation=ESTIMATED,
+    ),
+    column(
+        "nees",
+        "",
+        "NEES",
+        "normalised estimation error squared of the position: mean over the steps; 3 for a consistent filter",
+        navigation=FILTER,
     ),
     Metric(
         "time_over_best_known",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from auvbench.metrics import OPEN, Kind, Totals, registered
+from auvbench.metrics import OPEN, TRUTH, Kind, Totals, registered
 
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
 """How an episode can end, in the order of the codes 0 to 3 in tasks/rows.py. Each task lists its own subset."""
@@ -32,18 +32,18 @@ def measured() -> tuple[str, ...]:
 
 
 @cache
-def _of(task: str, world: str) -> dict[str, Callable[[Totals], float | int | str]]:
-    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(task, world)}
+def _of(task: str, world: str, navigation: str) -> dict[str, Callable[[Totals], float | int | str]]:
+    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(task, world, navigation)}
 
 
-def record_columns(task: str, world: str = OPEN) -> tuple[str, ...]:
-    """Return the columns of the records of a task in a kind of world."""
-    return tuple(_of(task, world))
+def record_columns(task: str, world: str = OPEN, navigation: str = TRUTH) -> tuple[str, ...]:
+    """Return the columns of the records of a task in a kind of world and with a kind of navigation."""
+    return tuple(_of(task, world, navigation))
 
 
-def record_of(totals: Totals, task: str, world: str = OPEN) -> Record:
-    """Return the record of an episode of a task in a kind of world."""
-    return {name: value(totals) for name, value in _of(task, world).items()}
+def record_of(totals: Totals, task: str, world: str = OPEN, navigation: str = TRUTH) -> Record:
+    """Return the record of an episode of a task in a kind of world and with a kind of navigation."""
+    return {name: value(totals) for name, value in _of(task, world, navigation).items()}
 
 
 def forget() -> None:

@@ -368,6 +368,7 @@ BLOCKS: Kind[BlockSpec] = Kind(
             _BLOCKS,
             *("yaw_error", "position_error", "velocity_error", "velocity", "angular_velocity"),
             *("gravity", "depth_margin", "previous_action", "preview", "goal_error"),
+            *("position_sd", "specific_force", "sensor_age"),
         ),
         **{
             f"range.{name}": f"auvbench.tasks.ranges.specs:{name}"

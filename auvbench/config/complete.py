@@ -16,7 +16,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import ConfigKeyError
 
-from auvbench.config import algorithms, ranges, rewards, schema, simulators, tasks
+from auvbench.config import algorithms, navigation, ranges, rewards, schema, simulators, tasks
 from auvbench.errors import ConfigError
 from auvbench.registry import AGENTS, BLOCKS, DISTURBANCES, LAUNCHERS, REWARDS, SIMULATORS, TASKS, Kind
 from auvbench.untrusted.text import short
@@ -68,6 +68,7 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
         with open_dict(config):
             config[key] = _typed(spec.keys, key, node, added)
     _complete_blocks(config, frozen)
+    _complete_sensors(config)
     _complete_disturbance(config, frozen=frozen)
     return config
 
@@ -112,6 +113,15 @@ def _complete_ranges(task: DictConfig) -> None:
     with open_dict(task):
         if not own:
             task.pop("range")
+
+
+def _complete_sensors(config: DictConfig) -> None:
+    """Leave out the navigation sensors that the vehicle does not have."""
+    own = config.get("sensors")
+    if isinstance(own, DictConfig):
+        with open_dict(own):
+            for name in [name for name in navigation.SENSORS if name in own and own[name] is None]:
+                own.pop(name)
 
 
 def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:

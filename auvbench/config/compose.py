@@ -35,6 +35,7 @@ from auvbench.config import (
     complete,
     folders,
     grids,
+    navigation,
     ranges,
     restricted_yaml,
     schema,
@@ -74,6 +75,7 @@ def _register_schemas(store: ConfigStore) -> None:
         "tune_schema": tuning.TuneConfig,
         "simulate_schema": simulation.Simulation,
         "range_schema": ranges.Ranges,
+        "sensors_schema": navigation.Sensors,
         **{f"{name}_schema": kind for name, kind in _schemas(AGENTS).items()},
     }
     for group, known in (
@@ -82,6 +84,7 @@ def _register_schemas(store: ConfigStore) -> None:
         ("task", _schemas(TASKS)),
         ("reward", _schemas(REWARDS)),
         ("world", _schemas(WORLDS)),
+        ("navigation", navigation.SCHEMAS),
     ):
         kinds |= {f"{group}_{name}_schema": kind for name, kind in known.items()}
     # At the top level: the folders algo, launcher and simulator then list only their own options.
@@ -224,6 +227,8 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
         if config.get("world") is not None:
             merged.world = _empty(config, "world.name", _schemas(WORLDS))
+        if config.get("navigation") is not None:
+            merged.navigation = _empty(config, "navigation.name", navigation.SCHEMAS)
         merged.disturbance = OmegaConf.structured(_disturbance(config))
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:

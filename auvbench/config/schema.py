@@ -30,6 +30,8 @@ from auvbench.config.fields import keys as keys
 from auvbench.config.fields import later as later
 from auvbench.config.fields import name as name
 from auvbench.config.fields import number as number
+from auvbench.config.navigation import Sensors as NavigationSensors
+from auvbench.config.navigation import no_sensors, truth
 from auvbench.config.worlds import open_water
 from auvbench.record import PRIMARY, measure_names
 from auvbench.registry import TRACKERS
@@ -188,10 +190,14 @@ class TrainConfig:
     launcher: Any
     analysis: Analysis | None = None
     world: Any = None
+    sensors: NavigationSensors = field(default_factory=no_sensors)
+    navigation: Any = None
 
     def __post_init__(self) -> None:
         if self.world is None:  # runs of earlier versions
             self.world = open_water()
+        if self.navigation is None:
+            self.navigation = truth()
 
 
 def whole(text: str) -> int | None:

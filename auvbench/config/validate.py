@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue
 
-from auvbench.config import algorithms, rewards, schema, simulators, tasks
+from auvbench.config import algorithms, navigation, rewards, schema, simulators, tasks
 from auvbench.config.disturbances import asking
 from auvbench.config.fields import below, require, show
 from auvbench.errors import ConfigError, closest
@@ -205,6 +205,7 @@ def check_across(config: schema.TrainConfig) -> None:
     simulators.check_world(config.simulator, config.world)
     config.world.check()
     tasks.check_solids(task, config.world.name if not config.world.solid else "")
+    navigation.check(config)
     alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
     what = (
         f"be 0 with simulator={config.simulator.name}: a validation during training would take the "

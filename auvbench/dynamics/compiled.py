@@ -48,7 +48,16 @@ def inline(function: F) -> F:
     """Compile a small function into its callers, so that its tuples cost nothing and the callers' loops stay
     vectorised. Python runs its source.
     """
-    dispatcher: Any = njit(nogil=True, **INLINED)(function)
+    return _inner(function, INLINED)
+
+
+def called(function: F) -> F:
+    """Compile a larger function that only compiled functions call. Python runs its source."""
+    return _inner(function, {**INLINED, "forceinline": False})
+
+
+def _inner(function: F, options: dict[str, Any]) -> F:
+    dispatcher: Any = njit(nogil=True, **options)(function)
     if dispatcher is not function:  # NUMBA_DISABLE_JIT
         dispatcher.__class__ = Inlined
     return cast(F, dispatcher)

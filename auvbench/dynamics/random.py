@@ -38,6 +38,8 @@ TETHER = 10
 WORLD = 11
 RANGE = 12
 """range sensors"""
+NAVIGATION = 13
+"""navigation sensors, and the errors of the estimate at the start"""
 BLOCK = 0x80
 """blocks of an observation that packages bring"""
 # Streams 64 to 127 are those of packages' disturbances.

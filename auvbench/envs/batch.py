@@ -22,6 +22,8 @@ from auvbench.record import Record
 from auvbench.simulators.fossen import THREADED, FossenSimulator
 from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances
+from auvbench.tasks.navigation import estimator
+from auvbench.tasks.navigation.estimator import Watched
 from auvbench.tasks.rows import SUCCESS, TIMEOUT
 from auvbench.vehicles import sheet
 
@@ -90,6 +92,9 @@ class Batch:
             validation=validation,
         )
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
+        self.navigation = estimator.make(config, self.vehicle, self.task)
+        """sensors and estimates; None if agents know the truth"""
+        self._moved: Any = Watched(self.simulator, self.navigation) if self.navigation else self.simulator
         self.autoreset = autoreset
         self.restarted: NDArray[np.float32] | None = None
         """first observations (n, n_obs) of the episodes that `load_state_dict` had to restart"""
@@ -164,7 +169,7 @@ class Batch:
         """
         rows = self._all if indices is None else indices
         self._reset(rows, pose, waypoint, distance)
-        return self.task.observe(*self._measured(), rows)
+        return self._observe(rows)
 
     def _reset(
         self,
@@ -182,6 +187,8 @@ class Batch:
         self.simulator.reset(indices, start, np.zeros((len(indices), 6)), scales)
         if self.disturbances is not None:
             self.disturbances.begin(indices, self.simulator)
+        if self.navigation is not None:
+            self.navigation.begin(indices, self.simulator)
 
     def _place(
         self,
@@ -210,10 +217,17 @@ class Batch:
         return start
 
     def _measured(self) -> tuple[Floats, Floats]:
-        """Return the poses (n, 7) and velocities (n, 6) of the measurements that arrive now."""
+        """Return the poses (n, 7) and velocities (n, 6) of the measurements that arrive now, or the estimates."""
+        if self.navigation is not None:
+            return self.navigation.pose, self.navigation.velocity
         if self.disturbances is None:
             return self.simulator.pose, self.simulator.velocity
         return self.disturbances.measured(self.simulator)
+
+    def _observe(self, indices: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
+        """Return observations (n, n_obs); range sensors look from the true poses, if these are not what is measured."""
+        seats = self.simulator.pose if self.navigation is not None else None
+        return self.task.observe(*self._measured(), indices, seats)
 
     def step(self, action: NDArray[np.floating], begin: NDArray[np.int64] | None = None) -> Transition:
         """Advance by one agent step of 1/frequency seconds.
@@ -229,7 +243,7 @@ class Batch:
         count = self._compute(action)
         if begin is not None and len(begin):
             self._reset(begin)
-            self.task.observe(*self._measured(), begin)
+            self._observe(begin)
             self.task.reward[begin] = 0.0
             count = int(np.count_nonzero(self.task.outcome >= 0))
         return self._conclude(count)
@@ -248,25 +262,34 @@ class Batch:
         command = task.add_noise(self._action)
         power = simulator.power
         if self.disturbances is None:
-            simulator.step(command, task.duration)
+            self._moved.step(command, task.duration)
         else:
-            self.disturbances.advance(simulator, command)
+            self.disturbances.advance(self._moved, command)
             power = self.disturbances.power
         force = simulator.command_force
         count = task.advance(simulator.pose, simulator.velocity, self._action, force, power)
         if self.disturbances is not None:
             self.disturbances.read()
-        task.observe(*self._measured())
+        if self.navigation is not None:
+            self.navigation.conclude(self._action, force, power)
+        self._observe()
         return task.checked(count)
 
     def _compute_range(self, start: int, stop: int) -> int:
         """Compute the same for environments start .. stop - 1 in compiled code; other threads compute the rest."""
         task, action, simulator = self.task, self._action, cast(FossenSimulator, self.simulator)
         pose, velocity = simulator.pose, simulator.velocity
-        simulator.advance(task.add_noise(action, start, stop), task.duration, start, stop)
+        command, navigation = task.add_noise(action, start, stop), self.navigation
+        parts = 1 if navigation is None else navigation.intervals(task.duration)
+        for _ in range(parts):
+            simulator.advance(command, task.duration / parts, start, stop)
+            if navigation is not None:
+                navigation.sample(simulator, task.duration / parts, start, stop)
         force, power = simulator.command_force, simulator.power
         count = task.advance(pose, velocity, action, force, power, start, stop)
-        task.observe(pose, velocity, self._all if stop - start == self.n else self._all[start:stop])
+        if navigation is not None:
+            navigation.conclude(action, force, power, start, stop)
+        self._observe(self._all if stop - start == self.n else self._all[start:stop])
         return count
 
     def _conclude(self, ended_count: int) -> Transition:
@@ -289,7 +312,7 @@ class Batch:
         final_state = self._state(ended)
         if self.autoreset:
             self._reset(ended)
-            task.observe(*self._measured(), ended)
+            self._observe(ended)
         else:
             self._over[ended] = True
         return Transition(observation, task.reward, terminated, truncated, ended, final, final_state, records)
@@ -300,6 +323,8 @@ class Batch:
         state |= {f"simulator.{key}": value for key, value in self.simulator.state_dict().items()}
         if self.disturbances is not None:
             state |= {f"disturbances.{key}": value for key, value in self.disturbances.state_dict().items()}
+        if self.navigation is not None:
+            state |= {f"navigation.{key}": value for key, value in self.navigation.state_dict().items()}
         state["seed"] = np.asarray(self.task.seed, dtype=np.int64)
         return state
 
@@ -311,6 +336,8 @@ class Batch:
         self.task.load_state_dict(_below(state, "task."))
         if self.disturbances is not None:
             self.disturbances.load_state_dict(_below(state, "disturbances."))
+        if self.navigation is not None:
+            self.navigation.load_state_dict(_below(state, "navigation."))
         self._over[:] = False
         if self.simulator.capabilities.exact_resume:
             self.simulator.load_state_dict(_below(state, "simulator."))

@@ -42,6 +42,8 @@ KEYS = {
     "noise": "noise",
     "disturbance": "disturbance",
     "world": "world",
+    "sensors": "sensors",
+    "navigation": "navigation",
 }
 """Override of each keyword argument of an environment."""
 

@@ -342,8 +342,10 @@ def _write(
 def _rows(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    # Conditions may differ in their world.
-    columns = (record_columns(c.config.task.name, c.config.world.name) for c, _ in rollouts)
+    # Conditions may differ in their world and their navigation.
+    columns = (
+        record_columns(c.config.task.name, c.config.world.name, c.config.navigation.name) for c, _ in rollouts
+    )
     names = tuple(dict.fromkeys(name for of_condition in columns for name in of_condition))
     writer.writerow(("condition", "frequency_hz", *names))
     for condition, rollout in rollouts:

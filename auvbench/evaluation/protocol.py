@@ -15,6 +15,7 @@ from omegaconf.errors import OmegaConfBaseException
 from auvbench.config import complete, schema
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
 from auvbench.config.simulators import is_served
+from auvbench.config.navigation import NONE, truth
 from auvbench.config.worlds import open_water
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError, VehicleError
@@ -153,7 +154,8 @@ def _resolve(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
 ) -> schema.TrainConfig:
     """Return a run's configuration with the overrides of a protocol, then `overrides`."""
-    node = OmegaConf.create({"world": asdict(open_water()), **config})
+    usual = {"world": asdict(open_water()), "navigation": asdict(truth()), "sensors": {"name": NONE}}
+    node = OmegaConf.create({**usual, **config})
     for override in [*protocol.overrides, *overrides]:
         _set(node, override, where)
         if override.startswith("task="):

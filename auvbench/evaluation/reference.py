@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.config.navigation import no_sensors, truth
 from auvbench.config import rewards, schema, tasks
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
@@ -114,7 +115,9 @@ def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.Tra
     """Return the condition without the agent's own keys, with short episodes."""
     task = replace(config.task, time_limit=None, max_steps=STEPS // 2, **_observed(config.task))
     config = config if isinstance(config.simulator, Fossen) else embedded(config)
-    standard = replace(config, task=task, reward=_REWARD, simulator=replace(config.simulator, threads=1))
+    simulator = replace(config.simulator, threads=1)
+    known = {"navigation": truth(), "sensors": no_sensors()}
+    standard = replace(config, task=task, reward=_REWARD, simulator=simulator, **known)
     return at_frequency(standard, FREQUENCY if frequency is None else frequency)
 
 

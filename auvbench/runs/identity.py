@@ -65,6 +65,8 @@ LATER: dict[str, Any] = {
     },
     "algo.heading_integral_time": None,
     "world": {"name": "open"},
+    "sensors": {"name": "none"},
+    "navigation": {"name": "truth"},
     **{f"algo.residual.{base}": None for base in BASES},
     **{f"algo.residual.{base}.heading_integral_time": None for base in ("pid", "alos")},
 }

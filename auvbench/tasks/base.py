@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from auvbench import metrics
 from auvbench.config import rewards, schema, tasks
+from auvbench.config.navigation import READS, is_estimated
 from auvbench.dynamics import frames
 from auvbench.dynamics.random import TEST, VALIDATION
 from auvbench.errors import TrainingError
@@ -26,6 +27,7 @@ from auvbench.registry import BLOCKS, TASKS, owner, resolve
 from auvbench.tasks import loops, records
 from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
+from auvbench.tasks.navigation.state import BELIEF
 from auvbench.tasks.observation import check_vehicle, owner_of_block, reads
 from auvbench.tasks.ranges import installed as installed_ranges
 from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, add_command_noise
@@ -48,6 +50,7 @@ _TAKEN = (
     "_read",
     "_around",
     "_sensed",
+    "_believe",
 )
 """attributes of a task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
@@ -144,6 +147,13 @@ class Task:
         points = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
         self.preview: Floats = np.zeros((n, points, 3))
         """m, future positions of the references"""
+        self.navigation_name = config.navigation.name
+        estimated = is_estimated(config)
+        self.believed: Any = records.table(n, (*self.own_fields, *BELIEF), who) if estimated else None
+        """(n,) episodes as an estimator believes them to be, which observations read; None: the true ones"""
+        self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))
+        self.estimated: Callable[[int], dict[str, float]] | None = None
+        """columns of the record of environment i that its estimator measures"""
         self._reward = functions.function_of(config.reward)
         self._take(interpreted=False)
         self.seed = int(seed)
@@ -186,9 +196,14 @@ class Task:
         episodes, parameters, prices = tables if interpreted else map(records.plain, tables)
         self._taken = episodes, self.preview, parameters, prices
         self._observe = loops.observe(loops.observed(self._names), interpreted=interpreted)
-        own = interpreted or any("task" in BLOCKS[name].reads for name in self._names)
-        self._read = (episodes, parameters) if own else (self.rows, self._common)
+        seen = self.episodes if self.believed is None else self.believed
+        own = any({"task", READS} & {*BLOCKS[name].reads} for name in self._names)
+        if interpreted or own:
+            self._read = seen if interpreted else records.plain(seen), parameters
+        else:
+            self._read = records.common(seen), self._common
         """episodes and parameters, with their own fields only where a block reads these"""
+        self._believe: Any = seen if interpreted else records.plain(seen)
         self._sensed: tuple[Any, ...] = ()
         """what the loop that observes takes for range sensors"""
         if self.sensors and self.world:
@@ -328,13 +343,38 @@ class Task:
             )
         return int(ended)
 
-    def observe(self, pose: Floats, velocity: Floats, indices: Integers | None = None) -> NDArray[np.float32]:
-        """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed."""
+    def observe(
+        self,
+        pose: Floats,
+        velocity: Floats,
+        indices: Integers | None = None,
+        seats: Floats | None = None,
+    ) -> NDArray[np.float32]:
+        """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed.
+
+        Args:
+            pose: (n, 7)
+            velocity: (n, 6)
+            indices: of environments; None: all.
+            seats: (n, 7) poses from which range sensors look; None: the measured ones.
+        """
         rows = self._all if indices is None else indices
         episodes, parameters = self._read
-        state = self.previous, episodes, self.preview, parameters, self._codes, self._sizes
-        self._observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation, *self._sensed)
+        preview = self.preview if self.believed is None else self.believed_preview
+        state = self.previous, episodes, preview, parameters, self._codes, self._sizes
+        sensed = (pose if seats is None else seats, *self._sensed) if self._sensed else ()
+        self._observe(rows, pose, velocity, self.offset, *state, self.stream, self.observation, *sensed)
         return self.observation
+
+    def begin_belief(self, indices: Integers) -> None:
+        """Let episodes that begin be believed as they are: a mission plan is known."""
+        for name in self.episodes.dtype.names:
+            self.believed[name][indices] = self.episodes[name][indices]
+        self.believed_preview[indices] = self.preview[indices]
+
+    def move_belief(self, start: int, stop: int, *motion: Floats) -> None:
+        """Move the references of the believed episodes, after a step with estimated poses and velocities (the first of `motion`)."""
+        self.loops.believe(start, stop, *motion, self._believe, self.believed_preview, self._taken[2])
 
     def goal(self, i: int) -> Floats:
         """Return the goal (3,) of environment i in m: waypoint, station, dock, end of the path or curve."""
@@ -355,7 +395,7 @@ class Task:
 
     def measured(self, i: int) -> Record:
         """Return the measured columns of environment i's episode, before a failure counts as its bounds."""
-        return record_of(self._totals(i), self.name, self.world_name)
+        return record_of(self._totals(i), self.name, self.world_name, self.navigation_name)
 
     @property
     def world_name(self) -> str:
@@ -386,7 +426,11 @@ class Task:
             change=float(e.change_sum),
             depth_margin=float(e.depth_margin),
             start_yaw=float(e.start_yaw),
-            own={**self.own_metrics(i), **(self.world.columns(e, i) if self.world else {})},
+            own={
+                **self.own_metrics(i),
+                **(self.world.columns(e, i) if self.world else {}),
+                **(self.estimated(i) if self.estimated else {}),
+            },
         )
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
@@ -406,6 +450,8 @@ class Task:
         world = self.world.state() if self.world else {}
         sensed = self.sensors.arrays() if self.sensors else {}
         own = {name: getattr(self, name) for name in _STATE}
+        if self.believed is not None:
+            own |= {"believed": records.bare(self.believed), "believed_preview": self.believed_preview}
         return {"episodes": records.bare(self.episodes)} | own | world | sensed
 
     @property

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
+from auvbench.config.navigation import LOST, is_estimated
 from auvbench.config.schema import step_limit
 from auvbench.observation import ObservationSpec
 from auvbench.tasks.disturbances.base import misreading, water_speed
@@ -76,4 +77,6 @@ def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
 def _misreading(config: schema.TrainConfig, seconds: float) -> Floats:
     """Return the largest errors (3,) of position readings in m."""
     errors = misreading(config.disturbance, seconds)
+    if is_estimated(config):
+        return np.full(3, LOST)
     return config.noise.position.high * config.noise.scale + SIGMAS * errors

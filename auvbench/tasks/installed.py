@@ -121,9 +121,11 @@ def _guard_blocks(task: Task) -> None:
     """From now on check the numbers that packages' blocks write."""
     observe, bounds = task.observe, task.spec.bounds
 
-    def checked_observe(pose: Floats, velocity: Floats, indices: Integers | None = None) -> Any:
+    def checked_observe(
+        pose: Floats, velocity: Floats, indices: Integers | None = None, seats: Floats | None = None
+    ) -> Any:
         with telling(", ".join(task.block_owners.values()), "write fails"):
-            seen = observe(pose, velocity, indices)
+            seen = observe(pose, velocity, indices, seats)
         rows = np.arange(task.n) if indices is None else indices
         motion = np.concatenate([pose[rows], velocity[rows]], axis=1)
         moving = np.isfinite(motion).all(axis=1)  # otherwise the simulation is to blame

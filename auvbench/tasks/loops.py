@@ -20,6 +20,7 @@ from types import CodeType, FunctionType
 from typing import Any, NamedTuple
 
 from auvbench import blocks
+from auvbench.config.navigation import READS
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import BLOCK, SENSOR, normal4, uniform4
 from auvbench.registry import BLOCKS, resolve
@@ -82,6 +83,20 @@ def {name}(indices, episodes, preview, parameters):
         {preview}
 """
 
+_BELIEVE = """
+def {name}(
+    first, stop, pose, velocity, action, previous, force, power, episodes, preview, parameters
+):
+    p = parameters[0]
+    action, previous, force, preview = borrowed(action), borrowed(previous), borrowed(force), borrowed(preview)
+    for i in range(first, stop):
+        e = episodes[i]
+        e.steps += 1
+        v = vehicle(i, pose, velocity, action, previous, force, power)
+        {refer}
+        {preview}
+"""
+
 _OBSERVE = """
 def {name}(
     indices, pose, velocity, offset, previous, episodes, preview, parameters, codes, sizes, stream, observation,
@@ -132,9 +147,9 @@ def {name}(
 """
 
 _SENSED = {
-    "sensed": "counts, solids, heights, states, memories, settings, rays,",
+    "sensed": "seats, counts, solids, heights, states, memories, settings, rays,",
     "owned": "solids, heights = borrowed(solids), borrowed(heights)",
-    "scene": "seen = scene(solids[i], counts[i], heights, pose[i], stream)",
+    "scene": "seen = scene(solids[i], counts[i], heights, seats[i], stream)",
 }
 """lines of the loop that observes with range sensors"""
 
@@ -163,6 +178,8 @@ class Loops(NamedTuple):
     relocate: Callable[..., None] | None
     """writes the reference of an episode whose drawn start was replaced; None if the task's reference does not depend
     on the start"""
+    believe: Callable[..., None]
+    """goes on to the next step of the episodes as an estimator believes them to be"""
 
 
 def of_task(
@@ -222,14 +239,15 @@ def _of_task(
         make("draw", _DRAW, lines),
         make("step", _STEP, lines),
         make("relocate", _RELOCATE, lines) if "relocate" in named else None,
+        make("believe", _BELIEVE, lines),
     )
 
 
 def observed(names: Iterable[str]) -> tuple[blocks.BlockSpec, ...]:
-    """Return the blocks in the order of their codes: all of auvbench's that are no sensors, so that most tasks
-    share one function, then sensors and packages'.
+    """Return the blocks in the order of their codes: all of auvbench's that are no sensors and read no estimate, so that
+    most tasks share one function, then the others.
     """
-    own = [name for name in BLOCKS.own if not BLOCKS[name].sensor]
+    own = [name for name in BLOCKS.own if not BLOCKS[name].sensor and READS not in BLOCKS[name].reads]
     return tuple(BLOCKS[name] for name in (*own, *sorted(set(names) - {*own})))
 
 

@@ -215,15 +215,16 @@ def check_observation(task: Task) -> None:
     """
     own = TASKS[task.name].blocks
     sensors = tuple(name for name in BLOCKS.own if BLOCKS[name].sensor)
+    estimated = tuple(name for name in BLOCKS.own if "navigation" in BLOCKS[name].reads)
     known = tuple(
-        dict.fromkeys([*own, *sensors, *(name for name in BLOCKS.names() if name not in BLOCKS.own)])
+        dict.fromkeys([*own, *sensors, *estimated, *(name for name in BLOCKS.names() if name not in BLOCKS.own)])
     )
     for name in task.observation:
         if name in task.block_packages:
             _check_reads(task, name)
         elif name in sensors:
             _check_sensor(task, name)
-        elif name not in own:
+        elif name not in (*own, *estimated):
             raise ConfigError(
                 f"task.observation: {name} is not a block of task={task.name}; {closest(name, known)}"
             )

@@ -1,0 +1,309 @@
+"""Define the schemas of the `sensors` and `navigation` groups, and the specs of navigation sensors.
+
+Importing this module imports no code of a sensor or an estimator.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from auvbench.config.fields import below, choice, number, require
+from auvbench.config.fields import name as plain_name
+from auvbench.errors import ConfigError
+from auvbench.registry import BLOCKS
+
+if TYPE_CHECKING:
+    from auvbench.config.schema import TrainConfig
+
+TRUTH = "truth"
+NONE = "none"
+READS = "navigation"
+"""what a block reads that only an estimator gives (`BlockSpec.reads`)"""
+FASTEST = 1000.0
+"""Hz, of any sensor"""
+LOST = 1000.0
+"""m, error of the position at which an estimate counts as diverged; the observation's bounds contain it"""
+
+
+@dataclass(kw_only=True)
+class Inertial:
+    """Errors of three gyros or three accelerometers."""
+
+    density: float = number(0.0, 10.0)  # rad/s/sqrt(Hz) or m/s2/sqrt(Hz)
+    walk: float = number(0.0, 10.0)  # rad/s2/sqrt(Hz) or m/s3/sqrt(Hz)
+    tau: float = number(0.0, 1e9, open_low=True)  # s
+    turn_on: float = number(0.0, 10.0)  # rad/s or m/s2
+
+
+@dataclass(kw_only=True)
+class Imu:
+    """An inertial measurement unit."""
+
+    rate: float = number(0.1, FASTEST)  # Hz
+    gyro: Inertial
+    accelerometer: Inertial
+
+
+@dataclass(kw_only=True)
+class Dvl:
+    """A Doppler velocity log with four beams."""
+
+    tilt: float = number(0.01, 1.4)  # rad
+    lever: list[float]  # m
+    low: float = number(0.0, 1000.0)  # m
+    high: float = number(0.1, 1000.0)  # m
+    fastest: float = number(0.0, 100.0, open_low=True)  # m/s
+    incidence: float = number(0.1, 1.5707)  # rad
+    altitudes: list[float]  # m
+    rates: list[float]  # Hz
+    merit_low: float = number(1e-5, 10.0)  # m/s
+    merit_high: float = number(1e-5, 10.0)  # m/s
+    scale: float = number(0.0, 1.0)
+    mounting: float = number(0.0, 1.0)  # rad
+    lost: float = number(0.0, 1.0)
+    burst: float = number(0.01, 1e4)  # s
+    delay: float = number(0.0, 1.0)  # s
+
+    def check(self) -> None:
+        """Raise ConfigError if keys contradict each other."""
+        key = "sensors.dvl."
+        finite = all(map(math.isfinite, self.lever))
+        require(len(self.lever) == 3 and finite, f"{key}lever", self.lever, "be three numbers [x, y, z] in m")
+        paired = 0 < len(self.rates) == len(self.altitudes) and all(0.1 <= r <= FASTEST for r in self.rates)
+        what = f"have a rate from 0.1 to {FASTEST:g} Hz for each of the {len(self.altitudes)} entries of {key}altitudes"
+        require(paired, f"{key}rates", self.rates, what)
+        rising = sorted(self.altitudes) == self.altitudes and self.altitudes[-1] >= self.high
+        require(rising, f"{key}altitudes", self.altitudes, f"rise, up to {key}high={self.high:g} or more")
+        below(f"{key}low", self.low, f"{key}high", self.high)
+        below(f"{key}merit_low", self.merit_low, f"{key}merit_high", self.merit_high)
+
+
+@dataclass(kw_only=True)
+class Depth:
+    """A pressure sensor."""
+
+    rate: float = number(0.1, FASTEST)  # Hz
+    noise: float = number(0.0, 10.0)  # m
+    resolution: float = number(0.0, 10.0)  # m
+    density: float = number(0.0, 1.0)
+    offset: float = number(0.0, 10.0)  # m
+    delay: float = number(0.0, 1.0)  # s
+
+
+@dataclass(kw_only=True)
+class Heading:
+    """A compass."""
+
+    rate: float = number(0.1, FASTEST)  # Hz
+    noise: float = number(0.0, 3.0)  # rad
+    bias: float = number(0.0, 3.0)  # rad
+    hard_iron: float = number(0.0, 3.0)  # rad
+    soft_iron: float = number(0.0, 3.0)  # rad
+    delay: float = number(0.0, 1.0)  # s
+
+
+@dataclass(frozen=True, slots=True)
+class SensorSpec:
+    """Description of one navigation sensor, available without importing its code."""
+
+    name: str
+    """Key of `sensors`."""
+    title: str
+    schema: type
+    source: str
+    """Where the model and the default numbers come from."""
+
+
+SENSORS = {
+    spec.name: spec
+    for spec in (
+        SensorSpec("imu", "IMU", Imu, "TDK DS-000176 (ICM-20602); uuv_simulator's biases"),
+        SensorSpec("dvl", "DVL", Dvl, "Water Linked, documentation of the DVL A50"),
+        SensorSpec("depth", "depth", Depth, "TE Connectivity, data sheet of the MS5837-30BA"),
+        SensorSpec("heading", "heading", Heading, "VectorNav, magnetometer errors"),
+    )
+}
+
+
+@dataclass(kw_only=True)
+class Sensors:
+    """Keys of `sensors`: of the sensors that a vehicle has."""
+
+    name: str = plain_name()
+    imu: Imu | None = None
+    dvl: Dvl | None = None
+    depth: Depth | None = None
+    heading: Heading | None = None
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the sensors that the vehicle has."""
+        return tuple(name for name in SENSORS if getattr(self, name) is not None)
+
+
+@dataclass(kw_only=True)
+class Start:
+    """Standard deviations of the estimate's errors at the start."""
+
+    position: float = number(1e-6, 1e3)  # m
+    velocity: float = number(1e-6, 10.0)  # m/s
+    tilt: float = number(1e-6, 1.0)  # rad
+
+
+@dataclass(kw_only=True)
+class Navigation:
+    """Key of every `navigation/*.yaml`."""
+
+    name: str = choice("truth", "ekf", "dead_reckoning")
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """Names of the sensors without which it cannot estimate."""
+        return ()
+
+
+@dataclass(kw_only=True)
+class Ekf(Navigation):
+    """An error-state extended Kalman filter."""
+
+    start: Start
+    gate: float = number(0.5, 1.0)
+    inflation: float = number(1e-3, 1e3)
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return "imu", "depth", "heading"
+
+
+@dataclass(kw_only=True)
+class DeadReckoning(Navigation):
+    """The sum of velocities along the heading."""
+
+    start: Start
+    settling: float = number(0.01, 1e4)  # s
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        return "imu", "dvl", "depth", "heading"
+
+
+SCHEMAS: dict[str, type] = {TRUTH: Navigation, "ekf": Ekf, "dead_reckoning": DeadReckoning}
+"""schemas by `navigation.name`"""
+
+
+def truth() -> Navigation:
+    """Return the navigation of runs of earlier versions."""
+    return Navigation(name=TRUTH)
+
+
+def no_sensors() -> Sensors:
+    """Return the sensors of runs of earlier versions."""
+    return Sensors(name=NONE)
+
+
+def is_estimated(config: TrainConfig) -> bool:
+    """Return whether agents see an estimate instead of the truth."""
+    return bool(config.navigation.name != TRUTH)
+
+
+def refuse(config: TrainConfig, who: str) -> None:
+    """Raise ConfigError if an estimator is chosen for a program without it, which `who` names."""
+    if is_estimated(config):
+        raise ConfigError(
+            f"navigation={config.navigation.name}: {who} has no estimator; use navigation=truth"
+        )
+
+
+def check(config: TrainConfig) -> None:
+    """Check sensors and estimator against the rest of a configuration.
+
+    Raises:
+        ConfigError: names the key and what to type instead.
+    """
+    sensors, navigation = config.sensors, config.navigation
+    if sensors.dvl is not None:
+        sensors.dvl.check()
+    _check_blocks(config)
+    if not is_estimated(config):
+        if sensors.names():
+            raise ConfigError(
+                f"sensors={sensors.name}: navigation={TRUTH} reads no sensor; use navigation=ekf, or sensors={NONE}"
+            )
+        return
+    _check_alone(config)
+    missing = [name for name in navigation.needs if getattr(sensors, name) is None]
+    if missing:
+        able = "dvl_a50 or survey" if "dvl" in navigation.needs else "bluerov2, dvl_a50 or survey"
+        raise ConfigError(
+            f"navigation={navigation.name}: needs sensors.{missing[0]}, which sensors={sensors.name} does not have; use "
+            f"sensors={able}"
+        )
+    if sensors.dvl is not None and not config.world.solid:
+        raise ConfigError(
+            f"sensors.dvl: has no bottom in world={config.world.name}; use world=seabed, slope, rough or tank, or sensors=bluerov2"
+        )
+    _check_rates(config)
+
+
+def _check_alone(config: TrainConfig) -> None:
+    """Refuse a simulator that cannot stop within a step, and a second model of the readings' errors."""
+    who = f"navigation={config.navigation.name}"
+    if config.simulator.name != "fossen":
+        raise ConfigError(
+            f"{who}: simulator={config.simulator.name} does not have the sensors; use simulator=fossen"
+        )
+    noise = config.noise
+    for key in ("position", "yaw"):
+        if getattr(noise, key).high * noise.scale > 0.0:
+            raise ConfigError(
+                f"noise.{key}.high={getattr(noise, key).high:g}: {who} has the errors of its sensors; use noise=none, or 0"
+            )
+    disturbance: Any = config.disturbance
+    if disturbance.sensor.active:
+        raise ConfigError(
+            f"disturbance.sensor: {who} has the errors of its sensors; use a disturbance without it"
+        )
+    if disturbance.delay.observation > 0.0:
+        raise ConfigError(
+            f"disturbance.delay.observation={disturbance.delay.observation:g}: {who} has the delays of its sensors; use 0"
+        )
+
+
+def _check_rates(config: TrainConfig) -> None:
+    """Refuse sensors that measure more often than the physics or the IMU moves."""
+    sensors = config.sensors
+    assert sensors.imu is not None
+    fastest = 1.0 / config.simulator.max_step
+    if sensors.imu.rate > fastest * (1.0 + 1e-9):
+        raise ConfigError(
+            f"sensors.imu.rate={sensors.imu.rate:g}: must be at most {fastest:g} Hz, the rate of the physics "
+            f"(simulator.max_step={config.simulator.max_step:g})"
+        )
+    for name in ("dvl", "depth", "heading"):
+        sensor = getattr(sensors, name)
+        if sensor is None:
+            continue
+        most = max(sensor.rates) if name == "dvl" else sensor.rate
+        if most > sensors.imu.rate * (1.0 + 1e-9):
+            key = "rates" if name == "dvl" else "rate"
+            raise ConfigError(
+                f"sensors.{name}.{key}={most:g}: must be at most {sensors.imu.rate:g} Hz, the rate of the IMU"
+            )
+
+
+def _check_blocks(config: TrainConfig) -> None:
+    """Refuse blocks that the navigation cannot write."""
+    for name in config.task.observation:
+        reads = BLOCKS[name].reads
+        if READS in reads and not is_estimated(config):
+            raise ConfigError(f"task.observation: {name} needs an estimator; use navigation=ekf")
+        if name == "position_sd" and config.navigation.name != "ekf":
+            raise ConfigError(
+                f"task.observation: position_sd needs a covariance, which navigation={config.navigation.name} does not have; "
+                "use navigation=ekf"
+            )
+        if "task" in reads and is_estimated(config):
+            raise ConfigError(
+                f"task.observation: {name} reads the task's own fields, which are true; use navigation={TRUTH}, or leave it out"
+            )

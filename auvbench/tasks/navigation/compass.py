@@ -1,0 +1,46 @@
+"""Heading: a compass with a constant error, hard iron (one cycle per turn), soft iron (two cycles per turn) and noise."""
+
+from __future__ import annotations
+
+import math
+
+from auvbench.dynamics.layout import Quaternion
+from auvbench.tasks.navigation.state import HEADING, expect, normals, uniforms
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import row, wrap
+
+
+@row
+def begin(e: Record, d: Record, p: Record, stream: int) -> None:
+    """Draw the errors of the episode."""
+    bias, hard, soft, _ = normals(e, d, stream, 3)
+    hard_phase, soft_phase, _, _ = uniforms(e, d, stream, 4)
+    d.heading_bias = p.heading_bias * bias
+    d.hard_iron[0], d.hard_iron[1] = p.heading_hard_iron * hard, 2.0 * math.pi * hard_phase
+    d.soft_iron[0], d.soft_iron[1] = p.heading_soft_iron * soft, 2.0 * math.pi * soft_phase
+    d.due[HEADING] = 1.0 / p.heading_rate
+
+
+@row
+def yaw_of(q: Quaternion) -> float:
+    """Return the yaw of an attitude in rad."""
+    w, x, y, z = q
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+@row
+def measured(d: Record, p: Record, yaw: float, noise: float) -> float:
+    """Return what the compass shows at a yaw in rad, with a standard normal number of noise."""
+    error = d.heading_bias + p.heading_noise * noise
+    error += d.hard_iron[0] * math.cos(yaw + d.hard_iron[1])
+    error += d.soft_iron[0] * math.cos(2.0 * yaw + d.soft_iron[1])
+    return wrap(yaw + error)
+
+
+@row
+def sense(d: Record, p: Record, noise: float) -> None:
+    """Measure the heading with a standard normal number of noise."""
+    true, own = d.true_attitude, d.attitude
+    d.heading = measured(d, p, yaw_of((true[0], true[1], true[2], true[3])), noise)
+    d.predicted_heading = yaw_of((own[0], own[1], own[2], own[3]))
+    expect(d, HEADING, 1.0 / p.heading_rate, p.heading_delay)

@@ -1,0 +1,65 @@
+"""Dead reckoning: the sum of the DVL's velocities along the heading.
+
+The attitude is that of the gyros, which accelerometers (roll and pitch) and compass (yaw) correct with a time constant. Height is the last
+depth. Without bottom lock the last velocity, in body axes, stays.
+"""
+
+from __future__ import annotations
+
+import math
+
+from auvbench.dynamics.layout import Vector
+from auvbench.dynamics.vectors import add, cross, dot, product, rotation_matrix, scale, subtract
+from auvbench.tasks.navigation.imu import put_attitude
+from auvbench.tasks.navigation.state import DEPTH, DVL, HEADING
+from auvbench.tasks.navigation.turns import multiply, turn
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import put, row, triple, wrap
+
+
+@row
+def advance(d: Record, p: Record, before: Vector, force: Vector, seconds: float) -> None:
+    """Correct what the IMU made of the estimate in an interval: roll and pitch by the specific force, velocity by the DVL.
+
+    Args:
+        d: its attitude is that of the gyros.
+        p: parameters.
+        before: m, position before the interval.
+        force: m/s2, specific force, world axes.
+        seconds: length of the interval.
+    """
+    q = d.attitude
+    length = math.sqrt(dot(force, force))
+    if length > 0.0:
+        x, y, _ = force
+        level = scale(seconds / (p.settling * length), (y, -x, 0.0))
+        put_attitude(d.attitude, multiply(turn(level), (q[0], q[1], q[2], q[3])))
+    velocity = product(rotation_matrix((q[0], q[1], q[2], q[3])), triple(d.water_velocity))
+    put(d.velocity, velocity)
+    (x, y, _), (_, _, z) = add(before, scale(seconds, velocity)), before
+    put(d.position, (x, y, z))
+
+
+@row
+def correct_velocity(d: Record, p: Record) -> None:
+    """Take the velocity of the DVL's last ping."""
+    rates = subtract(triple(d.rates), triple(d.rate_bias))
+    put(d.water_velocity, subtract(triple(d.dvl_velocity), cross(rates, triple(p.dvl_lever))))
+    d.stamp[DVL] = d.time - p.dvl_delay
+
+
+@row
+def correct_depth(d: Record, p: Record) -> None:
+    """Take the height of the depth sensor."""
+    d.position[2] = d.height
+    d.stamp[DEPTH] = d.time - p.depth_delay
+
+
+@row
+def correct_heading(d: Record, p: Record) -> None:
+    """Turn a share of the way to the compass."""
+    share = 1.0 - math.exp(-1.0 / (p.heading_rate * p.settling))
+    q = d.attitude
+    way = turn((0.0, 0.0, share * wrap(d.heading - d.predicted_heading)))
+    put_attitude(d.attitude, multiply(way, (q[0], q[1], q[2], q[3])))
+    d.stamp[HEADING] = d.time - p.heading_delay

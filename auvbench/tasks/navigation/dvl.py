@@ -1,0 +1,169 @@
+"""DVL: four beams to the bottom, of which at least three must return.
+
+Beam i points along b_i = (sin t cos a_i, sin t sin a_i, -cos t), with the tilt t and azimuths a_i of 45, 135, 225 and 315 degrees, in
+body axes (forward, port, up). It measures b_i . (v + w x l). The velocity is the least-squares solution of the valid beams, so that with
+four beams its standard deviations are s / (sqrt(2) sin t) along x and y and s / (2 cos t) along z, for beams with a standard deviation s.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from auvbench.dynamics.compiled import called
+from auvbench.dynamics.layout import Vector
+from auvbench.dynamics.vectors import (
+    add,
+    cross,
+    dot,
+    plus_product,
+    product,
+    rotation_matrix,
+    scale,
+    subtract,
+    transposed_product,
+)
+from auvbench.tasks.navigation.state import DVL, expect, normals, uniforms
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import put, row, triple
+from auvbench.worlds.casting import first_hit, nearest_surface
+
+BEAMS = 4
+ENOUGH = 3
+"""beams that a velocity needs"""
+_HALF = math.sqrt(0.5)
+
+
+@row
+def beam(p: Record, i: int) -> Vector:
+    """Return the direction of a beam in body axes."""
+    level = _HALF * math.sin(p.dvl_tilt)
+    fore = level if i == 0 or i == 3 else -level
+    port = level if i < 2 else -level
+    return fore, port, -math.cos(p.dvl_tilt)
+
+
+@row
+def beam_sd(d: Record, p: Record) -> float:
+    """Return the standard deviation of a beam in m/s: the figure of merit is that of a horizontal velocity."""
+    return float(d.merit * math.sqrt(2.0) * math.sin(p.dvl_tilt))
+
+
+@row
+def begin(e: Record, d: Record, p: Record, stream: int) -> None:
+    """Draw the errors of the episode."""
+    x, y, z, k = normals(e, d, stream, 5)
+    u, lost, _, _ = uniforms(e, d, stream, 6)
+    d.dvl_scale = p.dvl_scale * k
+    put(d.mounting, scale(p.dvl_mounting, (x, y, z)))
+    d.merit = p.dvl_merit_low * (p.dvl_merit_high / p.dvl_merit_low) ** u if p.has_dvl > 0 else 0.0
+    d.burst = 1 if lost < p.dvl_lost else 0
+    d.beams = 0
+    d.altitude = 0.0
+    d.dvl_period = p.dvl_periods[0]
+    d.due[DVL] = d.dvl_period
+
+
+@row
+def period(p: Record, altitude: float) -> float:
+    """Return the time in s between pings at an altitude in m; without an altitude (0), that of the slowest mode."""
+    last = p.dvl_altitudes.shape[0] - 1
+    if altitude <= 0.0:
+        slowest = p.dvl_periods[0]
+        for mode in range(last + 1):
+            slowest = max(slowest, p.dvl_periods[mode])
+        return float(slowest)
+    for mode in range(last):
+        if altitude <= p.dvl_altitudes[mode]:
+            return float(p.dvl_periods[mode])
+    return float(p.dvl_periods[last])
+
+
+@row
+def in_burst(d: Record, p: Record, u: float) -> bool:
+    """Go on to the next ping of a two-state Markov chain with a uniform draw; return whether the lock is lost."""
+    if p.dvl_lost >= 1.0:
+        d.burst = 1
+        return True
+    back = min(1.0, d.dvl_period / p.dvl_burst)
+    away = back * p.dvl_lost / (1.0 - p.dvl_lost)
+    d.burst = int(u >= back) if d.burst > 0 else int(u < away)
+    return bool(d.burst > 0)
+
+
+@row
+def height_along(p: Record, solids: Any, heights: Any, origin: Vector, way: Vector) -> float:
+    """Return the altitude in m that a beam sees, its distance times the cosine of its tilt; 0 if no echo returns.
+
+    Args:
+        p: parameters.
+        solids: what is in the water.
+        heights: m, of terrain.
+        origin: m, of the beam, world axes.
+        way: its direction, world axes.
+    """
+    upright = math.cos(p.dvl_tilt)
+    longest = p.dvl_high / upright
+    distance, _ = first_hit(solids, heights, 0.0, origin, way, longest + 1.0)
+    if distance > longest or distance * upright < p.dvl_low:
+        return 0.0
+    # From just before the surface, where its gradient is its normal.
+    spot = add(origin, scale(distance - min(1e-3, 0.5 * distance), way))
+    _, _, normal = nearest_surface(solids, heights, 0.0, spot, 1.0)
+    return distance * upright if -dot(normal, way) > math.cos(p.dvl_incidence) else 0.0
+
+
+@row
+def solve(d: Record, p: Record) -> Vector:
+    """Return the velocity in m/s, body axes, from the valid beams: all four, or three."""
+    u = d.beam_velocity
+    if d.beams == BEAMS:
+        level = _HALF / (2.0 * math.sin(p.dvl_tilt))
+        x = level * (u[0] - u[1] - u[2] + u[3])
+        y = level * (u[0] + u[1] - u[2] - u[3])
+        return x, y, -(u[0] + u[1] + u[2] + u[3]) / (4.0 * math.cos(p.dvl_tilt))
+    first = 1 if d.valid[0] == 0 else 0
+    second = 2 if d.valid[1] == 0 or first == 1 else 1
+    third = 3 if d.valid[3] > 0 else 2
+    a, b, c = beam(p, first), beam(p, second), beam(p, third)
+    # The rows of the inverse are cross products of the beams.
+    ab, bc, ca = cross(a, b), cross(b, c), cross(c, a)
+    total = add(add(scale(u[first], bc), scale(u[second], ca)), scale(u[third], ab))
+    return scale(1.0 / dot(a, bc), total)
+
+
+@row
+def predicted(d: Record, p: Record) -> Vector:
+    """Return the velocity at the DVL in m/s, body axes, as the estimate has it."""
+    q = d.attitude
+    own = transposed_product(rotation_matrix((q[0], q[1], q[2], q[3])), triple(d.velocity))
+    return add(own, cross(subtract(triple(d.rates), triple(d.rate_bias)), triple(p.dvl_lever)))
+
+
+@called
+def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: Any) -> None:
+    """Ping: measure the beams' velocities and their solution."""
+    q = d.true_attitude
+    rotation = rotation_matrix((q[0], q[1], q[2], q[3]))
+    lever = triple(p.dvl_lever)
+    origin = plus_product(triple(d.true_position), rotation, lever)
+    velocity = add(transposed_product(rotation, triple(d.true_velocity)), cross(triple(d.true_rates), lever))
+    seen = scale(1.0 + d.dvl_scale, add(velocity, cross(velocity, triple(d.mounting))))
+    u, _, _, _ = uniforms(e, d, stream, 6)
+    noise = normals(e, d, stream, 7)
+    able = not in_burst(d, p, u) and dot(velocity, velocity) <= p.dvl_fastest**2
+    sd = beam_sd(d, p)
+    d.beams, total = 0, 0.0
+    for i in range(BEAMS):
+        way = beam(p, i)
+        altitude = height_along(p, solids, heights, origin, product(rotation, way)) if able else 0.0
+        d.valid[i] = 1 if altitude > 0.0 else 0
+        d.beams += d.valid[i]
+        total += altitude
+        d.beam_velocity[i] = dot(way, seen) + sd * noise[i]
+    d.altitude = total / d.beams if d.beams > 0 else 0.0
+    if d.beams >= ENOUGH:
+        put(d.dvl_velocity, solve(d, p))
+    put(d.predicted_velocity, predicted(d, p))
+    d.dvl_period = period(p, d.altitude)
+    expect(d, DVL, d.dvl_period, p.dvl_delay)

@@ -1,0 +1,314 @@
+"""Error-state extended Kalman filter with 15 states (Sola, "Quaternion kinematics for the error-state Kalman filter", arXiv 1711.02508).
+
+The errors are position and velocity (world axes), attitude (world axes: R = exp([phi]x) R_estimated, section 7) and the biases of
+accelerometers and gyros (body axes). Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
+when a reading arrives and at the end of an agent step. Updates are scalar, in Joseph's form. Errors that last an episode (scale, iron,
+density) are no states: they enlarge the standard deviation of each reading, as if they were drawn anew.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.dynamics.compiled import called
+from auvbench.dynamics.layout import Matrix, Vector
+from auvbench.dynamics.vectors import add, cross, dot, product, rotation_matrix, scale, subtract
+from auvbench.tasks.navigation import compass, dvl
+from auvbench.tasks.navigation.imu import put_attitude
+from auvbench.tasks.navigation.state import (
+    ACCELERATION_BIAS,
+    ATTITUDE,
+    DEPTH,
+    DVL,
+    GATED,
+    HEADING,
+    RATE_BIAS,
+    STATES,
+    VELOCITY,
+)
+from auvbench.tasks.navigation.turns import cross_matrix, multiply, times_matrix, turn
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import put, row, triple, wrap
+
+Floats = NDArray[np.float64]
+
+ROW, GAIN, SHARED, CHANGE = 0, 1, 2, 3
+"""rows of `work`: derivatives of a reading, gain, P times the derivatives, change of the states"""
+MOVING = 9
+"""position, velocity and attitude: states that the others change"""
+STEP = 4
+"""first of the rows of `work` with the transition of the moving states, less the unit matrix"""
+TURNED = STEP + MOVING
+"""first of the rows of `work` with F P, transposed"""
+WORK = TURNED + STATES
+LEVEL = 0.01
+"""smallest cosine of the pitch at which a heading is used"""
+
+
+@row
+def begin(P: Floats, p: Record) -> None:
+    """Write the covariance of the errors at the start."""
+    P[:, :] = 0.0
+    yaw = math.sqrt(p.heading_noise**2 + p.heading_slow**2)
+    for i in range(3):
+        P[i, i] = p.start_position**2
+        P[VELOCITY + i, VELOCITY + i] = p.start_velocity**2
+        P[ATTITUDE + i, ATTITUDE + i] = p.start_tilt**2 if i < 2 else yaw**2
+        P[ACCELERATION_BIAS + i, ACCELERATION_BIAS + i] = p.accelerometer_turn_on**2
+        P[RATE_BIAS + i, RATE_BIAS + i] = p.gyro_turn_on**2
+
+
+@row
+def collect(d: Record, force: Vector, R: Matrix, seconds: float) -> None:
+    """Add an IMU sample to the integrals from which the covariance moves: force in world axes, attitude in its middle."""
+    d.elapsed += seconds
+    put(d.force_sum, add(triple(d.force_sum), scale(seconds, force)))
+    for i in range(3):
+        for j in range(3):
+            d.rotation_sum[3 * i + j] += seconds * R[i][j]
+
+
+@row
+def put_block(work: Floats, i: int, j: int, factor: float, M: Matrix) -> None:
+    """Write a 3 x 3 block of the transition."""
+    (a, b, c), (d, e, f), (g, h, k) = M
+    work[STEP + i, j], work[STEP + i, j + 1], work[STEP + i, j + 2] = factor * a, factor * b, factor * c
+    work[STEP + i + 1, j], work[STEP + i + 1, j + 1], work[STEP + i + 1, j + 2] = factor * d, factor * e, factor * f
+    work[STEP + i + 2, j], work[STEP + i + 2, j + 1], work[STEP + i + 2, j + 2] = factor * g, factor * h, factor * k
+
+
+@row
+def first_of(i: int) -> int:
+    """Return the first state that changes a moving state."""
+    return VELOCITY if i < VELOCITY else ATTITUDE if i < ATTITUDE else RATE_BIAS
+
+
+@row
+def transition(d: Record, work: Floats) -> None:
+    """Write the transition of the errors over the time since the last propagation, less the unit matrix, to `work`."""
+    T, s = d.elapsed, d.rotation_sum
+    R: Matrix = (s[0], s[1], s[2]), (s[3], s[4], s[5]), (s[6], s[7], s[8])
+    C = cross_matrix(triple(d.force_sum))
+    turned = times_matrix(C, R)
+    work[STEP:TURNED, :] = 0.0
+    for i in range(3):
+        work[STEP + i, VELOCITY + i] = T
+    put_block(work, 0, ATTITUDE, -0.5 * T, C)
+    put_block(work, 0, ACCELERATION_BIAS, -0.5 * T, R)
+    put_block(work, 0, RATE_BIAS, T / 6.0, turned)
+    put_block(work, VELOCITY, ATTITUDE, -1.0, C)
+    put_block(work, VELOCITY, ACCELERATION_BIAS, -1.0, R)
+    put_block(work, VELOCITY, RATE_BIAS, 0.5, turned)
+    put_block(work, ATTITUDE, RATE_BIAS, -1.0, R)
+
+
+@called
+def propagate(d: Record, p: Record, P: Floats, work: Floats) -> None:
+    """Move the covariance over the time since the last propagation: P = F P F^T + Q."""
+    T = d.elapsed
+    if T <= 0.0:
+        return
+    transition(d, work)
+    # F P, whose last six rows are those of P.
+    for i in range(MOVING):
+        for k in range(first_of(i), STATES):
+            f = work[STEP + i, k]
+            for j in range(STATES):
+                P[i, j] += f * P[k, j]
+    # (F P) F^T: the columns of the biases stay.
+    for j in range(STATES):
+        for i in range(MOVING):
+            work[TURNED + j, i] = P[i, j]
+    for i in range(MOVING):
+        for k in range(first_of(i), STATES):
+            f = work[STEP + i, k]
+            for j in range(MOVING):
+                work[TURNED + i, j] += f * work[TURNED + k, j]
+    for i in range(MOVING):
+        for j in range(i + 1):
+            P[i, j] = P[j, i] = work[TURNED + i, j]
+        for j in range(MOVING, STATES):
+            P[j, i] = P[i, j]
+    force, rates = (p.inflation * p.accelerometer_density) ** 2, (p.inflation * p.gyro_density) ** 2
+    walk, drift = (p.inflation * p.accelerometer_walk) ** 2, (p.inflation * p.gyro_walk) ** 2
+    for i in range(3):
+        P[i, i] += force * T**3 / 3.0
+        P[i, VELOCITY + i] += 0.5 * force * T**2
+        P[VELOCITY + i, i] += 0.5 * force * T**2
+        P[VELOCITY + i, VELOCITY + i] += force * T
+        P[ATTITUDE + i, ATTITUDE + i] += rates * T
+        P[ACCELERATION_BIAS + i, ACCELERATION_BIAS + i] += walk * T
+        P[RATE_BIAS + i, RATE_BIAS + i] += drift * T
+    d.elapsed = 0.0
+    put(d.force_sum, (0.0, 0.0, 0.0))
+    for j in range(9):
+        d.rotation_sum[j] = 0.0
+
+
+@called
+def update(
+    d: Record, p: Record, P: Floats, work: Floats, sensor: int, innovation: float, sd: float, first: int, stop: int
+) -> bool:
+    """Update by a scalar reading whose derivatives are in `work`; return whether it passes the gate.
+
+    Args:
+        d: has the counters of the sensor.
+        p: parameters.
+        P: covariance.
+        work: its row CHANGE gets the change of the states.
+        sensor: DVL, DEPTH or HEADING.
+        innovation: reading less prediction.
+        sd: standard deviation of the reading.
+        first: first state that the reading depends on.
+        stop: state after the last one.
+    """
+    s, y = (p.inflation * sd) ** 2, innovation
+    for i in range(STATES):
+        total = 0.0
+        for j in range(first, stop):
+            total += P[i, j] * work[ROW, j]
+        work[SHARED, i] = total
+    for j in range(first, stop):
+        s += work[ROW, j] * work[SHARED, j]
+        y -= work[ROW, j] * work[CHANGE, j]
+    nis = y * y / s
+    d.nis[sensor] += nis
+    d.innovations[sensor] += 1.0
+    if nis > p.gate and d.rejected[sensor] < GATED:
+        d.rejected[sensor] += 1
+        return False
+    d.rejected[sensor] = 0
+    for i in range(STATES):
+        work[GAIN, i] = work[SHARED, i] / s
+        work[CHANGE, i] += work[GAIN, i] * y
+    # Joseph, (I - K H) P (I - K H)^T + K r K^T, with u = P H^T and s = H u + r: P - K u^T - u K^T + K s K^T.
+    for i in range(STATES):
+        gain, u = work[GAIN, i], work[SHARED, i]
+        weighted = s * gain
+        for j in range(STATES):
+            P[i, j] = P[i, j] - (gain * work[SHARED, j] + u * work[GAIN, j]) + weighted * work[GAIN, j]
+    return True
+
+
+@called
+def inject(d: Record, P: Floats, work: Floats) -> None:
+    """Add the change of the states to the estimate, and turn the covariance with it (Sola, eq. 314)."""
+    x = work[CHANGE]
+    put(d.position, add(triple(d.position), (x[0], x[1], x[2])))
+    put(d.velocity, add(triple(d.velocity), (x[3], x[4], x[5])))
+    phi = x[6], x[7], x[8]
+    q = d.attitude
+    put_attitude(d.attitude, multiply(turn(phi), (q[0], q[1], q[2], q[3])))
+    put(d.acceleration_bias, add(triple(d.acceleration_bias), (x[9], x[10], x[11])))
+    put(d.rate_bias, add(triple(d.rate_bias), (x[12], x[13], x[14])))
+    half = scale(0.5, phi)
+    for j in range(STATES):
+        own = P[ATTITUDE, j], P[ATTITUDE + 1, j], P[ATTITUDE + 2, j]
+        P[ATTITUDE, j], P[ATTITUDE + 1, j], P[ATTITUDE + 2, j] = add(own, cross(half, own))
+    for j in range(STATES):
+        own = P[j, ATTITUDE], P[j, ATTITUDE + 1], P[j, ATTITUDE + 2]
+        P[j, ATTITUDE], P[j, ATTITUDE + 1], P[j, ATTITUDE + 2] = add(own, cross(half, own))
+
+
+@row
+def put_row(work: Floats, first: int, vector: Vector) -> None:
+    """Write three derivatives of a reading."""
+    work[ROW, first], work[ROW, first + 1], work[ROW, first + 2] = vector
+
+
+@row
+def velocity_row(d: Record, p: Record, way: Vector, work: Floats) -> None:
+    """Write the derivatives of the velocity at the DVL along a direction in body axes: h = way . (R^T v + w x l).
+
+    The rates are measured less bias, so that the column of the gyro bias is [l]x.
+    """
+    q = d.attitude
+    along = product(rotation_matrix((q[0], q[1], q[2], q[3])), way)
+    work[ROW, :] = 0.0
+    put_row(work, VELOCITY, along)
+    put_row(work, ATTITUDE, cross(along, triple(d.velocity)))
+    put_row(work, RATE_BIAS, cross(way, triple(p.dvl_lever)))
+
+
+@row
+def heading_row(d: Record, work: Floats) -> float:
+    """Write the derivatives of the yaw; return the squared cosine of the pitch, near 0 where there is none."""
+    q = d.attitude
+    R = rotation_matrix((q[0], q[1], q[2], q[3]))
+    x, y, z = R[0][0], R[1][0], R[2][0]
+    level = x * x + y * y
+    work[ROW, :] = 0.0
+    if level > LEVEL**2:
+        put_row(work, ATTITUDE, (-z * x / level, -z * y / level, 1.0))
+    return level
+
+
+@called
+def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
+    """Correct the estimate by the DVL's last ping: by its velocity, or by its beams if only three are valid."""
+    propagate(d, p, P, work)
+    error = subtract(triple(d.dvl_velocity), triple(d.predicted_velocity))
+    work[CHANGE, :] = 0.0
+    beam_sd = dvl.beam_sd(d, p)
+    upright = 0.5 * beam_sd / math.cos(p.dvl_tilt)
+    four = d.beams == dvl.BEAMS
+    speed = dot(triple(d.dvl_velocity), triple(d.dvl_velocity))
+    slow = (p.dvl_scale**2 + p.dvl_mounting**2) * speed
+    for k in range(3 if four else dvl.BEAMS):
+        if four:
+            way = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+            sd = d.merit if k < 2 else upright
+        else:
+            way, sd = dvl.beam(p, k), beam_sd
+            if d.valid[k] == 0:
+                continue
+        velocity_row(d, p, way, work)
+        update(d, p, P, work, DVL, dot(way, error), math.sqrt(sd * sd + slow), VELOCITY, STATES)
+    inject(d, P, work)
+    d.stamp[DVL] = d.time - p.dvl_delay
+
+
+@called
+def correct_depth(d: Record, p: Record, P: Floats, work: Floats) -> None:
+    """Correct the estimate by a depth."""
+    propagate(d, p, P, work)
+    work[CHANGE, :] = 0.0
+    work[ROW, :] = 0.0
+    work[ROW, 2] = 1.0
+    # Rounding to a resolution has the variance of a uniform error.
+    variance = p.depth_noise**2 + p.depth_resolution**2 / 12.0
+    slow = p.depth_offset**2 + (p.depth_density * d.height) ** 2
+    if update(d, p, P, work, DEPTH, d.height - d.predicted_height, math.sqrt(variance + slow), 2, 3):
+        inject(d, P, work)
+    d.stamp[DEPTH] = d.time - p.depth_delay
+
+
+@called
+def correct_heading(d: Record, p: Record, P: Floats, work: Floats) -> None:
+    """Correct the estimate by a heading."""
+    propagate(d, p, P, work)
+    work[CHANGE, :] = 0.0
+    sd = math.sqrt(p.heading_noise**2 + p.heading_slow**2)
+    if heading_row(d, work) > LEVEL**2 and update(
+        d, p, P, work, HEADING, wrap(d.heading - d.predicted_heading), sd, ATTITUDE, ATTITUDE + 3
+    ):
+        inject(d, P, work)
+    d.stamp[HEADING] = d.time - p.heading_delay
+
+
+@row
+def nees(error: Vector, P: Floats) -> float:
+    """Return the normalised estimation error squared of the position: error^T P^-1 error, 3 on average if P is right."""
+    a, b, c, f, g, k = P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2]
+    x, y, z = error
+    minors = f * k - g * g, c * g - b * k, b * g - c * f
+    determinant = a * minors[0] + b * minors[1] + c * minors[2]
+    squares = x * x * minors[0] + y * y * (a * k - c * c) + z * z * (a * f - b * b)
+    mixed = x * y * minors[1] + x * z * minors[2] + y * z * (b * c - a * g)
+    return float((squares + 2.0 * mixed) / determinant) if determinant > 0.0 else math.inf
+
+

@@ -1,0 +1,157 @@
+"""The navigation of N episodes: sensors and an estimator, as the batch of environments calls them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.config.navigation import is_estimated
+from auvbench.simulators.base import Simulator
+from auvbench.tasks import records
+from auvbench.tasks.navigation import loops
+from auvbench.tasks.navigation.state import FIELDS, STATES, parameters
+from auvbench.worlds.solids import NO_HEIGHTS, SOLID
+
+if TYPE_CHECKING:
+    from auvbench.tasks.base import Task
+    from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_VIEWS = ("_state", "_parameters")
+"""attributes that `_take` makes"""
+
+
+def make(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Navigation | None:
+    """Return the navigation of a task's episodes; None if agents know the truth, so that it costs nothing."""
+    return Navigation(config, vehicle, task) if is_estimated(config) else None
+
+
+class Navigation:
+    """Sensors and estimates of N episodes.
+
+    Order of calls: `begin` after the simulator's reset; `sample` after each of the `intervals` of a step; `conclude` at
+    the end of an agent step, when the task has advanced.
+
+    Args:
+        config: with an estimator and its sensors.
+        vehicle: of all episodes.
+        task: whose episodes they are.
+    """
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> None:
+        self.task, self.is_filter = task, config.navigation.name == "ekf"
+        self.rate = float(config.sensors.imu.rate)  # type: ignore[union-attr]
+        """Hz, of the IMU"""
+        shared = {name: task.parameters[name][0] for name in records.PARAMETERS}
+        who = f"navigation={config.navigation.name}"
+        self.parameters = records.one_row(parameters(config, float(vehicle.gravity)), shared, who)
+        self.state = records.state(task.n, FIELDS, who)
+        """(n,) what each episode remembers"""
+        self.covariance: Floats = np.zeros((task.n, STATES, STATES))
+        """of the filter's errors (`ekf`)"""
+        self.pose: Floats = np.zeros((task.n, 7))
+        """estimates, m and unit quaternion"""
+        self.velocity: Floats = np.zeros((task.n, 6))
+        """estimates, m/s and rad/s, body axes"""
+        self._none = np.zeros(task.n, np.int64), np.zeros((task.n, 1), SOLID), NO_HEIGHTS
+        task.estimated = self.columns
+        self._take()
+
+    def _take(self) -> None:
+        self._state = records.plain(self.state)
+        self._parameters = records.plain(self.parameters)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Leave out views, which NumPy would copy as arrays of their own."""
+        return {name: value for name, value in self.__dict__.items() if name not in _VIEWS}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._take()
+
+    def intervals(self, duration: float) -> int:
+        """Return the number of IMU samples in a time in s."""
+        return max(1, round(duration * self.rate))
+
+    @property
+    def _scene(self) -> tuple[Any, ...]:
+        """Number of solids of each episode, the solids, and heights of terrain."""
+        world = self.task.world
+        return (np.asarray(self.task.episodes["solids"]), world.solids, world.heights) if world else self._none
+
+    def begin(self, indices: Integers, simulator: Simulator) -> None:
+        """Draw sensors and first estimates of episodes whose vehicles are at their starts."""
+        task, true = self.task, (simulator.pose, simulator.velocity)
+        task.begin_belief(indices)
+        own = self._state, self._parameters, self.covariance, task._believe
+        loops.begin_rows(indices, task.rows, *own, task.stream, *true, self.pose, self.velocity)
+
+    def sample(self, simulator: Simulator, seconds: float, start: int = 0, stop: int | None = None) -> None:
+        """Measure an interval of some s that ends now, in the environments start .. stop - 1."""
+        rows = start, self.task.n if stop is None else stop
+        own = self.task.rows, self._state, self._parameters, self.covariance, self.task.stream
+        loops.sample_rows(*rows, *own, simulator.pose, simulator.velocity, *self._scene, seconds)
+
+    def conclude(
+        self, action: Floats, force: Floats, power: Floats, start: int = 0, stop: int | None = None
+    ) -> None:
+        """End an agent step: write the estimates, add their errors, and move the references that agents see."""
+        task, rows = self.task, (start, self.task.n if stop is None else stop)
+        own = task.rows, self._state, self._parameters, self.covariance, task._believe
+        loops.conclude_rows(*rows, *own, task.stream, self.pose, self.velocity)
+        task.move_belief(*rows, self.pose, self.velocity, action, task.previous, force, power)
+
+    def columns(self, i: int) -> dict[str, float]:
+        """Return the columns of the record of environment i, whose episode has ended."""
+        d, e = self.state[i], self.task.episodes[i]
+        steps = max(float(d.counted), 1.0)
+        columns = {
+            "navigation_error_rms_m": float(np.sqrt(d.error_squared_sum / steps)),
+            "navigation_drift": float(d.error) / max(float(e.path_length), 1e-3),
+            "unlocked_share": float(d.unlocked) / (steps * self.task.duration),
+            "diverged": float(d.diverged),
+        }
+        return columns | ({"nees": float(d.nees) / steps} if self.is_filter else {})
+
+    def state_dict(self) -> dict[str, NDArray[Any]]:
+        """Return copies of the arrays that an exact resume needs."""
+        return {name: np.copy(array) for name, array in self._arrays().items()}
+
+    def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
+        """Restore a state of `state_dict`."""
+        for name, array in self._arrays().items():
+            np.copyto(array, state[name], casting="no")
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        estimate = {"covariance": self.covariance, "pose": self.pose, "velocity": self.velocity}
+        return {"state": records.bare(self.state), **estimate}
+
+
+class Watched:
+    """A simulator whose steps a vehicle's sensors follow.
+
+    Args:
+        simulator: the simulator; everything but `step` is its own.
+        navigation: samples each interval of a step.
+    """
+
+    def __init__(self, simulator: Simulator, navigation: Navigation) -> None:
+        self.simulator, self.navigation = simulator, navigation
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "simulator":  # while a copy is made
+            raise AttributeError(name)
+        return getattr(self.simulator, name)
+
+    def step(self, command: Floats, duration: float) -> None:
+        """Apply commands (n, n_u) for `duration` s, in the intervals of the IMU."""
+        count = self.navigation.intervals(duration)
+        for _ in range(count):
+            self.simulator.step(command, duration / count)
+            self.navigation.sample(self.simulator, duration / count)

@@ -1,0 +1,233 @@
+"""Loops over episodes: begin, one interval of the IMU, and the end of an agent step."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config.navigation import LOST
+from auvbench.dynamics.compiled import borrowed, compiled
+from auvbench.dynamics.vectors import rotation_matrix, subtract, transposed_product
+from auvbench.dynamics.vectors import product as rotate
+from auvbench.tasks.navigation import compass, dead_reckoning, dvl, ekf, imu, pressure
+from auvbench.tasks.navigation.state import (
+    DEPTH,
+    DVL,
+    HEADING,
+    NEVER,
+    SOON,
+    has_arrived,
+    normals,
+)
+from auvbench.tasks.navigation.turns import multiply, turn
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import between, put, row, triple
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+FASTEST = 50.0
+"""m/s and rad/s, largest speeds of an estimate (`blocks.FASTEST`)"""
+
+
+@row
+def see(d: Record, pose: Floats, velocity: Floats) -> None:
+    """Take the true motion at the end of an interval."""
+    q = pose[3], pose[4], pose[5], pose[6]
+    put(d.true_position, (pose[0], pose[1], pose[2]))
+    put(d.true_velocity, rotate(rotation_matrix(q), (velocity[0], velocity[1], velocity[2])))
+    imu.put_attitude(d.true_attitude, q)
+    put(d.true_rates, (velocity[3], velocity[4], velocity[5]))
+
+
+@row
+def start(e: Record, d: Record, p: Record, stream: int) -> None:
+    """Draw the errors of the sensors and of the estimate of an episode whose truth is known."""
+    d.samples, d.time, d.diverged = 0, 0.0, 0
+    imu.begin(e, d, p, stream)
+    pressure.begin(e, d, p, stream)
+    compass.begin(e, d, p, stream)
+    dvl.begin(e, d, p, stream)
+    for sensor in range(3):
+        d.arrives[sensor], d.stamp[sensor] = NEVER, -1.0
+        d.rejected[sensor] = 0
+        d.nis[sensor] = d.innovations[sensor] = 0.0
+    a, b, c, f = normals(e, d, stream, 8)
+    g, h, roll, pitch = normals(e, d, stream, 9)
+    _, _, _, noise = normals(e, d, stream, 3)
+    x, y, z = triple(d.true_position)
+    s = p.start_position
+    put(d.position, (x + s * a, y + s * b, z + s * c))
+    x, y, z = triple(d.true_velocity)
+    s = p.start_velocity
+    put(d.velocity, (x + s * f, y + s * g, z + s * h))
+    q = d.true_attitude
+    true = q[0], q[1], q[2], q[3]
+    yaw = compass.yaw_of(true)
+    error = compass.measured(d, p, yaw, noise) - yaw
+    away = turn((p.start_tilt * roll, p.start_tilt * pitch, error))
+    imu.put_attitude(d.attitude, multiply(away, true))
+    put(d.acceleration_bias, (0.0, 0.0, 0.0))
+    put(d.rate_bias, (0.0, 0.0, 0.0))
+    put(d.water_velocity, (0.0, 0.0, 0.0))
+    at_rest = transposed_product(rotation_matrix(true), (0.0, 0.0, p.gravity))
+    imu.sense(e, d, p, stream, at_rest, triple(d.true_rates), 1.0 / p.imu_rate)
+    d.elapsed = 0.0
+    put(d.force_sum, (0.0, 0.0, 0.0))
+    d.rotation_sum[:] = 0.0
+    d.error = d.error_squared_sum = d.counted = d.nees = d.unlocked = 0.0
+
+
+@row
+def show(e: Record, d: Record, P: Floats, b: Record, pose: Floats, velocity: Floats) -> None:
+    """Write the estimate: what observations read."""
+    q = d.attitude
+    put(pose, triple(d.position))
+    for j in range(4):
+        pose[3 + j] = q[j]
+    own = transposed_product(rotation_matrix((q[0], q[1], q[2], q[3])), triple(d.velocity))
+    put(velocity, own)
+    put(velocity[3:], subtract(triple(d.rates), triple(d.rate_bias)))
+    put(b.specific_force, triple(d.specific_force))
+    for j in range(3):
+        b.position_sd[j] = math.sqrt(max(P[j, j], 0.0))
+        b.sensor_age[j] = d.time - max(d.stamp[j], 0.0)
+
+
+@row
+def is_sound(d: Record) -> bool:
+    """Return whether an estimate can be shown: near enough, slow enough and finite."""
+    near = between(triple(d.position), triple(d.true_position)) <= LOST
+    vx, vy, vz = triple(d.velocity)
+    slow = abs(vx) + abs(vy) + abs(vz) <= FASTEST
+    turning = abs(d.rates[0] - d.rate_bias[0]) + abs(d.rates[1] - d.rate_bias[1]) + abs(d.rates[2] - d.rate_bias[2])
+    q = d.attitude
+    unit = abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) < 0.1
+    return bool(near and slow and turning <= FASTEST and unit)
+
+
+@row
+def correct(d: Record, p: Record, P: Floats, work: Floats) -> None:
+    """Correct the estimate by the readings that arrive now."""
+    if has_arrived(d, DEPTH):
+        if p.is_filter > 0:
+            ekf.correct_depth(d, p, P, work)
+        else:
+            dead_reckoning.correct_depth(d, p)
+    if has_arrived(d, HEADING):
+        if p.is_filter > 0:
+            ekf.correct_heading(d, p, P, work)
+        else:
+            dead_reckoning.correct_heading(d, p)
+    if has_arrived(d, DVL) and d.beams >= dvl.ENOUGH:
+        if p.is_filter > 0:
+            ekf.correct_velocity(d, p, P, work)
+        else:
+            dead_reckoning.correct_velocity(d, p)
+
+
+@row
+def sample(
+    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, pose: Floats, velocity: Floats,
+    solids: Any, heights: Any, seconds: float,
+) -> None:  # fmt: skip
+    """Measure an interval of some s that ends at a pose and velocity, and move the estimate."""
+    q = d.true_attitude
+    before, had = (q[0], q[1], q[2], q[3]), triple(d.true_velocity)
+    see(d, pose, velocity)
+    d.samples += 1
+    d.time += seconds
+    after = d.true_attitude
+    gained = subtract(triple(d.true_velocity), had)
+    force, rates = imu.moved(before, (after[0], after[1], after[2], after[3]), gained, p.gravity, seconds)
+    imu.sense(e, d, p, stream, force, rates, seconds)
+    if d.diverged > 0:
+        return
+    place = triple(d.position)
+    pushed, R = imu.advance(d, p, seconds)
+    if p.is_filter > 0:
+        ekf.collect(d, pushed, R, seconds)
+    else:
+        dead_reckoning.advance(d, p, place, pushed, seconds)
+    slow = d.time + SOON >= min(d.due[DEPTH], d.due[HEADING])
+    if slow:
+        deep, turned, _, _ = normals(e, d, stream, 12)
+        if d.time + SOON >= d.due[DEPTH]:
+            pressure.sense(d, p, deep)
+        if d.time + SOON >= d.due[HEADING]:
+            compass.sense(d, p, turned)
+    if p.has_dvl > 0 and d.time + SOON >= d.due[DVL]:
+        dvl.sense(e, d, p, stream, solids, heights)
+    correct(d, p, P, work)
+
+
+@row
+def conclude(
+    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, b: Record, pose: Floats, velocity: Floats
+) -> None:
+    """End an agent step: let the biases walk, show the estimate and add its error to the sums."""
+    imu.walk(e, d, p, stream, p.duration)
+    if d.diverged == 0 and not is_sound(d):
+        d.diverged = 1
+    if d.diverged == 0:
+        if p.is_filter > 0:
+            ekf.propagate(d, p, P, work)
+        show(e, d, P, b, pose, velocity)
+    x, y, z = triple(d.true_position)
+    error = x - pose[0], y - pose[1], z - pose[2]
+    d.error = between((x, y, z), (pose[0], pose[1], pose[2]))
+    d.error_squared_sum += d.error * d.error
+    d.counted += 1.0
+    if p.is_filter > 0:
+        d.nees += min(ekf.nees(error, P), LOST) if d.diverged == 0 else LOST
+    if d.beams < dvl.ENOUGH:
+        d.unlocked += p.duration
+
+
+@compiled("dynamics", "worlds", "tasks", ".")
+def begin_rows(
+    indices: Integers, episodes: Any, states: Any, parameters: Any, covariances: Floats, beliefs: Any, stream: int,
+    true_pose: Floats, true_velocity: Floats, pose: Floats, velocity: Floats,
+) -> None:  # fmt: skip
+    """Begin episodes: draw their sensors and first estimates, and write the estimates (n, 7) and (n, 6)."""
+    p = parameters[0]
+    for k in range(indices.shape[0]):
+        i = indices[k]
+        e, d, P = episodes[i], states[i], covariances[i]
+        see(d, true_pose[i], true_velocity[i])
+        start(e, d, p, stream)
+        ekf.begin(P, p)
+        show(e, d, P, beliefs[i], pose[i], velocity[i])
+
+
+@compiled("dynamics", "worlds", "tasks", ".")
+def sample_rows(
+    first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, stream: int,
+    true_pose: Floats, true_velocity: Floats, counts: Integers, solids: Any, heights: Floats, seconds: float,
+) -> None:  # fmt: skip
+    """Measure an interval of some s in the episodes first .. stop - 1."""
+    p = parameters[0]
+    work = np.zeros((ekf.WORK, ekf.STATES))
+    solids, heights = borrowed(solids), borrowed(heights)
+    for i in range(first, stop):
+        sample(
+            episodes[i], states[i], p, covariances[i], work, stream, true_pose[i], true_velocity[i],
+            solids[i, : counts[i]], heights, seconds,
+        )  # fmt: skip
+
+
+@compiled("dynamics", "worlds", "tasks", ".")
+def conclude_rows(
+    first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, beliefs: Any,
+    stream: int, pose: Floats, velocity: Floats,
+) -> None:  # fmt: skip
+    """End an agent step of the episodes first .. stop - 1; write the estimates (n, 7) and (n, 6)."""
+    p = parameters[0]
+    work = np.zeros((ekf.WORK, ekf.STATES))
+    for i in range(first, stop):
+        conclude(
+            episodes[i], states[i], p, covariances[i], work, stream, beliefs[i], pose[i], velocity[i]
+        )

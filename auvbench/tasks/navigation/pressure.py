@@ -1,0 +1,29 @@
+"""Depth: a pressure sensor's height over the surface, quantised, with the errors of density and air pressure."""
+
+from __future__ import annotations
+
+import math
+
+from auvbench.tasks.navigation.state import DEPTH, expect, normals
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import row
+
+
+@row
+def begin(e: Record, d: Record, p: Record, stream: int) -> None:
+    """Draw the errors of the episode."""
+    scale, offset, _, _ = normals(e, d, stream, 2)
+    d.depth_scale, d.depth_offset = p.depth_density * scale, p.depth_offset * offset
+    d.due[DEPTH] = 1.0 / p.depth_rate
+
+
+@row
+def sense(d: Record, p: Record, noise: float) -> None:
+    """Measure the height with a standard normal number of noise."""
+    _, _, z = d.true_position[0], d.true_position[1], d.true_position[2]
+    height = z * (1.0 + d.depth_scale) + d.depth_offset + p.depth_noise * noise
+    if p.depth_resolution > 0.0:
+        height = p.depth_resolution * math.floor(height / p.depth_resolution + 0.5)
+    d.height = height
+    d.predicted_height = d.position[2]
+    expect(d, DEPTH, 1.0 / p.depth_rate, p.depth_delay)

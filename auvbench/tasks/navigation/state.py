@@ -1,0 +1,171 @@
+"""Define what an episode remembers of its sensors and its estimate, and the parameters of both."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from statistics import NormalDist
+from typing import Any
+
+from auvbench.config import schema
+from auvbench.dynamics.layout import Quaternion
+from auvbench.dynamics.random import NAVIGATION, normal4, uniform4
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import row
+
+STATES = 15
+"""of the filter: errors of position, velocity, attitude (all in world axes), accelerometer bias and gyro bias (body axes)"""
+VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS = 3, 6, 9, 12
+"""first index of each group of states; position is at 0"""
+DVL, DEPTH, HEADING = 0, 1, 2
+"""index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on"""
+SOON = 1e-6
+"""s: a measurement that is due this soon is due now"""
+NEVER = 1e300
+"""s, when a reading arrives that is not under way"""
+
+_V, _Q, _3 = (3,), (4,), ("f8", (3,))
+FIELDS: tuple[tuple[Any, ...], ...] = (
+    ("samples", "i8"),  # of the IMU in the episode
+    ("time", "f8"),  # s, in the episode
+    # The truth at the last sample.
+    ("true_position", "f8", _V),
+    ("true_velocity", "f8", _V),  # m/s, world axes
+    ("true_attitude", "f8", _Q),
+    ("true_rates", "f8", _V),  # rad/s, body axes
+    # IMU
+    ("turn_on_acceleration", "f8", _V),  # m/s2
+    ("turn_on_rates", "f8", _V),  # rad/s
+    ("walk_acceleration", "f8", _V),  # m/s2, the part of the bias that changes
+    ("walk_rates", "f8", _V),  # rad/s
+    ("specific_force", "f8", _V),  # m/s2, measured: mean over the last interval
+    ("rates", "f8", _V),  # rad/s, measured
+    # DVL
+    ("merit", "f8"),  # m/s
+    ("dvl_scale", "f8"),
+    ("mounting", "f8", _V),  # rad
+    ("burst", "i8"),  # 1: in a burst without lock
+    ("dvl_period", "f8"),  # s to the next ping
+    ("beams", "i8"),  # valid beams of the last ping
+    ("valid", "i8", (4,)),  # 1: the beam is valid
+    ("beam_velocity", "f8", _Q),  # m/s, measured
+    ("dvl_velocity", "f8", _V),  # m/s, measured, body axes at the DVL
+    ("predicted_velocity", "f8", _V),  # m/s, of the estimate at the ping
+    ("altitude", "f8"),  # m, measured; 0: none
+    # Depth and heading
+    ("depth_scale", "f8"),
+    ("depth_offset", "f8"),  # m
+    ("height", "f8"),  # m, measured z
+    ("predicted_height", "f8"),
+    ("heading_bias", "f8"),  # rad
+    ("hard_iron", "f8", (2,)),  # rad, amplitude and phase
+    ("soft_iron", "f8", (2,)),
+    ("heading", "f8"),  # rad, measured
+    ("predicted_heading", "f8"),
+    # Of each sensor
+    ("due", "f8", _V),  # s, of the next measurement
+    ("arrives", "f8", _V),  # s
+    ("stamp", "f8", _V),  # s, of the last valid reading that arrived
+    ("rejected", "i8", _V),  # readings that failed the gate in a row
+    ("nis", "f8", _V),  # sum of normalised innovations squared
+    ("innovations", "f8", _V),  # their number
+    # Estimate
+    ("position", "f8", _V),
+    ("velocity", "f8", _V),  # m/s, world axes
+    ("attitude", "f8", _Q),
+    ("acceleration_bias", "f8", _V),
+    ("rate_bias", "f8", _V),
+    ("water_velocity", "f8", _V),  # m/s, body axes: the last velocity of dead reckoning
+    ("elapsed", "f8"),  # s since the covariance was propagated
+    ("force_sum", "f8", _V),  # m/s, integral of the specific force in world axes since then
+    ("rotation_sum", "f8", (9,)),  # s, integral of the rotation matrix since then
+    ("diverged", "i8"),  # 1: the estimate stands still
+    # Metrics
+    ("error", "f8"),  # m, of the position at the last step
+    ("error_squared_sum", "f8"),  # m2
+    ("counted", "f8"),
+    ("nees", "f8"),  # sum over steps, of the position
+    ("unlocked", "f8"),  # s without bottom lock
+)
+"""fields of `d`"""
+
+BELIEF: tuple[tuple[Any, ...], ...] = (
+    ("position_sd", "f8", _V),  # m
+    ("specific_force", "f8", _V),  # m/s2
+    ("sensor_age", "f8", _V),  # s, of DVL, depth and heading
+)
+"""fields that blocks read of an episode as the estimator believes it to be"""
+
+GATED = 20
+"""readings of a sensor that may be rejected in a row; the next one is accepted, so that a filter can come back"""
+
+
+def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
+    """Return the parameters `p` by name; those of sensors that the vehicle does not have are 0."""
+    sensors, navigation = config.sensors, config.navigation
+    imu, dvl, depth, heading = sensors.imu, sensors.dvl, sensors.depth, sensors.heading
+    assert imu is not None and depth is not None and heading is not None
+    slow = math.sqrt(heading.bias**2 + 0.5 * heading.hard_iron**2 + 0.5 * heading.soft_iron**2)
+    gate = getattr(navigation, "gate", 1.0)
+    pings = 1 if dvl is None else len(dvl.rates)
+    return {
+        "is_filter": int(navigation.name == "ekf"),
+        "gravity": gravity,
+        "start_position": navigation.start.position,
+        "start_velocity": navigation.start.velocity,
+        "start_tilt": navigation.start.tilt,
+        "gate": NormalDist().inv_cdf(0.5 + 0.5 * gate) ** 2 if gate < 1.0 else math.inf,  # of chi-square, 1 degree of freedom
+        "inflation": getattr(navigation, "inflation", 1.0),
+        "settling": getattr(navigation, "settling", 1.0),
+        "imu_rate": imu.rate,
+        **_numbers("gyro", imu.gyro),
+        **_numbers("accelerometer", imu.accelerometer),
+        **_numbers("depth", depth),
+        **_numbers("heading", heading),
+        "heading_slow": slow,
+        "has_dvl": int(dvl is not None),
+        "dvl_lever": [0.0] * 3 if dvl is None else dvl.lever,
+        "dvl_altitudes": [0.0] * pings if dvl is None else dvl.altitudes,
+        "dvl_periods": [1.0] * pings if dvl is None else [1.0 / rate for rate in dvl.rates],
+        **{f"dvl_{name}": 0.0 if dvl is None else float(getattr(dvl, name)) for name in _DVL},
+    }
+
+
+_DVL = (
+    *("tilt", "low", "high", "fastest", "incidence", "merit_low", "merit_high", "scale", "mounting"),
+    *("lost", "burst", "delay"),
+)
+
+
+def _numbers(prefix: str, sensor: Any) -> Mapping[str, float]:
+    return {f"{prefix}_{name}": float(value) for name, value in vars(sensor).items()}
+
+
+@row
+def normals(e: Record, d: Record, stream: int, block: int) -> Quaternion:
+    """Return four standard normal numbers of the present sample; each `block` has its own."""
+    return normal4(e.seed, NAVIGATION | stream, block, d.samples, e.episode, e.environment)
+
+
+@row
+def uniforms(e: Record, d: Record, stream: int, block: int) -> Quaternion:
+    """Return four uniform numbers in (0, 1) of the present sample; each `block` has its own."""
+    return uniform4(e.seed, NAVIGATION | stream, block, d.samples, e.episode, e.environment)
+
+
+@row
+def expect(d: Record, sensor: int, period: float, delay: float) -> None:
+    """Note that a sensor has measured now, when its reading arrives and when it measures again."""
+    d.due[sensor] += period
+    if d.due[sensor] < d.time:  # it stood still
+        d.due[sensor] = d.time + period
+    d.arrives[sensor] = d.time + delay
+
+
+@row
+def has_arrived(d: Record, sensor: int) -> bool:
+    """Return whether a reading arrives now; it is then no longer under way."""
+    if d.time + SOON < d.arrives[sensor]:
+        return False
+    d.arrives[sensor] = NEVER
+    return True

@@ -1,0 +1,78 @@
+"""Products and logarithms of unit quaternions (w, x, y, z), for attitudes that turn by small steps."""
+
+from __future__ import annotations
+
+import math
+
+from auvbench.dynamics.compiled import inline
+from auvbench.dynamics.layout import Matrix, Quaternion, Vector
+from auvbench.dynamics.vectors import dot, scale, unit
+
+SMALL = 1e-3
+"""rad2, square of the largest angle that series compute; that of 3 rad/s in 0.01 s is 9e-4"""
+
+
+@inline
+def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Return the rotation b, followed by a."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
+    )
+
+
+@inline
+def turn(vector: Vector) -> Quaternion:
+    """Return the rotation about a vector by its length in rad."""
+    x, y, z = vector
+    squared = dot(vector, vector)
+    if squared < SMALL:  # series, to the last bit but one
+        share = 0.5 - squared / 48.0 * (1.0 - squared / 80.0 * (1.0 - squared / 168.0))
+        cosine = 1.0 - squared / 8.0 * (1.0 - squared / 48.0 * (1.0 - squared / 120.0))
+    else:
+        angle = math.sqrt(squared)
+        share, cosine = math.sin(0.5 * angle) / angle, math.cos(0.5 * angle)
+    return cosine, share * x, share * y, share * z
+
+
+@inline
+def half(q: Quaternion) -> Quaternion:
+    """Return half of a rotation by less than half a turn, with w > 0."""
+    w, x, y, z = q
+    return unit((w + 1.0, x, y, z))
+
+
+@inline
+def vector_of(q: Quaternion) -> Vector:
+    """Return the vector of a rotation by less than half a turn: the inverse of `turn`."""
+    w, x, y, z = q
+    squared = x * x + y * y + z * z
+    if squared < 0.25 * SMALL:  # series of the arcsine, to the last bit but one
+        share = 2.0 + squared * (1.0 / 3.0 + squared * (3.0 / 20.0 + squared * (5.0 / 56.0 + squared * 35.0 / 576.0)))
+    else:
+        length = math.sqrt(squared)
+        share = 2.0 * math.atan2(length, abs(w)) / length
+    return scale(share if w >= 0.0 else -share, (x, y, z))
+
+
+@inline
+def times_matrix(a: Matrix, b: Matrix) -> Matrix:
+    """Return the product of two matrices."""
+    (a00, a01, a02), (a10, a11, a12), (a20, a21, a22) = a
+    (b00, b01, b02), (b10, b11, b12), (b20, b21, b22) = b
+    return (
+        (a00 * b00 + a01 * b10 + a02 * b20, a00 * b01 + a01 * b11 + a02 * b21, a00 * b02 + a01 * b12 + a02 * b22),
+        (a10 * b00 + a11 * b10 + a12 * b20, a10 * b01 + a11 * b11 + a12 * b21, a10 * b02 + a11 * b12 + a12 * b22),
+        (a20 * b00 + a21 * b10 + a22 * b20, a20 * b01 + a21 * b11 + a22 * b21, a20 * b02 + a21 * b12 + a22 * b22),
+    )
+
+
+@inline
+def cross_matrix(a: Vector) -> Matrix:
+    """Return [a]x, so that [a]x b = a x b."""
+    x, y, z = a
+    return (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
