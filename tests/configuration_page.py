@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from auvbench.config import ranges, schema, simulation, tuning
+from auvbench.config import navigation, ranges, schema, simulation, tuning
 from auvbench.config.validate import limit
 from auvbench.registry import AGENTS, DISTURBANCES, LAUNCHERS, REWARDS, SIMULATORS, TASKS
 
@@ -34,6 +34,10 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     *((f"`task={name}`", f"task/{name}.yaml", "task.", TASKS[name].schema) for name in TASKS.own),
     *((f"`reward={name}`", f"reward/{name}.yaml", "reward.", REWARDS[name].schema) for name in REWARDS.own),
     ("Range sensors: `task.range`", "range/default.yaml", "task.range.", ranges.Ranges),
+    ("`sensors=bluerov2`", "sensors/bluerov2.yaml", "sensors.", navigation.Sensors),
+    ("`sensors=dvl_a50`", "sensors/dvl_a50.yaml", "sensors.", navigation.Sensors),
+    ("`navigation=ekf`", "navigation/ekf.yaml", "navigation.", navigation.Ekf),
+    ("`navigation=dead_reckoning`", "navigation/dead_reckoning.yaml", "navigation.", navigation.DeadReckoning),
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),

@@ -23,7 +23,7 @@ from auvbench.ardusub import sitl
 from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
 from auvbench.ardusub.radio import MODES, dialect
 from auvbench.ardusub.sensors import Sensors
-from auvbench.config import schema, simulators
+from auvbench.config import navigation, schema, simulators
 from auvbench.config.algorithms.ardusub import ArduSub
 from auvbench.config.disturbances import COMMANDS, READINGS, TIMING, alterations
 from auvbench.errors import ConfigError, TrainingError
@@ -201,6 +201,7 @@ def refuse(config: schema.TrainConfig) -> None:
         raise ConfigError(f"simulator={config.simulator.name}: algo=ardusub needs simulator=fossen")
     if config.world.solid:
         raise ConfigError(f"world={config.world.name}: algo=ardusub is tested in open water; use world=open")
+    navigation.refuse(config, "algo=ardusub")
     noise, disturbance = config.noise, config.disturbance
     own = "ArduSub has its own sensors (its SIM_ parameters)"
     if noise.scale > 0.0 and max(noise.position.high, noise.yaw.high, noise.command.high) > 0.0:

@@ -116,7 +116,7 @@ def _given(arguments: Sequence[str]) -> argparse.Namespace:
 
 def _server(given: argparse.Namespace) -> Server:
     from auvbench import __version__
-    from auvbench.config import simulators
+    from auvbench.config import navigation, simulators
     from auvbench.config.compose import compose
     from auvbench.config.disturbances import needs
     from auvbench.config.validate import train_config
@@ -131,6 +131,7 @@ def _server(given: argparse.Namespace) -> Server:
         raise ConfigError("simulator=ros2: cannot be served; use simulator=fossen or simulator=gazebo")
     if config.world.solid:
         raise ConfigError(f"world={config.world.name}: serve has no bottom and no obstacles; use world=open")
+    navigation.refuse(config, "serve")
     for need in needs(config.disturbance):
         if not need.able(simulators.ros2.capabilities):
             raise ConfigError(

@@ -23,8 +23,6 @@ READS = "navigation"
 """what a block reads that only an estimator gives (`BlockSpec.reads`)"""
 FASTEST = 1000.0
 """Hz, of any sensor"""
-LOST = 1000.0
-"""m, error of the position at which an estimate counts as diverged; the observation's bounds contain it"""
 
 
 @dataclass(kw_only=True)
@@ -290,6 +288,8 @@ def _check_rates(config: TrainConfig) -> None:
             raise ConfigError(
                 f"sensors.{name}.{key}={most:g}: must be at most {sensors.imu.rate:g} Hz, the rate of the IMU"
             )
+        what = f"be at most {1.0 / most:.3g} s, the time between two readings"
+        require(sensor.delay <= 1.0 / most, f"sensors.{name}.delay", sensor.delay, what)
 
 
 def _check_blocks(config: TrainConfig) -> None:

@@ -14,8 +14,8 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import complete, schema
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
-from auvbench.config.simulators import is_served
 from auvbench.config.navigation import NONE, truth
+from auvbench.config.simulators import is_served
 from auvbench.config.worlds import open_water
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import ConfigError, VehicleError

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config.navigation import no_sensors, truth
 from auvbench.config import rewards, schema, tasks
+from auvbench.config.navigation import no_sensors, truth
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
 from auvbench.envs.simulator_factory import at_frequency
@@ -115,9 +115,8 @@ def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.Tra
     """Return the condition without the agent's own keys, with short episodes."""
     task = replace(config.task, time_limit=None, max_steps=STEPS // 2, **_observed(config.task))
     config = config if isinstance(config.simulator, Fossen) else embedded(config)
-    simulator = replace(config.simulator, threads=1)
-    known = {"navigation": truth(), "sensors": no_sensors()}
-    standard = replace(config, task=task, reward=_REWARD, simulator=simulator, **known)
+    config = replace(config, navigation=truth(), sensors=no_sensors())
+    standard = replace(config, task=task, reward=_REWARD, simulator=replace(config.simulator, threads=1))
     return at_frequency(standard, FREQUENCY if frequency is None else frequency)
 
 

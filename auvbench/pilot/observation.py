@@ -22,7 +22,11 @@ _NO_ERROR = (0.0, 0.0, 0.0)
 
 def supplied() -> tuple[str, ...]:
     """Return the blocks that odometry and a goal at rest can supply: auvbench's own, and chosen ones of packages."""
-    return tuple(name for name in BLOCKS if not {"goal", "preview", "task", "solids"} & {*BLOCKS[name].reads})
+    return tuple(
+        name
+        for name in BLOCKS
+        if not {"goal", "preview", "task", "solids", "navigation"} & {*BLOCKS[name].reads}
+    )
 
 
 def observe(

@@ -51,6 +51,7 @@ _TAKEN = (
     "_around",
     "_sensed",
     "_believe",
+    "shown",
 )
 """attributes of a task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
@@ -204,6 +205,8 @@ class Task:
             self._read = records.common(seen), self._common
         """episodes and parameters, with their own fields only where a block reads these"""
         self._believe: Any = seen if interpreted else records.plain(seen)
+        self.shown = () if self.believed is None else tuple(np.asarray(seen[name]) for name, *_ in BELIEF)
+        """arrays (n, 3) that blocks of the estimate read, in the order of BELIEF"""
         self._sensed: tuple[Any, ...] = ()
         """what the loop that observes takes for range sensors"""
         if self.sensors and self.world:

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.navigation import LOST, is_estimated
+from auvbench.config.navigation import is_estimated
 from auvbench.config.schema import step_limit
 from auvbench.observation import ObservationSpec
 from auvbench.tasks.disturbances.base import misreading, water_speed
+from auvbench.tasks.navigation.state import LOST
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
 from auvbench.vehicles.vehicle_model import VehicleModel

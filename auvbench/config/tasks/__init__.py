@@ -217,7 +217,9 @@ def check_observation(task: Task) -> None:
     sensors = tuple(name for name in BLOCKS.own if BLOCKS[name].sensor)
     estimated = tuple(name for name in BLOCKS.own if "navigation" in BLOCKS[name].reads)
     known = tuple(
-        dict.fromkeys([*own, *sensors, *estimated, *(name for name in BLOCKS.names() if name not in BLOCKS.own)])
+        dict.fromkeys(
+            [*own, *sensors, *estimated, *(name for name in BLOCKS.names() if name not in BLOCKS.own)]
+        )
     )
     for name in task.observation:
         if name in task.block_packages:

@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import math
 
-
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import called
 from auvbench.dynamics.layout import Matrix, Vector
 from auvbench.dynamics.vectors import add, cross, dot, product, rotation_matrix, scale, subtract
-from auvbench.tasks.navigation import compass, dvl
+from auvbench.tasks.navigation import dvl
 from auvbench.tasks.navigation.imu import put_attitude
 from auvbench.tasks.navigation.state import (
     ACCELERATION_BIAS,
@@ -77,8 +76,16 @@ def put_block(work: Floats, i: int, j: int, factor: float, M: Matrix) -> None:
     """Write a 3 x 3 block of the transition."""
     (a, b, c), (d, e, f), (g, h, k) = M
     work[STEP + i, j], work[STEP + i, j + 1], work[STEP + i, j + 2] = factor * a, factor * b, factor * c
-    work[STEP + i + 1, j], work[STEP + i + 1, j + 1], work[STEP + i + 1, j + 2] = factor * d, factor * e, factor * f
-    work[STEP + i + 2, j], work[STEP + i + 2, j + 1], work[STEP + i + 2, j + 2] = factor * g, factor * h, factor * k
+    work[STEP + i + 1, j], work[STEP + i + 1, j + 1], work[STEP + i + 1, j + 2] = (
+        factor * d,
+        factor * e,
+        factor * f,
+    )
+    work[STEP + i + 2, j], work[STEP + i + 2, j + 1], work[STEP + i + 2, j + 2] = (
+        factor * g,
+        factor * h,
+        factor * k,
+    )
 
 
 @row
@@ -151,7 +158,15 @@ def propagate(d: Record, p: Record, P: Floats, work: Floats) -> None:
 
 @called
 def update(
-    d: Record, p: Record, P: Floats, work: Floats, sensor: int, innovation: float, sd: float, first: int, stop: int
+    d: Record,
+    p: Record,
+    P: Floats,
+    work: Floats,
+    sensor: int,
+    innovation: float,
+    sd: float,
+    first: int,
+    stop: int,
 ) -> bool:
     """Update by a scalar reading whose derivatives are in `work`; return whether it passes the gate.
 
@@ -310,5 +325,3 @@ def nees(error: Vector, P: Floats) -> float:
     squares = x * x * minors[0] + y * y * (a * k - c * c) + z * z * (a * f - b * b)
     mixed = x * y * minors[1] + x * z * minors[2] + y * z * (b * c - a * g)
     return float((squares + 2.0 * mixed) / determinant) if determinant > 0.0 else math.inf
-
-

@@ -83,13 +83,15 @@ class Navigation:
     def _scene(self) -> tuple[Any, ...]:
         """Number of solids of each episode, the solids, and heights of terrain."""
         world = self.task.world
-        return (np.asarray(self.task.episodes["solids"]), world.solids, world.heights) if world else self._none
+        return (
+            (np.asarray(self.task.episodes["solids"]), world.solids, world.heights) if world else self._none
+        )
 
     def begin(self, indices: Integers, simulator: Simulator) -> None:
         """Draw sensors and first estimates of episodes whose vehicles are at their starts."""
         task, true = self.task, (simulator.pose, simulator.velocity)
         task.begin_belief(indices)
-        own = self._state, self._parameters, self.covariance, task._believe
+        own = self._state, self._parameters, self.covariance, task.shown
         loops.begin_rows(indices, task.rows, *own, task.stream, *true, self.pose, self.velocity)
 
     def sample(self, simulator: Simulator, seconds: float, start: int = 0, stop: int | None = None) -> None:
@@ -103,7 +105,7 @@ class Navigation:
     ) -> None:
         """End an agent step: write the estimates, add their errors, and move the references that agents see."""
         task, rows = self.task, (start, self.task.n if stop is None else stop)
-        own = task.rows, self._state, self._parameters, self.covariance, task._believe
+        own = task.rows, self._state, self._parameters, self.covariance, task.shown
         loops.conclude_rows(*rows, *own, task.stream, self.pose, self.velocity)
         task.move_belief(*rows, self.pose, self.velocity, action, task.previous, force, power)
 

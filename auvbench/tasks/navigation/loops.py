@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config.navigation import LOST
 from auvbench.dynamics.compiled import borrowed, compiled
-from auvbench.dynamics.vectors import rotation_matrix, subtract, transposed_product
 from auvbench.dynamics.vectors import product as rotate
+from auvbench.dynamics.vectors import rotation_matrix, subtract, transposed_product
 from auvbench.tasks.navigation import compass, dead_reckoning, dvl, ekf, imu, pressure
 from auvbench.tasks.navigation.state import (
     DEPTH,
     DVL,
     HEADING,
+    LOST,
     NEVER,
     SOON,
+    STATES,
     has_arrived,
     normals,
 )
@@ -28,6 +29,8 @@ from auvbench.tasks.rows import between, put, row, triple
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Shown: TypeAlias = tuple[Floats, Floats, Floats]
+"""arrays (n, 3) of what blocks show, in the order of `state.BELIEF`"""
 
 FASTEST = 50.0
 """m/s and rad/s, largest speeds of an estimate (`blocks.FASTEST`)"""
@@ -82,8 +85,8 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
 
 
 @row
-def show(e: Record, d: Record, P: Floats, b: Record, pose: Floats, velocity: Floats) -> None:
-    """Write the estimate: what observations read."""
+def show(d: Record, P: Floats, shown: Shown, i: int, pose: Floats, velocity: Floats) -> None:
+    """Write the estimate of episode i: what observations read."""
     q = d.attitude
     put(pose, triple(d.position))
     for j in range(4):
@@ -91,10 +94,11 @@ def show(e: Record, d: Record, P: Floats, b: Record, pose: Floats, velocity: Flo
     own = transposed_product(rotation_matrix((q[0], q[1], q[2], q[3])), triple(d.velocity))
     put(velocity, own)
     put(velocity[3:], subtract(triple(d.rates), triple(d.rate_bias)))
-    put(b.specific_force, triple(d.specific_force))
+    deviation, force, age = shown
+    put(force[i], triple(d.specific_force))
     for j in range(3):
-        b.position_sd[j] = math.sqrt(max(P[j, j], 0.0))
-        b.sensor_age[j] = d.time - max(d.stamp[j], 0.0)
+        deviation[i, j] = math.sqrt(max(P[j, j], 0.0))
+        age[i, j] = d.time - max(d.stamp[j], 0.0)
 
 
 @row
@@ -103,25 +107,43 @@ def is_sound(d: Record) -> bool:
     near = between(triple(d.position), triple(d.true_position)) <= LOST
     vx, vy, vz = triple(d.velocity)
     slow = abs(vx) + abs(vy) + abs(vz) <= FASTEST
-    turning = abs(d.rates[0] - d.rate_bias[0]) + abs(d.rates[1] - d.rate_bias[1]) + abs(d.rates[2] - d.rate_bias[2])
+    turning = (
+        abs(d.rates[0] - d.rate_bias[0]) + abs(d.rates[1] - d.rate_bias[1]) + abs(d.rates[2] - d.rate_bias[2])
+    )
     q = d.attitude
     unit = abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) < 0.1
     return bool(near and slow and turning <= FASTEST and unit)
 
 
 @row
-def correct(d: Record, p: Record, P: Floats, work: Floats) -> None:
-    """Correct the estimate by the readings that arrive now."""
+def feel(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int) -> None:
+    """Measure depth and heading if they are due, and correct the estimate by readings that arrive now."""
+    deep, turned = 0.0, 0.0
+    if d.time + SOON >= min(d.due[DEPTH], d.due[HEADING]):
+        deep, turned, _, _ = normals(e, d, stream, 12)
+    if d.time + SOON >= d.due[DEPTH]:
+        pressure.sense(d, p, deep)
     if has_arrived(d, DEPTH):
         if p.is_filter > 0:
             ekf.correct_depth(d, p, P, work)
         else:
             dead_reckoning.correct_depth(d, p)
+    if d.time + SOON >= d.due[HEADING]:
+        compass.sense(d, p, turned)
     if has_arrived(d, HEADING):
         if p.is_filter > 0:
             ekf.correct_heading(d, p, P, work)
         else:
             dead_reckoning.correct_heading(d, p)
+
+
+@row
+def ping(
+    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, solids: Any, heights: Any
+) -> None:
+    """Measure the velocity if the DVL is due, and correct the estimate by a ping that arrives now."""
+    if d.time + SOON >= d.due[DVL]:
+        dvl.sense(e, d, p, stream, solids, heights)
     if has_arrived(d, DVL) and d.beams >= dvl.ENOUGH:
         if p.is_filter > 0:
             ekf.correct_velocity(d, p, P, work)
@@ -152,21 +174,23 @@ def sample(
         ekf.collect(d, pushed, R, seconds)
     else:
         dead_reckoning.advance(d, p, place, pushed, seconds)
-    slow = d.time + SOON >= min(d.due[DEPTH], d.due[HEADING])
-    if slow:
-        deep, turned, _, _ = normals(e, d, stream, 12)
-        if d.time + SOON >= d.due[DEPTH]:
-            pressure.sense(d, p, deep)
-        if d.time + SOON >= d.due[HEADING]:
-            compass.sense(d, p, turned)
-    if p.has_dvl > 0 and d.time + SOON >= d.due[DVL]:
-        dvl.sense(e, d, p, stream, solids, heights)
-    correct(d, p, P, work)
+    feel(e, d, p, P, work, stream)
+    if p.has_dvl > 0:
+        ping(e, d, p, P, work, stream, solids, heights)
 
 
 @row
 def conclude(
-    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, b: Record, pose: Floats, velocity: Floats
+    e: Record,
+    d: Record,
+    p: Record,
+    P: Floats,
+    work: Floats,
+    stream: int,
+    shown: Shown,
+    i: int,
+    pose: Floats,
+    velocity: Floats,
 ) -> None:
     """End an agent step: let the biases walk, show the estimate and add its error to the sums."""
     imu.walk(e, d, p, stream, p.duration)
@@ -175,7 +199,7 @@ def conclude(
     if d.diverged == 0:
         if p.is_filter > 0:
             ekf.propagate(d, p, P, work)
-        show(e, d, P, b, pose, velocity)
+        show(d, P, shown, i, pose, velocity)
     x, y, z = triple(d.true_position)
     error = x - pose[0], y - pose[1], z - pose[2]
     d.error = between((x, y, z), (pose[0], pose[1], pose[2]))
@@ -189,7 +213,7 @@ def conclude(
 
 @compiled("dynamics", "worlds", "tasks", ".")
 def begin_rows(
-    indices: Integers, episodes: Any, states: Any, parameters: Any, covariances: Floats, beliefs: Any, stream: int,
+    indices: Integers, episodes: Any, states: Any, parameters: Any, covariances: Floats, shown: Shown, stream: int,
     true_pose: Floats, true_velocity: Floats, pose: Floats, velocity: Floats,
 ) -> None:  # fmt: skip
     """Begin episodes: draw their sensors and first estimates, and write the estimates (n, 7) and (n, 6)."""
@@ -200,7 +224,7 @@ def begin_rows(
         see(d, true_pose[i], true_velocity[i])
         start(e, d, p, stream)
         ekf.begin(P, p)
-        show(e, d, P, beliefs[i], pose[i], velocity[i])
+        show(d, P, shown, i, pose[i], velocity[i])
 
 
 @compiled("dynamics", "worlds", "tasks", ".")
@@ -210,7 +234,7 @@ def sample_rows(
 ) -> None:  # fmt: skip
     """Measure an interval of some s in the episodes first .. stop - 1."""
     p = parameters[0]
-    work = np.zeros((ekf.WORK, ekf.STATES))
+    work = np.zeros((ekf.WORK, STATES))
     solids, heights = borrowed(solids), borrowed(heights)
     for i in range(first, stop):
         sample(
@@ -221,13 +245,11 @@ def sample_rows(
 
 @compiled("dynamics", "worlds", "tasks", ".")
 def conclude_rows(
-    first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, beliefs: Any,
+    first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, shown: Shown,
     stream: int, pose: Floats, velocity: Floats,
 ) -> None:  # fmt: skip
     """End an agent step of the episodes first .. stop - 1; write the estimates (n, 7) and (n, 6)."""
     p = parameters[0]
-    work = np.zeros((ekf.WORK, ekf.STATES))
+    work = np.zeros((ekf.WORK, STATES))
     for i in range(first, stop):
-        conclude(
-            episodes[i], states[i], p, covariances[i], work, stream, beliefs[i], pose[i], velocity[i]
-        )
+        conclude(episodes[i], states[i], p, covariances[i], work, stream, shown, i, pose[i], velocity[i])

@@ -8,6 +8,7 @@ from statistics import NormalDist
 from typing import Any
 
 from auvbench.config import schema
+from auvbench.dynamics.compiled import called
 from auvbench.dynamics.layout import Quaternion
 from auvbench.dynamics.random import NAVIGATION, normal4, uniform4
 from auvbench.tasks.records import Record
@@ -21,6 +22,8 @@ DVL, DEPTH, HEADING = 0, 1, 2
 """index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on"""
 SOON = 1e-6
 """s: a measurement that is due this soon is due now"""
+LOST = 1000.0
+"""m, error of the position at which an estimate counts as diverged; the observation's bounds contain it"""
 NEVER = 1e300
 """s, when a reading arrives that is not under way"""
 
@@ -104,7 +107,9 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
     """Return the parameters `p` by name; those of sensors that the vehicle does not have are 0."""
     sensors, navigation = config.sensors, config.navigation
     imu, dvl, depth, heading = sensors.imu, sensors.dvl, sensors.depth, sensors.heading
-    assert imu is not None and depth is not None and heading is not None
+    assert imu
+    assert depth
+    assert heading
     slow = math.sqrt(heading.bias**2 + 0.5 * heading.hard_iron**2 + 0.5 * heading.soft_iron**2)
     gate = getattr(navigation, "gate", 1.0)
     pings = 1 if dvl is None else len(dvl.rates)
@@ -114,7 +119,9 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
         "start_position": navigation.start.position,
         "start_velocity": navigation.start.velocity,
         "start_tilt": navigation.start.tilt,
-        "gate": NormalDist().inv_cdf(0.5 + 0.5 * gate) ** 2 if gate < 1.0 else math.inf,  # of chi-square, 1 degree of freedom
+        "gate": NormalDist().inv_cdf(0.5 + 0.5 * gate) ** 2
+        if gate < 1.0
+        else math.inf,  # of chi-square, 1 degree of freedom
         "inflation": getattr(navigation, "inflation", 1.0),
         "settling": getattr(navigation, "settling", 1.0),
         "imu_rate": imu.rate,
@@ -141,13 +148,13 @@ def _numbers(prefix: str, sensor: Any) -> Mapping[str, float]:
     return {f"{prefix}_{name}": float(value) for name, value in vars(sensor).items()}
 
 
-@row
+@called
 def normals(e: Record, d: Record, stream: int, block: int) -> Quaternion:
     """Return four standard normal numbers of the present sample; each `block` has its own."""
     return normal4(e.seed, NAVIGATION | stream, block, d.samples, e.episode, e.environment)
 
 
-@row
+@called
 def uniforms(e: Record, d: Record, stream: int, block: int) -> Quaternion:
     """Return four uniform numbers in (0, 1) of the present sample; each `block` has its own."""
     return uniform4(e.seed, NAVIGATION | stream, block, d.samples, e.episode, e.environment)

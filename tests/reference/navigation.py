@@ -1,0 +1,80 @@
+"""An error-state Kalman filter with 15 states in plain NumPy: dense matrices, one step per IMU sample, vector updates."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import expm
+
+Floats = NDArray[np.float64]
+P_, V_, A_, F_, W_ = (slice(3 * k, 3 * k + 3) for k in range(5))
+
+
+def skew(a: ArrayLike) -> Floats:
+    x, y, z = np.asarray(a)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+class Filter:
+    """Position, velocity (world axes), rotation body to world, biases of accelerometers and gyros.
+
+    Args:
+        state: position, velocity, rotation matrix.
+        P: (15, 15) covariance of the errors; that of the attitude in world axes.
+        densities: of accelerometers, gyros, and of the random walks of their biases.
+    """
+
+    def __init__(self, state: tuple[Floats, Floats, Floats], P: Floats, densities: tuple[float, ...]) -> None:
+        self.p, self.v, self.R = (np.array(part) for part in state)
+        self.P, self.densities = np.array(P), densities
+        self.b_f, self.b_w = np.zeros(3), np.zeros(3)
+
+    def move(self, force: Floats, rates: Floats, dt: float, gravity: float) -> None:
+        f, w = force - self.b_f, rates - self.b_w
+        middle = self.R @ expm(skew(0.5 * dt * w))
+        a = middle @ f - [0.0, 0.0, gravity]
+        self.p, self.v = self.p + dt * self.v + 0.5 * dt**2 * a, self.v + dt * a
+        self.R = self.R @ expm(skew(dt * w))
+        A = np.zeros((15, 15))
+        A[P_, V_] = np.eye(3)
+        A[V_, A_], A[V_, F_] = -skew(middle @ f), -middle
+        A[A_, W_] = -middle
+        transition, noise = expm(dt * A), np.zeros((15, 15))
+        acceleration, turning, walk, drift = self.densities
+        for part, density in ((V_, acceleration), (A_, turning), (F_, walk), (W_, drift)):
+            noise[part, part] = density**2 * dt * np.eye(3)
+        self.P = transition @ self.P @ transition.T + noise
+
+    def correct(self, innovation: ArrayLike, H: Floats, R: Floats) -> None:
+        K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + R)
+        x = K @ np.atleast_1d(innovation)
+        left = np.eye(15) - K @ H
+        self.P = left @ self.P @ left.T + K @ R @ K.T
+        self.p, self.v = self.p + x[P_], self.v + x[V_]
+        self.R = expm(skew(x[A_])) @ self.R
+        self.b_f, self.b_w = self.b_f + x[F_], self.b_w + x[W_]
+        G = np.eye(15)
+        G[A_, A_] += 0.5 * skew(x[A_])
+        self.P = G @ self.P @ G.T
+
+    def height(self, z: float, sd: float) -> None:
+        H = np.zeros((1, 15))
+        H[0, 2] = 1.0
+        self.correct(z - self.p[2], H, np.array([[sd**2]]))
+
+    def heading(self, yaw: float, sd: float) -> None:
+        def of(R: Floats) -> float:
+            return float(np.arctan2(R[1, 0], R[0, 0]))
+
+        H, small = np.zeros((1, 15)), 1e-6
+        for k in range(3):
+            turn = expm(skew(small * np.eye(3)[k]))
+            H[0, 6 + k] = np.angle(np.exp(1j * (of(turn @ self.R) - of(turn.T @ self.R)))) / (2.0 * small)
+        self.correct(np.angle(np.exp(1j * (yaw - of(self.R)))), H, np.array([[sd**2]]))
+
+    def velocity(self, seen: Floats, rates: Floats, lever: Floats, covariance: Floats) -> None:
+        H = np.zeros((3, 15))
+        H[:, V_], H[:, A_] = self.R.T, self.R.T @ skew(self.v)
+        H[:, W_] = skew(lever)
+        predicted = self.R.T @ self.v + np.cross(rates - self.b_w, lever)
+        self.correct(seen - predicted, H, covariance)

@@ -1,0 +1,458 @@
+"""Navigation sensors and estimators: errors as their keys say, a consistent filter, and observations without truth."""
+
+from __future__ import annotations
+
+import copy
+import math
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from auvbench import record
+from auvbench.config.compose import compose
+from auvbench.config.validate import resolved
+from auvbench.dynamics.frames import quaternion, rotation
+from auvbench.envs.batch import Batch
+from auvbench.envs.settings import configuration
+from auvbench.errors import ConfigError
+from auvbench.runs.identity import run_id
+from auvbench.tasks import records
+from auvbench.tasks.navigation import dvl, ekf, imu
+from auvbench.tasks.navigation.state import FIELDS, STATES, VELOCITY
+from auvbench.tasks.navigation.turns import turn, vector_of
+from auvbench.worlds import solids
+from tests.reference.navigation import Filter, skew
+
+Floats = NDArray[np.float64]
+EKF = ("algo=pid", "noise=none", "world=slope", "sensors=dvl_a50", "navigation=ekf")
+MATCHED = (
+    *("sensors.heading.bias=0", "sensors.heading.hard_iron=0", "sensors.heading.soft_iron=0"),
+    *("sensors.depth.density=0", "sensors.depth.offset=0", "sensors.depth.resolution=0"),
+    *("sensors.dvl.scale=0", "sensors.dvl.mounting=0", "sensors.dvl.lost=0", "sensors.dvl.delay=0"),
+    *("sensors.imu.gyro.tau=1e8", "sensors.imu.accelerometer.tau=1e8", "navigation.gate=1"),
+)
+"""sensors whose errors are those of the filter's model"""
+PERFECT = (
+    *(
+        f"sensors.imu.{part}.{key}=0"
+        for part in ("gyro", "accelerometer")
+        for key in ("density", "walk", "turn_on")
+    ),
+    *("sensors.heading.bias=0", "sensors.heading.hard_iron=0", "sensors.heading.soft_iron=0"),
+    *(
+        "sensors.heading.noise=1e-6",
+        "sensors.heading.rate=0.1",
+        "sensors.depth.rate=0.1",
+        "sensors.dvl.lost=1",
+    ),
+    *(f"navigation.start.{key}=1e-6" for key in ("position", "velocity", "tilt")),
+)
+"""an IMU without errors, which no other sensor corrects for 10 s"""
+
+
+def batch(*words: str, n: int = 2, **own: Any) -> Batch:
+    return Batch(configuration(overrides=[*EKF, *words]), n, **own)
+
+
+def play(one: Batch, steps: int) -> Floats:
+    """Return the observations (steps + 1, n, size) of a play whose commands change each second."""
+    rng, seen = np.random.default_rng(0), [one.reset().copy()]
+    for step in range(steps):
+        if step % 10 == 0:
+            action = rng.uniform(-0.25, 0.25, one._action.shape)
+        seen.append(one.step(action).observation.copy())
+    return np.array(seen)
+
+
+def estimator(one: Batch) -> Any:
+    assert one.navigation is not None
+    return one.navigation
+
+
+def errors(one: Batch) -> Floats:
+    """Return the errors (n, 15) of the filter's states."""
+    d, pose = estimator(one).state, one.simulator.pose
+    R = rotation(pose[:, 3:])
+    apart = R @ np.swapaxes(rotation(d["attitude"]), 1, 2)
+    turned = 0.5 * np.stack([apart[:, 2, 1] - apart[:, 1, 2], apart[:, 0, 2] - apart[:, 2, 0], apart[:, 1, 0] - apart[:, 0, 1]], 1)  # fmt: skip
+    velocity = np.einsum("nij,nj->ni", R, one.simulator.velocity[:, :3])
+    biases = [
+        d[f"turn_on_{what}"] + d[f"walk_{what}"] - d[own]
+        for what, own in (("acceleration", "acceleration_bias"), ("rates", "rate_bias"))
+    ]
+    return np.concatenate([pose[:, :3] - d["position"], velocity - d["velocity"], turned, *biases], 1)
+
+
+def one_state(**values: Any) -> Any:
+    """Return what an episode remembers, for functions that run as Python."""
+    d = records.state(1, FIELDS, "test")[0]
+    d.attitude[0] = 1.0
+    for name, value in values.items():
+        getattr(d, name)[...] = value
+    return d
+
+
+def keys(**values: Any) -> Any:
+    """Return parameters, for functions that run as Python."""
+    return records.one_row(values, dict.fromkeys(records.PARAMETERS, 0), "test")[0]
+
+
+# --- Sensors ------------------------------------------------------------------------------------------------------------------------
+
+
+def test_a_velocity_is_the_least_squares_solution_of_the_valid_beams() -> None:
+    p, rng = keys(dvl_tilt=math.radians(22.5)), np.random.default_rng(1)
+    B = np.array([dvl.beam(p, i) for i in range(4)])
+    assert np.linalg.norm(B, axis=1) == pytest.approx(1.0)
+    assert (B[:, 2] < -0.9).all()
+    for lost in (None, 0, 1, 2, 3):
+        valid = np.array([i != lost for i in range(4)])
+        u = rng.normal(size=4)
+        d = one_state(valid=valid, beam_velocity=u)
+        d.beams = valid.sum()
+        np.testing.assert_allclose(dvl.solve(d, p), np.linalg.pinv(B[valid]) @ u[valid], atol=1e-12)
+    # The figure of merit is the standard deviation of a horizontal velocity.
+    d = one_state()
+    d.merit = 0.02
+    deviations = dvl.beam_sd(d, p) * np.sqrt(np.diag(np.linalg.inv(B.T @ B)))
+    np.testing.assert_allclose(
+        deviations, [0.02, 0.02, 0.02 * math.sqrt(0.5) * math.tan(p.dvl_tilt)], rtol=1e-12
+    )
+
+
+def test_pings_come_at_the_rate_of_the_altitude_and_no_echo_returns_from_too_far_or_too_flat() -> None:
+    config = configuration(overrides=[*EKF])
+    own = config.sensors.dvl
+    assert own is not None
+    p = keys(dvl_tilt=own.tilt, dvl_low=own.low, dvl_high=own.high, dvl_incidence=own.incidence,
+             dvl_altitudes=own.altitudes, dvl_periods=[1.0 / rate for rate in own.rates])  # fmt: skip
+    table = {0.3: 15.0, 0.6: 15.0, 2.0: 10.0, 10.0: 5.5, 20.0: 7.5, 49.0: 3.0, 0.0: 3.0}
+    assert {altitude: 1.0 / dvl.period(p, altitude) for altitude in table} == pytest.approx(table)
+    bottom = solids.plane([0.0, 0.0, -60.0], [0.0, 0.0, 1.0])
+
+    def altitude(z: float, tilt: float = 0.0) -> float:
+        R = rotation(quaternion([tilt, 0.0, 0.0]))
+        return dvl.height_along(p, bottom, solids.NO_HEIGHTS, (0.0, 0.0, z), tuple(R @ dvl.beam(p, 0)))
+
+    assert altitude(-30.0) == pytest.approx(30.0)
+    assert altitude(-9.0) == 0.0  # 51 m
+    assert altitude(-59.98) == 0.0  # 2 cm
+    assert altitude(-50.0, math.radians(30.0)) > 0.0
+    assert altitude(-58.0, math.radians(65.0)) == 0.0  # beyond 70 degrees from the normal
+
+
+def test_readings_have_the_errors_of_their_keys() -> None:
+    """White noise by the density, biases by turn-on and Gauss-Markov walk, bursts by their share, in 1024 episodes at rest."""
+    one = batch(
+        "sensors.dvl.lost=0.2",
+        "sensors.imu.gyro.tau=2",
+        "sensors.imu.gyro.walk=0.01",
+        "sensors.imu.gyro.density=0.01",
+        n=1024,
+    )
+    one.reset()
+    navigation, settings = estimator(one), one.config.sensors
+    d, still = navigation.state, np.zeros_like(one._action)
+    assert settings.imu
+    assert settings.dvl
+    locked = []
+    for _ in range(100):
+        one.step(still)
+        locked.append((d["burst"] == 0).mean())
+    truth = np.linalg.norm(one.simulator.velocity[:, 3:], axis=1).max()
+    assert truth < 0.5
+    assert np.mean(locked[20:]) == pytest.approx(0.8, abs=0.02)
+    root = math.sqrt(settings.imu.rate)
+    white = d["rates"] - d["turn_on_rates"] - one.simulator.velocity[:, 3:]
+    # After 10 s the walk is stationary: sigma sqrt(tau / 2).
+    assert d["walk_rates"].std() == pytest.approx(0.01, rel=0.05)
+    assert np.std(white - d["walk_rates"]) == pytest.approx(settings.imu.gyro.density * root, rel=0.05)
+    assert d["turn_on_acceleration"].std() == pytest.approx(settings.imu.accelerometer.turn_on, rel=0.05)
+    merits = np.log(d["merit"])
+    low, high = math.log(settings.dvl.merit_low), math.log(settings.dvl.merit_high)
+    assert merits.mean() == pytest.approx(0.5 * (low + high), abs=0.1)
+    assert merits.std() == pytest.approx((high - low) / math.sqrt(12.0), rel=0.05)
+    depth = d["height"] - d["true_position"][:, 2]
+    expected = math.hypot(settings.depth.offset, settings.depth.density * 20.0)  # type: ignore[union-attr]
+    assert depth.std() == pytest.approx(expected, rel=0.1)
+    assert np.allclose(np.round(d["height"] / 0.002) * 0.002, d["height"])
+
+
+# --- Filter -------------------------------------------------------------------------------------------------------------------------
+
+
+def test_small_turns_are_exact() -> None:
+    for size in (1e-9, 1e-4, 0.03, 0.032, 1.0, 3.0):
+        vector = size * np.array([0.6, -0.48, 0.64])
+        w = math.cos(0.5 * size)
+        assert turn(tuple(vector)) == pytest.approx(
+            (w, *(math.sin(0.5 * size) / size * vector)), rel=1e-14, abs=1e-15
+        )
+        np.testing.assert_allclose(vector_of(turn(tuple(vector))), vector, rtol=1e-12)
+        np.testing.assert_allclose(vector_of(tuple(-np.array(turn(tuple(vector))))), vector, rtol=1e-12)
+
+
+def shifted(d: Any, x: Floats) -> Any:
+    """Return a state whose truth is the errors x (15,) away from it."""
+    other, work = copy.deepcopy(d), np.zeros((ekf.WORK, STATES))
+    work[ekf.CHANGE] = x
+    ekf.inject(other, np.zeros((STATES, STATES)), work)
+    return other
+
+
+def apart(one: Any, other: Any) -> Floats:
+    """Return the errors (15,) of a state against another."""
+    R = rotation(other.attitude) @ rotation(one.attitude).T
+    turned = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    parts = [getattr(other, name) - getattr(one, name) for name in ("position", "velocity", "acceleration_bias", "rate_bias")]  # fmt: skip
+    return np.concatenate([*parts[:2], turned, *parts[2:]])
+
+
+def test_derivatives_are_those_of_finite_differences() -> None:
+    rng, small = np.random.default_rng(2), 1e-5
+    p = keys(gravity=9.81, dvl_lever=[0.3, -0.2, -0.1], accelerometer_density=0.0, gyro_density=0.0,
+             accelerometer_walk=0.0, gyro_walk=0.0, inflation=1.0)  # fmt: skip
+    d = one_state(position=rng.normal(size=3), velocity=rng.normal(size=3), attitude=quaternion([0.3, -0.5, 2.0]),
+                  acceleration_bias=0.1 * rng.normal(size=3), rate_bias=0.1 * rng.normal(size=3), rates=rng.normal(size=3),
+                  specific_force=rng.normal(size=3) + np.array([0.0, 0.0, 9.81]))  # fmt: skip
+    work, units = np.zeros((ekf.WORK, STATES)), np.eye(STATES)
+    way = (0.36, 0.48, -0.8)
+    ekf.velocity_row(d, p, way, work)
+    slopes = [(np.dot(way, dvl.predicted(shifted(d, small * x), p)) - np.dot(way, dvl.predicted(shifted(d, -small * x), p))) / (2 * small) for x in units]  # fmt: skip
+    np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
+
+    def yaw(state: Any) -> float:
+        R = rotation(state.attitude)
+        return math.atan2(R[1, 0], R[0, 0])
+
+    ekf.heading_row(d, work)
+    slopes = [(yaw(shifted(d, small * x)) - yaw(shifted(d, -small * x))) / (2 * small) for x in units]
+    np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
+
+    # The transition of ten samples, whose sums are first order in the turn of the vehicle.
+    def after(state: Any) -> Any:
+        moved = copy.deepcopy(state)
+        for _ in range(10):
+            force, R = imu.advance(moved, p, 0.01)
+            ekf.collect(moved, force, R, 0.01)
+        return moved
+
+    end = after(d)
+    ekf.transition(end, work)
+    for k, x in enumerate(units):
+        slope = apart(after(shifted(d, -small * x)), after(shifted(d, small * x))) / (2 * small)
+        own = units[k] + np.concatenate([work[ekf.STEP : ekf.TURNED, k], np.zeros(6)])
+        np.testing.assert_allclose(own, slope, atol=4e-3)
+
+
+def test_the_sum_of_perfect_imu_samples_is_the_motion() -> None:
+    one = batch(*PERFECT)
+    play(one, 60)
+    assert np.abs(one.simulator.velocity).max() > 0.3
+    np.testing.assert_allclose(estimator(one).pose, one.simulator.pose, atol=6e-4)
+    np.testing.assert_allclose(estimator(one).velocity[:, :3], one.simulator.velocity[:, :3], atol=6e-4)
+
+
+def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
+    one = batch(*MATCHED, n=1, seed=4)
+    one.reset()
+    navigation = estimator(one)
+    d, p = navigation.state[0], navigation.parameters[0]
+    own = Filter(
+        (d.position, d.velocity, rotation(d.attitude)),
+        navigation.covariance[0],
+        (p.accelerometer_density, p.gyro_density, p.accelerometer_walk, p.gyro_walk),
+    )
+    lever, sample, counted = np.array(p.dvl_lever), navigation.sample, []
+
+    def watched(simulator: Any, seconds: float, *rows: int) -> None:
+        had = np.array(d.innovations)
+        sample(simulator, seconds, *rows)
+        own.move(np.array(d.specific_force), np.array(d.rates), seconds, p.gravity)
+        came = np.array(d.innovations) - had
+        if came[1]:
+            own.height(d.height, p.depth_noise)
+        if came[2]:
+            own.heading(d.heading, p.heading_noise)
+        if came[0]:
+            upright = d.merit * math.sqrt(0.5) * math.tan(p.dvl_tilt)
+            own.velocity(d.dvl_velocity, d.rates, lever, np.diag([d.merit, d.merit, upright]) ** 2)
+        counted.append(came)
+
+    navigation.sample = watched
+    rng = np.random.default_rng(3)
+    for _ in range(100):
+        one.step(rng.uniform(-0.4, 0.4, one._action.shape))
+    assert (np.sum(counted, axis=0) >= [100, 100, 100]).all()
+    np.testing.assert_allclose(d.position, own.p, atol=2e-4)
+    np.testing.assert_allclose(d.velocity, own.v, atol=2e-4)
+    np.testing.assert_allclose(rotation(d.attitude), own.R, atol=2e-4)
+    np.testing.assert_allclose(d.rate_bias, own.b_w, atol=2e-5)
+    scale = np.sqrt(np.diag(own.P))
+    np.testing.assert_allclose(
+        navigation.covariance[0] / np.outer(scale, scale), own.P / np.outer(scale, scale), atol=0.05
+    )
+    assert skew([1.0, 2.0, 3.0]) @ [1.0, 2.0, 3.0] == pytest.approx(0.0)
+
+
+def consistency(*words: str) -> tuple[float, Floats]:
+    """Return the mean NEES per state over 128 episodes of 40 s, and the mean NIS of DVL, depth and heading."""
+    one = batch(*MATCHED, "task.max_steps=100000", *words, n=128, autoreset=False)
+    rng, nees = np.random.default_rng(0), []
+    one.reset()
+    for step in range(400):
+        if step % 10 == 0:
+            action = rng.uniform(-0.25, 0.25, one._action.shape)
+        one.step(action)
+        if step % 40 == 39:
+            x = errors(one)
+            inverse = np.linalg.inv(estimator(one).covariance)
+            nees.append(np.einsum("ni,nij,nj->n", x, inverse, x).mean() / STATES)
+    d = estimator(one).state
+    return float(np.mean(nees)), d["nis"].sum(0) / d["innovations"].sum(0)
+
+
+def test_a_filter_that_knows_its_sensors_is_consistent_and_one_that_does_not_is_not() -> None:
+    nees, nis = consistency()
+    # 95 % band of a mean of 15 chi-squares over 128 independent episodes: 1 +- 0.064; times are correlated.
+    assert nees == pytest.approx(1.0, abs=0.064)
+    np.testing.assert_allclose(nis, 1.0, atol=0.03)
+    nees, nis = consistency("navigation.inflation=0.3333333333")  # noise three times as large as assumed
+    assert nees > 3.0
+    assert (nis > 3.0).all()
+
+
+def test_an_estimate_that_diverges_is_recorded_and_stands_still() -> None:
+    one = batch()
+    play(one, 3)
+    d = estimator(one).state
+    d["velocity"][0] = np.nan
+    before = estimator(one).pose[0].copy()
+    seen = [one.step(np.zeros_like(one._action)).observation.copy() for _ in range(3)]
+    assert np.isfinite(seen).all()
+    np.testing.assert_array_equal(estimator(one).pose[0], before)
+    assert [estimator(one).columns(i)["diverged"] for i in range(2)] == [1.0, 0.0]
+    assert np.isfinite(list(estimator(one).columns(0).values())).all()
+
+
+# --- In the loop --------------------------------------------------------------------------------------------------------------------
+
+
+def test_observations_come_from_the_estimate_and_rewards_from_the_truth() -> None:
+    one, true = batch(), Batch(configuration(overrides=[*EKF, "sensors=none", "navigation=truth"]), 2)
+    seen, real = play(one, 30), play(true, 30)
+    # The IMU's samples split a step in parts, which rounds differently.
+    np.testing.assert_allclose(one.simulator.pose, true.simulator.pose, atol=1e-9)
+    np.testing.assert_allclose(one.task.reward, true.task.reward, atol=1e-9)
+    spec, pose, velocity = one.task.spec, estimator(one).pose, estimator(one).velocity
+    np.testing.assert_allclose(seen[-1][:, spec["velocity"]], velocity[:, :3], atol=1e-6)
+    np.testing.assert_allclose(seen[-1][:, spec["gravity"]], -rotation(pose[:, 3:])[:, 2], atol=1e-6)
+    away = one.task.reference - pose[:, :3]
+    np.testing.assert_allclose(
+        np.linalg.norm(seen[-1][:, spec["position_error"]], axis=1), np.linalg.norm(away, axis=1), rtol=1e-5
+    )
+    assert np.abs(seen - real)[..., spec["position_error"]].max() > 0.02
+    assert spec.bounds[spec["position_error"]].min() > 1000.0
+
+
+def test_a_moving_reference_follows_the_estimate_and_range_sensors_the_truth() -> None:
+    """In terrain following the reference is at the depth of the vehicle, as far as the vehicle knows."""
+    words = (
+        "task=terrain",
+        "world=slope",
+        "task.observation=[position_error,yaw_error,velocity,range.ping1d,specific_force,sensor_age,position_sd]",
+    )
+    one = batch(
+        *words, "task.range.ping1d.noise=0", "task.range.ping1d.dropout=0", "task.range.ping1d.jumps=0"
+    )
+    one.task.interpret()
+    seen = play(one, 12)[-1]
+    spec, d = one.task.spec, estimator(one).state
+    assert np.abs(estimator(one).pose[:, 2] - one.simulator.pose[:, 2]).max() > 1e-3
+    np.testing.assert_allclose(seen[:, spec["position_error"]][:, 2], 0.0, atol=1e-6)
+    distance = seen[:, spec["range.ping1d"]][:, 0]
+    assert (distance > 0.0).all()
+    along = one.task.world.solids[:, 0]["along_z"]  # type: ignore[union-attr]
+    height = np.einsum("ni,ni->n", one.simulator.pose[:, :3] - one.task.world.solids[:, 0]["position"], along)  # type: ignore[union-attr]
+    assert (np.abs(distance - height) < 1.0).all()
+    np.testing.assert_allclose(seen[:, spec["specific_force"]], d["specific_force"], rtol=1e-6)
+    variance = np.diagonal(estimator(one).covariance, axis1=1, axis2=2)[:, :3]
+    np.testing.assert_allclose(seen[:, spec["position_sd"]], np.sqrt(variance), rtol=1e-5)
+    assert (seen[:, spec["sensor_age"]][:, 1:] < 0.11).all()
+
+
+def test_copies_and_restored_states_go_on_with_the_same_bits() -> None:
+    one = batch()
+    play(one, 7)
+    state, other, unpickled = one.state_dict(), batch(), pickle.loads(pickle.dumps(one))
+    play(other, 2)
+    other.load_state_dict(state)
+    action = np.full_like(one._action, 0.1)
+    for _ in range(5):
+        seen = one.step(action).observation.copy()
+        np.testing.assert_array_equal(other.step(action).observation, seen)
+        np.testing.assert_array_equal(unpickled.step(action).observation, seen)
+
+
+def test_disturbances_and_dead_reckoning_run_and_episodes_have_their_columns() -> None:
+    words = (
+        "navigation=dead_reckoning",
+        "disturbance=current",
+        "disturbance.delay.action=0.13",
+        "task.max_steps=20",
+    )
+    one = batch(*words)
+    one.reset()
+    ended: list[Any] = []
+    while not ended:
+        ended = one.step(np.full_like(one._action, 0.1)).records
+    columns = {"navigation_error_rms_m", "navigation_drift", "unlocked_share", "diverged"}
+    assert columns <= ended[0].keys()
+    assert "nees" not in ended[0]
+    assert 0.0 < ended[0]["navigation_error_rms_m"] < 5.0  # type: ignore[operator]
+    assert not columns & {*record.record_columns("waypoint", "slope")}
+    assert "nees" in record.record_columns("waypoint", "slope", "ekf")
+
+
+def test_only_a_changed_navigation_changes_the_id_of_a_run() -> None:
+    def named(*words: str) -> str:
+        return run_id(
+            resolved(compose("train", ["algo=pid", "noise=none", "world=slope", *words], folder=None))
+        )
+
+    assert named() == named("sensors=none", "navigation=truth")
+    ids = {named("sensors=dvl_a50", "navigation=ekf"), named("sensors=survey", "navigation=ekf"), named()}
+    assert len(ids) == 3
+    assert VELOCITY == 3
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["noise=thesis"], r"noise.position.high=0.1: navigation=ekf has the errors of its sensors; use noise=none"),
+        (["disturbance=sensor"], "disturbance.sensor: navigation=ekf has the errors"),
+        (["disturbance.delay.observation=0.1"], r"disturbance.delay.observation=0.1: .*use 0"),
+        (["sensors=none"], "needs sensors.imu, which sensors=none does not have; use sensors=bluerov2, dvl_a50 or survey"),
+        (["sensors=bluerov2", "navigation=dead_reckoning"], "needs sensors.dvl, which sensors=bluerov2 does not have"),
+        (["world=open"], "sensors.dvl: has no bottom in world=open; use world=seabed"),
+        (["navigation=truth"], "sensors=dvl_a50: navigation=truth reads no sensor"),
+        (["world=open", "sensors=bluerov2", "simulator=gazebo"], "simulator=gazebo does not have the sensors"),
+        (["sensors.imu.rate=200"], r"sensors.imu.rate=200: must be at most 100 Hz, the rate of the physics"),
+        (["sensors.depth.rate=101"], "sensors.depth.rate=101: must be at most 100 Hz, the rate of the IMU"),
+        (["sensors.depth.delay=0.2"], "sensors.depth.delay=0.2: must be at most 0.1 s"),
+        (["sensors.dvl.rates=[5]"], "sensors.dvl.rates=.*for each of the 5 entries"),
+        (["sensors.dvl.merit_low=1"], "sensors.dvl.merit_low=1: must be at most sensors.dvl.merit_high=0.175"),
+        (["sensors.dvl.high=80"], "sensors.dvl.altitudes=.*must rise, up to sensors.dvl.high=80"),
+        (["sensors=none", "navigation=truth", "task.observation=[position_error,yaw_error,sensor_age]"], "sensor_age needs an estimator"),
+        (["navigation=dead_reckoning", "task.observation=[position_error,yaw_error,position_sd]"], "position_sd needs a covariance"),
+        (["navigation=kalman"], "navigation=kalman: no such option"),
+        (["navigation.gate=0"], "navigation.gate=0: must be at least 0.5"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused_in_one_line(words: list[str], message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        configuration(overrides=[*EKF, *words])
+    assert "\n" not in str(caught.value)
