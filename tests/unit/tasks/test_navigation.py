@@ -412,7 +412,7 @@ def test_disturbances_and_dead_reckoning_run_and_episodes_have_their_columns() -
     columns = {"navigation_error_rms_m", "navigation_drift", "unlocked_share", "diverged"}
     assert columns <= ended[0].keys()
     assert "nees" not in ended[0]
-    assert 0.0 < ended[0]["navigation_error_rms_m"] < 5.0  # type: ignore[operator]
+    assert 0.0 < ended[0]["navigation_error_rms_m"] < 5.0
     assert not columns & {*record.record_columns("waypoint", "slope")}
     assert "nees" in record.record_columns("waypoint", "slope", "ekf")
 
