@@ -37,7 +37,12 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("`sensors=bluerov2`", "sensors/bluerov2.yaml", "sensors.", navigation.Sensors),
     ("`sensors=dvl_a50`", "sensors/dvl_a50.yaml", "sensors.", navigation.Sensors),
     ("`navigation=ekf`", "navigation/ekf.yaml", "navigation.", navigation.Ekf),
-    ("`navigation=dead_reckoning`", "navigation/dead_reckoning.yaml", "navigation.", navigation.DeadReckoning),
+    (
+        "`navigation=dead_reckoning`",
+        "navigation/dead_reckoning.yaml",
+        "navigation.",
+        navigation.DeadReckoning,
+    ),
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),
