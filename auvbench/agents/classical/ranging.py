@@ -164,12 +164,17 @@ class FreeWayGuidance:
     def _free(self, echoes: Floats, to_goal: Floats) -> Floats:
         """Return the length (n, directions) in m of the free way in each direction."""
         x, y = np.moveaxis(echoes, -1, 0)
-        far = np.hypot(x, y) > np.minimum(to_goal + self.wide, LOOK_AHEAD + 2.0)[:, None]
-        x, y = np.where(far, FAR, x), np.where(far, FAR, y)
-        ahead = np.cos(TURNS)[:, None] * x[:, None, :] + np.sin(TURNS)[:, None] * y[:, None, :]
-        aside = np.cos(TURNS)[:, None] * y[:, None, :] - np.sin(TURNS)[:, None] * x[:, None, :]
+        near = np.hypot(x, y) <= np.minimum(to_goal + self.wide, LOOK_AHEAD + 2.0)[:, None]
+        rows = np.nonzero(near)[0]  # few echoes are near, and only these can block a way
+        x, y = x[near][:, None], y[near][:, None]
+        ahead = np.cos(TURNS) * x + np.sin(TURNS) * y
+        aside = np.cos(TURNS) * y - np.sin(TURNS) * x
         blocked = (np.abs(aside) < self.wide) & (ahead > 0.0)
-        return np.asarray(np.where(blocked, ahead - self.wide, FAR).min(axis=2))
+        free: Floats = np.full((len(echoes), len(TURNS)), FAR)
+        seeing, first = np.unique(rows, return_index=True)
+        if len(seeing):
+            free[seeing] = np.minimum.reduceat(np.where(blocked, ahead - self.wide, FAR), first)
+        return free
 
 
 class AltitudeGuidance:
