@@ -108,14 +108,16 @@ class Metric:
     """worlds that have the metric; empty: all, also open water"""
     navigation: tuple[str, ...] = ()
     """values of `navigation.name` that have the metric; empty: all, also the truth"""
+    filtered: bool = False
+    """whether only runs with a filter of commands have the metric"""
     counts_failures: bool = False
     """whether a failed episode counts as the worst value, not as the measured one"""
     failed: Failed = ""
 
-    def is_of(self, task: str, world: str = OPEN, navigation: str = TRUTH) -> bool:
-        """Return whether a task has the metric, in a kind of world and with a kind of navigation."""
+    def is_of(self, task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False) -> bool:
+        """Return whether a task has the metric, in a kind of world and with a kind of navigation, with or without a filter of commands."""
         here = (not self.tasks or task in self.tasks) and (not self.worlds or world in self.worlds)
-        return here and (not self.navigation or navigation in self.navigation)
+        return here and (not self.navigation or navigation in self.navigation) and filtered >= self.filtered
 
     @property
     def measure(self) -> str:
@@ -157,6 +159,7 @@ def column(
     high: float = math.inf,
     worlds: tuple[str, ...] = (),
     navigation: tuple[str, ...] = (),
+    filtered: bool = False,
     counts_failures: bool = False,
     failed: Failed = "",
     after: str = LAST,
@@ -173,6 +176,7 @@ def column(
         high: largest possible value.
         worlds: worlds that have it; empty: all.
         navigation: values of `navigation.name` that have it; empty: all.
+        filtered: whether only runs with a filter of commands have it.
         counts_failures: whether a failed episode counts as the worst value, not as the measured one.
         failed: value of a failed episode, if the task does not compute it.
         after: metric that it follows in files and tables.
@@ -190,6 +194,7 @@ def column(
         after=after,
         worlds=worlds,
         navigation=navigation,
+        filtered=filtered,
         counts_failures=counts_failures or bool(failed),
         failed=failed,
     )
@@ -402,6 +407,28 @@ METRICS: list[Metric] = [
         "NEES",
         "normalised estimation error squared of the position: mean over the steps; 3 for a consistent filter",
         navigation=FILTER,
+    ),
+    column(
+        "intervention_share",
+        "1",
+        "interventions",
+        "share of the steps in which the filter changed the agent's command",
+        high=1.0,
+        filtered=True,
+    ),
+    column(
+        "command_change_mean",
+        "",
+        "change by the filter",
+        "norm of the change of the normalised command by the filter, mean over all steps",
+        filtered=True,
+    ),
+    column(
+        "infeasible_steps",
+        "",
+        "infeasible steps",
+        "steps in which no command within the thrusters' limits met all constraints of the filter",
+        filtered=True,
     ),
     Metric(
         "time_over_best_known",

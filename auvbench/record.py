@@ -32,18 +32,25 @@ def measured() -> tuple[str, ...]:
 
 
 @cache
-def _of(task: str, world: str, navigation: str) -> dict[str, Callable[[Totals], float | int | str]]:
-    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(task, world, navigation)}
+def _of(
+    task: str, world: str, navigation: str, filtered: bool
+) -> dict[str, Callable[[Totals], float | int | str]]:
+    here = task, world, navigation, filtered
+    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(*here)}
 
 
-def record_columns(task: str, world: str = OPEN, navigation: str = TRUTH) -> tuple[str, ...]:
-    """Return the columns of the records of a task in a kind of world and with a kind of navigation."""
-    return tuple(_of(task, world, navigation))
+def record_columns(
+    task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False
+) -> tuple[str, ...]:
+    """Return the columns of the records of a task in a kind of world and with a kind of navigation, with or without a filter of commands."""
+    return tuple(_of(task, world, navigation, filtered))
 
 
-def record_of(totals: Totals, task: str, world: str = OPEN, navigation: str = TRUTH) -> Record:
-    """Return the record of an episode of a task in a kind of world and with a kind of navigation."""
-    return {name: value(totals) for name, value in _of(task, world, navigation).items()}
+def record_of(
+    totals: Totals, task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False
+) -> Record:
+    """Return the record of an episode; the arguments are those of `record_columns`."""
+    return {name: value(totals) for name, value in _of(task, world, navigation, filtered).items()}
 
 
 def forget() -> None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from auvbench.config.algorithms import AgentSpec
     from auvbench.config.commands import CommandSpec
     from auvbench.config.disturbances import DisturbanceSpec
+    from auvbench.config.filters import FilterSpec
     from auvbench.config.launchers import LauncherSpec
     from auvbench.config.rewards import RewardSpec
     from auvbench.config.simulators import SimulatorSpec
@@ -405,6 +406,11 @@ WORLDS: Kind[WorldSpec] = Kind(
         **{name: f"{_WORLDS}:{name}_" for name in ("open", "field")},
         **_lines(_WORLDS, "tank", "slope", "rough", "pillars"),
     },
+)
+
+_FILTERS = "auvbench.config.filters"
+FILTERS: Kind[FilterSpec] = Kind(
+    "auvbench.filters", "filter.name", f"{_FILTERS}:FilterSpec", _lines(_FILTERS, "none", "cbf")
 )
 
 _LAUNCHERS = "auvbench.config.launchers"

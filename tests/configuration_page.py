@@ -16,7 +16,7 @@ from typing import Any
 
 from auvbench.config import navigation, ranges, schema, simulation, tuning
 from auvbench.config.validate import limit
-from auvbench.registry import AGENTS, DISTURBANCES, LAUNCHERS, REWARDS, SIMULATORS, TASKS
+from auvbench.registry import AGENTS, DISTURBANCES, FILTERS, LAUNCHERS, REWARDS, SIMULATORS, TASKS
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "configuration.md"
@@ -43,6 +43,7 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
         "navigation.",
         navigation.DeadReckoning,
     ),
+    ("Safety filter: `filter=cbf`", "filter/cbf.yaml", "filter.", FILTERS["cbf"].keys),
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),

@@ -202,6 +202,8 @@ def refuse(config: schema.TrainConfig) -> None:
     if config.world.solid:
         raise ConfigError(f"world={config.world.name}: algo=ardusub is tested in open water; use world=open")
     navigation.refuse(config, "algo=ardusub")
+    if config.filter.acts:
+        raise ConfigError(f"filter={config.filter.name}: not available with algo=ardusub; use filter=none")
     noise, disturbance = config.noise, config.disturbance
     own = "ArduSub has its own sensors (its SIM_ parameters)"
     if noise.scale > 0.0 and max(noise.position.high, noise.yaw.high, noise.command.high) > 0.0:

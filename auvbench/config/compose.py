@@ -45,7 +45,7 @@ from auvbench.config import (
 )
 from auvbench.config import overrides as typing
 from auvbench.errors import ConfigError, closest
-from auvbench.registry import AGENTS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, WORLDS, Kind
+from auvbench.registry import AGENTS, FILTERS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, WORLDS, Kind
 from auvbench.untrusted.text import plain_lines
 
 T = TypeVar("T")
@@ -85,6 +85,7 @@ def _register_schemas(store: ConfigStore) -> None:
         ("reward", _schemas(REWARDS)),
         ("world", _schemas(WORLDS)),
         ("navigation", navigation.SCHEMAS),
+        ("filter", _schemas(FILTERS)),
     ):
         kinds |= {f"{group}_{name}_schema": kind for name, kind in known.items()}
     # At the top level: the folders algo, launcher and simulator then list only their own options.
@@ -229,6 +230,8 @@ def typed(config: DictConfig) -> schema.TrainConfig:
             merged.world = _empty(config, "world.name", _schemas(WORLDS))
         if config.get("navigation") is not None:
             merged.navigation = _empty(config, "navigation.name", navigation.SCHEMAS)
+        if config.get("filter") is not None:
+            merged.filter = _empty(config, "filter.name", _schemas(FILTERS))
         merged.disturbance = OmegaConf.structured(_disturbance(config))
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:

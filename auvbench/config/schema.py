@@ -30,6 +30,7 @@ from auvbench.config.fields import keys as keys
 from auvbench.config.fields import later as later
 from auvbench.config.fields import name as name
 from auvbench.config.fields import number as number
+from auvbench.config.filters import unfiltered
 from auvbench.config.navigation import Sensors as NavigationSensors
 from auvbench.config.navigation import no_sensors, truth
 from auvbench.config.worlds import open_water
@@ -192,12 +193,15 @@ class TrainConfig:
     world: Any = None
     sensors: NavigationSensors = field(default_factory=no_sensors)
     navigation: Any = None
+    filter: Any = None
 
     def __post_init__(self) -> None:
         if self.world is None:  # runs of earlier versions
             self.world = open_water()
         if self.navigation is None:
             self.navigation = truth()
+        if self.filter is None:
+            self.filter = unfiltered()
 
 
 def whole(text: str) -> int | None:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 from auvbench.config.disturbances import CURRENTS, needs
 from auvbench.config.fields import choice, choice_of, number
 from auvbench.config.fields import name as plain_name
+from auvbench.config.filters import Filter
 from auvbench.config.schema import Disturbance
 from auvbench.config.worlds import World
 from auvbench.errors import ConfigError
@@ -179,6 +180,15 @@ def check_world(simulator: Simulator, world: World) -> None:
         able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
         raise ConfigError(
             f"world={world.name}: simulator={simulator.name} has no bottom and no obstacles; use {' or '.join(able)}, or world=open"
+        )
+
+
+def check_filter(simulator: Simulator, chosen: Filter) -> None:
+    """Raise ConfigError for a filter of commands in a simulator without solids, of which the filter would have no map."""
+    if chosen.acts and not capabilities(simulator).solids:
+        able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
+        raise ConfigError(
+            f"filter={chosen.name}: not available with simulator={simulator.name}; use {' or '.join(able)}, or filter=none"
         )
 
 

@@ -203,6 +203,7 @@ def check_across(config: schema.TrainConfig) -> None:
             factor.check(f"disturbance.{part}")
     simulators.check_disturbance(config.simulator, config.disturbance)
     simulators.check_world(config.simulator, config.world)
+    simulators.check_filter(config.simulator, config.filter)
     config.world.check()
     tasks.check_solids(task, config.world.name if not config.world.solid else "")
     navigation.check(config)

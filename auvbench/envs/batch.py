@@ -259,6 +259,7 @@ class Batch:
             counts = simulator.each(self._compute_range)
             failed = [count for count in counts if count < 0]
             return task.checked(max(failed) if failed else sum(counts))  # of several, the first environment
+        task.protect(*self._measured(), self._action)
         command = task.add_noise(self._action)
         power = simulator.power
         if self.disturbances is None:
@@ -279,6 +280,7 @@ class Batch:
         """Compute the same for environments start .. stop - 1 in compiled code; other threads compute the rest."""
         task, action, simulator = self.task, self._action, cast(FossenSimulator, self.simulator)
         pose, velocity = simulator.pose, simulator.velocity
+        task.protect(*self._measured(), action, start, stop)
         command, navigation = task.add_noise(action, start, stop), self.navigation
         parts = 1 if navigation is None else navigation.intervals(task.duration)
         for _ in range(parts):

@@ -28,7 +28,7 @@ from auvbench.record import OUTCOMES, Record
 from auvbench.worlds.casting import NOTHING
 from auvbench.worlds.kinds import KINDS
 
-WHOLE = ("episode", "environment", "outcome", "steps", "hit")
+WHOLE = ("episode", "environment", "outcome", "steps", "hit", "infeasible_steps")
 """columns of a record that are whole numbers"""
 
 

@@ -44,6 +44,7 @@ KEYS = {
     "world": "world",
     "sensors": "sensors",
     "navigation": "navigation",
+    "filter": "filter",
 }
 """Override of each keyword argument of an environment."""
 

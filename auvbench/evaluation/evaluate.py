@@ -342,10 +342,9 @@ def _write(
 def _rows(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    # Conditions may differ in their world and their navigation.
-    columns = (
-        record_columns(c.config.task.name, c.config.world.name, c.config.navigation.name) for c, _ in rollouts
-    )
+    # Conditions may differ in their world, navigation and filter.
+    configs = (condition.config for condition, _ in rollouts)
+    columns = (record_columns(c.task.name, c.world.name, c.navigation.name, c.filter.acts) for c in configs)
     names = tuple(dict.fromkeys(name for of_condition in columns for name in of_condition))
     writer.writerow(("condition", "frequency_hz", *names))
     for condition, rollout in rollouts:

@@ -14,6 +14,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import complete, schema
 from auvbench.config.compose import once_for_all_seeds, option, typed, with_groups
+from auvbench.config.filters import unfiltered
 from auvbench.config.navigation import NONE, truth
 from auvbench.config.simulators import is_served
 from auvbench.config.worlds import open_water
@@ -155,7 +156,7 @@ def _resolve(
 ) -> schema.TrainConfig:
     """Return a run's configuration with the overrides of a protocol, then `overrides`."""
     usual = {"world": asdict(open_water()), "navigation": asdict(truth()), "sensors": {"name": NONE}}
-    node = OmegaConf.create({**usual, **config})
+    node = OmegaConf.create({**usual, "filter": asdict(unfiltered()), **config})
     for override in [*protocol.overrides, *overrides]:
         _set(node, override, where)
         if override.startswith("task="):

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import rewards, schema, tasks
+from auvbench.config.filters import unfiltered
 from auvbench.config.navigation import no_sensors, truth
 from auvbench.config.simulators import Fossen
 from auvbench.envs.batch import Batch
@@ -115,7 +116,7 @@ def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.Tra
     """Return the condition without the agent's own keys, with short episodes."""
     task = replace(config.task, time_limit=None, max_steps=STEPS // 2, **_observed(config.task))
     config = config if isinstance(config.simulator, Fossen) else embedded(config)
-    config = replace(config, navigation=truth(), sensors=no_sensors())
+    config = replace(config, navigation=truth(), sensors=no_sensors(), filter=unfiltered())
     standard = replace(config, task=task, reward=_REWARD, simulator=replace(config.simulator, threads=1))
     return at_frequency(standard, FREQUENCY if frequency is None else frequency)
 

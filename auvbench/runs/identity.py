@@ -67,6 +67,7 @@ LATER: dict[str, Any] = {
     "world": {"name": "open"},
     "sensors": {"name": "none"},
     "navigation": {"name": "truth"},
+    "filter": {"name": "none"},
     **{f"algo.residual.{base}": None for base in BASES},
     **{f"algo.residual.{base}.heading_integral_time": None for base in ("pid", "alos")},
 }

@@ -27,6 +27,7 @@ from auvbench.registry import BLOCKS, TASKS, owner, resolve
 from auvbench.tasks import loops, records
 from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
+from auvbench.tasks.filters import barrier
 from auvbench.tasks.navigation.state import BELIEF
 from auvbench.tasks.observation import check_vehicle, owner_of_block, reads
 from auvbench.tasks.ranges import installed as installed_ranges
@@ -52,6 +53,7 @@ _TAKEN = (
     "_sensed",
     "_believe",
     "shown",
+    "_filtered",
 )
 """attributes of a task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
@@ -141,6 +143,8 @@ class Task:
         """duration of an agent step, simulated s"""
         self.world = surroundings.make(config, vehicle, n)
         """what is in the water; None in open water"""
+        self.filter = barrier.make(config, vehicle, n)
+        """of the agent's commands; None without any"""
         self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
         """fields of an episode in addition to `records.EPISODE`"""
         self.episodes = records.table(n, self.own_fields, who)
@@ -212,6 +216,8 @@ class Task:
         if self.sensors and self.world:
             counts, scenery = np.asarray(self.episodes["solids"]), self.world.loops[:2]
             self._sensed = counts, *scenery, *self.sensors.tables(interpreted)
+        self._filtered: tuple[Any, ...] = () if self.filter is None else self.filter.around(self)
+        """what the filter takes of the task"""
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the attributes that `__setstate__` creates: NumPy would copy a view as a separate array, which no
@@ -268,6 +274,8 @@ class Task:
         self.draw_rows(indices, pose)
         if self.world is not None:
             self.world.draw(self, indices)
+        if self.filter is not None:
+            self.filter.begin(indices)
         return pose
 
     def draw_rows(self, indices: Integers, pose: Floats) -> None:
@@ -311,6 +319,13 @@ class Task:
         return f"is ({away}) m from the {self.reference_key}; must be at most ({most}) m"
 
     # Each of these does it for the environments start .. stop - 1, by default all; threads share the environments.
+
+    def protect(
+        self, pose: Floats, velocity: Floats, action: Floats, start: int = 0, stop: int | None = None
+    ) -> None:
+        """Change actions (n, n_u) in [-1, 1] by the filter, if there is one, for measured poses and velocities."""
+        if self.filter is not None:
+            self.filter.act(pose, velocity, action, self._filtered, start, self.n if stop is None else stop)
 
     def add_noise(self, action: Floats, start: int = 0, stop: int | None = None) -> Floats:
         """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
@@ -398,7 +413,8 @@ class Task:
 
     def measured(self, i: int) -> Record:
         """Return the measured columns of environment i's episode, before a failure counts as its bounds."""
-        return record_of(self._totals(i), self.name, self.world_name, self.navigation_name)
+        names = self.name, self.world_name, self.navigation_name
+        return record_of(self._totals(i), *names, filtered=self.filter is not None)
 
     @property
     def world_name(self) -> str:
@@ -433,6 +449,7 @@ class Task:
                 **self.own_metrics(i),
                 **(self.world.columns(e, i) if self.world else {}),
                 **(self.estimated(i) if self.estimated else {}),
+                **(self.filter.columns(i, int(e.steps)) if self.filter else {}),
             },
         )
 
@@ -452,10 +469,11 @@ class Task:
     def _state(self) -> dict[str, NDArray[Any]]:
         world = self.world.state() if self.world else {}
         sensed = self.sensors.arrays() if self.sensors else {}
+        filtered = {"filter": self.filter.tallies} if self.filter else {}
         own = {name: getattr(self, name) for name in _STATE}
         if self.believed is not None:
             own |= {"believed": records.bare(self.believed), "believed_preview": self.believed_preview}
-        return {"episodes": records.bare(self.episodes)} | own | world | sensed
+        return {"episodes": records.bare(self.episodes)} | own | world | sensed | filtered
 
     @property
     def columns(self) -> list[str]:

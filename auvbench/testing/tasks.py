@@ -102,9 +102,8 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
     ranges = {metric.name: (metric.low, metric.high) for metric in metrics.registered()}
     known = TASKS[batch.task.name].outcomes
     for record in records:
-        if tuple(record) != record_columns(
-            batch.task.name, batch.task.world_name, batch.task.navigation_name
-        ):
+        kinds = batch.task.name, batch.task.world_name, batch.task.navigation_name
+        if tuple(record) != record_columns(*kinds, batch.config.filter.acts):
             raise ConformanceError(f"a record has the columns {', '.join(record)}")
         if record["outcome"] not in known or record["outcome"] not in OUTCOMES:
             raise ConformanceError(

@@ -26,6 +26,7 @@ from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
 from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances
+from auvbench.tasks.filters import barrier
 from auvbench.tasks.observation import check_vehicle
 from auvbench.training import worker
 from auvbench.vehicles import sheet
@@ -49,6 +50,7 @@ def check_runnable(config: schema.TrainConfig) -> None:
     tracking.prepare(config.train.log, config.name)
     vehicle = sheet.load(config.vehicle)
     check_vehicle(config.task, vehicle)
+    barrier.make(config, vehicle, 1)
     disturbances.check(config, vehicle)
     if config.world.solid:  # the first starts and goals must be in the water
         tasks.make(config, vehicle, TRIED, config.seed).reset(np.arange(TRIED))

@@ -223,7 +223,8 @@ def learn(
     key = digest_of([run.id, run.manifest()["created"]], 32)
     tracker = tracking.start(train.log, key, run.config(), run.id)
     with storage(f"cannot write the records of {run.path}"):
-        columns = record_columns(config.task.name, config.world.name, config.navigation.name)
+        kinds = config.task.name, config.world.name, config.navigation.name
+        columns = record_columns(*kinds, config.filter.acts)
         log = EpisodeLog(columns, run.path / EPISODES, keep=resumed.logs[EPISODES].bytes if resumed else None)
         writer = logs.EventWriter(run.train, tracker)
         if train.evaluate_every:

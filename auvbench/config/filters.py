@@ -1,0 +1,63 @@
+"""Define the schemas of the `filter` group and the specs of the filters.
+
+A filter is between the agent's command and the vehicle. Importing this module imports no code of a filter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from auvbench.config.fields import choice, choice_of, number
+from auvbench.registry import FILTERS, Spec
+
+
+@dataclass(kw_only=True)
+class Filter:
+    """Key of every `filter/*.yaml`."""
+
+    acts: ClassVar[bool] = True
+    """whether the filter may change a command"""
+
+    name: str = choice_of(lambda: FILTERS.own)
+
+
+@dataclass(kw_only=True)
+class Unfiltered(Filter):
+    """No filter."""
+
+    acts: ClassVar[bool] = False
+
+
+@dataclass(kw_only=True)
+class Barrier(Filter):
+    """A control barrier function."""
+
+    knows: str = choice("map")
+    margin: float = number(0.0, 100.0)  # m
+    braking: float = number(0.0, 1.0, open_low=True)
+    current: float = number(0.0, 10.0)  # m/s
+    speed: float | None = number(0.0, 50.0, open_low=True)  # m/s
+
+
+@dataclass(frozen=True, slots=True)
+class FilterSpec(Spec):
+    """Description of one value of `filter.name`, available without importing its code."""
+
+    base: ClassVar[type] = Filter
+
+    name: str
+    title: str
+    """what the filter is, for help and tables"""
+    factory: str
+    """`module:class`; empty for no filter"""
+    schema: type
+
+
+none = FilterSpec("none", "no filter", "", Unfiltered)
+cbf = FilterSpec("cbf", "control barrier function", "auvbench.tasks.filters.barrier:BarrierFilter", Barrier)
+
+
+def unfiltered() -> Unfiltered:
+    """Return the filter of runs of earlier versions: none."""
+    return Unfiltered(name="none")

@@ -1,0 +1,1 @@
+"""Filters of commands: `barrier` keeps a vehicle away from solids and limits, `rows` has its constraints, `quadratic` its programme."""

@@ -1,0 +1,359 @@
+"""The constraints of the barrier filter on a vehicle's command, one row a x >= b for each solid and limit.
+
+With d the distance that is left, v the closing speed and a the deceleration that is sure, a vehicle that brakes after T seconds stops in
+time if v T + v^2 / (2 a) <= d for v > 0: v <= w(d). The barrier is w(d) - v, of relative degree one in the thrust, and the command must keep
+
+    d/dt (w(d) - v) >= -(w(d) - v) / T,    that is    v + T v' + T w'(d) max(v, 0) <= w(d)
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from auvbench.dynamics.compiled import borrowed, compiled
+from auvbench.dynamics.layout import Record, Vector, record
+from auvbench.dynamics.vectors import (
+    add,
+    cross,
+    dot,
+    product,
+    rotation_matrix,
+    scale,
+    subtract,
+    transposed_product,
+)
+from auvbench.tasks.filters.quadratic import nearest
+from auvbench.worlds.casting import distance_to
+from auvbench.worlds.solids import position_at, triple
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+MOST = 24
+"""rows; if more are needed, the rows of the nearest solids"""
+POINTS = 801
+"""points of the table of a thruster's force by command: each fourth is one of the 201 points of a T200's table"""
+SLACK = 1e-3
+"""m/s2, largest slack of a command that counts as feasible"""
+CHANGED, CHANGE, INFEASIBLE = range(3)
+"""columns of the tallies: steps with a changed command, sum of the changes, steps with slack"""
+
+MODEL = record(
+    mass_inverse=(6, 6),  # of M_RB + M_A
+    momentum=(6, 6),  # matrix of the Coriolis terms
+    linear=(6,),  # damping, N s/m, N m s
+    quadratic=(6,),
+    lift=(),  # N, buoyancy less weight
+    righting=(3,),  # N m, B r_b - W r_g
+    brake=(),  # m/s2, deceleration that is sure in every direction
+    horizon=(),  # s, from a measurement to the force of its command
+    margin=(),  # m
+    drag=(3,),  # m/s2 per m/s of the vehicle's speed, largest effect of the water's motion
+    push=(3,),  # m/s2, of the same at rest
+    speed=(),  # m/s, largest; infinite: no limit
+    low=(),  # m, depth limits
+    high=(),
+    duration=(),  # s, of an agent step
+)
+
+
+@njit(nogil=True)
+def largest_speed(d: float, brake: float, horizon: float) -> tuple[float, float]:
+    """Return w(d) and w'(d): the largest closing speed in m/s at a distance in m, negative if the distance is."""
+    if d <= 0.0:
+        return d / horizon, 1.0 / horizon
+    lost = brake * horizon
+    root = math.sqrt(lost * lost + 2.0 * brake * d)
+    return root - lost, brake / root
+
+
+@njit(nogil=True)
+def still_acceleration(p: Record, up: Vector, v: Vector, omega: Vector) -> tuple[Vector, Vector]:
+    """Return the accelerations of the body origin and of the rates, without thrust and in still water, body axes."""
+    nu, force, rate = np.empty(6), np.empty(6), np.empty(6)
+    nu[0], nu[1], nu[2] = v
+    nu[3], nu[4], nu[5] = omega
+    for i in range(6):
+        total = 0.0
+        for j in range(6):
+            total += p.momentum[i, j] * nu[j]
+        rate[i] = total
+        force[i] = -(p.linear[i] + p.quadratic[i] * abs(nu[i])) * nu[i]
+    linear, angular = (rate[0], rate[1], rate[2]), (rate[3], rate[4], rate[5])
+    f = add(cross(linear, omega), scale(p.lift, up))
+    m = add(add(cross(angular, omega), cross(linear, v)), cross(triple(p.righting), up))
+    force[0] += f[0]
+    force[1] += f[1]
+    force[2] += f[2]
+    force[3] += m[0]
+    force[4] += m[1]
+    force[5] += m[2]
+    for i in range(6):
+        total = 0.0
+        for j in range(6):
+            total += p.mass_inverse[i, j] * force[j]
+        rate[i] = total
+    return (rate[0], rate[1], rate[2]), (rate[3], rate[4], rate[5])
+
+
+@njit(nogil=True)
+def add_row(
+    effect: Floats,
+    limits: Floats,
+    normal: Vector,
+    arm: Vector,
+    b: float,
+    distance: float,
+    A: Floats,
+    bounds: Floats,
+    distances: Floats,
+    count: int,
+) -> int:
+    """Add the row of an acceleration of at least b m/s2 along a normal, body axes, of a point at `arm`; return the number of rows.
+
+    A row that every command meets is left out.
+    """
+    turning = cross(arm, normal)
+    at = count
+    if count == MOST:
+        for k in range(MOST):
+            if at == MOST or distances[k] > distances[at]:
+                at = k
+        if distances[at] <= distance:
+            return count
+    least = 0.0
+    n = effect.shape[1]
+    for j in range(n):
+        value = (
+            normal[0] * effect[0, j]
+            + normal[1] * effect[1, j]
+            + normal[2] * effect[2, j]
+            + turning[0] * effect[3, j]
+            + turning[1] * effect[4, j]
+            + turning[2] * effect[5, j]
+        )
+        least += min(value * limits[j, 0], value * limits[j, 1])
+    if least >= b:
+        return count
+    for j in range(n):
+        A[at, j] = (
+            normal[0] * effect[0, j]
+            + normal[1] * effect[1, j]
+            + normal[2] * effect[2, j]
+            + turning[0] * effect[3, j]
+            + turning[1] * effect[4, j]
+            + turning[2] * effect[5, j]
+        )
+    bounds[at], distances[at] = b, distance
+    return min(count + 1, MOST)
+
+
+@njit(nogil=True)
+def needed(p: Record, d: float, closing: float, away: float, pushed: float) -> float:
+    """Return the acceleration in m/s2 that thrust must add along the normal of a solid or limit.
+
+    Args:
+        d: distance that is left, m.
+        closing: closing speed, m/s.
+        away: acceleration without thrust along the normal, m/s2.
+        pushed: largest acceleration by moving water, m/s2.
+    """
+    fastest, slope = largest_speed(d, p.brake, p.horizon)
+    return float((closing - fastest) / p.horizon + slope * max(closing, 0.0) - away + pushed)
+
+
+@njit(nogil=True)
+def constraints(
+    p: Record,
+    position: Vector,
+    attitude: tuple[float, float, float, float],
+    v: Vector,
+    omega: Vector,
+    time: float,
+    solids: Any,
+    heights: Floats,
+    hull: Record,
+    effect: Floats,
+    limits: Floats,
+    wanted: Floats,
+    A: Floats,
+    bounds: Floats,
+) -> int:
+    """Write the rows A x >= bounds of a vehicle; return how many there are."""
+    distances = np.empty(MOST)
+    R = rotation_matrix(attitude)
+    up = R[2]
+    acceleration, turning = still_acceleration(p, up, v, omega)
+    # d/dt of the velocity over ground is v' + omega x v in body axes.
+    origin = add(acceleration, cross(omega, v))
+    speed = math.sqrt(dot(v, v))
+    pushed = math.sqrt(
+        (p.push[0] + p.drag[0] * abs(v[0])) ** 2
+        + (p.push[1] + p.drag[1] * abs(v[1])) ** 2
+        + (p.push[2] + p.drag[2] * abs(v[2])) ** 2
+    )
+    strongest = 0.0
+    for i in range(3):
+        total = 0.0
+        for j in range(limits.shape[0]):
+            total += max(abs(effect[i, j] * limits[j, 0]), abs(effect[i, j] * limits[j, 1]))
+        strongest += total * total
+    count = 0
+    for k in range(hull.count):
+        arm = (hull.first + k * hull.spacing, 0.0, 0.0)
+        centre = add(position, product(R, arm))
+        motion = add(v, cross(omega, arm))
+        own = add(origin, add(cross(turning, arm), cross(omega, cross(omega, arm))))
+        # Farther than this, every command leaves time to brake.
+        fastest = speed + math.sqrt(dot(omega, omega)) * abs(arm[0])
+        fastest = 2.0 * fastest + p.horizon * (math.sqrt(strongest) + math.sqrt(dot(own, own)) + pushed)
+        reach = fastest * p.horizon + 0.5 * fastest * fastest / p.brake + p.margin + hull.radius
+        for s in range(solids.shape[0]):
+            solid = solids[s]
+            off = subtract(centre, position_at(solid, time))
+            room = reach + solid.reach
+            if dot(off, off) > room * room:
+                continue
+            distance, gradient = distance_to(solid, heights, time, centre, reach)
+            if distance >= reach:
+                continue
+            d = distance - hull.radius - p.margin
+            normal = transposed_product(R, gradient)
+            closing = dot(gradient, triple(solid.velocity)) - dot(normal, motion)
+            b = needed(p, d, closing, dot(normal, own), pushed)
+            count = add_row(effect, limits, normal, arm, b, d, A, bounds, distances, count)
+    climb, rise = dot(up, v), dot(up, origin)
+    centre = (0.0, 0.0, 0.0)
+    d = position[2] - p.low - p.margin
+    b = needed(p, d, -climb, rise, pushed)
+    count = add_row(effect, limits, up, centre, b, d, A, bounds, distances, count)
+    d = p.high - p.margin - position[2]
+    b = needed(p, d, climb, -rise, pushed)
+    count = add_row(effect, limits, scale(-1.0, up), centre, b, d, A, bounds, distances, count)
+    if p.speed < math.inf:
+        x, y, z = add(v, scale(p.horizon, acceleration))
+        for j in range(wanted.shape[0]):
+            x += p.horizon * effect[0, j] * wanted[j]
+            y += p.horizon * effect[1, j] * wanted[j]
+            z += p.horizon * effect[2, j] * wanted[j]
+        size = math.sqrt(x * x + y * y + z * z)
+        if size > p.speed:
+            back = (-x / size, -y / size, -z / size)
+            b = (-dot(back, v) - p.speed) / p.horizon - dot(back, acceleration) + pushed
+            count = add_row(effect, limits, back, centre, b, -1.0, A, bounds, distances, count)
+    return count
+
+
+@njit(nogil=True)
+def force_of(table: Floats, span: Floats, command: float) -> float:
+    """Return the force of a command, which is clipped to the span of the table."""
+    at = (min(max(command, span[0]), span[1]) - span[0]) / (span[1] - span[0]) * (POINTS - 1)
+    k = min(int(at), POINTS - 2)
+    return float(table[k] + (at - k) * (table[k + 1] - table[k]))
+
+
+@njit(nogil=True)
+def command_of(table: Floats, span: Floats, force: float) -> float:
+    """Return a command of a force within the table, which rises; 0 for the force 0."""
+    if abs(force) < 1e-9:
+        return 0.0
+    low, high = 0, POINTS - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if table[middle] <= force:
+            low = middle
+        else:
+            high = middle
+    rise = table[high] - table[low]
+    share = (force - table[low]) / rise if rise > 0.0 else 0.0
+    return float(span[0] + (low + min(max(share, 0.0), 1.0)) * (span[1] - span[0]) / (POINTS - 1))
+
+
+@compiled("dynamics", "worlds")
+def protect(
+    start: int,
+    stop: int,
+    pose: Floats,
+    velocity: Floats,
+    action: Floats,
+    steps: Integers,
+    counts: Integers,
+    solids: Any,
+    heights: Floats,
+    hull: Any,
+    model: Any,
+    effect: Floats,
+    inverse: Floats,
+    limits: Floats,
+    tables: Floats,
+    spans: Floats,
+    tallies: Floats,
+) -> None:
+    """Change the commands (n, n_u) of the vehicles start .. stop - 1 as little as the constraints allow, and tally the changes.
+
+    Args:
+        start: first vehicle.
+        stop: after the last vehicle.
+        pose: (n, 7).
+        velocity: (n, 6).
+        action: (n, n_u) in [-1, 1], changed.
+        steps: (n,) agent steps since the start of the episode.
+        counts: (n,) solids of each episode.
+        solids: (n, most) records of SOLID.
+        heights: (m,) m, of all terrain.
+        hull: (1,) record of HULL.
+        model: (1,) record of MODEL.
+        effect: (6, n_u) accelerations by the largest force of each thruster.
+        inverse: (n_u, n_u) inverse of the cost's Hessian; forces are shares of the largest.
+        limits: (n_u, 2) smallest and largest force, as shares.
+        tables: (n_u, POINTS) forces as shares, at equally spaced commands.
+        spans: (n_u, 2) first and last command of the tables.
+        tallies: (n, 3), see CHANGED.
+    """
+    solids, heights = borrowed(solids), borrowed(heights)
+    p = model[0]
+    n = action.shape[1]
+    A, bounds = np.empty((MOST, n)), np.empty(MOST)
+    wanted, x = np.empty(n), np.empty(n)
+    for i in range(start, stop):
+        for j in range(n):
+            wanted[j] = force_of(tables[j], spans[j], action[i, j])
+        count = constraints(
+            p,
+            (pose[i, 0], pose[i, 1], pose[i, 2]),
+            (pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]),
+            (velocity[i, 0], velocity[i, 1], velocity[i, 2]),
+            (velocity[i, 3], velocity[i, 4], velocity[i, 5]),
+            steps[i] * p.duration,
+            solids[i, : counts[i]],
+            heights,
+            hull[0],
+            effect,
+            limits,
+            wanted,
+            A,
+            bounds,
+        )
+        met = True
+        for r in range(count):
+            total = -bounds[r]
+            for j in range(n):
+                total += A[r, j] * wanted[j]
+            met = met and total >= 0.0
+        if met:
+            continue
+        slack = nearest(A, bounds, count, inverse, limits, wanted, x)
+        if slack > SLACK:
+            tallies[i, INFEASIBLE] += 1.0
+        squared = 0.0
+        for j in range(n):
+            command = command_of(tables[j], spans[j], x[j])
+            squared += (command - action[i, j]) ** 2
+            action[i, j] = command
+        tallies[i, CHANGED] += 1.0
+        tallies[i, CHANGE] += math.sqrt(squared)
