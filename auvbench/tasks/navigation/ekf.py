@@ -29,7 +29,7 @@ from auvbench.tasks.navigation.state import (
     STATES,
     VELOCITY,
 )
-from auvbench.tasks.navigation.turns import cross_matrix, multiply, times_matrix, turn
+from auvbench.tasks.navigation.turns import cross_matrix, multiply, turn
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import put, row, triple, wrap
 
@@ -37,13 +37,9 @@ Floats = NDArray[np.float64]
 
 ROW, GAIN, SHARED, CHANGE = 0, 1, 2, 3
 """rows of `work`: derivatives of a reading, gain, P times the derivatives, change of the states"""
+WORK = 4
 MOVING = 9
 """position, velocity and attitude: states that the others change"""
-STEP = 4
-"""first of the rows of `work` with the transition of the moving states, less the unit matrix"""
-TURNED = STEP + MOVING
-"""first of the rows of `work` with F P, transposed"""
-WORK = TURNED + STATES
 LEVEL = 0.01
 """smallest cosine of the pitch at which a heading is used"""
 
@@ -72,72 +68,72 @@ def collect(d: Record, force: Vector, R: Matrix, seconds: float) -> None:
 
 
 @row
-def put_block(work: Floats, i: int, j: int, factor: float, M: Matrix) -> None:
-    """Write a 3 x 3 block of the transition."""
-    (a, b, c), (d, e, f), (g, h, k) = M
-    work[STEP + i, j], work[STEP + i, j + 1], work[STEP + i, j + 2] = factor * a, factor * b, factor * c
-    work[STEP + i + 1, j], work[STEP + i + 1, j + 1], work[STEP + i + 1, j + 2] = (
-        factor * d,
-        factor * e,
-        factor * f,
-    )
-    work[STEP + i + 2, j], work[STEP + i + 2, j + 1], work[STEP + i + 2, j + 2] = (
-        factor * g,
-        factor * h,
-        factor * k,
+def carried(
+    T: float,
+    R: Matrix,
+    C: Matrix,
+    position: Vector,
+    velocity: Vector,
+    attitude: Vector,
+    force: Vector,
+    rates: Vector,
+) -> tuple[Vector, Vector, Vector]:
+    """Return the errors of position, velocity and attitude after a time.
+
+    Args:
+        T: s.
+        R: s, integral of the rotation matrix.
+        C: m/s, cross matrix of the integral of the specific force in world axes.
+        position: m, error before.
+        velocity: m/s.
+        attitude: rad.
+        force: m/s2, error of the accelerometers' bias.
+        rates: rad/s, error of the gyros' bias.
+    """
+    turned = product(R, rates)
+    pushed = add(product(C, attitude), product(R, force))
+    late = product(C, turned)
+    gained = subtract(scale(1.0 / 6.0, late), scale(0.5, pushed))
+    return (
+        add(position, scale(T, add(velocity, gained))),
+        add(velocity, subtract(scale(0.5, late), pushed)),
+        subtract(attitude, turned),
     )
 
 
 @row
-def first_of(i: int) -> int:
-    """Return the first state that changes a moving state."""
-    return VELOCITY if i < VELOCITY else ATTITUDE if i < ATTITUDE else RATE_BIAS
-
-
-@row
-def transition(d: Record, work: Floats) -> None:
-    """Write the transition of the errors over the time since the last propagation, less the unit matrix, to `work`."""
-    T, s = d.elapsed, d.rotation_sum
+def integrals(d: Record) -> tuple[Matrix, Matrix]:
+    """Return R and C of `carried` since the last propagation."""
+    s = d.rotation_sum
     R: Matrix = (s[0], s[1], s[2]), (s[3], s[4], s[5]), (s[6], s[7], s[8])
-    C = cross_matrix(triple(d.force_sum))
-    turned = times_matrix(C, R)
-    work[STEP:TURNED, :] = 0.0
-    for i in range(3):
-        work[STEP + i, VELOCITY + i] = T
-    put_block(work, 0, ATTITUDE, -0.5 * T, C)
-    put_block(work, 0, ACCELERATION_BIAS, -0.5 * T, R)
-    put_block(work, 0, RATE_BIAS, T / 6.0, turned)
-    put_block(work, VELOCITY, ATTITUDE, -1.0, C)
-    put_block(work, VELOCITY, ACCELERATION_BIAS, -1.0, R)
-    put_block(work, VELOCITY, RATE_BIAS, 0.5, turned)
-    put_block(work, ATTITUDE, RATE_BIAS, -1.0, R)
+    return R, cross_matrix(triple(d.force_sum))
+
+
+@row
+def three(P: Floats, i: int, j: int) -> Vector:
+    """Return three entries of a column from row i on."""
+    return P[i, j], P[i + 1, j], P[i + 2, j]
 
 
 @called
-def propagate(d: Record, p: Record, P: Floats, work: Floats) -> None:
+def propagate(d: Record, p: Record, P: Floats) -> None:
     """Move the covariance over the time since the last propagation: P = F P F^T + Q."""
     T = d.elapsed
     if T <= 0.0:
         return
-    transition(d, work)
-    # F P, whose last six rows are those of P.
+    R, C = integrals(d)
+    for j in range(STATES):  # F P
+        x, v, a = three(P, 0, j), three(P, VELOCITY, j), three(P, ATTITUDE, j)
+        errors = carried(T, R, C, x, v, a, three(P, ACCELERATION_BIAS, j), three(P, RATE_BIAS, j))
+        (P[0, j], P[1, j], P[2, j]), (P[3, j], P[4, j], P[5, j]), (P[6, j], P[7, j], P[8, j]) = errors
+    for i in range(MOVING):  # (F P) F^T, whose columns of the biases are those of F P
+        row = P[i]
+        x, v, a = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
+        errors = carried(T, R, C, x, v, a, (row[9], row[10], row[11]), (row[12], row[13], row[14]))
+        (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8]) = errors
     for i in range(MOVING):
-        for k in range(first_of(i), STATES):
-            f = work[STEP + i, k]
-            for j in range(STATES):
-                P[i, j] += f * P[k, j]
-    # (F P) F^T: the columns of the biases stay.
-    for j in range(STATES):
-        for i in range(MOVING):
-            work[TURNED + j, i] = P[i, j]
-    for i in range(MOVING):
-        for k in range(first_of(i), STATES):
-            f = work[STEP + i, k]
-            for j in range(MOVING):
-                work[TURNED + i, j] += f * work[TURNED + k, j]
-    for i in range(MOVING):
-        for j in range(i + 1):
-            P[i, j] = P[j, i] = work[TURNED + i, j]
+        for j in range(i):
+            P[j, i] = P[i, j]
         for j in range(MOVING, STATES):
             P[j, i] = P[i, j]
     force, rates = (p.inflation * p.accelerometer_density) ** 2, (p.inflation * p.gyro_density) ** 2
@@ -197,15 +193,18 @@ def update(
         d.rejected[sensor] += 1
         return False
     d.rejected[sensor] = 0
+    share = 1.0 / s
     for i in range(STATES):
-        work[GAIN, i] = work[SHARED, i] / s
+        work[GAIN, i] = work[SHARED, i] * share
         work[CHANGE, i] += work[GAIN, i] * y
     # Joseph, (I - K H) P (I - K H)^T + K r K^T, with u = P H^T and s = H u + r: P - K u^T - u K^T + K s K^T.
     for i in range(STATES):
         gain, u = work[GAIN, i], work[SHARED, i]
-        weighted = s * gain
-        for j in range(STATES):
-            P[i, j] = P[i, j] - (gain * work[SHARED, j] + u * work[GAIN, j]) + weighted * work[GAIN, j]
+        weighted = s * gain - u
+        for j in range(i + 1):
+            entry = P[i, j] - gain * work[SHARED, j] + weighted * work[GAIN, j]
+            P[i, j] = entry
+            P[j, i] = entry
     return True
 
 
@@ -265,7 +264,7 @@ def heading_row(d: Record, work: Floats) -> float:
 @called
 def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
     """Correct the estimate by the DVL's last ping: by its velocity, or by its beams if only three are valid."""
-    propagate(d, p, P, work)
+    propagate(d, p, P)
     error = subtract(triple(d.dvl_velocity), triple(d.predicted_velocity))
     work[CHANGE, :] = 0.0
     beam_sd = dvl.beam_sd(d, p)
@@ -290,7 +289,7 @@ def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
 @called
 def correct_depth(d: Record, p: Record, P: Floats, work: Floats) -> None:
     """Correct the estimate by a depth."""
-    propagate(d, p, P, work)
+    propagate(d, p, P)
     work[CHANGE, :] = 0.0
     work[ROW, :] = 0.0
     work[ROW, 2] = 1.0
@@ -305,7 +304,7 @@ def correct_depth(d: Record, p: Record, P: Floats, work: Floats) -> None:
 @called
 def correct_heading(d: Record, p: Record, P: Floats, work: Floats) -> None:
     """Correct the estimate by a heading."""
-    propagate(d, p, P, work)
+    propagate(d, p, P)
     work[CHANGE, :] = 0.0
     sd = math.sqrt(p.heading_noise**2 + p.heading_slow**2)
     if heading_row(d, work) > LEVEL**2 and update(

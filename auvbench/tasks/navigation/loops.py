@@ -198,7 +198,7 @@ def conclude(
         d.diverged = 1
     if d.diverged == 0:
         if p.is_filter > 0:
-            ekf.propagate(d, p, P, work)
+            ekf.propagate(d, p, P)
         show(d, P, shown, i, pose, velocity)
     x, y, z = triple(d.true_position)
     error = x - pose[0], y - pose[1], z - pose[2]

@@ -99,6 +99,8 @@ BELIEF: tuple[tuple[Any, ...], ...] = (
 )
 """fields that blocks read of an episode as the estimator believes it to be"""
 
+MODES = 5
+"""range modes of a missing DVL: compiled code is made for each number of them"""
 GATED = 20
 """readings of a sensor that may be rejected in a row; the next one is accepted, so that a filter can come back"""
 
@@ -112,7 +114,7 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
     assert heading
     slow = math.sqrt(heading.bias**2 + 0.5 * heading.hard_iron**2 + 0.5 * heading.soft_iron**2)
     gate = getattr(navigation, "gate", 1.0)
-    pings = 1 if dvl is None else len(dvl.rates)
+    pings = MODES if dvl is None else len(dvl.rates)
     return {
         "is_filter": int(navigation.name == "ekf"),
         "gravity": gravity,

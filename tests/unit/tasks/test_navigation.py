@@ -5,13 +5,16 @@ from __future__ import annotations
 import copy
 import math
 import pickle
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
 from auvbench import record
+from auvbench.cli import main
 from auvbench.config.compose import compose
 from auvbench.config.validate import resolved
 from auvbench.dynamics.frames import quaternion, rotation
@@ -241,11 +244,12 @@ def test_derivatives_are_those_of_finite_differences() -> None:
         return moved
 
     end = after(d)
-    ekf.transition(end, work)
-    for k, x in enumerate(units):
+    R, C = ekf.integrals(end)
+    for x in units:
         slope = apart(after(shifted(d, -small * x)), after(shifted(d, small * x))) / (2 * small)
-        own = units[k] + np.concatenate([work[ekf.STEP : ekf.TURNED, k], np.zeros(6)])
-        np.testing.assert_allclose(own, slope, atol=4e-3)
+        position, velocity, attitude, force, rates = (tuple(part) for part in x.reshape(5, 3))
+        own = ekf.carried(end.elapsed, R, C, position, velocity, attitude, force, rates)
+        np.testing.assert_allclose(np.concatenate([*own, x[9:]]), slope, atol=4e-3)
 
 
 def test_the_sum_of_perfect_imu_samples_is_the_motion() -> None:
@@ -296,6 +300,27 @@ def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
         navigation.covariance[0] / np.outer(scale, scale), own.P / np.outer(scale, scale), atol=0.05
     )
     assert skew([1.0, 2.0, 3.0]) @ [1.0, 2.0, 3.0] == pytest.approx(0.0)
+
+
+def run(*words: str) -> None:
+    assert main(list(words)) == 0
+
+
+def test_a_controller_is_trained_and_tested_on_estimates(tmp_path: Path) -> None:
+    out = [f"output={tmp_path}", "name=navigation"]
+    run("train", *EKF, *out, "task.max_steps=60", "train.progress=false")
+    folder = str(tmp_path / "navigation")
+    run("evaluate", folder, "protocol=navigation", "protocol.episodes=2", "protocol.trajectories=0")
+    (file,) = tmp_path.rglob("evaluations/*/episodes.csv")
+    rows = pd.read_csv(file)
+    assert rows.condition.nunique() == 5
+    true, dead = rows.condition == "truth", rows.condition == "dead-reckoning"
+    assert rows.navigation_drift[true].isna().all()
+    assert (rows.navigation_drift[~true] > 0.0).all()
+    assert (rows.nees[~true & ~dead] > 0.0).all()
+    assert rows.nees[dead].isna().all()
+    assert (rows.diverged[~true] == 0.0).all()
+    assert (rows.unlocked_share[rows.condition == "half-lock"] > 0.1).all()
 
 
 def consistency(*words: str) -> tuple[float, Floats]:
@@ -441,7 +466,7 @@ def test_only_a_changed_navigation_changes_the_id_of_a_run() -> None:
         (["navigation=truth"], "sensors=dvl_a50: navigation=truth reads no sensor"),
         (["world=open", "sensors=bluerov2", "simulator=gazebo"], "simulator=gazebo does not have the sensors"),
         (["sensors.imu.rate=200"], r"sensors.imu.rate=200: must be at most 100 Hz, the rate of the physics"),
-        (["sensors.depth.rate=101"], "sensors.depth.rate=101: must be at most 100 Hz, the rate of the IMU"),
+        (["sensors.depth.rate=51"], "sensors.depth.rate=51: must be at most 50 Hz, the rate of the IMU"),
         (["sensors.depth.delay=0.2"], "sensors.depth.delay=0.2: must be at most 0.1 s"),
         (["sensors.dvl.rates=[5]"], "sensors.dvl.rates=.*for each of the 5 entries"),
         (["sensors.dvl.merit_low=1"], "sensors.dvl.merit_low=1: must be at most sensors.dvl.merit_high=0.175"),

@@ -1,0 +1,261 @@
+"""Measure sensors and estimators against theory: `python -m benchmarks.navigation`; `--write` renews docs/navigation.md."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents import base as agents
+from auvbench.dynamics.frames import quaternion, rotation
+from auvbench.envs.batch import Batch
+from auvbench.envs.settings import configuration
+from auvbench.tasks.navigation.estimator import Navigation
+
+Floats = NDArray[np.float64]
+PAGE = Path(__file__).parents[1] / "docs" / "navigation.md"
+MARK = "<!-- python -m benchmarks.navigation --write -->\n"
+
+BASE = ("algo=pid", "noise=none", "world=slope", "sensors=dvl_a50", "navigation=ekf")
+TRUE_HEADING = ("sensors.heading.bias=0", "sensors.heading.hard_iron=0", "sensors.heading.soft_iron=0")
+MATCHED = (
+    *TRUE_HEADING,
+    *("sensors.depth.density=0", "sensors.depth.offset=0", "sensors.depth.resolution=0"),
+    *("sensors.dvl.scale=0", "sensors.dvl.mounting=0", "sensors.dvl.lost=0", "sensors.dvl.delay=0"),
+    *("sensors.imu.gyro.tau=1e8", "sensors.imu.accelerometer.tau=1e8", "navigation.gate=1"),
+)
+"""sensors whose errors are those of the filter's model"""
+TASKS = ("waypoint_state", "station_keeping", "trajectory_tracking", "path_following", "docking", "transit")
+EPISODES, SECONDS = 500, 60
+HOUR, AT_REST = 3600, 4
+"""s, and vehicles, of the IMU's recording"""
+KILOMETRE, SPEED, DRAWS = 1000.0, 1.0, 64
+
+
+def batch(*words: str, n: int) -> Batch:
+    made = Batch(configuration(overrides=[*BASE, *words]), n, autoreset=False)
+    made.reset()
+    return made
+
+
+def estimator(one: Batch) -> Navigation:
+    assert one.navigation is not None
+    return one.navigation
+
+
+def allan(samples: Floats, dt: float, tau: float) -> float:
+    """Return the Allan deviation of samples (k, channels) at a time in s: overlapping, mean over the channels."""
+    m = round(tau / dt)
+    sums = np.concatenate([np.zeros((1, samples.shape[1])), np.cumsum(samples, axis=0)]) / m
+    means = sums[m:] - sums[:-m]
+    return float(np.sqrt(0.5 * np.mean((means[m:] - means[:-m]) ** 2)))
+
+
+def walked(walk: float, tau_b: float, tau: float) -> float:
+    """Return the Allan deviation of a Gauss-Markov process at a time in s (IEEE Std 952-1997, C.1.1.6)."""
+    t = tau / tau_b
+    variance = (walk * tau_b) ** 2 / tau * (1.0 - (3.0 - 4.0 * math.exp(-t) + math.exp(-2.0 * t)) / (2.0 * t))
+    return math.sqrt(variance)
+
+
+def imu() -> Iterator[Sequence[str]]:
+    """Record the IMUs of vehicles at rest for an hour."""
+    own = ("sensors.imu.gyro.tau=20", "sensors.imu.gyro.walk=1e-4")
+    one = batch(*own, "sensors.depth.rate=0.1", "sensors.heading.rate=0.1", "sensors.dvl.lost=1", n=AT_REST)
+    navigation, settings = estimator(one), one.config.sensors.imu
+    assert settings
+    dt, count = 1.0 / settings.rate, round(HOUR * settings.rate)
+    rates, forces = np.empty((count, 3 * AT_REST)), np.empty((count, 3 * AT_REST))
+    nothing, every = np.zeros_like(one._action), round(settings.rate * one.task.duration)
+    for k in range(count):
+        navigation.sample(one.simulator, dt)
+        rates[k], forces[k] = navigation.state["rates"].ravel(), navigation.state["specific_force"].ravel()
+        if (k + 1) % every == 0:
+            one.task.episodes.steps += 1
+            navigation.conclude(nothing, nothing, np.zeros(one.n))
+    for name, samples, part in (
+        ("gyro", rates, settings.gyro),
+        ("accelerometer", forces, settings.accelerometer),
+    ):
+        for tau in (0.1, 1.0, 10.0) if name == "gyro" else (0.1,):
+            theory = math.hypot(part.density / math.sqrt(tau), walked(part.walk, part.tau, tau))
+            found = allan(samples, dt, tau)
+            yield (
+                name,
+                f"{tau:g} s",
+                f"{found:.3g}",
+                f"{theory:.3g}",
+                f"{100.0 * (found / theory - 1.0):+.1f} %",
+            )
+
+
+def doppler() -> Iterator[Sequence[str]]:
+    """Compare the DVL's noise with the prediction of the least-squares solution."""
+    merit = "sensors.dvl.merit_low=0.02", "sensors.dvl.merit_high=0.02"
+    one = batch(*MATCHED, *merit, n=2000)
+    navigation, errors = estimator(one), []
+    d, count = navigation.state, 0.0
+    for _ in range(20):
+        navigation.sample(one.simulator, 0.19)
+        if (d["innovations"][:, 0].sum()) > count:
+            count = d["innovations"][:, 0].sum()
+            errors.append(d["dvl_velocity"].copy())
+    tilt = float(navigation.parameters[0].dvl_tilt)
+    sd = 0.02 * math.sqrt(2.0) * math.sin(tilt)
+    for k, axis in enumerate("xyz"):
+        theory = sd / (math.sqrt(2.0) * math.sin(tilt)) if k < 2 else sd / (2.0 * math.cos(tilt))
+        found = float(np.std(np.concatenate(errors)[:, k]))
+        yield (
+            axis,
+            f"{1e3 * found:.2f} mm/s",
+            f"{1e3 * theory:.2f} mm/s",
+            f"{100.0 * (found / theory - 1.0):+.1f} %",
+        )
+
+
+def errors_of(one: Batch) -> Floats:
+    """Return the errors (n, 15) of the filter's states."""
+    d, pose = estimator(one).state, one.simulator.pose
+    R = rotation(pose[:, 3:])
+    apart = R @ np.swapaxes(rotation(d["attitude"]), 1, 2)
+    turned = 0.5 * np.stack(
+        [apart[:, 2, 1] - apart[:, 1, 2], apart[:, 0, 2] - apart[:, 2, 0], apart[:, 1, 0] - apart[:, 0, 1]], 1
+    )
+    velocity = np.einsum("nij,nj->ni", R, one.simulator.velocity[:, :3])
+    force = d["turn_on_acceleration"] + d["walk_acceleration"] - d["acceleration_bias"]
+    rates = d["turn_on_rates"] + d["walk_rates"] - d["rate_bias"]
+    return np.concatenate([pose[:, :3] - d["position"], velocity - d["velocity"], turned, force, rates], 1)
+
+
+def consistency(task: str, *words: str) -> tuple[float, Floats]:
+    """Return NEES per state and NIS of DVL, depth and heading, pooled over episodes and time; PID steers by the estimate."""
+    one = batch(f"task={task}", "world=slope", f"task.time_limit={2 * SECONDS}", *words, n=EPISODES)
+    agent = agents.make(one.config, one.vehicle)
+    seen, nees = one.task.observation, []
+    for step in range(10 * SECONDS):
+        seen = one.step(agent.act(seen)).observation
+        if step % 20 == 19:
+            x, inverse = errors_of(one), np.linalg.inv(estimator(one).covariance)
+            nees.append(float(np.einsum("ni,nij,nj->n", x, inverse, x).mean()) / x.shape[1])
+    d = estimator(one).state
+    return float(np.mean(nees)), d["nis"].sum(0) / d["innovations"].sum(0)
+
+
+def filters() -> Iterator[Sequence[str]]:
+    """Measure the consistency of the filter on each task."""
+    cases: list[tuple[str, str, tuple[str, ...]]] = [(task, "matched", MATCHED) for task in TASKS]
+    cases += [(TASKS[0], "noise x 3", (*MATCHED, "navigation.inflation=0.3333333333"))]
+    cases += [(TASKS[0], "dvl_a50", ()), (TASKS[0], "survey", ("sensors=survey",))]
+    for task, name, words in cases:
+        nees, nis = consistency(task, *words)
+        yield task, name, f"{nees:.2f}", *(f"{value:.2f}" for value in nis)
+
+
+def straight(*words: str) -> Floats:
+    """Return the horizontal errors (draws,) at the end of a straight kilometre, as shares of it."""
+    still = ("world.dip=0", "task.max_steps=1000000", "sensors.dvl.lost=0")
+    one = batch(*still, *words, n=DRAWS)
+    navigation, simulator = estimator(one), one.simulator
+    yaw = np.linspace(0.0, 2.0 * math.pi, DRAWS, endpoint=False)
+    simulator.pose[:, 3:] = quaternion(np.stack([np.zeros(DRAWS), np.zeros(DRAWS), yaw], axis=1))
+    simulator.velocity[:] = 0.0
+    simulator.velocity[:, 0] = SPEED
+    navigation.begin(np.arange(DRAWS), simulator)
+    start, way = simulator.pose[:, :3].copy(), np.stack([np.cos(yaw), np.sin(yaw), np.zeros(DRAWS)], axis=1)
+    rate, nothing = navigation.rate, np.zeros_like(one._action)
+    every = round(rate * one.task.duration)
+    for k in range(1, round(KILOMETRE / SPEED * rate) + 1):
+        simulator.pose[:, :3] = start + way * (SPEED * k / rate)
+        navigation.sample(simulator, 1.0 / rate)
+        if k % every == 0:
+            one.task.episodes.steps += 1
+            navigation.conclude(nothing, nothing, np.zeros(one.n))
+    return np.linalg.norm(navigation.pose[:, :2] - simulator.pose[:, :2], axis=1) / KILOMETRE
+
+
+def drift() -> Iterator[Sequence[str]]:
+    """Measure the drift over a straight kilometre."""
+    fine = (
+        "sensors.dvl.merit_low=0.01",
+        "sensors.dvl.merit_high=0.01",
+        "navigation.start.position=1e-3",
+        "sensors.dvl.mounting=0",
+    )
+    three = (*TRUE_HEADING[1:], "sensors.heading.bias=0.0524")
+    for name, theory, words in (
+        ("performance (0.1 %), true heading", "0.1 %", ("sensors.dvl.scale=0.001", *TRUE_HEADING)),
+        ("standard (1 %), true heading", "1 %", TRUE_HEADING),
+        ("standard (1 %), 3 degrees", "5 %", three),
+    ):
+        shares = [straight(*fine, *words, f"navigation={kind}") for kind in ("ekf", "dead_reckoning")]
+        rms = [f"{100.0 * math.sqrt(float(np.mean(share**2))):.2f} %" for share in shares]
+        yield name, theory, *rms
+
+
+def speed() -> Iterator[Sequence[str]]:
+    """Measure the environment steps per second of 1024 environments, with and without an estimator, in turns."""
+    ways = {
+        "truth": ("sensors=none", "navigation=truth"),
+        "ekf": (),
+        "ekf, IMU at 100 Hz": ("sensors.imu.rate=100",),
+        "dead_reckoning": ("navigation=dead_reckoning",),
+    }
+    ready = {name: batch(*words, n=1024) for name, words in ways.items()}
+    rng, best = np.random.default_rng(0), dict.fromkeys(ways, math.inf)
+    action = rng.uniform(-0.2, 0.2, ready["truth"]._action.shape)
+    for turn in range(6):
+        for name, one in ready.items():
+            begin = time.thread_time()
+            for _ in range(5):
+                one.step(action)
+            if turn > 0:
+                best[name] = min(best[name], (time.thread_time() - begin) / 5)
+    for name, seconds in best.items():
+        yield name, f"{1024 / seconds / 1e3:.0f},000", f"{best['truth'] / seconds:.2f}"
+
+
+TABLES = {
+    "IMU: an hour at rest": (("sensor", "time", "Allan deviation", "theory", "difference"), imu),
+    "DVL: four beams, figure of merit 20 mm/s": (
+        ("axis", "standard deviation", "theory", "difference"),
+        doppler,
+    ),
+    f"Consistency: {EPISODES} episodes of {SECONDS} s": (
+        ("task", "sensors", "NEES", "NIS DVL", "NIS depth", "NIS heading"),
+        filters,
+    ),
+    "Drift over a straight kilometre": (("DVL and heading", "expected", "`ekf`", "`dead_reckoning`"), drift),
+    "Speed: 1024 environments": (("navigation", "steps per second", "of truth"), speed),
+}
+
+
+def table(title: str) -> str:
+    """Return a table in Markdown."""
+    head, rows = TABLES[title]
+    lines = [head, ["---"] * len(head), *rows()]
+    return "\n".join([f"**{title}**", "", *(f"| {' | '.join(line)} |" for line in lines), ""])
+
+
+def main() -> None:
+    """Print the tables, or write them into the page."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation", description=__doc__)
+    parser.add_argument("--write", action="store_true", help="renew docs/navigation.md")
+    parser.add_argument("--only", help="first word of a table's title")
+    given = parser.parse_args()
+    tables = []
+    for title in TABLES:
+        if not given.only or title.startswith(given.only):
+            tables.append(table(title))
+            print(tables[-1], flush=True)
+    if given.write and not given.only:
+        text = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(text[: text.index(MARK)] + MARK + "\n" + "\n".join(tables), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
