@@ -19,7 +19,7 @@ from auvbench.tasks.navigation.estimator import Navigation
 
 Floats = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "navigation.md"
-MARK = "<!-- python -m benchmarks.navigation --write -->\n"
+MARK = "<!-- measured: python -m benchmarks.navigation --write -->\n"
 
 BASE = ("algo=pid", "noise=none", "world=slope", "sensors=dvl_a50", "navigation=ekf")
 TRUE_HEADING = ("sensors.heading.bias=0", "sensors.heading.hard_iron=0", "sensors.heading.soft_iron=0")
@@ -136,6 +136,7 @@ def consistency(task: str, *words: str) -> tuple[float, Floats]:
     """Return NEES per state and NIS of DVL, depth and heading, pooled over episodes and time; PID steers by the estimate."""
     one = batch(f"task={task}", "world=slope", f"task.time_limit={2 * SECONDS}", *words, n=EPISODES)
     agent = agents.make(one.config, one.vehicle)
+    agent.reset(np.arange(EPISODES))
     seen, nees = one.task.observation, []
     for step in range(10 * SECONDS):
         seen = one.step(agent.act(seen)).observation
@@ -254,7 +255,8 @@ def main() -> None:
             print(tables[-1], flush=True)
     if given.write and not given.only:
         text = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(text[: text.index(MARK)] + MARK + "\n" + "\n".join(tables), encoding="utf-8")
+        tables = ["", *tables, "<!-- end -->", ""]
+        PAGE.write_text(text[: text.index(MARK)] + MARK + "\n".join(tables), encoding="utf-8")
 
 
 if __name__ == "__main__":
