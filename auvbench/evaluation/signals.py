@@ -21,6 +21,8 @@ VELOCITY = ("u_mps", "v_mps", "w_mps")
 RATES = ("p_radps", "q_radps", "r_radps")
 REFERENCE = tuple(f"reference.{name}" for name in POSITION)
 CURRENT = tuple(f"current.{name}_mps" for name in ("east", "north", "up"))
+ESTIMATE = tuple(f"estimate.{name}" for name in (*POSITION, *ATTITUDE, *VELOCITY, *RATES))
+ERROR, DEVIATION = (tuple(f"estimate.{what}_{name}" for name in POSITION) for what in ("error", "sd"))
 POWER, DISTANCE, REWARD = "vehicle.power_W", "reference.distance_m", "task.reward"
 _SUFFIX = {"m": "_m", "rad": "_rad", "m/s": "_mps", "rad/s": "_radps"}
 
@@ -79,6 +81,7 @@ class Recorder:
                     _current(simulator, float(pose[2])),
                     simulator.command_force[0],
                     simulator.effectiveness[0],
+                    _estimate(environments),
                     task.observation[0],
                 ]
             )
@@ -90,11 +93,12 @@ class Recorder:
         names = self._batch.vehicle.actuators
         forces = tuple(f"force.{name}_N" for name in names)
         working = tuple(f"working.{name}" for name in names)
+        estimate = () if self._batch.navigation is None else (*ESTIMATE, *ERROR, *DEVIATION)
         blocks = self._batch.task.spec.blocks.values()
         seen = {
             b.name: tuple(f"observed.{label}{_SUFFIX.get(b.unit, '')}" for label in b.labels) for b in blocks
         }
-        columns = (*POSITION, *ATTITUDE, *VELOCITY, *RATES, *REFERENCE, DISTANCE, POWER, REWARD, *CURRENT, *forces, *working)  # fmt: skip
+        columns = (*POSITION, *ATTITUDE, *VELOCITY, *RATES, *REFERENCE, DISTANCE, POWER, REWARD, *CURRENT, *forces, *working, *estimate)  # fmt: skip
         table = pd.DataFrame(
             np.array(self._rows), columns=[*columns, *(c for part in seen.values() for c in part)]
         )
@@ -113,6 +117,9 @@ class Recorder:
             Panel("Electrical power", "W", (POWER,)),
             Panel("Reward of a step", "", (REWARD,)),
         ]
+        if estimate:
+            title = "Error of the estimated position; dashed: its standard deviation"
+            motion.append(Panel(title, "m", ERROR, ("x", "y", "z"), DEVIATION))
         if _changes(table, CURRENT, 0.0):
             motion.append(Panel("Current at the vehicle", "m/s", CURRENT, ("east", "north", "up")))
         if _changes(table, working, 1.0):
@@ -132,6 +139,16 @@ class Recorder:
 def _changes(table: pd.DataFrame, columns: Sequence[str], usual: float) -> bool:
     """Return whether a column has another value than the usual one."""
     return bool((table[list(columns)] != usual).any(axis=None))
+
+
+def _estimate(environments: Batch) -> Floats:
+    """Return the estimated pose and velocity (12,), the errors and the standard deviations of the position; (0,) where none is made."""
+    navigation = environments.navigation
+    if navigation is None:
+        return np.empty(0)
+    pose, deviation = navigation.pose[0], np.sqrt(np.diag(navigation.covariance[0])[:3])
+    error = pose[:3] - environments.simulator.pose[0, :3]
+    return np.concatenate([pose[:3], frames.euler(pose[3:7]), navigation.velocity[0], error, deviation])
 
 
 def _current(simulator: Any, z: float) -> Floats:
