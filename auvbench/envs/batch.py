@@ -113,6 +113,11 @@ class Batch:
         return self.task.spec.bounds[self.task.spec["position_error"]].astype(np.float64)
 
     @property
+    def acted(self) -> Floats:
+        """Return the commands (n, n_u) of the last step, clipped and as a filter left them; the next step overwrites the array."""
+        return self._action
+
+    @property
     def exact_resume(self) -> bool:
         """Return whether `load_state_dict` restores every state exactly, also within an episode."""
         return self.simulator.capabilities.exact_resume

@@ -67,7 +67,7 @@ class Recorder:
         if environments.disturbances is not None:
             power = environments.disturbances.power
         if action is not None:
-            self._commands.append(np.clip(np.asarray(action[0], dtype=np.float64), -1.0, 1.0))
+            self._commands.append(environments.acted[0].copy())
         self._rows.append(
             np.concatenate(
                 [
