@@ -3,7 +3,8 @@
 The errors are position and velocity (world axes), attitude (world axes: R = exp([phi]x) R_estimated, section 7) and the biases of
 accelerometers and gyros (body axes). Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
 when a reading arrives and at the end of an agent step. Updates are scalar, in Joseph's form. Errors that last an episode (scale, iron,
-density) are no states: they enlarge the standard deviation of each reading, as if they were drawn anew.
+density) are no states: they enlarge the standard deviation of each reading, as if they were drawn anew. A reading that the gate rejects many times in a row is believed,
+as ArduPilot's EKF3 does after a time-out.
 """
 
 from __future__ import annotations
@@ -152,6 +153,20 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
         d.rotation_sum[j] = 0.0
 
 
+@row
+def shared(P: Floats, work: Floats, first: int, stop: int) -> float:
+    """Write P H^T of a reading with derivatives H; return H P H^T."""
+    variance = 0.0
+    for i in range(STATES):
+        total = 0.0
+        for j in range(first, stop):
+            total += P[i, j] * work[ROW, j]
+        work[SHARED, i] = total
+    for j in range(first, stop):
+        variance += work[ROW, j] * work[SHARED, j]
+    return variance
+
+
 @called
 def update(
     d: Record,
@@ -159,6 +174,7 @@ def update(
     P: Floats,
     work: Floats,
     sensor: int,
+    part: int,
     innovation: float,
     sd: float,
     first: int,
@@ -172,27 +188,31 @@ def update(
         P: covariance.
         work: its row CHANGE gets the change of the states.
         sensor: DVL, DEPTH or HEADING.
+        part: of the reading: axis or beam of a DVL, which the gate judges apart; 0 for the others.
         innovation: reading less prediction.
         sd: standard deviation of the reading.
         first: first state that the reading depends on.
         stop: state after the last one.
     """
-    s, y = (p.inflation * sd) ** 2, innovation
-    for i in range(STATES):
-        total = 0.0
-        for j in range(first, stop):
-            total += P[i, j] * work[ROW, j]
-        work[SHARED, i] = total
+    noise, y = (p.inflation * sd) ** 2, innovation
     for j in range(first, stop):
-        s += work[ROW, j] * work[SHARED, j]
         y -= work[ROW, j] * work[CHANGE, j]
+    s = noise + shared(P, work, first, stop)
     nis = y * y / s
     d.nis[sensor] += nis
     d.innovations[sensor] += 1.0
-    if nis > p.gate and d.rejected[sensor] < GATED:
-        d.rejected[sensor] += 1
+    gated = sensor * dvl.BEAMS + part
+    if nis <= p.gate:
+        d.rejected[gated] = 0
+    elif d.rejected[gated] < GATED:
+        d.rejected[gated] += 1
         return False
-    d.rejected[sensor] = 0
+    else:  # The covariance is wrong. The states that the reading shows are uncertain by the innovation, and the others keep theirs.
+        for j in range(first, min(first + 3, stop)):
+            P[j, :] = 0.0
+            P[:, j] = 0.0
+            P[j, j] = y * y
+        s = noise + shared(P, work, first, stop)
     share = 1.0 / s
     for i in range(STATES):
         work[GAIN, i] = work[SHARED, i] * share
@@ -281,7 +301,7 @@ def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
             if d.valid[k] == 0:
                 continue
         velocity_row(d, p, way, work)
-        update(d, p, P, work, DVL, dot(way, error), math.sqrt(sd * sd + slow), VELOCITY, STATES)
+        update(d, p, P, work, DVL, k, dot(way, error), math.sqrt(sd * sd + slow), VELOCITY, STATES)
     inject(d, P, work)
     d.stamp[DVL] = d.time - p.dvl_delay
 
@@ -296,7 +316,7 @@ def correct_depth(d: Record, p: Record, P: Floats, work: Floats) -> None:
     # Rounding to a resolution has the variance of a uniform error.
     variance = p.depth_noise**2 + p.depth_resolution**2 / 12.0
     slow = p.depth_offset**2 + (p.depth_density * d.height) ** 2
-    if update(d, p, P, work, DEPTH, d.height - d.predicted_height, math.sqrt(variance + slow), 2, 3):
+    if update(d, p, P, work, DEPTH, 0, d.height - d.predicted_height, math.sqrt(variance + slow), 2, 3):
         inject(d, P, work)
     d.stamp[DEPTH] = d.time - p.depth_delay
 
@@ -308,7 +328,7 @@ def correct_heading(d: Record, p: Record, P: Floats, work: Floats) -> None:
     work[CHANGE, :] = 0.0
     sd = math.sqrt(p.heading_noise**2 + p.heading_slow**2)
     if heading_row(d, work) > LEVEL**2 and update(
-        d, p, P, work, HEADING, wrap(d.heading - d.predicted_heading), sd, ATTITUDE, ATTITUDE + 3
+        d, p, P, work, HEADING, 0, wrap(d.heading - d.predicted_heading), sd, ATTITUDE, ATTITUDE + 3
     ):
         inject(d, P, work)
     d.stamp[HEADING] = d.time - p.heading_delay

@@ -56,8 +56,9 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     dvl.begin(e, d, p, stream)
     for sensor in range(3):
         d.arrives[sensor], d.stamp[sensor] = NEVER, -1.0
-        d.rejected[sensor] = 0
         d.nis[sensor] = d.innovations[sensor] = 0.0
+    for k in range(len(d.rejected)):
+        d.rejected[k] = 0
     a, b, c, f = normals(e, d, stream, 8)
     g, h, roll, pitch = normals(e, d, stream, 9)
     _, _, _, noise = normals(e, d, stream, 3)

@@ -69,7 +69,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("due", "f8", _V),  # s, of the next measurement
     ("arrives", "f8", _V),  # s
     ("stamp", "f8", _V),  # s, of the last valid reading that arrived
-    ("rejected", "i8", _V),  # readings that failed the gate in a row
+    ("rejected", "i8", (12,)),  # readings that failed the gate in a row: four parts of each
     ("nis", "f8", _V),  # sum of normalised innovations squared
     ("innovations", "f8", _V),  # their number
     # Estimate
@@ -102,7 +102,7 @@ BELIEF: tuple[tuple[Any, ...], ...] = (
 MODES = 5
 """range modes of a missing DVL: compiled code is made for each number of them"""
 GATED = 20
-"""readings of a sensor that may be rejected in a row; the next one is accepted, so that a filter can come back"""
+"""readings of a sensor that may be rejected in a row; the next ones are accepted until one passes the gate, so that a filter can come back"""
 
 
 def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:

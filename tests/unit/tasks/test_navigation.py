@@ -366,6 +366,17 @@ def test_an_estimate_that_diverges_is_recorded_and_stands_still() -> None:
 # --- In the loop --------------------------------------------------------------------------------------------------------------------
 
 
+def test_an_estimate_of_one_axis_that_is_far_off_comes_back() -> None:
+    """The gate rejects each axis of a DVL apart: the others, which pass it, do not count for the one that fails."""
+    one = batch("sensors.dvl.lost=0")
+    one.reset()
+    estimator(one).state["velocity"][:, 0] += 3.0
+    for _ in range(160):
+        one.step(np.zeros_like(one._action))
+    error = estimator(one).velocity[:, :3] - one.simulator.velocity[:, :3]
+    assert np.abs(error).max() < 0.5
+
+
 def test_observations_come_from_the_estimate_and_rewards_from_the_truth() -> None:
     one, true = batch(), Batch(configuration(overrides=[*EKF, "sensors=none", "navigation=truth"]), 2)
     seen, real = play(one, 30), play(true, 30)
