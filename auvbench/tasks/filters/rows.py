@@ -192,10 +192,11 @@ def constraints(
     # d/dt of the velocity over ground is v' + omega x v in body axes.
     origin = add(acceleration, cross(omega, v))
     speed = math.sqrt(dot(v, v))
+    at_rest, per_speed = triple(p.push), triple(p.drag)
     pushed = math.sqrt(
-        (p.push[0] + p.drag[0] * abs(v[0])) ** 2
-        + (p.push[1] + p.drag[1] * abs(v[1])) ** 2
-        + (p.push[2] + p.drag[2] * abs(v[2])) ** 2
+        (at_rest[0] + per_speed[0] * abs(v[0])) ** 2
+        + (at_rest[1] + per_speed[1] * abs(v[1])) ** 2
+        + (at_rest[2] + per_speed[2] * abs(v[2])) ** 2
     )
     strongest = 0.0
     for i in range(3):

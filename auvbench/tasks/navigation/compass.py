@@ -16,8 +16,8 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
     bias, hard, soft, _ = normals(e, d, stream, 3)
     hard_phase, soft_phase, _, _ = uniforms(e, d, stream, 4)
     d.heading_bias = p.heading_bias * bias
-    d.hard_iron[0], d.hard_iron[1] = p.heading_hard_iron * hard, 2.0 * math.pi * hard_phase
-    d.soft_iron[0], d.soft_iron[1] = p.heading_soft_iron * soft, 2.0 * math.pi * soft_phase
+    d.hard_iron, d.hard_iron_phase = p.heading_hard_iron * hard, 2.0 * math.pi * hard_phase
+    d.soft_iron, d.soft_iron_phase = p.heading_soft_iron * soft, 2.0 * math.pi * soft_phase
     d.due[HEADING] = 1.0 / p.heading_rate
 
 
@@ -32,8 +32,8 @@ def yaw_of(q: Quaternion) -> float:
 def measured(d: Record, p: Record, yaw: float, noise: float) -> float:
     """Return what the compass shows at a yaw in rad, with a standard normal number of noise."""
     error = d.heading_bias + p.heading_noise * noise
-    error += d.hard_iron[0] * math.cos(yaw + d.hard_iron[1])
-    error += d.soft_iron[0] * math.cos(2.0 * yaw + d.soft_iron[1])
+    error += d.hard_iron * math.cos(yaw + d.hard_iron_phase)
+    error += d.soft_iron * math.cos(2.0 * yaw + d.soft_iron_phase)
     return wrap(yaw + error)
 
 

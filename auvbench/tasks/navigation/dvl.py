@@ -60,16 +60,17 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
     d.burst = 1 if lost < p.dvl_lost else 0
     d.beams = 0
     d.altitude = 0.0
-    d.dvl_period = p.dvl_periods[0]
+    periods = p.dvl_periods
+    d.dvl_period = periods[0]
     d.due[DVL] = d.dvl_period
 
 
 @row
 def period(p: Record, altitude: float) -> float:
     """Return the time in s between pings at an altitude in m; without an altitude (0), that of the slowest mode."""
-    last = p.dvl_altitudes.shape[0] - 1
+    last = len(p.dvl_altitudes) - 1
     if altitude <= 0.0:
-        slowest = p.dvl_periods[0]
+        slowest = 0.0
         for mode in range(last + 1):
             slowest = max(slowest, p.dvl_periods[mode])
         return float(slowest)
@@ -122,9 +123,10 @@ def solve(d: Record, p: Record) -> Vector:
         x = level * (u[0] - u[1] - u[2] + u[3])
         y = level * (u[0] + u[1] - u[2] - u[3])
         return x, y, -(u[0] + u[1] + u[2] + u[3]) / (4.0 * math.cos(p.dvl_tilt))
-    first = 1 if d.valid[0] == 0 else 0
-    second = 2 if d.valid[1] == 0 or first == 1 else 1
-    third = 3 if d.valid[3] > 0 else 2
+    valid = d.valid
+    first = 1 if valid[0] == 0 else 0
+    second = 2 if valid[1] == 0 or first == 1 else 1
+    third = 3 if valid[3] > 0 else 2
     a, b, c = beam(p, first), beam(p, second), beam(p, third)
     # The rows of the inverse are cross products of the beams.
     ab, bc, ca = cross(a, b), cross(b, c), cross(c, a)

@@ -98,7 +98,8 @@ def advance(d: Record, p: Record, seconds: float) -> tuple[Vector, Matrix]:
         Specific force in world axes, m/s2, and the rotation matrix in the middle of the interval.
     """
     rates = subtract(triple(d.rates), triple(d.rate_bias))
-    q = d.attitude[0], d.attitude[1], d.attitude[2], d.attitude[3]
+    own = d.attitude
+    q = own[0], own[1], own[2], own[3]
     part = turn(scale(0.5 * seconds, rates))
     middle = multiply(q, part)
     R = rotation_matrix(middle)

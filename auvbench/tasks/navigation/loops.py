@@ -18,9 +18,9 @@ from auvbench.tasks.navigation.state import (
     HEADING,
     LOST,
     NEVER,
-    SOON,
     STATES,
     has_arrived,
+    is_due,
     normals,
 )
 from auvbench.tasks.navigation.turns import multiply, turn
@@ -108,9 +108,8 @@ def is_sound(d: Record) -> bool:
     near = between(triple(d.position), triple(d.true_position)) <= LOST
     vx, vy, vz = triple(d.velocity)
     slow = abs(vx) + abs(vy) + abs(vz) <= FASTEST
-    turning = (
-        abs(d.rates[0] - d.rate_bias[0]) + abs(d.rates[1] - d.rate_bias[1]) + abs(d.rates[2] - d.rate_bias[2])
-    )
+    roll, pitch, yaw = subtract(triple(d.rates), triple(d.rate_bias))
+    turning = abs(roll) + abs(pitch) + abs(yaw)
     q = d.attitude
     unit = abs(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3] - 1.0) < 0.1
     return bool(near and slow and turning <= FASTEST and unit)
@@ -120,16 +119,16 @@ def is_sound(d: Record) -> bool:
 def feel(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int) -> None:
     """Measure depth and heading if they are due, and correct the estimate by readings that arrive now."""
     deep, turned = 0.0, 0.0
-    if d.time + SOON >= min(d.due[DEPTH], d.due[HEADING]):
+    if is_due(d, DEPTH) or is_due(d, HEADING):
         deep, turned, _, _ = normals(e, d, stream, 12)
-    if d.time + SOON >= d.due[DEPTH]:
+    if is_due(d, DEPTH):
         pressure.sense(d, p, deep)
     if has_arrived(d, DEPTH):
         if p.is_filter > 0:
             ekf.correct_depth(d, p, P, work)
         else:
             dead_reckoning.correct_depth(d, p)
-    if d.time + SOON >= d.due[HEADING]:
+    if is_due(d, HEADING):
         compass.sense(d, p, turned)
     if has_arrived(d, HEADING):
         if p.is_filter > 0:
@@ -143,7 +142,7 @@ def ping(
     e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, solids: Any, heights: Any
 ) -> None:
     """Measure the velocity if the DVL is due, and correct the estimate by a ping that arrives now."""
-    if d.time + SOON >= d.due[DVL]:
+    if is_due(d, DVL):
         dvl.sense(e, d, p, stream, solids, heights)
     if has_arrived(d, DVL) and d.beams >= dvl.ENOUGH:
         if p.is_filter > 0:

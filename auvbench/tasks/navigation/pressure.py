@@ -6,7 +6,7 @@ import math
 
 from auvbench.tasks.navigation.state import DEPTH, expect, normals
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import row
+from auvbench.tasks.rows import row, triple
 
 
 @row
@@ -20,10 +20,10 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 @row
 def sense(d: Record, p: Record, noise: float) -> None:
     """Measure the height with a standard normal number of noise."""
-    _, _, z = d.true_position[0], d.true_position[1], d.true_position[2]
+    _, _, z = triple(d.true_position)
     height = z * (1.0 + d.depth_scale) + d.depth_offset + p.depth_noise * noise
     if p.depth_resolution > 0.0:
         height = p.depth_resolution * math.floor(height / p.depth_resolution + 0.5)
     d.height = height
-    d.predicted_height = d.position[2]
+    _, _, d.predicted_height = triple(d.position)
     expect(d, DEPTH, 1.0 / p.depth_rate, p.depth_delay)

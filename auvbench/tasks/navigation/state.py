@@ -61,8 +61,10 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("height", "f8"),  # m, measured z
     ("predicted_height", "f8"),
     ("heading_bias", "f8"),  # rad
-    ("hard_iron", "f8", (2,)),  # rad, amplitude and phase
-    ("soft_iron", "f8", (2,)),
+    ("hard_iron", "f8"),  # rad, amplitude of one cycle per turn
+    ("hard_iron_phase", "f8"),  # rad
+    ("soft_iron", "f8"),  # rad, amplitude of two cycles per turn
+    ("soft_iron_phase", "f8"),
     ("heading", "f8"),  # rad, measured
     ("predicted_heading", "f8"),
     # Of each sensor
@@ -160,6 +162,12 @@ def normals(e: Record, d: Record, stream: int, block: int) -> Quaternion:
 def uniforms(e: Record, d: Record, stream: int, block: int) -> Quaternion:
     """Return four uniform numbers in (0, 1) of the present sample; each `block` has its own."""
     return uniform4(e.seed, NAVIGATION | stream, block, d.samples, e.episode, e.environment)
+
+
+@row
+def is_due(d: Record, sensor: int) -> bool:
+    """Return whether a sensor measures now."""
+    return bool(d.time + SOON >= d.due[sensor])
 
 
 @row

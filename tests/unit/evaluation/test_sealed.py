@@ -28,7 +28,7 @@ BASE: dict[str, Any] = {
     "nonce": "a1",
     "scenario_seed": 5,
     "episodes": 2,
-    "tasks": ["waypoint", "salvage"],
+    "tasks": ["waypoint", "transit"],
     "conditions": [{"name": "still water"}],
 }
 
@@ -167,7 +167,7 @@ def test_what_cannot_be_simulated_is_named(tmp_path: Path) -> None:
 def test_a_run_of_another_task_is_refused(tmp_path: Path) -> None:
     protocol = sealed.read(written(tmp_path))
     run = prepare(compose("train", [f"output={tmp_path}", "algo=pid", "task=docking"]))
-    with pytest.raises(ConfigError, match="tests waypoint, salvage, but the run has task docking"):
+    with pytest.raises(ConfigError, match="tests waypoint, transit, but the run has task docking"):
         resolve_conditions(protocol, run.config())
 
 
@@ -226,7 +226,7 @@ def test_a_sealed_test_is_marked_and_done_once(
         {"name": "other", "vehicle": "sheet.yaml"},
         {"name": "lost", "dvl_lost_share": 0.2},
     ]
-    path = written(tmp_path, conditions=entries)
+    path = written(tmp_path, conditions=entries, tasks=["waypoint", "salvage"])
     assert main(["evaluate", "outputs", "protocol=sealed.json"]) == 0
     assert f"{run.id}: not tested: condition lost" in capsys.readouterr().out
     assert is_done(run, sealed.read(path))

@@ -57,11 +57,7 @@ def numeric_reads(path: Path) -> list[str]:
             by_number |= isinstance(node.value, ast.Attribute) and any(
                 isinstance(p, ast.Constant) for p in index
             )
-            if (
-                by_number
-                and isinstance(root, ast.Name)
-                and root.id in names & {"e", "p", "m", "d", "F", "C", "P"}
-            ):
+            if by_number and isinstance(root, ast.Name) and root.id in names & {"e", "p", "m", "d", "F", "C"}:
                 found.append(f"{path.name}:{node.lineno}: {ast.unparse(node)}")
     return found
 
