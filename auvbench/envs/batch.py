@@ -94,7 +94,6 @@ class Batch:
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.navigation = estimator.make(config, self.vehicle, self.task)
         """sensors and estimates; None if agents know the truth"""
-        self._moved: Any = Watched(self.simulator, self.navigation) if self.navigation else self.simulator
         self.autoreset = autoreset
         self.restarted: NDArray[np.float32] | None = None
         """first observations (n, n_obs) of the episodes that `load_state_dict` had to restart"""
@@ -228,6 +227,11 @@ class Batch:
         if self.disturbances is None:
             return self.simulator.pose, self.simulator.velocity
         return self.disturbances.measured(self.simulator)
+
+    @property
+    def _moved(self) -> Any:
+        """The simulator, which may have been replaced since, with the sensors that follow its steps."""
+        return self.simulator if self.navigation is None else Watched(self.simulator, self.navigation)
 
     def _observe(self, indices: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
         """Return observations (n, n_obs); range sensors look from the true poses, if these are not what is measured."""
