@@ -120,6 +120,11 @@ class Metric:
         return here and (not self.navigation or navigation in self.navigation) and filtered >= self.filtered
 
     @property
+    def conditional(self) -> bool:
+        """Return whether conditions of one test may differ in having the metric."""
+        return self.filtered or bool(self.navigation)
+
+    @property
     def measure(self) -> str:
         """Return the name by which agents are compared: a column is compared by its mean."""
         return f"mean_{self.name}" if self.kind in ("episode", "derived", "scenario") else self.name

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from auvbench import metrics
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.runs import identity, integrity
 from auvbench.untrusted import archives, columns, path_safety, reading, tables
@@ -106,9 +107,7 @@ def evaluation_of(run: RunRecord, protocol: str) -> Evaluation:
         data = reading.content(directory / "episodes.csv", reading.DATA)
         # A condition may be named 1.30.
         frame = tables.csv(data, schema, words=("condition",))
-        # A condition without an estimator lacks the columns of one; its other rows lack them, too.
-        lacking = frame.iloc[:, -1].isna().to_numpy()
-        if not data.endswith(b"\n") or (lacking[-1:].any() and not lacking[:-1].any()):
+        if not data.endswith(b"\n") or _is_partial(frame):
             raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows is incomplete")
         frame = columns.checked(frame, schema)
     _check_episodes(frame, summary)
@@ -133,6 +132,16 @@ def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:
         raise Damage(wrong, "foreign")
 
 
+def _is_partial(frame: pd.DataFrame) -> bool:
+    """Return whether the last row lacks the last column, unless this is a column that all rows of its condition may lack."""
+    last = str(frame.columns[-1])
+    if not len(frame) or not frame[last].isna().iloc[-1]:
+        return False
+    conditional = any(m.name == last and m.conditional for m in metrics.registered())
+    same = frame["condition"] == frame["condition"].iloc[-1]
+    return not conditional or bool(frame.loc[same, last].notna().any())
+
+
 def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
     """Raise Damage unless each row that the summary counts is there exactly once."""
     expected = {c["name"]: c["episodes"] for c in summary["conditions"]}
@@ -148,3 +157,10 @@ def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
             )
     if len(set(zip(conditions, frame["episode"].tolist(), strict=True))) < len(frame):
         raise Damage("episodes.csv has an episode of a condition twice: evaluate again")
+    for metric in metrics.registered():
+        if metric.conditional and metric.name in frame:
+            lacking = frame[metric.name].isna().groupby(frame["condition"]).mean()
+            for name in lacking.index[(lacking > 0.0) & (lacking < 1.0)]:
+                raise Damage(
+                    f"episodes.csv: {metric.name} is missing in some rows of condition {name!r}: evaluate again"
+                )

@@ -226,12 +226,13 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         if "range" not in config.task:
             merged.task.range = None
         merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
-        if config.get("world") is not None:
-            merged.world = _empty(config, "world.name", _schemas(WORLDS))
-        if config.get("navigation") is not None:
-            merged.navigation = _empty(config, "navigation.name", navigation.SCHEMAS)
-        if config.get("filter") is not None:
-            merged.filter = _empty(config, "filter.name", _schemas(FILTERS))
+        for group, known in (  # runs of earlier versions lack these
+            ("world", _schemas(WORLDS)),
+            ("navigation", navigation.SCHEMAS),
+            ("filter", _schemas(FILTERS)),
+        ):
+            if config.get(group) is not None:
+                merged[group] = _empty(config, f"{group}.name", known)
         merged.disturbance = OmegaConf.structured(_disturbance(config))
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:

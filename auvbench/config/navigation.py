@@ -1,4 +1,4 @@
-"""Define the schemas of the `sensors` and `navigation` groups, and the specs of navigation sensors.
+"""Define the schemas of the `sensors` and `navigation` groups.
 
 Importing this module imports no code of a sensor or an estimator.
 """
@@ -37,7 +37,7 @@ class Inertial:
 
 @dataclass(kw_only=True)
 class Imu:
-    """An inertial measurement unit."""
+    """An inertial measurement unit (TDK DS-000176, the ICM-20602; biases of uuv_simulator)."""
 
     rate: float = number(0.1, FASTEST)  # Hz
     gyro: Inertial
@@ -46,7 +46,7 @@ class Imu:
 
 @dataclass(kw_only=True)
 class Dvl:
-    """A Doppler velocity log with four beams."""
+    """A Doppler velocity log with four beams (Water Linked, documentation of the DVL A50)."""
 
     tilt: float = number(0.01, 1.4)  # rad
     lever: list[float]  # m
@@ -80,7 +80,7 @@ class Dvl:
 
 @dataclass(kw_only=True)
 class Depth:
-    """A pressure sensor."""
+    """A pressure sensor (TE Connectivity, data sheet of the MS5837-30BA)."""
 
     rate: float = number(0.1, FASTEST)  # Hz
     noise: float = number(0.0, 10.0)  # m
@@ -92,7 +92,7 @@ class Depth:
 
 @dataclass(kw_only=True)
 class Heading:
-    """A compass."""
+    """A compass (VectorNav, errors of magnetometers)."""
 
     rate: float = number(0.1, FASTEST)  # Hz
     noise: float = number(0.0, 3.0)  # rad
@@ -102,27 +102,8 @@ class Heading:
     delay: float = number(0.0, 1.0)  # s
 
 
-@dataclass(frozen=True, slots=True)
-class SensorSpec:
-    """Description of one navigation sensor, available without importing its code."""
-
-    name: str
-    """Key of `sensors`."""
-    title: str
-    schema: type
-    source: str
-    """Where the model and the default numbers come from."""
-
-
-SENSORS = {
-    spec.name: spec
-    for spec in (
-        SensorSpec("imu", "IMU", Imu, "TDK DS-000176 (ICM-20602); uuv_simulator's biases"),
-        SensorSpec("dvl", "DVL", Dvl, "Water Linked, documentation of the DVL A50"),
-        SensorSpec("depth", "depth", Depth, "TE Connectivity, data sheet of the MS5837-30BA"),
-        SensorSpec("heading", "heading", Heading, "VectorNav, magnetometer errors"),
-    )
-}
+SENSORS = ("imu", "dvl", "depth", "heading")
+"""keys of the sensors that a vehicle may have"""
 
 
 @dataclass(kw_only=True)

@@ -75,7 +75,7 @@ class OwnFiles(FileConfigSource):
             raise ConfigError(f"{shown}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
         except ValueError as error:
             raise ConfigError(f"{shown}: {error}") from None
-        content = copy.deepcopy(_values(path, text))
+        content = _values(path, text)
         if not isinstance(content, dict | None):
             raise ConfigError(f"{shown}: must map keys to values, e.g. seed: 1")
         group = os.path.dirname(name)
@@ -91,7 +91,7 @@ class OwnFiles(FileConfigSource):
 
 @lru_cache(maxsize=512)
 def _values(path: str, text: str) -> Any:
-    """Return the values of a file's text; cached, since Hydra reads a file several times. Copy them before a change."""
+    """Return the values of a file's text; cached, since Hydra reads a file several times. Not to be changed."""
     stream = io.StringIO(text)
     stream.name = path  # for the position in an error message
     return yaml.load(stream, Loader=get_yaml_loader())

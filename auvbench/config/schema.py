@@ -34,7 +34,7 @@ from auvbench.config.filters import unfiltered
 from auvbench.config.navigation import Sensors as NavigationSensors
 from auvbench.config.navigation import no_sensors, truth
 from auvbench.config.worlds import open_water
-from auvbench.record import PRIMARY, measure_names
+from auvbench.record import PRIMARY, measure_names, record_columns
 from auvbench.registry import TRACKERS
 
 
@@ -202,6 +202,11 @@ class TrainConfig:
             self.navigation = truth()
         if self.filter is None:
             self.filter = unfiltered()
+
+
+def columns_of(config: TrainConfig) -> tuple[str, ...]:
+    """Return the columns of the records of a configuration."""
+    return record_columns(config.task.name, config.world.name, config.navigation.name, config.filter.acts)
 
 
 def whole(text: str) -> int | None:

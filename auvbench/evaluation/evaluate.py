@@ -31,7 +31,7 @@ from auvbench.evaluation.protocol import (
     resolve_conditions,
 )
 from auvbench.evaluation.rollout import Rollout, roll_out, time_actions
-from auvbench.record import columns, record_columns
+from auvbench.record import columns
 from auvbench.registry import TASKS
 from auvbench.runs import history, identity, integrity, lock, provenance
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
@@ -343,8 +343,7 @@ def _rows(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     # Conditions may differ in their world, navigation and filter.
-    configs = (condition.config for condition, _ in rollouts)
-    columns = (record_columns(c.task.name, c.world.name, c.navigation.name, c.filter.acts) for c in configs)
+    columns = (schema.columns_of(condition.config) for condition, _ in rollouts)
     names = tuple(dict.fromkeys(name for of_condition in columns for name in of_condition))
     writer.writerow(("condition", "frequency_hz", *names))
     for condition, rollout in rollouts:

@@ -25,8 +25,8 @@ from auvbench.worlds.outlines import round_path
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
-Watch = Callable[[Batch, NDArray[Any] | None], None]
-"""a function called after the reset, and with the actions (n, n_u) after each step"""
+Watch = Callable[[Batch], None]
+"""a function called after the reset and after each step"""
 
 
 ACTIONS = 200
@@ -194,7 +194,7 @@ def _one_batch(
 ) -> list[Record]:
     observation = environments.reset()
     if watch is not None:
-        watch(environments, None)
+        watch(environments)
     # A slow agent may skip episodes that have ended.
     spare = getattr(agent, "ended", None)
     rows: dict[int, Record] = {}
@@ -204,11 +204,10 @@ def _one_batch(
         _follow(paths[episode], simulator.pose[i], task.reference[i])
     while len(rows) < environments.n:
         running = [i for i in range(len(followed)) if i not in rows]
-        action = agent.act(observation)
-        result = environments.step(action)
+        result = environments.step(agent.act(observation))
         observation = result.observation
         if watch is not None:
-            watch(environments, action)
+            watch(environments)
         for i in running:
             _follow(paths[followed[i]], simulator.pose[i], task.reference[i])
             paths[followed[i]].command.append(simulator.command_force[i].copy())

@@ -52,21 +52,21 @@ class Signals:
 
 
 class Recorder:
-    """Watch the first environment of a batch: called after the reset, and with each action after its step."""
+    """Watch the first environment of a batch: called after the reset and after each step."""
 
     def __init__(self) -> None:
         self._rows: list[Floats] = []
         self._commands: list[Floats] = []
         self._batch: Batch | None = None
 
-    def __call__(self, environments: Batch, action: NDArray[Any] | None) -> None:
-        """Keep a row, and the action (n, n_u) that led to it; None at the start."""
-        self._batch = environments
+    def __call__(self, environments: Batch) -> None:
+        """Keep a row, and the command that led to it; the first row is the start."""
+        self._batch, started = environments, bool(self._rows)
         simulator, task = environments.simulator, environments.task
         pose, power = simulator.pose[0], simulator.power
         if environments.disturbances is not None:
             power = environments.disturbances.power
-        if action is not None:
+        if started:
             self._commands.append(environments.acted[0].copy())
         self._rows.append(
             np.concatenate(
@@ -76,8 +76,8 @@ class Recorder:
                     simulator.velocity[0],
                     task.reference[0],
                     task.distance[:1],
-                    power[:1] if action is not None else [0.0],
-                    task.reward[:1] if action is not None else [0.0],
+                    power[:1] if started else [0.0],
+                    task.reward[:1] if started else [0.0],
                     _current(simulator, float(pose[2])),
                     simulator.command_force[0],
                     simulator.effectiveness[0],

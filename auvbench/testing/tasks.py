@@ -15,7 +15,7 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError
-from auvbench.record import OUTCOMES, record_columns
+from auvbench.record import OUTCOMES
 from auvbench.registry import TASKS
 from auvbench.testing.draws import ConformanceError, actions, run_checks, same
 
@@ -102,8 +102,7 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
     ranges = {metric.name: (metric.low, metric.high) for metric in metrics.registered()}
     known = TASKS[batch.task.name].outcomes
     for record in records:
-        kinds = batch.task.name, batch.task.world_name, batch.task.navigation_name
-        if tuple(record) != record_columns(*kinds, batch.config.filter.acts):
+        if tuple(record) != schema.columns_of(batch.config):
             raise ConformanceError(f"a record has the columns {', '.join(record)}")
         if record["outcome"] not in known or record["outcome"] not in OUTCOMES:
             raise ConformanceError(

@@ -18,7 +18,6 @@ from auvbench.agents.base import Learner, learner_of
 from auvbench.config import schema
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import TrainingError
-from auvbench.record import record_columns
 from auvbench.runs import integrity, lock
 from auvbench.runs.atomic_io import fsync, storage
 from auvbench.runs.directory import RunDirectory
@@ -223,9 +222,11 @@ def learn(
     key = digest_of([run.id, run.manifest()["created"]], 32)
     tracker = tracking.start(train.log, key, run.config(), run.id)
     with storage(f"cannot write the records of {run.path}"):
-        kinds = config.task.name, config.world.name, config.navigation.name
-        columns = record_columns(*kinds, config.filter.acts)
-        log = EpisodeLog(columns, run.path / EPISODES, keep=resumed.logs[EPISODES].bytes if resumed else None)
+        log = EpisodeLog(
+            schema.columns_of(config),
+            run.path / EPISODES,
+            keep=resumed.logs[EPISODES].bytes if resumed else None,
+        )
         writer = logs.EventWriter(run.train, tracker)
         if train.evaluate_every:
             validator = Validator(

@@ -49,10 +49,10 @@ COUNT, NUMBER = Column("whole", low=0.0), Column()
 
 def _measured() -> dict[str, Column]:
     """Return the columns of values measured in an episode; packages can add columns at any time. Conditions of a test may
-    differ in their navigation.
+    differ in their navigation and filter.
     """
     return {
-        m.name: replace(NUMBER, gaps=bool(m.navigation))
+        m.name: replace(NUMBER, gaps=m.conditional)
         for m in metrics.registered()
         if m.kind in ("scenario", "episode") and m.value is not None
     }

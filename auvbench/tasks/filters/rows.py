@@ -102,6 +102,19 @@ def still_acceleration(p: Record, up: Vector, v: Vector, omega: Vector) -> tuple
 
 
 @njit(nogil=True)
+def along(effect: Floats, normal: Vector, turning: Vector, j: int) -> float:
+    """Return the acceleration along a normal by the largest force of thruster j; `turning` is that of the point's arm."""
+    return float(
+        normal[0] * effect[0, j]
+        + normal[1] * effect[1, j]
+        + normal[2] * effect[2, j]
+        + turning[0] * effect[3, j]
+        + turning[1] * effect[4, j]
+        + turning[2] * effect[5, j]
+    )
+
+
+@njit(nogil=True)
 def add_row(
     effect: Floats,
     limits: Floats,
@@ -129,26 +142,12 @@ def add_row(
     least = 0.0
     n = effect.shape[1]
     for j in range(n):
-        value = (
-            normal[0] * effect[0, j]
-            + normal[1] * effect[1, j]
-            + normal[2] * effect[2, j]
-            + turning[0] * effect[3, j]
-            + turning[1] * effect[4, j]
-            + turning[2] * effect[5, j]
-        )
+        value = along(effect, normal, turning, j)
         least += min(value * limits[j, 0], value * limits[j, 1])
     if least >= b:
         return count
     for j in range(n):
-        A[at, j] = (
-            normal[0] * effect[0, j]
-            + normal[1] * effect[1, j]
-            + normal[2] * effect[2, j]
-            + turning[0] * effect[3, j]
-            + turning[1] * effect[4, j]
-            + turning[2] * effect[5, j]
-        )
+        A[at, j] = along(effect, normal, turning, j)
     bounds[at], distances[at] = b, distance
     return min(count + 1, MOST)
 

@@ -6,6 +6,7 @@ import math
 
 from auvbench.dynamics.layout import Quaternion
 from auvbench.tasks.navigation.state import HEADING, expect, normals, uniforms
+from auvbench.tasks.navigation.turns import attitude_of
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row, wrap
 
@@ -40,7 +41,6 @@ def measured(d: Record, p: Record, yaw: float, noise: float) -> float:
 @row
 def sense(d: Record, p: Record, noise: float) -> None:
     """Measure the heading with a standard normal number of noise."""
-    true, own = d.true_attitude, d.attitude
-    d.heading = measured(d, p, yaw_of((true[0], true[1], true[2], true[3])), noise)
-    d.predicted_heading = yaw_of((own[0], own[1], own[2], own[3]))
+    d.heading = measured(d, p, yaw_of(attitude_of(d.true_attitude)), noise)
+    d.predicted_heading = yaw_of(attitude_of(d.attitude))
     expect(d, HEADING, 1.0 / p.heading_rate, p.heading_delay)

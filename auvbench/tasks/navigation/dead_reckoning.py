@@ -12,7 +12,7 @@ from auvbench.dynamics.layout import Vector
 from auvbench.dynamics.vectors import add, cross, dot, product, rotation_matrix, scale, subtract
 from auvbench.tasks.navigation.imu import put_attitude
 from auvbench.tasks.navigation.state import DEPTH, DVL, HEADING
-from auvbench.tasks.navigation.turns import multiply, turn
+from auvbench.tasks.navigation.turns import attitude_of, multiply, turn
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import put, row, triple, wrap
 
@@ -28,13 +28,12 @@ def advance(d: Record, p: Record, before: Vector, force: Vector, seconds: float)
         force: m/s2, specific force, world axes.
         seconds: length of the interval.
     """
-    q = d.attitude
     length = math.sqrt(dot(force, force))
     if length > 0.0:
         x, y, _ = force
         level = scale(seconds / (p.settling * length), (y, -x, 0.0))
-        put_attitude(d.attitude, multiply(turn(level), (q[0], q[1], q[2], q[3])))
-    velocity = product(rotation_matrix((q[0], q[1], q[2], q[3])), triple(d.water_velocity))
+        put_attitude(d.attitude, multiply(turn(level), attitude_of(d.attitude)))
+    velocity = product(rotation_matrix(attitude_of(d.attitude)), triple(d.water_velocity))
     put(d.velocity, velocity)
     (x, y, _), (_, _, z) = add(before, scale(seconds, velocity)), before
     put(d.position, (x, y, z))
@@ -59,7 +58,6 @@ def correct_depth(d: Record, p: Record) -> None:
 def correct_heading(d: Record, p: Record) -> None:
     """Turn a share of the way to the compass."""
     share = 1.0 - math.exp(-1.0 / (p.heading_rate * p.settling))
-    q = d.attitude
     way = turn((0.0, 0.0, share * wrap(d.heading - d.predicted_heading)))
-    put_attitude(d.attitude, multiply(way, (q[0], q[1], q[2], q[3])))
+    put_attitude(d.attitude, multiply(way, attitude_of(d.attitude)))
     d.stamp[HEADING] = d.time - p.heading_delay

@@ -24,6 +24,7 @@ from auvbench.dynamics.vectors import (
     transposed_product,
 )
 from auvbench.tasks.navigation.state import DVL, expect, normals, uniforms
+from auvbench.tasks.navigation.turns import attitude_of
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import put, row, triple
 from auvbench.worlds.casting import first_hit, nearest_surface
@@ -137,16 +138,14 @@ def solve(d: Record, p: Record) -> Vector:
 @row
 def predicted(d: Record, p: Record) -> Vector:
     """Return the velocity at the DVL in m/s, body axes, as the estimate has it."""
-    q = d.attitude
-    own = transposed_product(rotation_matrix((q[0], q[1], q[2], q[3])), triple(d.velocity))
+    own = transposed_product(rotation_matrix(attitude_of(d.attitude)), triple(d.velocity))
     return add(own, cross(subtract(triple(d.rates), triple(d.rate_bias)), triple(p.dvl_lever)))
 
 
 @called
 def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: Any) -> None:
     """Ping: measure the beams' velocities and their solution."""
-    q = d.true_attitude
-    rotation = rotation_matrix((q[0], q[1], q[2], q[3]))
+    rotation = rotation_matrix(attitude_of(d.true_attitude))
     lever = triple(p.dvl_lever)
     origin = plus_product(triple(d.true_position), rotation, lever)
     velocity = add(transposed_product(rotation, triple(d.true_velocity)), cross(triple(d.true_rates), lever))

@@ -30,7 +30,7 @@ from auvbench.tasks.navigation.state import (
     STATES,
     VELOCITY,
 )
-from auvbench.tasks.navigation.turns import cross_matrix, multiply, turn
+from auvbench.tasks.navigation.turns import attitude_of, cross_matrix, multiply, turn
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import put, row, triple, wrap
 
@@ -235,8 +235,7 @@ def inject(d: Record, P: Floats, work: Floats) -> None:
     put(d.position, add(triple(d.position), (x[0], x[1], x[2])))
     put(d.velocity, add(triple(d.velocity), (x[3], x[4], x[5])))
     phi = x[6], x[7], x[8]
-    q = d.attitude
-    put_attitude(d.attitude, multiply(turn(phi), (q[0], q[1], q[2], q[3])))
+    put_attitude(d.attitude, multiply(turn(phi), attitude_of(d.attitude)))
     put(d.acceleration_bias, add(triple(d.acceleration_bias), (x[9], x[10], x[11])))
     put(d.rate_bias, add(triple(d.rate_bias), (x[12], x[13], x[14])))
     half = scale(0.5, phi)
@@ -260,8 +259,7 @@ def velocity_row(d: Record, p: Record, way: Vector, work: Floats) -> None:
 
     The rates are measured less bias, so that the column of the gyro bias is [l]x.
     """
-    q = d.attitude
-    along = product(rotation_matrix((q[0], q[1], q[2], q[3])), way)
+    along = product(rotation_matrix(attitude_of(d.attitude)), way)
     work[ROW, :] = 0.0
     put_row(work, VELOCITY, along)
     put_row(work, ATTITUDE, cross(along, triple(d.velocity)))
@@ -271,8 +269,7 @@ def velocity_row(d: Record, p: Record, way: Vector, work: Floats) -> None:
 @row
 def heading_row(d: Record, work: Floats) -> float:
     """Write the derivatives of the yaw; return the squared cosine of the pitch, near 0 where there is none."""
-    q = d.attitude
-    R = rotation_matrix((q[0], q[1], q[2], q[3]))
+    R = rotation_matrix(attitude_of(d.attitude))
     x, y, z = R[0][0], R[1][0], R[2][0]
     level = x * x + y * y
     work[ROW, :] = 0.0

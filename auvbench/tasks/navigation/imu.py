@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics.layout import Matrix, Quaternion, Vector
 from auvbench.dynamics.vectors import add, product, rotation_matrix, scale, subtract, transposed_product
 from auvbench.tasks.navigation.state import normals
-from auvbench.tasks.navigation.turns import half, multiply, turn, vector_of
+from auvbench.tasks.navigation.turns import attitude_of, half, multiply, turn, vector_of
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import put, row, triple
 
@@ -98,10 +98,8 @@ def advance(d: Record, p: Record, seconds: float) -> tuple[Vector, Matrix]:
         Specific force in world axes, m/s2, and the rotation matrix in the middle of the interval.
     """
     rates = subtract(triple(d.rates), triple(d.rate_bias))
-    own = d.attitude
-    q = own[0], own[1], own[2], own[3]
     part = turn(scale(0.5 * seconds, rates))
-    middle = multiply(q, part)
+    middle = multiply(attitude_of(d.attitude), part)
     R = rotation_matrix(middle)
     force = product(R, subtract(triple(d.specific_force), triple(d.acceleration_bias)))
     fx, fy, fz = force

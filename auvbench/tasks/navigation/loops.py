@@ -23,7 +23,7 @@ from auvbench.tasks.navigation.state import (
     is_due,
     normals,
 )
-from auvbench.tasks.navigation.turns import multiply, turn
+from auvbench.tasks.navigation.turns import attitude_of, multiply, turn
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import between, put, row, triple
 
@@ -68,8 +68,7 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     x, y, z = triple(d.true_velocity)
     s = p.start_velocity
     put(d.velocity, (x + s * f, y + s * g, z + s * h))
-    q = d.true_attitude
-    true = q[0], q[1], q[2], q[3]
+    true = attitude_of(d.true_attitude)
     yaw = compass.yaw_of(true)
     error = compass.measured(d, p, yaw, noise) - yaw
     away = turn((p.start_tilt * roll, p.start_tilt * pitch, error))
@@ -92,7 +91,7 @@ def show(d: Record, P: Floats, shown: Shown, i: int, pose: Floats, velocity: Flo
     put(pose, triple(d.position))
     for j in range(4):
         pose[3 + j] = q[j]
-    own = transposed_product(rotation_matrix((q[0], q[1], q[2], q[3])), triple(d.velocity))
+    own = transposed_product(rotation_matrix(attitude_of(q)), triple(d.velocity))
     put(velocity, own)
     put(velocity[3:], subtract(triple(d.rates), triple(d.rate_bias)))
     deviation, force, age = shown
@@ -157,14 +156,12 @@ def sample(
     solids: Any, heights: Any, seconds: float,
 ) -> None:  # fmt: skip
     """Measure an interval of some s that ends at a pose and velocity, and move the estimate."""
-    q = d.true_attitude
-    before, had = (q[0], q[1], q[2], q[3]), triple(d.true_velocity)
+    before, had = attitude_of(d.true_attitude), triple(d.true_velocity)
     see(d, pose, velocity)
     d.samples += 1
     d.time += seconds
-    after = d.true_attitude
     gained = subtract(triple(d.true_velocity), had)
-    force, rates = imu.moved(before, (after[0], after[1], after[2], after[3]), gained, p.gravity, seconds)
+    force, rates = imu.moved(before, attitude_of(d.true_attitude), gained, p.gravity, seconds)
     imu.sense(e, d, p, stream, force, rates, seconds)
     if d.diverged > 0:
         return

@@ -4,6 +4,7 @@ import json
 import re
 import shlex
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -126,6 +127,26 @@ def test_rows_lost_from_the_middle_or_the_end_are_noticed(grid: list[Path]) -> N
     path.write_text("".join(lines)[:-1])  # even one lost character may be a lost digit
     _, problems = load([grid[0].parent])
     assert "cut short" in problems[0].message
+
+
+@pytest.mark.parametrize(
+    ("lacking", "message"),
+    [
+        ([11], "cut short"),
+        ([1], "nees is missing in some rows of condition 'nominal'"),
+        (range(12), "bytes instead of"),  # as a condition without an estimator: only the digest tells the change
+    ],
+)
+def test_all_rows_of_a_condition_have_a_column_or_none(
+    grid: list[Path], lacking: Iterable[int], message: str
+) -> None:
+    path = grid[0] / "evaluations" / "test" / "episodes.csv"
+    header, *rows = path.read_text().splitlines()
+    values = ["" if row in lacking else "3.0" for row in range(12)]
+    lines = [f"{header},nees", *(f"{row},{value}" for row, value in zip(rows, values, strict=True))]
+    path.write_text("\n".join(lines) + "\n")
+    _, problems = load([grid[0].parent])
+    assert message in problems[0].message
 
 
 def test_damaged_manifest_and_config_are_named(grid: list[Path]) -> None:
