@@ -134,7 +134,8 @@ def test_rows_lost_from_the_middle_or_the_end_are_noticed(grid: list[Path]) -> N
     [
         ([11], "cut short"),
         ([1], "nees is missing in some rows of condition 'nominal'"),
-        (range(12), "bytes instead of"),  # as a condition without an estimator: only the digest tells the change
+        # As a condition without an estimator: only the digest tells the change.
+        (range(12), "bytes instead of"),
     ],
 )
 def test_all_rows_of_a_condition_have_a_column_or_none(
