@@ -18,6 +18,7 @@ from dataclasses import dataclass, is_dataclass
 from functools import cache, reduce
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
+from auvbench import integrations
 from auvbench.errors import AgentError, AuvbenchError, ConfigError, PluginImportError
 from auvbench.untrusted.text import first_line, short
 
@@ -130,18 +131,18 @@ class Kind(Mapping[str, S], Generic[S]):
         group: of the entry points of packages.
         key: of the configuration, or word of the command line, that names one.
         spec: `module:class` of the specs.
-        own: auvbench's own, `module:spec` by name.
+        own: those of auvbench's core, `module:spec` by name; its integrations are auvbench's own as well.
     """
 
     def __init__(self, group: str, key: str, spec: str, own: Mapping[str, str]) -> None:
         self.group = group
         self.key = key
-        self.own = tuple(own)
+        self._lines = {**own, **integrations.REGISTERED.get(group, {})}
+        self.own = tuple(self._lines)
         """Names of auvbench's own."""
         self.entered: dict[str, S] = {}
         """Specs of packages that were chosen, or read in a run."""
         self._spec = spec
-        self._lines = dict(own)
 
     def __getitem__(self, name: str) -> S:
         if name in self.entered:
@@ -323,7 +324,7 @@ AGENTS: Kind[AgentSpec] = Kind(
     {
         **_lines(f"{_ALGORITHMS}.sb3", *_SB3),
         **_lines(f"{_ALGORITHMS}.residual", "ppo_residual", "sac_residual"),
-        **_files(_ALGORITHMS, "pid", "alos", "lqr", "smc", "mpc", "random", "onnx", "ardusub"),
+        **_files(_ALGORITHMS, "pid", "alos", "lqr", "smc", "mpc", "random", "onnx"),
     },
 )
 
@@ -383,7 +384,7 @@ SIMULATORS: Kind[SimulatorSpec] = Kind(
     "auvbench.simulators",
     "simulator.name",
     f"{_SIMULATORS}:SimulatorSpec",
-    _lines(_SIMULATORS, "fossen", "gazebo", "ros2"),
+    _lines(_SIMULATORS, "fossen"),
 )
 
 _DISTURBANCES = "auvbench.config.disturbances"
@@ -418,13 +419,11 @@ LAUNCHERS: Kind[LauncherSpec] = Kind(
     "auvbench.launchers",
     "launcher.name",
     f"{_LAUNCHERS}:LauncherSpec",
-    _lines(_LAUNCHERS, "local", "slurm", "ray"),
+    _lines(_LAUNCHERS, "local"),
 )
 
 _TRACKING = "auvbench.config.trackers"
-TRACKERS: Kind[TrackerSpec] = Kind(
-    "auvbench.trackers", "train.log", f"{_TRACKING}:TrackerSpec", _lines(_TRACKING, "wandb", "mlflow")
-)
+TRACKERS: Kind[TrackerSpec] = Kind("auvbench.trackers", "train.log", f"{_TRACKING}:TrackerSpec", {})
 
 _COMMANDS = "auvbench.config.commands"
 COMMANDS: Kind[CommandSpec] = Kind(

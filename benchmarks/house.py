@@ -19,22 +19,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "auvbench"
 
-INTEGRATION = re.compile(r"ros ?2|rclpy|gazebo|ardusub|mavlink|slurm|wandb|mlflow|\bray\b", re.IGNORECASE)
+INTEGRATION = re.compile(r"(?i:ros ?2|rclpy|gazebo|ardusub|mavlink|slurm|wandb|mlflow)|\bRay\b")
 """Foreign systems that integrations talk to."""
-INTEGRATIONS = (
-    "ros2",
-    "mavlink",
-    "ardusub",
-    "simulators/gazebo",
-    "simulators/ros2.py",
-    "scheduling/slurm.py",
-    "scheduling/ray.py",
-    "tracking/wandb.py",
-    "tracking/mlflow.py",
-    "agents/ardusub.py",
-    "config/algorithms/ardusub.py",
-)
-"""Files and folders of the package that are an integration."""
+INTEGRATIONS = "integrations/"
+"""Folder of the package's integrations."""
 
 KINDS = {
     "agent": ("lqr", "conf/algo"),

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import psutil
 
-from auvbench.config.simulators import Ros2
 from auvbench.errors import ConfigError
+from auvbench.integrations.ros2.spec import Ros2
 from auvbench.vehicles import sheet
 from benchmarks.timing import best
 
@@ -23,7 +23,7 @@ Row = tuple[str, str, str, str]
 
 def ros2() -> Iterator[Row]:
     """Measure round trips: six commands to each vehicle, its odometry back."""
-    from auvbench.ros2 import middleware
+    from auvbench.integrations.ros2 import middleware
 
     try:
         middleware.load()
@@ -59,7 +59,7 @@ def _processor_time(simulator: Any, action: Any, server: psutil.Process) -> floa
 
 
 def _served(n: int) -> Iterator[Row]:
-    from auvbench.simulators import ros2 as client
+    from auvbench.integrations.ros2 import simulator as client
 
     server = subprocess.Popen(
         [sys.executable, "-m", "auvbench", "serve", "--lockstep", "--vehicles", str(n)],

@@ -17,8 +17,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from auvbench.ardusub.frames import FRAMES
-from auvbench.ardusub.protocol import CHANNELS
+from auvbench.integrations.ardusub.frames import FRAMES
+from auvbench.integrations.ardusub.protocol import CHANNELS
 
 RATE = 100
 """packets per s, fewer than ArduSub's: tests wait for them"""

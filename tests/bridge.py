@@ -6,7 +6,7 @@ import time
 
 import numpy as np
 
-from auvbench.mavlink.pilot import Pilot
+from auvbench.integrations.mavlink.pilot import Pilot
 from auvbench.pilot.steering import Limits, Steering
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from auvbench.errors import ConfigError
-from auvbench.ros2 import middleware
+from auvbench.integrations.ros2 import middleware
 from tests.waiting import LIMIT
 
 

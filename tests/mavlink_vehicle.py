@@ -1,7 +1,7 @@
 """A stand-in for ArduSub: it speaks MAVLink over UDP, and its motors drive the embedded physics.
 
 Joystick and mixer are written after ArduSub/joystick.cpp, ArduSub/mode_manual.cpp and libraries/AP_Motors/AP_Motors6DOF.cpp once more,
-motor by motor, so that `auvbench.mavlink.mixer` is tested against another implementation.
+motor by motor, so that `auvbench.integrations.mavlink.mixer` is tested against another implementation.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from auvbench.ardusub.frames import FRAMES
-from auvbench.ardusub.physics import Physics
-from auvbench.ardusub.radio import dialect
 from auvbench.dynamics import frames
+from auvbench.integrations.ardusub.frames import FRAMES
+from auvbench.integrations.ardusub.physics import Physics
+from auvbench.integrations.ardusub.radio import dialect
 from tests import configs
 
 STEP = 0.02  # s of simulated time between two messages of telemetry

@@ -167,8 +167,8 @@ Opened = tuple["Pilot", Callable[[], object], Callable[[], bool]]
 
 
 def _over_ros(given: argparse.Namespace, setup: Steering, options: dict[str, Any]) -> Opened:
-    from auvbench.ros2 import discovery
-    from auvbench.ros2.pilot import Pilot
+    from auvbench.integrations.ros2 import discovery
+    from auvbench.integrations.ros2.pilot import Pilot
 
     pilot = Pilot(given.namespace or setup.vehicle.name, setup, **options)
 
@@ -185,7 +185,7 @@ def _over_ros(given: argparse.Namespace, setup: Steering, options: dict[str, Any
 
 
 def _over_mavlink(given: argparse.Namespace, setup: Steering, options: dict[str, Any]) -> Opened:
-    from auvbench.mavlink.pilot import Pilot
+    from auvbench.integrations.mavlink.pilot import Pilot
 
     pilot = Pilot(given.mavlink, setup, **options)
 

@@ -12,8 +12,8 @@ from auvbench.commands.grammar import Parser, number, whole
 from auvbench.errors import ConfigError, UserError, closest
 
 if TYPE_CHECKING:
-    from auvbench.ardusub.physics import Physics
-    from auvbench.ros2.server import Server
+    from auvbench.integrations.ardusub.physics import Physics
+    from auvbench.integrations.ros2.server import Server
 
 KEYS = ("vehicle", "simulator", "task.start", "step.frequency", "disturbance")
 ARDUSUB_KEYS = (*KEYS, "seed")
@@ -74,7 +74,7 @@ def main(arguments: Sequence[str]) -> int:
     if given.face == "ardusub":
         return _serve_ardusub(given)
 
-    from auvbench.ros2 import middleware
+    from auvbench.integrations.ros2 import middleware
     from auvbench.runs import interruption
 
     middleware.load()  # fails before anything is compiled
@@ -121,19 +121,19 @@ def _server(given: argparse.Namespace) -> Server:
     from auvbench.config.disturbances import needs
     from auvbench.config.validate import train_config
     from auvbench.envs.simulator_factory import make_simulator
-    from auvbench.ros2 import interface
-    from auvbench.ros2.server import Server
+    from auvbench.integrations.ros2 import interface, spec
+    from auvbench.integrations.ros2.server import Server
     from auvbench.vehicles import sheet
     from auvbench.vehicles.physical import PhysicalCommands
 
     config = train_config(compose("train", given.overrides))
-    if isinstance(config.simulator, simulators.Ros2):
+    if simulators.is_served(config.simulator):
         raise ConfigError("simulator=ros2: cannot be served; use simulator=fossen or simulator=gazebo")
     if config.world.solid:
         raise ConfigError(f"world={config.world.name}: serve has no bottom and no obstacles; use world=open")
     navigation.refuse(config, "serve")
     for need in needs(config.disturbance):
-        if not need.able(simulators.ros2.capabilities):
+        if not need.able(spec.simulator.capabilities):
             raise ConfigError(
                 f"{need.key}: serve cannot simulate {need.what}; use simulator=fossen without ROS 2"
             )
@@ -164,8 +164,8 @@ def _server(given: argparse.Namespace) -> Server:
 
 
 def _print_interface(server: Server) -> None:
-    from auvbench.ros2 import interface
-    from auvbench.ros2.middleware import surroundings
+    from auvbench.integrations.ros2 import interface
+    from auvbench.integrations.ros2.middleware import surroundings
 
     names = interface.Names(server.namespaces[0])
     commands = [names.command(name) for name in server.actuators]
@@ -225,7 +225,7 @@ def _serve_ardusub(given: argparse.Namespace) -> int:
     last = 65535 - 10 * (given.vehicles - 1)
     if given.port > last:
         raise UserError(f"--port {given.port}: must be at most {last} for {given.vehicles} vehicles")
-    from auvbench.ardusub.server import Server
+    from auvbench.integrations.ardusub.server import Server
     from auvbench.runs import interruption
 
     with interruption.deferred() as request:
@@ -247,9 +247,9 @@ def _serve_ardusub(given: argparse.Namespace) -> int:
 
 
 def _vehicles(given: argparse.Namespace) -> list[Physics]:
-    from auvbench.ardusub.physics import Physics
     from auvbench.config.compose import compose
     from auvbench.config.validate import train_config
+    from auvbench.integrations.ardusub.physics import Physics
 
     config = train_config(compose("train", [*ARDUSUB_START, *given.overrides]))
     motors = given.motors.split(",") if given.motors else None
@@ -261,7 +261,7 @@ def _vehicles(given: argparse.Namespace) -> list[Physics]:
 
 def _print_address(given: argparse.Namespace, physics: Physics) -> None:
     """Print what is served, and the address for ArduSub."""
-    from auvbench.ardusub.server import started
+    from auvbench.integrations.ardusub.server import started
 
     motors, name = physics.motors, physics.vehicle.name
     count = len(motors.order)

@@ -76,7 +76,7 @@ def _print_sheet(name: str) -> None:
 
 
 def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None:
-    from auvbench.simulators.gazebo import sdf
+    from auvbench.integrations.gazebo import sdf
     from auvbench.vehicles import sheet
 
     contents = sdf.files(sheet.load(name), hydrodynamics, step)

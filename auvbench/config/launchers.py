@@ -1,4 +1,4 @@
-"""Define the schemas of the `launcher` group, and the specs of auvbench's own launchers.
+"""Define the schemas of the `launcher` group, and the spec of the launcher on this machine.
 
 Importing this module imports no launcher.
 """
@@ -28,33 +28,6 @@ class Local(Launcher):
 
 
 @dataclass(kw_only=True)
-class Slurm(Launcher):
-    """Jobs of a SLURM cluster."""
-
-    workers: int = number(0, 1_000_000)
-    partition: str | None
-    account: str | None
-    time: str | None
-    mem: str | None
-    cpus: int = number(1, 4096)
-    signal_before: int = number(1, 65_535)  # s; the largest value of sbatch
-    poll: float = number(0.1, 3600.0)  # s
-    grace: float = number(0.0, 3600.0)  # s
-    setup: list[str]
-    sbatch: list[str]
-
-
-@dataclass(kw_only=True)
-class Ray(Launcher):
-    """Tasks of a Ray cluster."""
-
-    workers: int = number(0, 1_000_000)
-    address: str | None
-    cpus: float = number(0.0, 4096.0, open_low=True)
-    memory: int = number(0, 1 << 40)  # MiB
-
-
-@dataclass(kw_only=True)
 class LauncherConfig(Launcher):
     """The `launcher` configuration of an installed package; a subclass adds its own keys."""
 
@@ -80,5 +53,3 @@ class LauncherSpec(Spec):
 
 
 local = LauncherSpec("local", "auvbench.scheduling.local:make", Local)
-slurm = LauncherSpec("slurm", "auvbench.scheduling.slurm:make", Slurm)
-ray = LauncherSpec("ray", "auvbench.scheduling.ray:make", Ray)

@@ -1,16 +1,16 @@
-"""Define the schemas of the `simulator` group, the specs of auvbench's own simulators, and their
-capabilities.
+"""Define the schemas of the `simulator` group, the spec of the embedded simulator, and what simulators are
+capable of.
 
 A configuration that needs more than its simulator's capabilities is rejected before anything starts.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from auvbench.config.disturbances import CURRENTS, needs
-from auvbench.config.fields import choice, choice_of, number
+from auvbench.config.fields import choice_of, number
 from auvbench.config.fields import name as plain_name
 from auvbench.config.filters import Filter
 from auvbench.config.schema import Disturbance
@@ -59,33 +59,6 @@ class Fossen(Simulator):
 
 
 @dataclass(kw_only=True)
-class Gazebo(Simulator):
-    """Gazebo Harmonic in this process."""
-
-    max_step: float = number(0.0, 1.0, open_low=True)  # s
-    hydrodynamics: str = choice("corrected", "published")
-
-    def limited(self, capabilities: Capabilities) -> Capabilities:
-        # The published plugin takes a current only when a vehicle is created.
-        return replace(capabilities, currents="steady") if self.hydrodynamics == "published" else capabilities
-
-
-@dataclass(kw_only=True)
-class Ros2(Simulator):
-    """A server of the interface over ROS 2."""
-
-    namespace: str | None
-    clock: str = choice("auto", "lockstep", "clock", "wall")
-    timeout: float = number(0.0, 1e4, open_low=True)  # s
-
-    def limited(self, capabilities: Capabilities) -> Capabilities:
-        if self.clock == "lockstep":
-            return capabilities
-        # The server is unknown, and messages arrive late.
-        return replace(capabilities, deterministic=False, scales=False, currents="steady")
-
-
-@dataclass(kw_only=True)
 class SimulatorConfig(Simulator):
     """The `simulator` configuration of an installed package; a subclass adds its own keys."""
 
@@ -125,11 +98,9 @@ class SimulatorSpec(Spec):
         return "" if able else "has invalid capabilities; make them with auvbench.plugin.Capabilities"
 
 
-_SIMULATORS = "auvbench.simulators"
-_SHEARED = Capabilities(exact_resume=False, deterministic=True, scales=True, currents="sheared")
 fossen = SimulatorSpec(
     "fossen",
-    f"{_SIMULATORS}.fossen:make",
+    "auvbench.simulators.fossen:make",
     Capabilities(
         exact_resume=True,
         deterministic=True,
@@ -140,22 +111,6 @@ fossen = SimulatorSpec(
         solids=True,
     ),
     Fossen,
-)
-gazebo = SimulatorSpec(
-    "gazebo",
-    f"{_SIMULATORS}.gazebo.simulator:make",
-    replace(_SHEARED, forces=True),
-    Gazebo,
-    full="simulator.hydrodynamics=corrected",
-    check=f"{_SIMULATORS}.gazebo.simulator:check",
-)
-ros2 = SimulatorSpec(
-    "ros2",
-    f"{_SIMULATORS}.ros2:make",
-    _SHEARED,
-    Ros2,
-    full="simulator.clock=lockstep",
-    served=f"{_SIMULATORS}.ros2:Served",
 )
 
 

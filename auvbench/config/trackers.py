@@ -1,4 +1,4 @@
-"""Define the specs of auvbench's own trackers. Importing this module imports no client."""
+"""Define the spec of a tracker."""
 
 from __future__ import annotations
 
@@ -23,7 +23,3 @@ class TrackerSpec(Spec):
     def code(self) -> str:
         """Return the module."""
         return self.module
-
-
-wandb = TrackerSpec("wandb", "auvbench.tracking.wandb", "wandb")
-mlflow = TrackerSpec("mlflow", "auvbench.tracking.mlflow", "mlflow")

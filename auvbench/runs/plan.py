@@ -12,12 +12,12 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf, open_dict
 
 from auvbench.config import schema
-from auvbench.config.algorithms.ardusub import ArduSub
 from auvbench.config.algorithms.onnx import ONNX
 from auvbench.config.compose import once_for_all_seeds, typed
 from auvbench.config.validate import resolved, train_config
 from auvbench.errors import ConfigError
 from auvbench.policies import exported
+from auvbench.registry import AGENTS, resolve
 from auvbench.runs import declared, declaring, identity, integrity
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, freeze, now, place, unwritable
@@ -113,10 +113,8 @@ def plan(config: DictConfig) -> Plan:
     vehicle = check_vehicle(checked)
     if isinstance(checked.algo, ONNX):
         config = _with_policy(config, checked, checked.algo, vehicle)
-    elif isinstance(checked.algo, ArduSub):
-        from auvbench.ardusub import sitl
-
-        config = sitl.settled(config, checked.algo)
+    elif checked.algo.agent in AGENTS.own and (settled := AGENTS[checked.algo.agent].settled):
+        config = resolve(settled)(config, checked.algo)
     values = resolved(config)
     values.pop(declared.KEY, None)  # not part of the run: stored in the folder of the experiment
     if interpolation := identity.first_interpolation(values):  # left by a value with \${ in it

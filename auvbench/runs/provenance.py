@@ -11,6 +11,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from auvbench import integrations
+
 PACKAGES = (
     "auvbench",
     "torch",
@@ -24,17 +26,12 @@ PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, of the packages that affect the result, and of Gazebo, a ROS 2 server or
-    ArduSub if this process uses them.
+    """Return the versions of Python, of the packages that affect the result, and of the foreign programs that this
+    process uses.
     """
-    from auvbench.simulators.gazebo import bindings
-
-    # Look only at modules that are already loaded, so that ROS 2 is not imported for this.
-    clients = map(sys.modules.get, ("auvbench.simulators.ros2", "auvbench.ardusub.radio"))
-    used = [client.used() for client in clients if client is not None]
-    return (
-        _packages() | bindings.versions() | {name: version for each in used for name, version in each.items()}
-    )
+    # Look only at modules that are already loaded, so that no client is imported for this.
+    loaded = [module for module in map(sys.modules.get, integrations.USED) if module is not None]
+    return _packages() | {name: version for module in loaded for name, version in module.used().items()}
 
 
 @cache

@@ -13,7 +13,6 @@ from auvbench import tracking
 from auvbench.agents import base as agents
 from auvbench.config import complete, schema, simulators
 from auvbench.config.algorithms import learns
-from auvbench.config.algorithms.ardusub import ArduSub
 from auvbench.config.algorithms.onnx import ONNX
 from auvbench.config.algorithms.residual import Residual
 from auvbench.errors import AuvbenchError, TrainingError
@@ -138,11 +137,8 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
     """Try an agent from elsewhere that does not learn here; return the files to record in the manifest."""
     if complete.releases(config):
         _try(config)
-    if isinstance(config.algo, ArduSub):
-        from auvbench.agents.ardusub import ArduSubAgent
-
-        vehicle = sheet.load(config.vehicle)
-        ArduSubAgent(config, vehicle).check(vehicle)
+    if config.algo.agent in AGENTS.own and (check := AGENTS[config.algo.agent].check):
+        resolve(check)(config, sheet.load(config.vehicle))
     if not isinstance(config.algo, ONNX):
         return {}
     from auvbench.agents.policy_file import PolicyFile

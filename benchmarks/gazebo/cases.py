@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.integrations.gazebo import sdf
+from auvbench.integrations.gazebo.simulator import GazeboSimulator
+from auvbench.integrations.gazebo.world import NewBody
 from auvbench.simulators.base import Simulator
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.gazebo import sdf
-from auvbench.simulators.gazebo.simulator import GazeboSimulator
-from auvbench.simulators.gazebo.world import NewBody
 from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
 

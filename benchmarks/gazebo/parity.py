@@ -14,8 +14,8 @@ from pathlib import Path as File
 import numpy as np
 
 from auvbench.dynamics.rigid_body import GZ_SIM_8_11, GZ_SIM_8_12
+from auvbench.integrations.gazebo import bindings
 from auvbench.runs.provenance import versions
-from auvbench.simulators.gazebo import bindings
 from benchmarks.gazebo.cases import (
     Case,
     Path,
@@ -98,7 +98,7 @@ def current_table(cases: Sequence[Case]) -> str:
 
 
 def environment() -> str:
-    found = bindings.versions() | {name: versions()[name] for name in ("python", "numpy")}
+    found = bindings.used() | {name: versions()[name] for name in ("python", "numpy")}
     return ", ".join(f"{name} {found[name]}" for name in sorted(found)) + f"; {platform.machine()}"
 
 

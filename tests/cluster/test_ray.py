@@ -13,13 +13,13 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from auvbench.config.launchers import Ray
 from auvbench.errors import UserError
+from auvbench.integrations.cluster.ray import RayBackend
+from auvbench.integrations.cluster.spec import Ray
 from auvbench.runs import lock
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.grid import sweep
 from auvbench.scheduling.loop import Outcome, Result
-from auvbench.scheduling.ray import RayBackend
 from tests import fake_training
 from tests.cluster.slurm_cluster import until
 

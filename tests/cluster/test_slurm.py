@@ -17,12 +17,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from auvbench.config.launchers import Slurm
 from auvbench.errors import AuvbenchError
+from auvbench.integrations.cluster.slurm import SlurmBackend
+from auvbench.integrations.cluster.spec import Slurm
 from auvbench.runs.directory import RunDirectory
 from auvbench.scheduling.grid import sweep
 from auvbench.scheduling.loop import Outcome, Result
-from auvbench.scheduling.slurm import SlurmBackend
 from auvbench.training.worker import TARGET
 from tests import fake_training
 from tests.cluster import slurm_cluster

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from auvbench.agents.ardusub import ArduSubAgent, Piloted
-from auvbench.ardusub import sitl
-from auvbench.ardusub.sitl import VARIABLE
 from auvbench.cli import main
 from auvbench.config import schema
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.evaluation.rollout import Rollout, roll_out
+from auvbench.integrations.ardusub import sitl
+from auvbench.integrations.ardusub.agent import ArduSubAgent, Piloted
+from auvbench.integrations.ardusub.sitl import VARIABLE
 from auvbench.vehicles import sheet
 from tests import configs
 from tests.ardusub_stand_in import installed

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from auvbench.cli import main
+from auvbench.integrations.gazebo import bindings
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.gazebo import bindings
 from auvbench.vehicles.sheet import load
 from tests.waiting import until
 

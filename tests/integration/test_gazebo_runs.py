@@ -8,8 +8,8 @@ import torch
 
 from auvbench.agents.learned.sb3 import Follower
 from auvbench.cli import main
+from auvbench.integrations.gazebo import bindings
 from auvbench.runs.directory import RunDirectory
-from auvbench.simulators.gazebo import bindings
 
 absent = bindings.missing()
 pytestmark = [

@@ -11,11 +11,11 @@ import sys
 import numpy as np
 import pytest
 
-from auvbench.ardusub.radio import dialect
 from auvbench.cli import main
 from auvbench.errors import RunError
-from auvbench.mavlink import autopilot
-from auvbench.mavlink.link import Link
+from auvbench.integrations.ardusub.radio import dialect
+from auvbench.integrations.mavlink import autopilot
+from auvbench.integrations.mavlink.link import Link
 from auvbench.pilot.steering import Limits
 from tests import dds
 from tests.bridge import NEUTRAL, Bridge, Clock
@@ -296,7 +296,7 @@ def test_failsafes_of_the_vehicle_that_are_off_are_named_before_it_arms(clock, m
 @pytest.fixture
 def impatient(monkeypatch):
     monkeypatch.setattr(autopilot, "FOUND", 1.0)
-    monkeypatch.setattr("auvbench.mavlink.pilot.TELEMETRY", 1.0)
+    monkeypatch.setattr("auvbench.integrations.mavlink.pilot.TELEMETRY", 1.0)
 
 
 def refused(capsys, *words):

@@ -11,8 +11,8 @@ import torch
 from auvbench import testing
 from auvbench.config import folders
 from auvbench.config.algorithms import learns
+from auvbench.integrations.gazebo import bindings
 from auvbench.registry import AGENTS, SIMULATORS
-from auvbench.simulators.gazebo import bindings
 from auvbench.testing import SIMULATOR_CHECKS, check_simulator
 
 ON_POLICY = ("algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=32", "algo.net_arch=[8]")

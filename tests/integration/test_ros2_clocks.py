@@ -6,12 +6,13 @@ import time
 import numpy as np
 import pytest
 
-from auvbench.config.simulators import Fossen, Ros2
+from auvbench.config.simulators import Fossen
 from auvbench.envs.simulator_factory import make_simulator
-from auvbench.ros2.middleware import InterfaceError, Session
-from auvbench.ros2.server import Server
-from auvbench.simulators import ros2
-from auvbench.simulators.ros2 import Ros2Simulator
+from auvbench.integrations.ros2 import simulator as ros2
+from auvbench.integrations.ros2.middleware import InterfaceError, Session
+from auvbench.integrations.ros2.server import Server
+from auvbench.integrations.ros2.simulator import Ros2Simulator
+from auvbench.integrations.ros2.spec import Ros2
 from auvbench.vehicles.physical import PhysicalCommands
 from auvbench.vehicles.sheet import load
 from tests import dds

@@ -12,13 +12,13 @@ import pytest
 import torch
 
 from auvbench.cli import main
-from auvbench.config.simulators import Ros2
 from auvbench.errors import TrainingError
-from auvbench.ros2 import discovery, interface
-from auvbench.ros2.connection import Connection
-from auvbench.ros2.middleware import InterfaceError, Session
+from auvbench.integrations.ros2 import discovery, interface
+from auvbench.integrations.ros2 import simulator as ros2
+from auvbench.integrations.ros2.connection import Connection
+from auvbench.integrations.ros2.middleware import InterfaceError, Session
+from auvbench.integrations.ros2.spec import Ros2
 from auvbench.runs.directory import RunDirectory
-from auvbench.simulators import ros2
 from auvbench.vehicles.sheet import load
 from tests import configs, dds
 from tests.waiting import LIMIT, until
@@ -157,7 +157,7 @@ def test_a_server_that_another_client_moves(server, stranger):
 
 KILLED = """
 import os, signal
-from auvbench.ros2.connection import Connection
+from auvbench.integrations.ros2.connection import Connection
 Connection("bluerov2", tuple(f"thruster{i}" for i in range(1, 7)), "lockstep", 300.0)
 os.kill(os.getpid(), signal.SIGKILL)
 """

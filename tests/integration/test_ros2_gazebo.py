@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from auvbench.config.simulators import Ros2
-from auvbench.simulators import ros2
-from auvbench.simulators.gazebo import bindings
-from auvbench.simulators.gazebo.simulator import GazeboSimulator
+from auvbench.integrations.gazebo import bindings
+from auvbench.integrations.gazebo.simulator import GazeboSimulator
+from auvbench.integrations.ros2 import simulator as ros2
+from auvbench.integrations.ros2.spec import Ros2
 from auvbench.vehicles.sheet import load
 from tests import dds
 from tests.waiting import LIMIT

@@ -10,12 +10,12 @@ import torch
 
 from auvbench.cli import main
 from auvbench.config.compose import compose
-from auvbench.config.simulators import Ros2
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
+from auvbench.integrations.ros2 import simulator as ros2
+from auvbench.integrations.ros2.spec import Ros2
 from auvbench.runs.directory import RunDirectory
-from auvbench.simulators import ros2
 from tests import configs, dds
 from tests.waiting import LIMIT
 

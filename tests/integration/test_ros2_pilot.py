@@ -11,13 +11,13 @@ import pytest
 from auvbench.cli import main
 from auvbench.commands import pilot as command
 from auvbench.errors import RunError
+from auvbench.integrations.ros2 import discovery, interface
+from auvbench.integrations.ros2.middleware import Session
+from auvbench.integrations.ros2.pilot import Pilot
 from auvbench.pilot.guard import Unsupervised
 from auvbench.pilot.mission import Logbook
 from auvbench.pilot.observation import observe
 from auvbench.pilot.steering import Limits, Steering
-from auvbench.ros2 import discovery, interface
-from auvbench.ros2.middleware import Session
-from auvbench.ros2.pilot import Pilot
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.sheet import load
 from tests import configs, dds

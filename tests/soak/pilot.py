@@ -33,7 +33,7 @@ from typing import Any
 
 import numpy as np
 
-from auvbench.mavlink.pilot import Pilot as MavlinkPilot
+from auvbench.integrations.mavlink.pilot import Pilot as MavlinkPilot
 from auvbench.pilot import loop
 from auvbench.pilot.mission import Logbook
 from auvbench.pilot.steering import Limits, Steering

@@ -9,9 +9,9 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from auvbench.ros2 import interface
-from auvbench.ros2.middleware import Session
-from auvbench.ros2.pilot import Pilot
+from auvbench.integrations.ros2 import interface
+from auvbench.integrations.ros2.middleware import Session
+from auvbench.integrations.ros2.pilot import Pilot
 from tests import dds
 from tests.soak.pilot_faults import Fault
 

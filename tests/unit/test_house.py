@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import ast
+import os
+import shutil
+import subprocess
+import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 
+from auvbench import integrations
 from auvbench.registry import TASKS
 from benchmarks import house
+from tests.waiting import LIMIT
 
 
 def counted(text: str) -> list[str]:
@@ -107,6 +114,50 @@ def test_a_reward_of_auvbench_is_its_code_its_declaration_its_yaml_and_a_line() 
     ]
 
 
-def test_files_of_integrations_exist() -> None:
-    for place in house.INTEGRATIONS:
-        assert (house.PACKAGE / place).exists() or place == "integrations"
+def test_each_integration_is_registered() -> None:
+    registered = [code for kind in integrations.REGISTERED.values() for code in kind.values()]
+    folders = {path.parent.name for path in (house.PACKAGE / house.INTEGRATIONS).glob("*/__init__.py")}
+    # A pilot is chosen by a flag and enters nothing.
+    assert {code.split(".")[2] for code in registered} == folders - {"mavlink"}
+
+
+WITHOUT = """
+import pkgutil, sys
+import auvbench
+from auvbench.cli import main
+
+names = [module.name for module in pkgutil.walk_packages(auvbench.__path__, "auvbench.")]
+for name in names:
+    if not name.startswith(("auvbench.template", "auvbench.__main__")):
+        __import__(name)
+assert main(["train", "algo=pid"]) == 0
+assert main(["train", "simulator=gazebo"]) == 2
+assert not [name for name in sys.modules if name.startswith("auvbench.integrations.")]
+"""
+
+
+@pytest.mark.slow
+def test_the_core_works_without_integrations(tmp_path: Path) -> None:
+    copy, folder = tmp_path / "copy", tmp_path / "folder"
+    folder.mkdir()
+    for name in ("auvbench", "conf"):
+        shutil.copytree(house.ROOT / name, copy / name, ignore=shutil.ignore_patterns("__pycache__"))
+    here = copy / "auvbench" / "integrations"
+    for path in here.iterdir():
+        if path.is_dir():
+            shutil.rmtree(path)
+    (here / "__init__.py").write_text("REGISTERED: dict[str, dict[str, str]] = {}\nUSED = ()\n")
+    for name in ("simulator/gazebo", "simulator/ros2", "launcher/slurm", "launcher/ray", "algo/ardusub"):
+        (copy / "conf" / f"{name}.yaml").unlink()
+    environment = {**os.environ, "PYTHONPATH": str(copy), "NUMBA_DISABLE_JIT": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
+    assert "gazebo" in done.stderr

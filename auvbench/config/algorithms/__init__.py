@@ -87,6 +87,14 @@ class AgentSpec(Spec):
     """Whether the agent reads the observation."""
     learns: bool = False
     """Whether the agent has a training."""
+    settled: str = ""
+    """`module:function` of a composed configuration and its checked `algo` that returns the configuration with what
+    identifies a program of the user's, before the run gets its id.
+    """
+    check: str = ""
+    """`module:function` of configuration and vehicle that raises an error, when a run begins, if the agent cannot
+    steer the vehicle.
+    """
 
     @classmethod
     def adopt(cls, found: Declared, thing: Any) -> AgentSpec:

@@ -6,8 +6,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from auvbench.ardusub.frames import FRAMES, motors_of, t200_force
 from auvbench.errors import ConfigError
+from auvbench.integrations.ardusub.frames import FRAMES, motors_of, t200_force
 from auvbench.vehicles import sheet
 from tests import configs
 

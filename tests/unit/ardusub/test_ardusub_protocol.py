@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import pytest
 
-from auvbench.ardusub import protocol
-from auvbench.ardusub.protocol import PacketError, SensorState
+from auvbench.integrations.ardusub import protocol
+from auvbench.integrations.ardusub.protocol import PacketError, SensorState
 
 STATE = SensorState(
     time=12.5,
@@ -93,6 +93,6 @@ def test_no_reply_has_a_number_that_is_none(value):
 
 
 def test_the_protocol_needs_neither_compiled_code_nor_learning():
-    code = "import sys; from auvbench.ardusub import protocol, frames; print(*{'numba', 'torch', 'hydra', 'scipy'} & {*sys.modules})"
+    code = "import sys; from auvbench.integrations.ardusub import protocol, frames; print(*{'numba', 'torch', 'hydra', 'scipy'} & {*sys.modules})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from auvbench.ardusub.physics import Physics
-from auvbench.ardusub.sensors import GRAVITY
 from auvbench.dynamics.frames import euler, rotation
 from auvbench.errors import ConfigError
+from auvbench.integrations.ardusub.physics import Physics
+from auvbench.integrations.ardusub.sensors import GRAVITY
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles.physical import PhysicalCommands
 from tests.ardusub_peer import NEUTRAL, configuration

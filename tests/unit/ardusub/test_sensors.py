@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from auvbench.ardusub.sensors import GRAVITY, Sensors
-from auvbench.ardusub.sitl import _eased
 from auvbench.dynamics.frames import quaternion, rotation
+from auvbench.integrations.ardusub.sensors import GRAVITY, Sensors
+from auvbench.integrations.ardusub.sitl import _eased
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from tests import configs

@@ -9,9 +9,9 @@ import time
 
 import pytest
 
-from auvbench.ardusub import server as serving_module
-from auvbench.ardusub.physics import Physics
 from auvbench.errors import UserError
+from auvbench.integrations.ardusub import server as serving_module
+from auvbench.integrations.ardusub.physics import Physics
 from tests.ardusub_peer import NEUTRAL, Peer, Serving, configuration, serving
 from tests.waiting import until
 

@@ -3,8 +3,18 @@
 import numpy as np
 import pytest
 
-from auvbench.ardusub.frames import motors_of
-from auvbench.mavlink.mixer import FORWARD, LATERAL, NEUTRAL, PITCH, ROLL, THROTTLE, YAW, Mixer, Sticks
+from auvbench.integrations.ardusub.frames import motors_of
+from auvbench.integrations.mavlink.mixer import (
+    FORWARD,
+    LATERAL,
+    NEUTRAL,
+    PITCH,
+    ROLL,
+    THROTTLE,
+    YAW,
+    Mixer,
+    Sticks,
+)
 from auvbench.vehicles.sheet import load
 from tests.mavlink_vehicle import ArduSub, free_port
 

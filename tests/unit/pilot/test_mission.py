@@ -272,12 +272,12 @@ for words in (*([name] for name in pilot.CONTROLLERS), [sys.argv[2]], ["lqr", *s
     setup = pilot._setup(pilot.parser().read(words))
     setup.controller.reset(numpy.zeros(1, dtype="int64"))
     setup.controller.act(numpy.zeros((1, setup.spec.size), dtype="float32"))
-import auvbench.ros2.pilot, auvbench.pilot.mission, auvbench.runs.interruption
-import auvbench.mavlink.pilot
-from auvbench.ardusub.frames import motors_of
-from auvbench.ardusub.radio import dialect
-from auvbench.mavlink import mixer
-from auvbench.ros2 import middleware
+import auvbench.integrations.ros2.pilot, auvbench.pilot.mission, auvbench.runs.interruption
+import auvbench.integrations.mavlink.pilot
+from auvbench.integrations.ardusub.frames import motors_of
+from auvbench.integrations.ardusub.radio import dialect
+from auvbench.integrations.mavlink import mixer
+from auvbench.integrations.ros2 import middleware
 from auvbench.vehicles import sheet
 middleware.load()
 dialect()

@@ -104,8 +104,8 @@ def test_ray_does_not_report_to_its_makers(monkeypatch: pytest.MonkeyPatch) -> N
     import sys
     import types
 
-    from auvbench.config.launchers import Ray
-    from auvbench.scheduling.ray import RayBackend
+    from auvbench.integrations.cluster.ray import RayBackend
+    from auvbench.integrations.cluster.spec import Ray
 
     seen: list[str | None] = []
     fake = types.ModuleType("ray")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from auvbench.errors import ConfigError
-from auvbench.ros2 import interface
-from auvbench.ros2.middleware import load
+from auvbench.integrations.ros2 import interface
+from auvbench.integrations.ros2.middleware import load
 from tests import dds
 
 

@@ -7,14 +7,14 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from auvbench.ros2 import middleware
+from auvbench.integrations.ros2 import middleware
 from tests import dds
 
 pytestmark = dds.needs_ros
 
 NAMED = f"""
 import os
-from auvbench.ros2.middleware import load
+from auvbench.integrations.ros2.middleware import load
 load()
 print(os.environ.get({middleware.PROFILES!r}))
 """

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from auvbench.ros2 import vehicle_node
-from auvbench.ros2.server import Server
-from auvbench.ros2.vehicle_node import VehicleNode
+from auvbench.integrations.ros2 import vehicle_node
+from auvbench.integrations.ros2.server import Server
+from auvbench.integrations.ros2.vehicle_node import VehicleNode
 
 
 def message(*water):

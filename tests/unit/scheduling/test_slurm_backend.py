@@ -15,12 +15,13 @@ import pytest
 from rich.console import Console
 
 from auvbench.config.compose import compose
-from auvbench.config.launchers import Slurm
 from auvbench.errors import UserError
+from auvbench.integrations.cluster import slurm
+from auvbench.integrations.cluster.slurm import SlurmBackend
+from auvbench.integrations.cluster.spec import Slurm
 from auvbench.runs.directory import RunDirectory
-from auvbench.scheduling import grid, loop, slurm, views
+from auvbench.scheduling import grid, loop, views
 from auvbench.scheduling.loop import Phase, SubmitError
-from auvbench.scheduling.slurm import SlurmBackend
 from auvbench.untrusted import path_safety
 from tests import fake_training
 

@@ -8,9 +8,9 @@ import pytest
 
 from auvbench.dynamics.rigid_body import GZ_SIM_8_12
 from auvbench.errors import ConfigError
+from auvbench.integrations.gazebo import bindings
+from auvbench.integrations.gazebo.simulator import GazeboSimulator
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.gazebo import bindings
-from auvbench.simulators.gazebo.simulator import GazeboSimulator
 from auvbench.vehicles.sheet import load
 
 absent = bindings.missing()
@@ -107,7 +107,7 @@ def test_reset_resets_everything_and_leaves_the_others_alone(bluerov2, hydrodyna
 
 
 def test_more_vehicles_than_a_world_holds_do_as_they_would_alone(bluerov2, monkeypatch):
-    monkeypatch.setattr("auvbench.simulators.gazebo.simulator.VEHICLES_PER_WORLD", 2)
+    monkeypatch.setattr("auvbench.integrations.gazebo.simulator.VEHICLES_PER_WORLD", 2)
     pose, actions = start(5), commands(4, 5, 6)
     spread = flown(GazeboSimulator(bluerov2, 5), pose, actions)
     monkeypatch.undo()
@@ -228,6 +228,6 @@ def test_ctrl_c_stays_with_those_who_asked_for_it(bluerov2):
 
 def test_versions_are_known_once_it_runs(bluerov2):
     flown(GazeboSimulator(bluerov2, 1), start(1), np.zeros((1, 1, 6)))
-    found = bindings.versions()
+    found = bindings.used()
     assert found["gz-sim8"].startswith("8.")
     assert "dart" in found

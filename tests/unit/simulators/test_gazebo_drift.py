@@ -5,8 +5,8 @@ import pytest
 
 from auvbench.dynamics.frames import rotation
 from auvbench.dynamics.rigid_body import coriolis
+from auvbench.integrations.gazebo.world import CurrentForce
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.gazebo.world import CurrentForce
 from auvbench.vehicles.sheet import load
 
 

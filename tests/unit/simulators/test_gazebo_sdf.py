@@ -11,7 +11,7 @@ import yaml
 
 from auvbench.cli import main
 from auvbench.errors import VehicleError
-from auvbench.simulators.gazebo import parts, sdf
+from auvbench.integrations.gazebo import parts, sdf
 from auvbench.vehicles.sheet import load
 
 THRUSTERS_ONLY = (

@@ -8,9 +8,9 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
+from auvbench.integrations.gazebo import bindings
+from auvbench.integrations.gazebo.simulator import Thrust
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.gazebo import bindings
-from auvbench.simulators.gazebo.simulator import Thrust
 from auvbench.vehicles.sheet import load
 
 

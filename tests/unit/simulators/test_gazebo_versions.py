@@ -2,7 +2,7 @@
 
 from types import SimpleNamespace
 
-from auvbench.simulators.gazebo import bindings
+from auvbench.integrations.gazebo import bindings
 from benchmarks.gazebo import parity
 
 MAPS = """\
@@ -15,7 +15,7 @@ MAPS = """\
 
 def test_versions_are_sorted(monkeypatch):
     monkeypatch.setattr(bindings, "Path", lambda _: SimpleNamespace(read_text=lambda encoding: MAPS))
-    assert list(bindings.versions().items()) == [
+    assert list(bindings.used().items()) == [
         ("dart", "6.12.1"),
         ("gz-sim8", "8.14.0"),
         ("sdformat14", "14.9.0"),

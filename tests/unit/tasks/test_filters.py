@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from omegaconf import OmegaConf
 from scipy.optimize import lsq_linear
 
-from auvbench.agents import ardusub
 from auvbench.agents.base import make
 from auvbench.cli import main
 from auvbench.config.compose import compose, typed
@@ -21,6 +20,7 @@ from auvbench.envs.gym_env import AuvEnv
 from auvbench.envs.settings import configuration
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
+from auvbench.integrations.ardusub import agent as ardusub
 from auvbench.metrics import METRICS
 from auvbench.record import record_columns
 from auvbench.runs import identity

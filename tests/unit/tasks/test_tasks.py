@@ -15,9 +15,9 @@ from auvbench.agents.base import make
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import roll_out
+from auvbench.integrations.gazebo import simulator as gazebo
 from auvbench.registry import TASKS
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.simulators.gazebo import simulator as gazebo
 from auvbench.tasks import rows
 from auvbench.tasks.base import Task
 from auvbench.testing import TASK_CHECKS, ConformanceError, check_task

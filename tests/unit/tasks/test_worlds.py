@@ -438,7 +438,7 @@ def test_a_start_that_is_placed_into_a_solid_is_refused_and_changes_nothing() ->
 
 
 def test_ardusub_is_tested_in_open_water() -> None:
-    from auvbench.agents.ardusub import refuse
+    from auvbench.integrations.ardusub.agent import refuse
 
     config = configuration(overrides=["world=tank", "algo=ardusub", "noise=none", "vehicle=bluerov2_heavy"])
     with pytest.raises(ConfigError, match="world=tank: algo=ardusub"):

@@ -15,7 +15,8 @@ from auvbench.config import simulators
 from auvbench.config.schema import SCALES
 from auvbench.dynamics.kernel import commanded
 from auvbench.errors import ConfigError, TrainingError
-from auvbench.ros2.connection import Connection
+from auvbench.integrations.ros2.connection import Connection
+from auvbench.integrations.ros2.spec import Ros2
 from auvbench.simulators.fossen import actuator_table
 from auvbench.vehicles.physical import PhysicalCommands
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -29,7 +30,7 @@ half a second
 """
 
 
-def connect(settings: simulators.Ros2, vehicle: VehicleModel) -> Connection:
+def connect(settings: Ros2, vehicle: VehicleModel) -> Connection:
     """Return the connection to the server; reuse the earlier one while it is usable.
 
     Raises:
@@ -95,7 +96,7 @@ class Ros2Simulator:
         InterfaceError: a topic or service is missing, or another program uses it.
     """
 
-    def __init__(self, vehicle: VehicleModel, n: int, settings: simulators.Ros2) -> None:
+    def __init__(self, vehicle: VehicleModel, n: int, settings: Ros2) -> None:
         self.vehicle = vehicle
         self.n = n
         self.settings = settings
@@ -238,7 +239,7 @@ class Ros2Simulator:
         """Do nothing: a resumed run begins the episodes in flight again."""
 
 
-def make(settings: simulators.Ros2, vehicle: VehicleModel, n: int, longest: float) -> Ros2Simulator:
+def make(settings: Ros2, vehicle: VehicleModel, n: int, longest: float) -> Ros2Simulator:
     """Return the simulator of a configuration; see `config.simulators.SimulatorSpec.factory`."""
     return Ros2Simulator(vehicle, n, settings)
 
@@ -247,7 +248,7 @@ class Served:
     """What a test must know of the server; see `config.simulators.SimulatorSpec.served`."""
 
     @staticmethod
-    def vehicles(settings: simulators.Ros2, vehicle: VehicleModel) -> int:
+    def vehicles(settings: Ros2, vehicle: VehicleModel) -> int:
         return connect(settings, vehicle).n
 
     @staticmethod

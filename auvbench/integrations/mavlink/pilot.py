@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.ardusub.frames import Motors, motors_of
-from auvbench.ardusub.radio import MANUAL
 from auvbench.errors import UserError
-from auvbench.mavlink.autopilot import Autopilot
-from auvbench.mavlink.failsafes import weak
-from auvbench.mavlink.link import Link
-from auvbench.mavlink.mixer import NEUTRAL, Mixer
+from auvbench.integrations.ardusub.frames import Motors, motors_of
+from auvbench.integrations.ardusub.radio import MANUAL
+from auvbench.integrations.mavlink.autopilot import Autopilot
+from auvbench.integrations.mavlink.failsafes import weak
+from auvbench.integrations.mavlink.link import Link
+from auvbench.integrations.mavlink.mixer import NEUTRAL, Mixer
 from auvbench.pilot import loop
 from auvbench.pilot.steering import Steering
 from auvbench.vehicles.inspect import AXES

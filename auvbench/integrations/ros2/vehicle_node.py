@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config.schema import SCALES
-from auvbench.ros2 import interface
+from auvbench.integrations.ros2 import interface
 
 if TYPE_CHECKING:
-    from auvbench.ros2.server import Server
+    from auvbench.integrations.ros2.server import Server
 
 Floats = NDArray[np.float64]
 

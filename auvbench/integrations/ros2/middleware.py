@@ -19,7 +19,7 @@ from typing import Any
 
 from auvbench import isolation
 from auvbench.errors import ConfigError, MissingExtraError, closest
-from auvbench.ros2 import interface
+from auvbench.integrations.ros2 import interface
 from auvbench.untrusted.text import first_line
 
 LAST_DOMAIN = 232

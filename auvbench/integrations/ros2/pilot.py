@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.integrations.ros2 import discovery, interface
+from auvbench.integrations.ros2.middleware import Session
 from auvbench.pilot import loop
 from auvbench.pilot.guard import Guard
 from auvbench.pilot.observation import yaw_of
 from auvbench.pilot.possible import is_turn
 from auvbench.pilot.steering import Steering
-from auvbench.ros2 import discovery, interface
-from auvbench.ros2.middleware import Session
 
 Floats = NDArray[np.float64]
 

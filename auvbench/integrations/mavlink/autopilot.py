@@ -11,12 +11,12 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from auvbench.ardusub.radio import MANUAL
 from auvbench.errors import UserError
-from auvbench.mavlink.failsafes import FAILSAFES
-from auvbench.mavlink.link import TURN, Link, Peer
-from auvbench.mavlink.mixer import NEUTRAL, Sticks
-from auvbench.mavlink.telemetry import FIELDS, Telemetry
+from auvbench.integrations.ardusub.radio import MANUAL
+from auvbench.integrations.mavlink.failsafes import FAILSAFES
+from auvbench.integrations.mavlink.link import TURN, Link, Peer
+from auvbench.integrations.mavlink.mixer import NEUTRAL, Sticks
+from auvbench.integrations.mavlink.telemetry import FIELDS, Telemetry
 from auvbench.untrusted.text import short
 
 FOUND = 10.0

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
-from auvbench.config.launchers import Slurm
 from auvbench.errors import RunError, UserError
+from auvbench.integrations.cluster.spec import Slurm
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.scheduling.loop import Phase, Status, SubmitError
 from auvbench.training.worker import LOG, TARGET

@@ -19,14 +19,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.cascade import Estimator, to_body
-from auvbench.ardusub import sitl
-from auvbench.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
-from auvbench.ardusub.radio import MODES, dialect
-from auvbench.ardusub.sensors import Sensors
 from auvbench.config import navigation, schema, simulators
-from auvbench.config.algorithms.ardusub import ArduSub
 from auvbench.config.disturbances import COMMANDS, READINGS, TIMING, alterations
 from auvbench.errors import ConfigError, TrainingError
+from auvbench.integrations.ardusub import sitl
+from auvbench.integrations.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
+from auvbench.integrations.ardusub.radio import MODES, dialect
+from auvbench.integrations.ardusub.sensors import Sensors
+from auvbench.integrations.ardusub.spec import ArduSub
 from auvbench.runs import interruption
 from auvbench.simulators.base import IntArray
 from auvbench.simulators.fossen import FossenSimulator
@@ -109,11 +109,16 @@ class ArduSubAgent:
         if self._vehicle is not None:
             self._vehicle.stop()
 
-    def check(self, vehicle: VehicleModel) -> None:
-        """Start ArduSub once, so that a run with an unsuitable program fails at its start."""
+    def start(self, vehicle: VehicleModel) -> None:
+        """Start ArduSub once and stop it."""
         piloted = Piloted(vehicle, self._motors, self._algo, self._program)
         piloted.reset(np.arange(1), np.array([[0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6)))
         piloted.stop()
+
+
+def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+    """Start ArduSub once, so that a run with an unsuitable program fails at its start."""
+    ArduSubAgent(config, vehicle).start(vehicle)
 
 
 class Piloted(FossenSimulator):

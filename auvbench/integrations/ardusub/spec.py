@@ -16,4 +16,12 @@ class ArduSub(Algorithm):
     parameters: dict[str, float]
 
 
-SPEC = AgentSpec("ardusub", "ArduSub", ArduSub, "auvbench.agents.ardusub:ArduSubAgent", observes=False)
+agent = AgentSpec(
+    "ardusub",
+    "ArduSub",
+    ArduSub,
+    "auvbench.integrations.ardusub.agent:ArduSubAgent",
+    observes=False,
+    settled="auvbench.integrations.ardusub.sitl:settled",
+    check="auvbench.integrations.ardusub.agent:check",
+)

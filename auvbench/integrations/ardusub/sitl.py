@@ -28,11 +28,11 @@ from typing import Any
 
 from omegaconf import DictConfig, open_dict
 
-from auvbench.ardusub.protocol import LARGEST, Packet, PacketError, SensorState, parse, reply
-from auvbench.ardusub.radio import MANUAL, Radio, loopback_socket, used
-from auvbench.ardusub.sensors import GRAVITY
-from auvbench.config.algorithms.ardusub import ArduSub
 from auvbench.errors import ConfigError, TrainingError
+from auvbench.integrations.ardusub.protocol import LARGEST, Packet, PacketError, SensorState, parse, reply
+from auvbench.integrations.ardusub.radio import MANUAL, Radio, loopback_socket, used
+from auvbench.integrations.ardusub.sensors import GRAVITY
+from auvbench.integrations.ardusub.spec import ArduSub
 
 VARIABLE = "AUVBENCH_ARDUSUB"
 """environment variable that names the program"""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from auvbench.errors import closest
-from auvbench.ros2 import interface
-from auvbench.ros2.middleware import InterfaceError, Session, surroundings
+from auvbench.integrations.ros2 import interface
+from auvbench.integrations.ros2.middleware import InterfaceError, Session, surroundings
 
 SETTLE = 0.4
 """time in s in which further publishers of a topic may be discovered after the first"""

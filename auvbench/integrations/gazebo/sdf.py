@@ -20,8 +20,8 @@ import yaml
 from numpy.typing import NDArray
 
 from auvbench.errors import VehicleError
-from auvbench.simulators.gazebo import parts
-from auvbench.simulators.gazebo.parts import LINK, comment, number, plugin
+from auvbench.integrations.gazebo import parts
+from auvbench.integrations.gazebo.parts import LINK, comment, number, plugin
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]

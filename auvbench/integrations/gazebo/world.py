@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from auvbench.dynamics.frames import rotation
 from auvbench.dynamics.rigid_body import coriolis
 from auvbench.errors import AuvbenchError
-from auvbench.simulators.gazebo import bindings
-from auvbench.simulators.gazebo.parts import LINK
+from auvbench.integrations.gazebo import bindings
+from auvbench.integrations.gazebo.parts import LINK
 
 FloatArray = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.ardusub.frames import HIGH, Motors
-from auvbench.ardusub.frames import NEUTRAL as CENTRE
+from auvbench.integrations.ardusub.frames import HIGH, Motors
+from auvbench.integrations.ardusub.frames import NEUTRAL as CENTRE
 from auvbench.vehicles.curves import t200_curve
 
 Floats = NDArray[np.float64]

@@ -9,11 +9,11 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 
-from auvbench.ardusub import protocol
-from auvbench.ardusub.frames import FRAMES, NEUTRAL, Motors, driven_pulse
-from auvbench.ardusub.physics import Physics
-from auvbench.ardusub.protocol import Packet, PacketError
 from auvbench.errors import UserError
+from auvbench.integrations.ardusub import protocol
+from auvbench.integrations.ardusub.frames import FRAMES, NEUTRAL, Motors, driven_pulse
+from auvbench.integrations.ardusub.physics import Physics
+from auvbench.integrations.ardusub.protocol import Packet, PacketError
 
 Address = tuple[str, int]
 

@@ -8,14 +8,14 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.ardusub.frames import LONGEST, THRUST, VOLTAGE, Motors, motors_of
-from auvbench.ardusub.protocol import SensorState
-from auvbench.ardusub.sensors import Sensors, to_body
 from auvbench.config import schema, simulators
 from auvbench.config.disturbances import READINGS, TIMING, alterations
 from auvbench.config.schema import SCALES
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ConfigError, closest
+from auvbench.integrations.ardusub.frames import LONGEST, THRUST, VOLTAGE, Motors, motors_of
+from auvbench.integrations.ardusub.protocol import SensorState
+from auvbench.integrations.ardusub.sensors import Sensors, to_body
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import TrainingError
-from auvbench.ros2 import discovery, interface
-from auvbench.ros2.discovery import FOUND, LEASE, LEAVING, SETTLE
-from auvbench.ros2.middleware import Answer, InterfaceError, Session
+from auvbench.integrations.ros2 import discovery, interface
+from auvbench.integrations.ros2.discovery import FOUND, LEASE, LEAVING, SETTLE
+from auvbench.integrations.ros2.middleware import Answer, InterfaceError, Session
 
 Floats = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-from auvbench.config.launchers import Ray
 from auvbench.errors import UserError
+from auvbench.integrations.cluster.spec import Ray
 from auvbench.runs import lock
 from auvbench.scheduling.loop import Phase, Status
 from auvbench.training.worker import TARGET

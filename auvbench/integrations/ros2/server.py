@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.errors import AuvbenchError
-from auvbench.ros2 import interface
-from auvbench.ros2.middleware import SLICE, InterfaceError, Session
-from auvbench.ros2.vehicle_node import ALLOWED, Settings, VehicleNode, is_current
+from auvbench.integrations.ros2 import interface
+from auvbench.integrations.ros2.middleware import SLICE, InterfaceError, Session
+from auvbench.integrations.ros2.vehicle_node import ALLOWED, Settings, VehicleNode, is_current
 from auvbench.untrusted.text import say
 
 Floats = NDArray[np.float64]

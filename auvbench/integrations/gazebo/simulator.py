@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from auvbench.config import simulators
 from auvbench.errors import ConfigError
+from auvbench.integrations.gazebo import bindings, sdf, spec
+from auvbench.integrations.gazebo.spec import Gazebo
+from auvbench.integrations.gazebo.world import CurrentForce, NewBody, World
 from auvbench.simulators.base import VehicleBatch
-from auvbench.simulators.gazebo import bindings, sdf
-from auvbench.simulators.gazebo.world import CurrentForce, NewBody, World
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +43,7 @@ class GazeboSimulator(VehicleBatch):
         VehicleError: Gazebo cannot simulate this vehicle; see `sdf.check_vehicle`.
     """
 
-    capabilities = simulators.gazebo.capabilities
+    capabilities = spec.simulator.capabilities
 
     def __init__(
         self, vehicle: VehicleModel, n: int, max_step: float = 0.01, hydrodynamics: str = "corrected"
@@ -230,13 +230,13 @@ def _moved(x: FloatArray, A: FloatArray) -> FloatArray:
     return np.asarray(np.einsum("nj,ij->ni", x, A))
 
 
-def make(settings: simulators.Gazebo, vehicle: VehicleModel, n: int, longest: float) -> GazeboSimulator:
+def make(settings: Gazebo, vehicle: VehicleModel, n: int, longest: float) -> GazeboSimulator:
     """Return the simulator of a configuration; see `config.simulators.SimulatorSpec.factory`."""
     step = min(settings.max_step, longest)
     return GazeboSimulator(vehicle, n, max_step=step, hydrodynamics=settings.hydrodynamics)
 
 
-def check(settings: simulators.Gazebo, vehicle: VehicleModel) -> None:
+def check(settings: Gazebo, vehicle: VehicleModel) -> None:
     """Check before a run that Gazebo can simulate the vehicle.
 
     Raises:

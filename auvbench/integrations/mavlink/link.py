@@ -9,8 +9,8 @@ import time
 from collections.abc import Iterator
 from typing import Any
 
-from auvbench.ardusub.radio import dialect
 from auvbench.errors import RunError, UserError
+from auvbench.integrations.ardusub.radio import dialect
 from auvbench.pilot.guard import STARTS, Guard
 
 Peer = tuple[str, int]

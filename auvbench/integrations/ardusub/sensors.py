@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from auvbench.ardusub.frames import VOLTAGE
-from auvbench.ardusub.protocol import SensorState
 from auvbench.dynamics import frames
 from auvbench.errors import TrainingError
+from auvbench.integrations.ardusub.frames import VOLTAGE
+from auvbench.integrations.ardusub.protocol import SensorState
 from auvbench.simulators.fossen import FossenSimulator
 
 Vector = tuple[float, float, float]

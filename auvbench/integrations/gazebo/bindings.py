@@ -82,7 +82,7 @@ def missing() -> str | None:
 _LIBRARY = re.compile(r"lib(gz-sim8|gz-physics7|sdformat14|dart)\.so\.([0-9.]+)$")
 
 
-def versions() -> dict[str, str]:
+def used() -> dict[str, str]:
     """Return the versions of Gazebo's libraries that are mapped into this process, by name, sorted."""
     libraries: dict[str, str] = {}
     try:

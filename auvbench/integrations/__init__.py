@@ -1,0 +1,24 @@
+"""Name the integrations: what talks to foreign systems, each in a folder of its own.
+
+An integration enters as an installed package does, by the specs that are named here. To remove one, delete its folder and
+its lines below.
+"""
+
+from __future__ import annotations
+
+_HERE = "auvbench.integrations"
+REGISTERED: dict[str, dict[str, str]] = {
+    "auvbench.agents": {"ardusub": f"{_HERE}.ardusub.spec:agent"},
+    "auvbench.simulators": {
+        "gazebo": f"{_HERE}.gazebo.spec:simulator",
+        "ros2": f"{_HERE}.ros2.spec:simulator",
+    },
+    "auvbench.launchers": {"slurm": f"{_HERE}.cluster.spec:slurm", "ray": f"{_HERE}.cluster.spec:ray"},
+    "auvbench.trackers": {
+        "wandb": f"{_HERE}.tracking.spec:wandb",
+        "mlflow": f"{_HERE}.tracking.spec:mlflow",
+    },
+}
+"""Names of the integrations' specs by kind, as in `auvbench.registry`."""
+USED = (f"{_HERE}.gazebo.bindings", f"{_HERE}.ros2.simulator", f"{_HERE}.ardusub.radio")
+"""Modules whose function `used` returns the versions of the foreign programs that this process uses."""

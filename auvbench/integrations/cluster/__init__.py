@@ -1,0 +1,1 @@
+"""Train on a cluster: SLURM and Ray (docs/cluster.md)."""
