@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+import yaml
 from omegaconf import open_dict
 
 from auvbench.commands.tune import plan_of
@@ -228,3 +229,17 @@ def test_a_file_of_ones_own_is_read_each_time(tmp_path):
     for k in (2.0, 3.0):
         own.write_text(f"defaults: [thesis]\nk: {k}\n")
         assert compose("train", ["reward=mine"], folder=tmp_path).reward.k == k
+
+
+def test_a_study_is_tuned_with_the_groups_of_a_training() -> None:
+    """A trial with other groups would be another run than the one that its settings give when typed."""
+    groups = {
+        name: [
+            next(iter(entry))
+            for entry in yaml.safe_load((CONF / f"{name}.yaml").read_text())["defaults"]
+            if isinstance(entry, dict)
+        ]
+        for name in ("train", "tune")
+    }
+    lacking = [group for group in groups["train"] if group not in groups["tune"]]
+    assert lacking == []
