@@ -27,6 +27,7 @@ def main(arguments: Sequence[str]) -> int:
             _one(config, command) if config.launcher.name == "local" else _grid([config], command)
         ),
         grid=lambda configs: _grid(configs, command),
+        dry_run=_dry_run,
     )
     return int(result or 0)
 
@@ -35,6 +36,12 @@ def _grid(configs: Sequence[DictConfig], command: str) -> int:
     from auvbench.scheduling import grid
 
     return grid.carry_out(configs, command).exit_code
+
+
+def _dry_run(configs: Sequence[DictConfig]) -> int:
+    from auvbench.scheduling import dry_run
+
+    return dry_run.show(configs)
 
 
 def _one(config: DictConfig, command: str) -> int:

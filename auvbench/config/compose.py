@@ -356,17 +356,18 @@ def run(
     arguments: Sequence[str],
     job: Callable[[DictConfig], Any],
     grid: Callable[[list[DictConfig]], Any] | None = None,
+    dry_run: Callable[[list[DictConfig]], Any] | None = None,
 ) -> Any:
     """Read the command line of `conf/<entry>.yaml`: flags, `-m` and overrides.
 
     Call `job` with the configuration, or `grid` with the configurations of all jobs: with `-m`, or for an
-    experiment that sets `hydra.mode: MULTIRUN`.
+    experiment that sets `hydra.mode: MULTIRUN`. With `--dry-run`, call `dry_run` with all configurations instead.
 
     Raises:
         ConfigError: see `compose`.
     """
     try:
-        parsed = _parse(entry, arguments)
+        parsed = _parse(entry, arguments, dry=dry_run is not None)
         overrides = typing.read(parsed.overrides)
         with _composer(entry, WORKING_DIRECTORY) as (loader, load):
             if parsed.help:
@@ -385,6 +386,8 @@ def run(
         return print(
             plain_lines(shown), end=""
         )  # called outside the `try`: a closed pipe is not an error of the configuration
+    if dry_run is not None and parsed.dry_run:
+        return dry_run(composed)
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
     return job(composed[0])
@@ -418,9 +421,11 @@ def _parser(entry: str) -> argparse.ArgumentParser:
     return parser
 
 
-def _parse(entry: str, arguments: Sequence[str]) -> argparse.Namespace:
+def _parse(entry: str, arguments: Sequence[str], *, dry: bool = False) -> argparse.Namespace:
     """Parse the flags; raise ConfigError for an unknown flag, with the override or flag that was probably meant."""
     parser = _parser(entry)
+    if dry:
+        parser.add_argument("--dry-run", action="store_true")
     parsed, rest = parser.parse_known_args(list(arguments))
     for word in rest:
         if re.match(r"--?[A-Za-z]", word):

@@ -24,6 +24,8 @@ from auvbench.training.worker import TARGET
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
+    from auvbench.runs.plan import Plan
+
 
 class Action(Enum):
     """What happens to a run, in the order of the summary; each value has the state and the action."""
@@ -44,6 +46,9 @@ _ACTIONS = {
     State.RUNNING: Action.LEAVE,
 }
 
+TODO = (Action.RESUME, Action.START, Action.RETRY)
+"""Actions that train a run."""
+
 LISTED = 12
 """Largest number of runs of a kind that are listed by name; damaged runs are all listed, since each needs the
 user.
@@ -60,7 +65,10 @@ class Step:
     """progress, error, or holder of the run"""
 
 
-def _step(run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], object]) -> Step:
+def step(
+    run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], object] = lambda run: None
+) -> Step:
+    """Return what would happen to an existing run."""
     try:
         check(run)
         present = status.of(run, deep=True)
@@ -82,7 +90,7 @@ def _step(run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], o
     return Step(run, action, detail)
 
 
-def _show(steps: Sequence[Step], console: Console) -> None:
+def show(steps: Sequence[Step], console: Console) -> None:
     """Print the number of runs of each kind, and list the partial, failed, locked and damaged ones."""
 
     def say(text: str) -> None:
@@ -122,9 +130,9 @@ def sweep(
         UserError: the backend cannot work here.
     """
     console = console or Console()
-    steps = [_step(run, backend, check) for run in runs]
-    _show(steps, console)
-    todo = [step.run for step in steps if step.action in (Action.RESUME, Action.START, Action.RETRY)]
+    steps = [step(run, backend, check) for run in runs]
+    show(steps, console)
+    todo = [step.run for step in steps if step.action in TODO]
     result = Result()
     if todo:
         result = Loop(todo, backend, views.View(console, todo)).drive()
@@ -171,20 +179,32 @@ def carry_out(
         RunError: a run's directory has a different configuration, or cannot be written.
     """
     # Imported late: `auvbench resume` of complete runs does not need it.
-    from auvbench.runs.plan import Plan, freeze_all, plan
+    from auvbench.runs.plan import freeze_all
+
+    plans = list(planned(configs).values())
+    learning = any(learns(plan.config.algo) for plan in plans)
+    chosen = backend(configs[0].launcher, target=target, learning=learning)
+    return sweep(freeze_all(plans, command), chosen, console)
+
+
+def planned(configs: Sequence[DictConfig]) -> dict[Path, Plan]:
+    """Return the distinct runs of a grid by path, checked as far as possible before they are written.
+
+    Raises:
+        ConfigError, VehicleError, MissingExtraError: a job cannot run.
+    """
+    from auvbench.runs.plan import plan
     from auvbench.training.execute import check_runnable
 
-    distinct: dict[Path, Plan] = {}
-    for planned in map(plan, configs):
-        distinct.setdefault(planned.run.path, planned)
-    for planned in distinct.values():
-        check_runnable(planned.config)
-    learning = any(learns(planned.config.algo) for planned in distinct.values())
-    chosen = backend(configs[0].launcher, target=target, learning=learning)
     if any(config.launcher != configs[0].launcher for config in configs):
         raise ConfigError("launcher: cannot be an axis; a grid has one launcher")
-    runs = freeze_all(list(distinct.values()), command)
-    return sweep(runs, chosen, console)
+    plans: dict[Path, Plan] = {}
+    for config in configs:
+        new = plan(config)
+        plans.setdefault(new.run.path, new)
+    for checked in plans.values():
+        check_runnable(checked.config)
+    return plans
 
 
 def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True) -> Backend:

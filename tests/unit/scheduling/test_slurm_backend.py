@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from auvbench.cli import main
 from auvbench.config.compose import compose
 from auvbench.errors import UserError
 from auvbench.integrations.cluster import slurm
@@ -307,3 +308,14 @@ def test_a_second_signal_leaves_at_once(cluster: Cluster, run: RunDirectory) -> 
     assert not found.goes_on()
     assert found.result.of(loop.Outcome.INTERRUPTED) == {run.path: f"{adopted} is told to end"}
     assert found.result.exit_code == 130
+
+
+def test_a_dry_run_shows_the_batch_script_and_submits_nothing(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["train", "--dry-run", "-m", "algo=pid", "seed=0,1", "launcher=slurm"]) == 0
+    said = capsys.readouterr().out
+    assert said.count("#SBATCH --job-name=pid-bluerov2_2026-k1-f10-s0-") == 1
+    assert cluster.scripts == []
+    assert not (tmp_path / "outputs").exists()

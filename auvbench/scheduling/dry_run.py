@@ -1,0 +1,146 @@
+"""Tell what a grid would do, and what it would cost, without doing it.
+
+The cost is an estimate from complete runs of the same algorithm, task and number of environments in the output folder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from auvbench.config.algorithms import learns
+from auvbench.errors import RunError
+from auvbench.runs import progress
+from auvbench.runs.directory import RunDirectory, find_runs
+from auvbench.scheduling import grid
+from auvbench.scheduling.grid import Action, Step
+from auvbench.scheduling.loop import Backend
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+Like = tuple[Any, ...]
+"""What runs of about the same cost per step have in common: algorithm, task, number of environments."""
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Cost of one complete training."""
+
+    seconds_per_step: float
+    """processor time"""
+    size: int
+    """bytes of its folder"""
+
+
+@dataclass(frozen=True, slots=True)
+class Todo:
+    """A run that would be started or resumed."""
+
+    run: RunDirectory
+    like: Like | None
+    """None for an agent that does not learn"""
+    steps: int
+    """steps that are left"""
+
+
+def show(configs: Sequence[DictConfig], console: Console | None = None) -> int:
+    """Print the runs of a grid, their state, and an estimate of their cost; write nothing. Return the exit code 0.
+
+    Raises:
+        ConfigError, VehicleError, MissingExtraError: a job cannot run, as in `grid.carry_out`.
+    """
+    console = console or Console()
+
+    def say(text: str) -> None:
+        console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+    plans = grid.planned(configs)
+    backend = grid.backend(configs[0].launcher, learning=False)
+    steps = [
+        grid.step(plan.run, backend) if plan.run.path.exists() else Step(plan.run, Action.START)
+        for plan in plans.values()
+    ]
+    backend.close()
+    grid.show(steps, console)
+    waiting = [step.run for step in steps if step.action in grid.TODO]
+    todo = [_todo(run, plans[run.path].values) for run in waiting]
+    for entry in todo:
+        say(f"{entry.run.path}" + (f": {entry.steps:,} steps" if entry.like else ": nothing to train"))
+    for line in _estimates(todo, _runs(Path(configs[0].output))):
+        say(line)
+    if todo and (script := _script(backend, todo[0].run)):
+        say(f"batch script of the first:\n{script.rstrip()}")
+    say("nothing was started (--dry-run)")
+    return 0
+
+
+def _todo(run: RunDirectory, values: dict[str, Any]) -> Todo:
+    if not learns(values["algo"]):
+        return Todo(run, None, 0)
+    done = run.manifest()["steps"] if run.path.exists() else 0
+    return Todo(run, _like(values), max(0, values["train"]["total_steps"] - done))
+
+
+def _like(values: dict[str, Any]) -> Like:
+    return values["algo"]["name"], values["task"]["name"], values["algo"]["n_envs"]
+
+
+def _runs(output: Path) -> list[RunDirectory]:
+    try:
+        return find_runs([output])
+    except RunError:
+        return []  # the first runs
+
+
+def _costs(runs: Iterable[RunDirectory]) -> dict[Like, list[Cost]]:
+    """Return the costs of complete trainings."""
+    costs: dict[Like, list[Cost]] = {}
+    for run in runs:
+        try:
+            manifest, values = run.manifest(), run.config()
+            if manifest["state"] != "complete" or not learns(values["algo"]):
+                continue
+            like = _like(values)
+        except (RunError, KeyError, TypeError):
+            continue  # Another command names the damage.
+        size = sum(path.stat().st_size for path in run.path.rglob("*") if path.is_file())
+        costs.setdefault(like, []).append(Cost(manifest["cpu_time_s"] / max(1, manifest["steps"]), size))
+    return costs
+
+
+def _estimates(todo: Sequence[Todo], runs: Iterable[RunDirectory]) -> list[str]:
+    learning: dict[Like, list[Todo]] = {}
+    for entry in todo:
+        if entry.like:
+            learning.setdefault(entry.like, []).append(entry)
+    if not learning:
+        return []
+    costs, lines = _costs(runs), []
+    seconds = size = 0.0
+    known = 0
+    for like, entries in learning.items():
+        what = f"{like[0]} on {like[1]}"
+        if like not in costs:
+            lines.append(f"{what}: cost unknown; it is known once one of its runs is complete")
+            continue
+        known += len(costs[like])
+        seconds += median(cost.seconds_per_step for cost in costs[like]) * sum(e.steps for e in entries)
+        size += median(cost.size for cost in costs[like]) * len(entries)
+    if known:
+        of = f"from {known} complete run{'s' if known != 1 else ''} here"
+        lines.insert(
+            0, f"about {progress.duration(seconds)} of processor time and {size / 1e6:,.1f} MB, {of}"
+        )
+    return lines
+
+
+def _script(backend: Backend, run: RunDirectory) -> str:
+    """Return the batch script of a run; '' for a backend without scripts."""
+    write = getattr(backend, "script", None)
+    return "" if write is None else str(write(run.path.absolute()))
