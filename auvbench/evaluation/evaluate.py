@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
-import io
+import time
 import warnings
-from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -18,10 +16,9 @@ from auvbench.agents import base as agents
 from auvbench.agents.base import Agent
 from auvbench.config import complete, schema
 from auvbench.config.algorithms import learns
-from auvbench.config.schema import step_limit
 from auvbench.envs.simulator_factory import at_frequency
 from auvbench.errors import AgentError, AuvbenchError, AuvbenchWarning, RunError
-from auvbench.evaluation import sealed
+from auvbench.evaluation import parts, sealed
 from auvbench.evaluation.protocol import (
     ResolvedCondition,
     as_played,
@@ -31,8 +28,6 @@ from auvbench.evaluation.protocol import (
     resolve_conditions,
 )
 from auvbench.evaluation.rollout import Rollout, roll_out, time_actions
-from auvbench.record import columns
-from auvbench.registry import TASKS
 from auvbench.runs import history, identity, integrity, lock, provenance
 from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
@@ -169,7 +164,8 @@ def evaluate(
 
     Args:
         report: function called when a condition starts or episodes end.
-        unless_done: return None if another process has finished the same test.
+        unless_done: return None if another process has finished the same test, and use what an interrupted one has
+            kept (`parts`).
         roll: function that rolls out each condition; must give the same rows as `in_process`, the default.
 
     Raises:
@@ -181,13 +177,23 @@ def evaluate(
     with _locked(run, protocol.name):
         if unless_done and is_done(run, protocol):
             return None
+        kept = parts.Kept(_own_folder(run, protocol.name) / "parts", run, protocol)
+        if not unless_done:
+            kept.forget()
         with _named_packages(run):
-            return _evaluate(run, protocol, report, roll)
+            return _evaluate(run, protocol, report, roll, kept)
+
+
+def _own_folder(run: RunDirectory, protocol: str) -> Path:
+    """Return the folder of a test's lock and of its parts, `evaluations/.<protocol>`, since
+    `evaluations/<protocol>` is replaced as a whole.
+    """
+    return run.evaluation(protocol).with_name(f".{protocol}")
 
 
 def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
-    """Lock one evaluation in `evaluations/.<protocol>`, since `evaluations/<protocol>` is replaced as a whole."""
-    place = run.evaluation(protocol).with_name(f".{protocol}")
+    """Lock one evaluation."""
+    place = _own_folder(run, protocol)
     try:
         make_folder(place)
         return lock.acquire(place)
@@ -202,16 +208,26 @@ def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
 
 
 def _evaluate(
-    run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll | None
+    run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll | None, kept: parts.Kept
 ) -> dict[str, Any]:
     roll = roll or in_process(load_config(run))
     conditions = resolve_conditions(protocol, run.check())
-    rollouts: list[tuple[ResolvedCondition, Rollout]] = []
+    results: list[parts.Part] = []
     clocks: dict[str, str] = {}
-    for condition in conditions:
+    for number, condition in enumerate(conditions):
         report(condition.name, 0)
-        rollouts.append((condition, roll(run, protocol, condition, report)))
-        if served := registry.SIMULATORS[condition.config.simulator.name].served:
+        served = registry.SIMULATORS[condition.config.simulator.name].served
+        # Rows of a server depend on its clock, which is known only now.
+        part = None if served else kept.read(number, condition)
+        if part is None:
+            begun = time.monotonic()
+            part = parts.of(condition, roll(run, protocol, condition, report))
+            if not served and number + 1 < len(conditions) and time.monotonic() - begun >= parts.SLOW:
+                kept.write(number, condition, part)
+        else:
+            report(condition.name, protocol.episodes)
+        results.append(part)
+        if served:
             clocks[condition.name] = registry.resolve(served).clock()
     conditions = as_played(conditions, clocks)
     summary: dict[str, Any] = {
@@ -227,13 +243,14 @@ def _evaluate(
         # Rows of a ROS 2 simulation depend on the clock that counts its steps.
         **({"clocks": clocks} if clocks else {}),
         **({"sealed": _seal(run, protocol, conditions)} if isinstance(protocol, sealed.Protocol) else {}),
-        "conditions": [_condition_summary(c, r) for c, r in rollouts],
+        "conditions": [part.summary for part in results],
         "inference": None,
         "created": now(),
         "versions": provenance.versions() | complete.releases(conditions[0].config),
     }
     folder = run.evaluation(protocol.name)
-    summary[integrity.FILES] = _write(folder, summary, rollouts)
+    summary[integrity.FILES] = _write(folder, summary, results)
+    kept.forget()
     history.append(run.path.absolute().parent, _tested(run, summary))
     # The rows may have taken hours, so they are written before actions are timed.
     summary["inference"] = _time(run, conditions[0].config)
@@ -300,66 +317,17 @@ def _named_packages(run: RunDirectory) -> Iterator[None]:
         ) from error
 
 
-def _condition_summary(condition: ResolvedCondition, rollout: Rollout) -> dict[str, Any]:
-    records = rollout.records
-    counts = Counter(record["outcome"] for record in records)
-    n = len(records)
-    rates = {f"{outcome}_rate": counts[outcome] / n for outcome in TASKS[condition.config.task.name].outcomes}
-    means = {
-        f"mean_{name}": float(np.mean([float(r[name]) for r in records]))
-        for name in columns("episode")
-        if name in records[0]
-    }
-    limit = step_limit(condition.config.task, condition.config.step.frequency)
-    return {
-        "name": condition.name,
-        "frequency_hz": condition.config.step.frequency,
-        "max_steps": limit,
-        "episodes": n,
-        **rates,
-        "par1_steps": float(np.mean([r["steps"] if r["outcome"] == "success" else limit for r in records])),
-        **means,
-        **({"notes": rollout.notes} if rollout.notes else {}),
-    }
-
-
 def _write(
-    folder: Path, summary: dict[str, Any], rollouts: list[tuple[ResolvedCondition, Rollout]]
+    folder: Path, summary: dict[str, Any], results: Sequence[parts.Part]
 ) -> dict[str, integrity.Entry]:
     """Write the three files of an evaluation; return the digests of the tables.
 
     Raises:
         TrainingError: the disk is full, read-only or failing.
     """
-    files = {"episodes.csv": _rows(rollouts), "trajectories.npz": _trajectories(rollouts)}
+    files = {"episodes.csv": parts.rows_of(results), "trajectories.npz": parts.arrays_of(results)}
     table = {name: integrity.entry(data) for name, data in files.items()}
     files["summary.json"] = as_json(integrity.sealed({**summary, integrity.FILES: table}))
     with storage(f"cannot write {folder}"):
         replace_folder(folder, files)
     return table
-
-
-def _rows(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    # Conditions may differ in their world, navigation and filter.
-    columns = (schema.columns_of(condition.config) for condition, _ in rollouts)
-    names = tuple(dict.fromkeys(name for of_condition in columns for name in of_condition))
-    writer.writerow(("condition", "frequency_hz", *names))
-    for condition, rollout in rollouts:
-        for record in rollout.records:
-            frequency = condition.config.step.frequency
-            writer.writerow((condition.name, frequency, *(record.get(name, "") for name in names)))
-    return text.getvalue().encode()
-
-
-def _trajectories(rollouts: list[tuple[ResolvedCondition, Rollout]]) -> bytes:
-    arrays = {
-        f"{name}_{condition.name}_{episode}": array
-        for condition, rollout in rollouts
-        for episode, path in rollout.trajectories.items()
-        for name, array in path.arrays(rollout.duration).items()
-    }
-    stream = io.BytesIO()
-    np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-    return stream.getvalue()

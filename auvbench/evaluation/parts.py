@@ -1,0 +1,192 @@
+"""Keep the slow conditions of a test that are complete, so that an interrupted test does not compute them again.
+
+A part is a folder next to the test's lock, `evaluations/.<protocol>/parts/<number of the condition>`. It is used if run, model,
+protocol, scenarios, their outcomes and the versions are the same, and is removed when the test is complete.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config import schema
+from auvbench.config.schema import step_limit
+from auvbench.evaluation.protocol import ResolvedCondition, fingerprint_parts
+from auvbench.evaluation.rollout import Rollout
+from auvbench.record import columns
+from auvbench.registry import TASKS
+from auvbench.runs import integrity, provenance
+from auvbench.runs.atomic_io import as_json, replace_folder, sha256, storage
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.identity import SCHEMA_VERSION
+from auvbench.untrusted import archives, reading, typed_json
+
+SLOW = 30.0
+"""s; a condition that takes less is computed again, which costs less than keeping every condition of every test"""
+_PART, _ROWS, _PATHS = "part.json", "rows.csv", "trajectories.npz"
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one condition adds to the files of a test."""
+
+    summary: dict[str, Any]
+    rows: list[list[str]]
+    """a header and a row per episode, as text"""
+    arrays: Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Content:
+    """part.json."""
+
+    key: str
+    condition: integrity.Condition
+    files: dict[str, integrity.FileEntry]
+
+
+def of(condition: ResolvedCondition, rollout: Rollout) -> Part:
+    """Return the part of a condition that was rolled out."""
+    arrays = {
+        f"{name}_{condition.name}_{episode}": array
+        for episode, path in rollout.trajectories.items()
+        for name, array in path.arrays(rollout.duration).items()
+    }
+    return Part(_summary(condition, rollout), _table(condition, rollout), arrays)
+
+
+def _summary(condition: ResolvedCondition, rollout: Rollout) -> dict[str, Any]:
+    records = rollout.records
+    counts = Counter(record["outcome"] for record in records)
+    n = len(records)
+    rates = {f"{outcome}_rate": counts[outcome] / n for outcome in TASKS[condition.config.task.name].outcomes}
+    means = {
+        f"mean_{name}": float(np.mean([float(r[name]) for r in records]))
+        for name in columns("episode")
+        if name in records[0]
+    }
+    limit = step_limit(condition.config.task, condition.config.step.frequency)
+    return {
+        "name": condition.name,
+        "frequency_hz": condition.config.step.frequency,
+        "max_steps": limit,
+        "episodes": n,
+        **rates,
+        "par1_steps": float(np.mean([r["steps"] if r["outcome"] == "success" else limit for r in records])),
+        **means,
+        **({"notes": rollout.notes} if rollout.notes else {}),
+    }
+
+
+def _table(condition: ResolvedCondition, rollout: Rollout) -> list[list[str]]:
+    frequency = condition.config.step.frequency
+    names = schema.columns_of(condition.config)
+    rows = (
+        (condition.name, frequency, *(record.get(name, "") for name in names)) for record in rollout.records
+    )
+    return _read(_written([("condition", "frequency_hz", *names), *rows]))
+
+
+def _written(rows: Iterable[Sequence[Any]]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue().encode()
+
+
+def _read(data: bytes) -> list[list[str]]:
+    return list(csv.reader(io.StringIO(data.decode("utf-8"))))
+
+
+def rows_of(parts: Sequence[Part]) -> bytes:
+    """Return episodes.csv. Conditions may differ in their world, navigation and filter, and so in their columns."""
+    names = list(dict.fromkeys(name for part in parts for name in part.rows[0]))
+    table = [names]
+    for part in parts:
+        for row in part.rows[1:]:
+            values = dict(zip(part.rows[0], row, strict=True))
+            table.append([values.get(name, "") for name in names])
+    return _written(table)
+
+
+def arrays_of(parts: Sequence[Part]) -> bytes:
+    """Return trajectories.npz."""
+    stream = io.BytesIO()
+    np.savez_compressed(stream, **{name: array for part in parts for name, array in part.arrays.items()})  # type: ignore[arg-type]
+    return stream.getvalue()
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """The parts of one test.
+
+    Args:
+        folder: where parts are kept.
+        run: run that is tested.
+        protocol: protocol of the test.
+    """
+
+    folder: Path
+    run: RunDirectory
+    protocol: schema.Protocol
+
+    def read(self, number: int, condition: ResolvedCondition) -> Part | None:
+        """Return the part of a condition; None if none is kept that this test would compute as well."""
+        place = self.folder / str(number)
+        if not place.is_dir():
+            return None
+        try:
+            holder = integrity.check_sealed(
+                reading.json_value(reading.content(place / _PART)), SCHEMA_VERSION
+            )
+            content = typed_json.convert(holder, _Content)
+            if content.key != self._key(condition) or integrity.lacking(place, holder):
+                return None
+            rows = _read(reading.content(place / _ROWS, reading.DATA))
+            arrays = archives.arrays(reading.content(place / _PATHS, reading.DATA))
+        except (OSError, ValueError):
+            return None  # damaged, or of another version: computed again
+        return Part(holder["condition"], rows, arrays)
+
+    def write(self, number: int, condition: ResolvedCondition, part: Part) -> None:
+        """Keep the part of a condition.
+
+        Raises:
+            TrainingError: the disk is full, read-only or failing.
+        """
+        files = {_ROWS: _written(part.rows), _PATHS: arrays_of([part])}
+        holder = {
+            "schema_version": SCHEMA_VERSION,
+            "key": self._key(condition),
+            "condition": part.summary,
+            integrity.FILES: {name: integrity.entry(data) for name, data in files.items()},
+        }
+        place = self.folder / str(number)
+        with storage(f"cannot write {place}"):
+            replace_folder(place, {**files, _PART: as_json(integrity.sealed(holder))})
+
+    def forget(self) -> None:
+        """Remove all parts."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+    def _key(self, condition: ResolvedCondition) -> str:
+        """Return a digest of all that the rows of a condition depend on."""
+        depends = {
+            "run": self.run.id,
+            "model": integrity.digests(self.run.manifest(), "model/"),
+            "protocol": asdict(self.protocol),
+            "condition": condition.name,
+            "drawn": fingerprint_parts(self.protocol, [condition]),
+            "versions": provenance.versions(),
+            "git": provenance.git(),
+        }
+        return sha256(json.dumps(depends, sort_keys=True, default=str).encode())
