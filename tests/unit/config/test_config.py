@@ -100,13 +100,10 @@ def test_every_protocol_composes_and_is_valid(protocol):
     assert evaluate_config(compose("evaluate", [f"protocol={protocol}"])).protocol.name == protocol
 
 
-@pytest.mark.parametrize(
-    "path",
-    [p for p in sorted(CONF.rglob("*.yaml")) if "hydra" not in p.parts],
-    ids=lambda p: str(p.relative_to(CONF)),
-)
-def test_every_file_begins_with_a_comment_that_says_what_it_is(path):
-    assert path.read_text(encoding="utf-8").startswith("# ")
+def test_every_file_begins_with_a_comment_that_says_what_it_is() -> None:
+    paths = [path for path in sorted(CONF.rglob("*.yaml")) if "hydra" not in path.parts]
+    assert len(paths) > 100
+    assert [str(path) for path in paths if not path.read_text(encoding="utf-8").startswith("# ")] == []
 
 
 @pytest.mark.slow
