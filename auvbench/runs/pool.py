@@ -93,6 +93,10 @@ def begin_worker(folder: str) -> None:
     gc.freeze()  # A garbage collection would copy the pages that the workers share.
 
 
+PATIENCE = 10.0
+"""s, longest wait for the end of the thread that serves killed workers"""
+
+
 class Pool:
     """Worker processes for the jobs of a command, started with the first job.
 
@@ -191,9 +195,14 @@ class Pool:
 
     def _end(self) -> None:
         if self._executor is not None:
+            manager: Any = self._executor._executor_manager_thread
             stop_server()
             self._executor.shutdown(wait=False, cancel_futures=True)
             self._executor = None
+            if manager is not None:
+                # The end of Python wakes the thread by a pipe that the thread closes when it ends: both at once is an OSError.
+                # No wait without end: the thread never ends if a worker was killed while it sent a result.
+                manager.join(PATIENCE)
 
 
 # This process is the server; its modules may import this one, which is complete by now.

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from concurrent.futures import process
 from pathlib import Path
 
 import psutil
@@ -48,6 +49,8 @@ def test_results_come_by_key_and_a_second_pool_follows_at_once() -> None:
             jobs = {number: (number,) for number in range(5)}
             assert dict(pool.results(square, jobs, "square")) == {n: n * n for n in jobs}
             assert dict(pool.results(square, {7: (7,)}, "square")) == {7: 49}
+        # A thread that is left would close its pipe while the end of Python writes to it.
+        assert not [thread for thread in process._threads_wakeups if thread.is_alive()]
 
 
 def test_an_error_of_a_job_is_raised_and_the_pool_goes_on() -> None:
