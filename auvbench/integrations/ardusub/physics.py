@@ -118,11 +118,19 @@ class Physics:
         self._float()
         disturbances.push(simulator, self._command, duration)
         simulator.step(self._command, duration)
+        return self._passed(duration)
+
+    def hold(self, duration: float) -> SensorState:
+        """Let `duration` s pass with the vehicle held where it is; return the sensor readings after it."""
+        return self._passed(duration)
+
+    def _passed(self, duration: float) -> SensorState:
+        """Return the sensor readings after a step, and let the water change at the rate of the agent's steps."""
         state = self._sensors.read(duration)
         e = self._task.episodes[0]
         if self.time >= (e.steps + 1) * self._task.duration:
             e.steps += 1
-            disturbances.before(simulator, running=True)
+            self._disturbances.before(self.simulator, running=True)
         return state
 
     def _float(self) -> None:

@@ -8,6 +8,7 @@ import selectors
 import socket
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from auvbench.errors import UserError
 from auvbench.integrations.ardusub import protocol
@@ -37,6 +38,8 @@ class FrameCheck:
     def __init__(self, motors: Motors) -> None:
         self._motors = motors
         self._suspicion = 0
+        self.turned = False
+        """whether a motor has turned since ArduSub started"""
 
     def check(self, pwm: Sequence[int]) -> None:
         """Check a packet's PWM in us.
@@ -48,6 +51,7 @@ class FrameCheck:
         turning = any(driven_pulse(p) and abs(p - NEUTRAL) > _DIFFERENCE for p in pwm[:count])
         if not turning:  # before ArduSub is set up, channels have no pulse
             return
+        self.turned = True
         for channel, pulse in enumerate(pwm[:count], 1):
             if not driven_pulse(pulse):
                 raise self._other(f"channel {channel} has no PWM: ArduSub has fewer than {count} motors")
@@ -113,7 +117,10 @@ class Port:
                 self._begin("ArduSub restarted")
             self._frame.check(packet.pwm)
             self._count, self.frame_rate = packet.frame_count, packet.frame_rate
-            self._reply = protocol.reply(self.physics.step(packet.pwm, packet.duration))
+            # ArduSub takes the depth at which it sets up its sensors for the surface; meanwhile a heavy vehicle would sink.
+            held = not self._frame.turned
+            move = self.physics.hold if held else partial(self.physics.step, packet.pwm)
+            self._reply = protocol.reply(move(packet.duration))
             self.steps += 1
         # ArduSub repeats its packet if a reply is lost.
         with contextlib.suppress(OSError):

@@ -45,10 +45,12 @@ PARAMETERS = {
     },
     "JS_GAIN_DEFAULT": 1,
     "LOG_BACKEND_TYPE": 0,
+    "SIM_BARO_RND": 0.02,
+    "SIM_BAR2_RND": 0.02,
     "SIM_RATE_HZ": 400,
 }
 """parameters of every ArduSub: the calibration of SITL's compasses, sticks that reach full thrust, no log on
-disk, and packets at the rate of ArduSub's own loop
+disk, depth noise in m as in ArduPilot's sub-6dof.parm (SITL's own is 0.2), and packets at the rate of ArduSub's own loop
 """
 
 PATIENCE = 20.0

@@ -101,6 +101,22 @@ def test_a_count_that_goes_back_resets_the_vehicle(server, peer):
     assert server.said("restarted")
 
 
+def test_the_vehicle_is_held_until_a_motor_turns():
+    """A vehicle that is heavier than water would sink while ArduSub takes its depth for that of the surface."""
+    with serving("vehicle=bluerov2_heavy", "task.start=[0,0,-20]") as server, Peer(server.port) as peer:
+        for pwm in ((0,) * 16, NEUTRAL):
+            still = [peer.step(pwm) for _ in range(400)][-1]
+            assert still["position"] == [0.0, 0.0, 20.0]
+            assert still["velocity"] == [0.0, 0.0, 0.0]
+            assert still["imu"]["accel_body"] == pytest.approx([0.0, 0.0, -9.80665])
+        peer.step(AHEAD)
+        free = [peer.step(NEUTRAL) for _ in range(800)][-1]
+        assert free["timestamp"] == pytest.approx(1601 / 400)
+        assert abs(free["position"][2] - 20.0) > 0.01
+        peer.count = 0
+        assert [peer.step(NEUTRAL) for _ in range(100)][-1]["position"] == [0.0, 0.0, 20.0]
+
+
 def test_a_server_that_starts_late_takes_any_count(server, peer):
     peer.count = 123_456
     assert peer.step()["timestamp"] == pytest.approx(1 / 400)
