@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from auvbench.config.navigation import ESTIMATORS, FILTERS
 from auvbench.registry import TASKS, WORLDS
 
 if TYPE_CHECKING:
@@ -210,10 +211,6 @@ SHARED = ("position_error_rms_m", "yaw_error_rms_rad", *POINTS)
 """columns that several tasks have (`TaskSpec.shared`), from `TrackingTask.errors`"""
 SOLID = tuple(name for name in WORLDS.own if name != OPEN)
 """worlds with solids"""
-FILTER = ("ekf",)
-"""estimators with a covariance"""
-ESTIMATED = (*FILTER, "dead_reckoning")
-"""estimators"""
 
 
 METRICS: list[Metric] = [
@@ -381,14 +378,14 @@ METRICS: list[Metric] = [
         "m",
         "RMS navigation error",
         "root mean square of the distance between estimated and true position",
-        navigation=ESTIMATED,
+        navigation=ESTIMATORS,
     ),
     column(
         "navigation_drift",
         "1",
         "drift",
         "navigation error at the end over the length of the path",
-        navigation=ESTIMATED,
+        navigation=ESTIMATORS,
     ),
     column(
         "unlocked_share",
@@ -396,7 +393,7 @@ METRICS: list[Metric] = [
         "without lock",
         "share of the time without bottom lock; 1 without a DVL",
         high=1.0,
-        navigation=ESTIMATED,
+        navigation=ESTIMATORS,
     ),
     column(
         "diverged",
@@ -404,14 +401,14 @@ METRICS: list[Metric] = [
         "diverged",
         "1 if the estimate left the truth by more than 1 km or was not finite; it then stands still",
         high=1.0,
-        navigation=ESTIMATED,
+        navigation=ESTIMATORS,
     ),
     column(
         "nees",
         "",
         "NEES",
         "normalised estimation error squared of the position: mean over the steps; 3 for a consistent filter",
-        navigation=FILTER,
+        navigation=FILTERS,
     ),
     column(
         "intervention_share",

@@ -16,10 +16,12 @@ from auvbench.dynamics.frames import quaternion, rotation
 from auvbench.envs.batch import Batch
 from auvbench.envs.settings import configuration
 from auvbench.tasks.navigation.estimator import Navigation
+from auvbench.tasks.navigation.state import DVL, MODEL
 
 Floats = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "navigation.md"
 MARK = "<!-- measured: python -m benchmarks.navigation --write -->\n"
+END = "<!-- end -->\n"
 
 BASE = ("algo=pid", "noise=none", "world=slope", "sensors=dvl_a50", "navigation=ekf")
 TRUE_HEADING = ("sensors.heading.bias=0", "sensors.heading.hard_iron=0", "sensors.heading.soft_iron=0")
@@ -35,6 +37,8 @@ EPISODES, SECONDS = 500, 60
 HOUR, AT_REST = 3600, 4
 """s, and vehicles, of the IMU's recording"""
 KILOMETRE, SPEED, DRAWS = 1000.0, 1.0, 64
+KNOWN, LOSS = 40, 60
+"""s with the DVL, then without"""
 
 
 def batch(*words: str, n: int) -> Batch:
@@ -105,10 +109,10 @@ def doppler() -> Iterator[Sequence[str]]:
         if (d["innovations"][:, 0].sum()) > count:
             count = d["innovations"][:, 0].sum()
             errors.append(d["dvl_velocity"].copy())
-    tilt = float(navigation.parameters[0].dvl_tilt)
-    sd = 0.02 * math.sqrt(2.0) * math.sin(tilt)
+    sine, cosine = float(navigation.parameters[0].dvl_sine), float(navigation.parameters[0].dvl_cosine)
+    sd = 0.02 * math.sqrt(2.0) * sine
     for k, axis in enumerate("xyz"):
-        theory = sd / (math.sqrt(2.0) * math.sin(tilt)) if k < 2 else sd / (2.0 * math.cos(tilt))
+        theory = sd / (math.sqrt(2.0) * sine) if k < 2 else sd / (2.0 * cosine)
         found = float(np.std(np.concatenate(errors)[:, k]))
         yield (
             axis,
@@ -132,8 +136,22 @@ def errors_of(one: Batch) -> Floats:
     return np.concatenate([pose[:, :3] - d["position"], velocity - d["velocity"], turned, force, rates], 1)
 
 
-def consistency(task: str, *words: str) -> tuple[float, Floats]:
-    """Return NEES per state and NIS of DVL, depth and heading, pooled over episodes and time; PID steers by the estimate."""
+def band(values: Floats) -> tuple[float, float]:
+    """Return the mean of one value per episode and half the width of its 95 % band, by the spread between the episodes.
+
+    Errors are correlated within an episode, so that counting each time as a draw would make the band too narrow.
+    """
+    return float(np.mean(values)), 1.96 * float(np.std(values, ddof=1)) / math.sqrt(len(values))
+
+
+def shown(values: Floats) -> str:
+    """Return a mean, its band, and whether it has 1 inside."""
+    mean, half = band(values)
+    return f"{mean:.2f} ± {half:.2f} {'inside' if abs(mean - 1.0) <= half else 'outside'}"
+
+
+def consistency(task: str, *words: str) -> Floats:
+    """Return NEES per state and NIS of DVL, depth and heading (4, n), means over each episode; PID steers by the estimate."""
     one = batch(f"task={task}", "world=slope", f"task.time_limit={2 * SECONDS}", *words, n=EPISODES)
     agent = agents.make(one.config, one.vehicle)
     agent.reset(np.arange(EPISODES))
@@ -142,9 +160,10 @@ def consistency(task: str, *words: str) -> tuple[float, Floats]:
         seen = one.step(agent.act(seen)).observation
         if step % 20 == 19:
             x, inverse = errors_of(one), np.linalg.inv(estimator(one).covariance)
-            nees.append(float(np.einsum("ni,nij,nj->n", x, inverse, x).mean()) / x.shape[1])
+            nees.append(np.einsum("ni,nij,nj->n", x, inverse, x) / x.shape[1])
     d = estimator(one).state
-    return float(np.mean(nees)), d["nis"].sum(0) / d["innovations"].sum(0)
+    nis = d["nis"][:, :MODEL] / np.maximum(d["innovations"][:, :MODEL], 1.0)
+    return np.concatenate([np.mean(nees, axis=0)[None], nis.T])
 
 
 def filters() -> Iterator[Sequence[str]]:
@@ -153,8 +172,38 @@ def filters() -> Iterator[Sequence[str]]:
     cases += [(TASKS[0], "noise x 3", (*MATCHED, "navigation.inflation=0.3333333333"))]
     cases += [(TASKS[0], "dvl_a50", ()), (TASKS[0], "survey", ("sensors=survey",))]
     for task, name, words in cases:
-        nees, nis = consistency(task, *words)
-        yield task, name, f"{nees:.2f}", *(f"{value:.2f}" for value in nis)
+        yield task, name, *map(shown, consistency(task, *words))
+
+
+def after_loss(*words: str) -> tuple[Floats, Floats]:
+    """Return the growth of the horizontal errors (n,) in m while the DVL is lost, and the NEES of horizontal positions at the end."""
+    limit = f"task.time_limit={KNOWN + LOSS + 10}"
+    one = batch("task=trajectory_tracking", limit, *words, n=DRAWS)
+    agent, navigation = agents.make(one.config, one.vehicle), estimator(one)
+    agent.reset(np.arange(DRAWS))
+    seen, errors = one.task.observation, []
+    for seconds in (KNOWN, LOSS):
+        for _ in range(10 * seconds):
+            seen = one.step(agent.act(seen)).observation
+        errors.append(navigation.pose[:, :2] - one.simulator.pose[:, :2])
+        navigation.state["due"][:, DVL] += LOSS
+    inverse = np.linalg.inv(navigation.covariance[:, :2, :2])
+    nees: Floats = np.einsum("ni,nij,nj->n", errors[1], inverse, errors[1]) / 2.0
+    grown: Floats = np.linalg.norm(errors[1] - errors[0], axis=1)
+    return grown, nees
+
+
+def losses() -> Iterator[Sequence[str]]:
+    """Measure how far estimates drift while a DVL is lost."""
+    for water, words in (
+        ("still", ()),
+        ("current 0.5 m/s", ("disturbance=current", "disturbance.current.speed=0.5")),
+        ("still, vehicle drawn", ("disturbance=randomised",)),
+    ):
+        for kind in ("ekf", "ekf_model"):
+            grown, nees = after_loss(f"navigation={kind}", *words)
+            rms = math.sqrt(float(np.mean(grown**2)))
+            yield water, f"`{kind}`", f"{rms:.2f} m", f"{np.median(grown):.2f} m", f"{np.mean(nees):.2f}"
 
 
 def straight(*words: str) -> Floats:
@@ -176,7 +225,8 @@ def straight(*words: str) -> Floats:
         if k % every == 0:
             one.task.episodes.steps += 1
             navigation.conclude(nothing, nothing, np.zeros(one.n))
-    return np.linalg.norm(navigation.pose[:, :2] - simulator.pose[:, :2], axis=1) / KILOMETRE
+    away: Floats = np.linalg.norm(navigation.pose[:, :2] - simulator.pose[:, :2], axis=1)
+    return away / KILOMETRE
 
 
 def drift() -> Iterator[Sequence[str]]:
@@ -204,6 +254,7 @@ def speed() -> Iterator[Sequence[str]]:
         "truth": ("sensors=none", "navigation=truth"),
         "ekf": (),
         "ekf, IMU at 100 Hz": ("sensors.imu.rate=100",),
+        "ekf_model": ("navigation=ekf_model",),
         "dead_reckoning": ("navigation=dead_reckoning",),
     }
     ready = {name: batch(*words, n=1024) for name, words in ways.items()}
@@ -230,6 +281,10 @@ TABLES = {
         ("task", "sensors", "NEES", "NIS DVL", "NIS depth", "NIS heading"),
         filters,
     ),
+    f"Lost DVL: {LOSS} s, after {KNOWN} s with it": (
+        ("water", "`navigation`", "drift (RMS)", "median", "NEES"),
+        losses,
+    ),
     "Drift over a straight kilometre": (("DVL and heading", "expected", "`ekf`", "`dead_reckoning`"), drift),
     "Speed: 1024 environments": (("navigation", "steps per second", "of truth"), speed),
 }
@@ -242,21 +297,40 @@ def table(title: str) -> str:
     return "\n".join([f"**{title}**", "", *(f"| {' | '.join(line)} |" for line in lines), ""])
 
 
+def renewed(text: str, tables: dict[str, str]) -> str:
+    """Return the page's text with new tables by title; the others stay as they are."""
+    before, rest = text.split(MARK)
+    old, after = rest.split(END)
+    kept = {part.split("**", 1)[0]: f"**{part}" for part in ("\n" + old).split("\n**")[1:]}
+    both = {**{title: part.rstrip() + "\n" for title, part in kept.items()}, **tables}
+    return (
+        before
+        + MARK
+        + "\n"
+        + "\n".join(both[title] for title in TABLES if title in both)
+        + "\n"
+        + END
+        + after
+    )
+
+
 def main() -> None:
     """Print the tables, or write them into the page."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.navigation", description=__doc__)
     parser.add_argument("--write", action="store_true", help="renew docs/navigation.md")
     parser.add_argument("--only", help="first word of a table's title")
     given = parser.parse_args()
-    tables = []
+    tables = {}
     for title in TABLES:
         if not given.only or title.startswith(given.only):
-            tables.append(table(title))
-            print(tables[-1], flush=True)
-    if given.write and not given.only:
-        text = PAGE.read_text(encoding="utf-8")
-        tables = ["", *tables, "<!-- end -->", ""]
-        PAGE.write_text(text[: text.index(MARK)] + MARK + "\n".join(tables), encoding="utf-8")
+            tables[title] = table(title)
+            print(tables[title], flush=True)
+    if not tables:
+        parser.error(
+            f"--only {given.only}: no such table; use {', '.join(title.split()[0] for title in TABLES)}"
+        )
+    if given.write:
+        PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8"), tables), encoding="utf-8")
 
 
 if __name__ == "__main__":

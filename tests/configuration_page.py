@@ -37,6 +37,7 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("`sensors=bluerov2`", "sensors/bluerov2.yaml", "sensors.", navigation.Sensors),
     ("`sensors=dvl_a50`", "sensors/dvl_a50.yaml", "sensors.", navigation.Sensors),
     ("`navigation=ekf`", "navigation/ekf.yaml", "navigation.", navigation.Ekf),
+    ("`navigation=ekf_model`", "navigation/ekf_model.yaml", "navigation.", navigation.EkfModel),
     (
         "`navigation=dead_reckoning`",
         "navigation/dead_reckoning.yaml",

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from auvbench.config.fields import below, choice, number, require
+from auvbench.config.fields import below, choice_of, number, require
 from auvbench.config.fields import name as plain_name
 from auvbench.errors import ConfigError
 from auvbench.registry import BLOCKS
@@ -134,25 +134,43 @@ class Start:
 class Navigation:
     """Key of every `navigation/*.yaml`."""
 
-    name: str = choice("truth", "ekf", "dead_reckoning")
+    needs: ClassVar[tuple[str, ...]] = ()
+    """names of the sensors without which it cannot estimate"""
+    is_filter: ClassVar[bool] = False
+    """whether its estimate has a covariance"""
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        """Names of the sensors without which it cannot estimate."""
-        return ()
+    name: str = choice_of(lambda: SCHEMAS)
 
 
 @dataclass(kw_only=True)
 class Ekf(Navigation):
     """An error-state extended Kalman filter."""
 
+    needs: ClassVar[tuple[str, ...]] = ("imu", "depth", "heading")
+    is_filter: ClassVar[bool] = True
+
     start: Start
     gate: float = number(0.5, 1.0)
     inflation: float = number(1e-3, 1e3)
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return "imu", "depth", "heading"
+
+@dataclass(kw_only=True)
+class Model:
+    """Velocity through the water that the vehicle's sheet predicts."""
+
+    rate: float = number(0.01, FASTEST)  # Hz
+    noise: float = number(1e-4, 10.0)  # m/s
+    share: float = number(0.0, 10.0)
+    settling: float = number(0.0, 1e4)  # s
+    current: float = number(0.0, 10.0)  # m/s
+    walk: float = number(0.0, 10.0)  # m/s/sqrt(s)
+
+
+@dataclass(kw_only=True)
+class EkfModel(Ekf):
+    """The filter with two more states, a horizontal current, and the velocity of the vehicle's sheet as a reading."""
+
+    model: Model
 
 
 @dataclass(kw_only=True)
@@ -160,15 +178,21 @@ class DeadReckoning(Navigation):
     """The sum of velocities along the heading."""
 
     start: Start
+    needs: ClassVar[tuple[str, ...]] = SENSORS
+
     settling: float = number(0.01, 1e4)  # s
 
-    @property
-    def needs(self) -> tuple[str, ...]:
-        return "imu", "dvl", "depth", "heading"
 
-
-SCHEMAS: dict[str, type] = {TRUTH: Navigation, "ekf": Ekf, "dead_reckoning": DeadReckoning}
-"""schemas by `navigation.name`"""
+SCHEMAS: dict[str, type[Navigation]] = {
+    TRUTH: Navigation,
+    "ekf": Ekf,
+    "ekf_model": EkfModel,
+    "dead_reckoning": DeadReckoning,
+}
+"""estimators by `navigation.name`: everything else about them reads their class"""
+FILTERS = tuple(name for name, kind in SCHEMAS.items() if kind.is_filter)
+"""estimators with a covariance"""
+ESTIMATORS = tuple(name for name in SCHEMAS if name != TRUTH)
 
 
 def truth() -> Navigation:
@@ -218,6 +242,10 @@ def check(config: TrainConfig) -> None:
             f"navigation={navigation.name}: needs sensors.{missing[0]}, which sensors={sensors.name} does not have; use "
             f"sensors={able}"
         )
+    if isinstance(navigation, EkfModel):
+        rate, frequency = navigation.model.rate, config.step.frequency
+        what = f"be at most {frequency:g} Hz, the rate of the agent's steps (step.frequency)"
+        require(rate <= frequency * (1.0 + 1e-9), "navigation.model.rate", rate, what)
     if sensors.dvl is not None and not config.world.solid:
         raise ConfigError(
             f"sensors.dvl: has no bottom in world={config.world.name}; use world=seabed, slope, rough or tank, or sensors=bluerov2"
@@ -279,10 +307,10 @@ def _check_blocks(config: TrainConfig) -> None:
         reads = BLOCKS[name].reads
         if READS in reads and not is_estimated(config):
             raise ConfigError(f"task.observation: {name} needs an estimator; use navigation=ekf")
-        if name == "position_sd" and config.navigation.name != "ekf":
+        if name == "position_sd" and not config.navigation.is_filter:
             raise ConfigError(
                 f"task.observation: position_sd needs a covariance, which navigation={config.navigation.name} does not have; "
-                "use navigation=ekf"
+                f"use navigation={' or '.join(FILTERS)}"
             )
         if "task" in reads and is_estimated(config):
             raise ConfigError(

@@ -1,4 +1,4 @@
-"""An error-state Kalman filter with 15 states in plain NumPy: dense matrices, one step per IMU sample, vector updates."""
+"""An error-state Kalman filter with 15 or 17 states in plain NumPy: dense matrices, one step per IMU sample, vector updates."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from scipy.linalg import expm
 
 Floats = NDArray[np.float64]
 P_, V_, A_, F_, W_ = (slice(3 * k, 3 * k + 3) for k in range(5))
+C_ = slice(15, 17)
 
 
 def skew(a: ArrayLike) -> Floats:
@@ -16,18 +17,19 @@ def skew(a: ArrayLike) -> Floats:
 
 
 class Filter:
-    """Position, velocity (world axes), rotation body to world, biases of accelerometers and gyros.
+    """Position, velocity (world axes), rotation body to world, biases of accelerometers and gyros; with 17 states, a horizontal current.
 
     Args:
         state: position, velocity, rotation matrix.
-        P: (15, 15) covariance of the errors; that of the attitude in world axes.
-        densities: of accelerometers, gyros, and of the random walks of their biases.
+        P: (n, n) covariance of the errors; that of the attitude in world axes.
+        densities: of accelerometers, gyros, and of the random walks of their biases and of the current.
     """
 
     def __init__(self, state: tuple[Floats, Floats, Floats], P: Floats, densities: tuple[float, ...]) -> None:
         self.p, self.v, self.R = (np.array(part) for part in state)
         self.P, self.densities = np.array(P), densities
-        self.b_f, self.b_w = np.zeros(3), np.zeros(3)
+        self.b_f, self.b_w, self.c = np.zeros(3), np.zeros(3), np.zeros(3)
+        self.n = len(P)
 
     def move(self, force: Floats, rates: Floats, dt: float, gravity: float) -> None:
         f, w = force - self.b_f, rates - self.b_w
@@ -35,30 +37,31 @@ class Filter:
         a = middle @ f - [0.0, 0.0, gravity]
         self.p, self.v = self.p + dt * self.v + 0.5 * dt**2 * a, self.v + dt * a
         self.R = self.R @ expm(skew(dt * w))
-        A = np.zeros((15, 15))
+        A = np.zeros((self.n, self.n))
         A[P_, V_] = np.eye(3)
         A[V_, A_], A[V_, F_] = -skew(middle @ f), -middle
         A[A_, W_] = -middle
-        transition, noise = expm(dt * A), np.zeros((15, 15))
-        acceleration, turning, walk, drift = self.densities
-        for part, density in ((V_, acceleration), (A_, turning), (F_, walk), (W_, drift)):
-            noise[part, part] = density**2 * dt * np.eye(3)
+        transition, noise = expm(dt * A), np.zeros((self.n, self.n))
+        for part, density in zip((V_, A_, F_, W_, C_), self.densities, strict=True):
+            rows = np.arange(self.n)[part]
+            noise[rows, rows] = density**2 * dt
         self.P = transition @ self.P @ transition.T + noise
 
     def correct(self, innovation: ArrayLike, H: Floats, R: Floats) -> None:
         K = self.P @ H.T @ np.linalg.inv(H @ self.P @ H.T + R)
         x = K @ np.atleast_1d(innovation)
-        left = np.eye(15) - K @ H
+        left = np.eye(self.n) - K @ H
         self.P = left @ self.P @ left.T + K @ R @ K.T
         self.p, self.v = self.p + x[P_], self.v + x[V_]
         self.R = expm(skew(x[A_])) @ self.R
         self.b_f, self.b_w = self.b_f + x[F_], self.b_w + x[W_]
-        G = np.eye(15)
+        self.c[: self.n - 15] += x[C_]
+        G = np.eye(self.n)
         G[A_, A_] += 0.5 * skew(x[A_])
         self.P = G @ self.P @ G.T
 
     def height(self, z: float, sd: float) -> None:
-        H = np.zeros((1, 15))
+        H = np.zeros((1, self.n))
         H[0, 2] = 1.0
         self.correct(z - self.p[2], H, np.array([[sd**2]]))
 
@@ -66,15 +69,20 @@ class Filter:
         def of(R: Floats) -> float:
             return float(np.arctan2(R[1, 0], R[0, 0]))
 
-        H, small = np.zeros((1, 15)), 1e-6
+        H, small = np.zeros((1, self.n)), 1e-6
         for k in range(3):
             turn = expm(skew(small * np.eye(3)[k]))
             H[0, 6 + k] = np.angle(np.exp(1j * (of(turn @ self.R) - of(turn.T @ self.R)))) / (2.0 * small)
         self.correct(np.angle(np.exp(1j * (yaw - of(self.R)))), H, np.array([[sd**2]]))
 
     def velocity(self, seen: Floats, rates: Floats, lever: Floats, covariance: Floats) -> None:
-        H = np.zeros((3, 15))
+        H = np.zeros((3, self.n))
         H[:, V_], H[:, A_] = self.R.T, self.R.T @ skew(self.v)
         H[:, W_] = skew(lever)
         predicted = self.R.T @ self.v + np.cross(rates - self.b_w, lever)
         self.correct(seen - predicted, H, covariance)
+
+    def through_water(self, seen: Floats, sd: float) -> None:
+        H = np.zeros((3, self.n))
+        H[:, V_], H[:, A_], H[:, C_] = self.R.T, self.R.T @ skew(self.v - self.c), -self.R.T[:, :2]
+        self.correct(seen - self.R.T @ (self.v - self.c), H, sd**2 * np.eye(3))

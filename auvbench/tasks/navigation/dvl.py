@@ -27,7 +27,7 @@ from auvbench.tasks.navigation.state import DVL, expect, normals, uniforms
 from auvbench.tasks.navigation.turns import attitude_of
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import put, row, triple
-from auvbench.worlds.casting import first_hit, nearest_surface
+from auvbench.worlds.casting import distance_to, first_hit
 
 BEAMS = 4
 ENOUGH = 3
@@ -38,16 +38,16 @@ _HALF = math.sqrt(0.5)
 @row
 def beam(p: Record, i: int) -> Vector:
     """Return the direction of a beam in body axes."""
-    level = _HALF * math.sin(p.dvl_tilt)
+    level = _HALF * p.dvl_sine
     fore = level if i == 0 or i == 3 else -level
     port = level if i < 2 else -level
-    return fore, port, -math.cos(p.dvl_tilt)
+    return fore, port, -p.dvl_cosine
 
 
 @row
 def beam_sd(d: Record, p: Record) -> float:
     """Return the standard deviation of a beam in m/s: the figure of merit is that of a horizontal velocity."""
-    return float(d.merit * math.sqrt(2.0) * math.sin(p.dvl_tilt))
+    return float(d.merit * math.sqrt(2.0) * p.dvl_sine)
 
 
 @row
@@ -104,15 +104,15 @@ def height_along(p: Record, solids: Any, heights: Any, origin: Vector, way: Vect
         origin: m, of the beam, world axes.
         way: its direction, world axes.
     """
-    upright = math.cos(p.dvl_tilt)
+    upright = p.dvl_cosine
     longest = p.dvl_high / upright
-    distance, _ = first_hit(solids, heights, 0.0, origin, way, longest + 1.0)
+    distance, solid = first_hit(solids, heights, 0.0, origin, way, longest + 1.0)
     if distance > longest or distance * upright < p.dvl_low:
         return 0.0
     # From just before the surface, where its gradient is its normal.
     spot = add(origin, scale(distance - min(1e-3, 0.5 * distance), way))
-    _, _, normal = nearest_surface(solids, heights, 0.0, spot, 1.0)
-    return distance * upright if -dot(normal, way) > math.cos(p.dvl_incidence) else 0.0
+    _, normal = distance_to(solids[solid], heights, 0.0, spot, 1.0)
+    return distance * upright if -dot(normal, way) > p.dvl_flattest else 0.0
 
 
 @row
@@ -120,10 +120,10 @@ def solve(d: Record, p: Record) -> Vector:
     """Return the velocity in m/s, body axes, from the valid beams: all four, or three."""
     u = d.beam_velocity
     if d.beams == BEAMS:
-        level = _HALF / (2.0 * math.sin(p.dvl_tilt))
+        level = _HALF / (2.0 * p.dvl_sine)
         x = level * (u[0] - u[1] - u[2] + u[3])
         y = level * (u[0] + u[1] - u[2] - u[3])
-        return x, y, -(u[0] + u[1] + u[2] + u[3]) / (4.0 * math.cos(p.dvl_tilt))
+        return x, y, -(u[0] + u[1] + u[2] + u[3]) / (4.0 * p.dvl_cosine)
     valid = d.valid
     first = 1 if valid[0] == 0 else 0
     second = 2 if valid[1] == 0 or first == 1 else 1

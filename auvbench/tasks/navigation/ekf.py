@@ -1,7 +1,7 @@
 """Error-state extended Kalman filter with 15 states (Sola, "Quaternion kinematics for the error-state Kalman filter", arXiv 1711.02508).
 
 The errors are position and velocity (world axes), attitude (world axes: R = exp([phi]x) R_estimated, section 7) and the biases of
-accelerometers and gyros (body axes). Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
+accelerometers and gyros (body axes). `navigation=ekf_model` has 17: also a horizontal current. Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
 when a reading arrives and at the end of an agent step. Updates are scalar, in Joseph's form. Errors that last an episode (scale, iron,
 density) are no states: they enlarge the standard deviation of each reading, as if they were drawn anew. A reading that the gate rejects many times in a row is believed,
 as ArduPilot's EKF3 does after a time-out.
@@ -22,10 +22,12 @@ from auvbench.tasks.navigation.imu import put_attitude
 from auvbench.tasks.navigation.state import (
     ACCELERATION_BIAS,
     ATTITUDE,
+    CURRENT,
     DEPTH,
     DVL,
     GATED,
     HEADING,
+    MODEL,
     RATE_BIAS,
     STATES,
     VELOCITY,
@@ -56,6 +58,8 @@ def begin(P: Floats, p: Record) -> None:
         P[ATTITUDE + i, ATTITUDE + i] = p.start_tilt**2 if i < 2 else yaw**2
         P[ACCELERATION_BIAS + i, ACCELERATION_BIAS + i] = p.accelerometer_turn_on**2
         P[RATE_BIAS + i, RATE_BIAS + i] = p.gyro_turn_on**2
+    for j in range(CURRENT, P.shape[0]):
+        P[j, j] = p.model_current**2
 
 
 @row
@@ -123,7 +127,7 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
     if T <= 0.0:
         return
     R, C = integrals(d)
-    for j in range(STATES):  # F P
+    for j in range(P.shape[0]):  # F P
         x, v, a = three(P, 0, j), three(P, VELOCITY, j), three(P, ATTITUDE, j)
         errors = carried(T, R, C, x, v, a, three(P, ACCELERATION_BIAS, j), three(P, RATE_BIAS, j))
         (P[0, j], P[1, j], P[2, j]), (P[3, j], P[4, j], P[5, j]), (P[6, j], P[7, j], P[8, j]) = errors
@@ -135,7 +139,7 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
     for i in range(MOVING):
         for j in range(i):
             P[j, i] = P[i, j]
-        for j in range(MOVING, STATES):
+        for j in range(MOVING, P.shape[0]):
             P[j, i] = P[i, j]
     force, rates = (p.inflation * p.accelerometer_density) ** 2, (p.inflation * p.gyro_density) ** 2
     walk, drift = (p.inflation * p.accelerometer_walk) ** 2, (p.inflation * p.gyro_walk) ** 2
@@ -147,6 +151,8 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
         P[ATTITUDE + i, ATTITUDE + i] += rates * T
         P[ACCELERATION_BIAS + i, ACCELERATION_BIAS + i] += walk * T
         P[RATE_BIAS + i, RATE_BIAS + i] += drift * T
+    for j in range(CURRENT, P.shape[0]):
+        P[j, j] += (p.inflation * p.model_walk) ** 2 * T
     d.elapsed = 0.0
     put(d.force_sum, (0.0, 0.0, 0.0))
     for j in range(9):
@@ -157,7 +163,7 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
 def shared(P: Floats, work: Floats, first: int, stop: int) -> float:
     """Write P H^T of a reading with derivatives H; return H P H^T."""
     variance = 0.0
-    for i in range(STATES):
+    for i in range(P.shape[0]):
         total = 0.0
         for j in range(first, stop):
             total += P[i, j] * work[ROW, j]
@@ -187,7 +193,7 @@ def update(
         p: parameters.
         P: covariance.
         work: its row CHANGE gets the change of the states.
-        sensor: DVL, DEPTH or HEADING.
+        sensor: DVL, DEPTH, HEADING or MODEL.
         part: of the reading: axis or beam of a DVL, which the gate judges apart; 0 for the others.
         innovation: reading less prediction.
         sd: standard deviation of the reading.
@@ -204,7 +210,7 @@ def update(
     gated = sensor * dvl.BEAMS + part
     if nis <= p.gate:
         d.rejected[gated] = 0
-    elif d.rejected[gated] < GATED:
+    elif sensor == MODEL or d.rejected[gated] < GATED:  # A sheet may be wrong for ever.
         d.rejected[gated] += 1
         return False
     else:  # The covariance is wrong. The states that the reading shows are uncertain by the innovation, and the others keep theirs.
@@ -214,17 +220,18 @@ def update(
             P[j, j] = y * y
         s = noise + shared(P, work, first, stop)
     share = 1.0 / s
-    for i in range(STATES):
+    for i in range(P.shape[0]):
         work[GAIN, i] = work[SHARED, i] * share
         work[CHANGE, i] += work[GAIN, i] * y
     # Joseph, (I - K H) P (I - K H)^T + K r K^T, with u = P H^T and s = H u + r: P - K u^T - u K^T + K s K^T.
-    for i in range(STATES):
+    for i in range(P.shape[0]):
         gain, u = work[GAIN, i], work[SHARED, i]
         weighted = s * gain - u
-        for j in range(i + 1):
-            entry = P[i, j] - gain * work[SHARED, j] + weighted * work[GAIN, j]
-            P[i, j] = entry
-            P[j, i] = entry
+        for j in range(P.shape[0]):  # whole rows, which become vector instructions
+            P[i, j] = P[i, j] - gain * work[SHARED, j] + weighted * work[GAIN, j]
+    for i in range(P.shape[0]):
+        for j in range(i):
+            P[j, i] = P[i, j]
     return True
 
 
@@ -238,11 +245,13 @@ def inject(d: Record, P: Floats, work: Floats) -> None:
     put_attitude(d.attitude, multiply(turn(phi), attitude_of(d.attitude)))
     put(d.acceleration_bias, add(triple(d.acceleration_bias), (x[9], x[10], x[11])))
     put(d.rate_bias, add(triple(d.rate_bias), (x[12], x[13], x[14])))
+    for j in range(CURRENT, P.shape[0]):
+        d.current[j - CURRENT] += x[j]
     half = scale(0.5, phi)
-    for j in range(STATES):
+    for j in range(P.shape[0]):
         own = P[ATTITUDE, j], P[ATTITUDE + 1, j], P[ATTITUDE + 2, j]
         P[ATTITUDE, j], P[ATTITUDE + 1, j], P[ATTITUDE + 2, j] = add(own, cross(half, own))
-    for j in range(STATES):
+    for j in range(P.shape[0]):
         own = P[j, ATTITUDE], P[j, ATTITUDE + 1], P[j, ATTITUDE + 2]
         P[j, ATTITUDE], P[j, ATTITUDE + 1], P[j, ATTITUDE + 2] = add(own, cross(half, own))
 
@@ -285,7 +294,7 @@ def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
     error = subtract(triple(d.dvl_velocity), triple(d.predicted_velocity))
     work[CHANGE, :] = 0.0
     beam_sd = dvl.beam_sd(d, p)
-    upright = 0.5 * beam_sd / math.cos(p.dvl_tilt)
+    upright = 0.5 * beam_sd / p.dvl_cosine
     four = d.beams == dvl.BEAMS
     speed = dot(triple(d.dvl_velocity), triple(d.dvl_velocity))
     slow = (p.dvl_scale**2 + p.dvl_mounting**2) * speed

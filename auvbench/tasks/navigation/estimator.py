@@ -13,7 +13,8 @@ from auvbench.config.navigation import is_estimated
 from auvbench.simulators.base import Simulator
 from auvbench.tasks import records
 from auvbench.tasks.navigation import loops
-from auvbench.tasks.navigation.state import FIELDS, STATES, parameters
+from auvbench.tasks.navigation.model import Sheet
+from auvbench.tasks.navigation.state import FIELDS, MODEL_STATES, STATES, parameters
 from auvbench.worlds.solids import NO_HEIGHTS, SOLID
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ class Navigation:
     """
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> None:
-        self.task, self.is_filter = task, config.navigation.name == "ekf"
+        self.task, self.is_filter = task, config.navigation.is_filter
         self.rate = float(config.sensors.imu.rate)  # type: ignore[union-attr]
         """Hz, of the IMU"""
         shared = {name: task.parameters[name][0] for name in records.PARAMETERS}
@@ -53,7 +54,11 @@ class Navigation:
         self.parameters = records.one_row(parameters(config, float(vehicle.gravity)), shared, who)
         self.state = records.state(task.n, FIELDS, who)
         """(n,) what each episode remembers"""
-        self.covariance: Floats = np.zeros((task.n, STATES, STATES))
+        has_model = bool(self.parameters[0].has_model)
+        self.sheet = Sheet(vehicle, task.n, config.simulator.max_step) if has_model else None
+        """the vehicle's sheet, for an estimator that knows it"""
+        states = MODEL_STATES if has_model else STATES
+        self.covariance: Floats = np.zeros((task.n, states, states))
         """of the filter's errors (`ekf`)"""
         self.pose: Floats = np.zeros((task.n, 7))
         """estimates, m and unit quaternion"""
@@ -93,6 +98,8 @@ class Navigation:
         task.begin_belief(indices)
         own = self._state, self._parameters, self.covariance, task.shown
         loops.begin_rows(indices, task.rows, *own, task.stream, *true, self.pose, self.velocity)
+        if self.sheet is not None:
+            self.sheet.begin(indices, self.pose, self.velocity)
 
     def sample(self, simulator: Simulator, seconds: float, start: int = 0, stop: int | None = None) -> None:
         """Measure an interval of some s that ends now, in the environments start .. stop - 1."""
@@ -105,7 +112,11 @@ class Navigation:
     ) -> None:
         """End an agent step: write the estimates, add their errors, and move the references that agents see."""
         task, rows = self.task, (start, self.task.n if stop is None else stop)
-        own = task.rows, self._state, self._parameters, self.covariance, task.shown
+        sheet = self.velocity
+        if self.sheet is not None:
+            self.sheet.follow(action, self.pose, self.velocity, task.duration, *rows)
+            sheet = self.sheet.velocity
+        own = task.rows, self._state, self._parameters, self.covariance, sheet, task.shown
         loops.conclude_rows(*rows, *own, task.stream, self.pose, self.velocity)
         task.move_belief(*rows, self.pose, self.velocity, action, task.previous, force, power)
 
@@ -123,12 +134,17 @@ class Navigation:
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
         """Return copies of the arrays that an exact resume needs."""
-        return {name: np.copy(array) for name, array in self._arrays().items()}
+        sheet = {} if self.sheet is None else self.sheet.simulator.state_dict()
+        own = {name: np.copy(array) for name, array in self._arrays().items()}
+        return own | {f"sheet.{name}": array for name, array in sheet.items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
         """Restore a state of `state_dict`."""
         for name, array in self._arrays().items():
             np.copyto(array, state[name], casting="no")
+        if self.sheet is not None:
+            names = self.sheet.simulator.state_dict()
+            self.sheet.simulator.load_state_dict({name: state[f"sheet.{name}"] for name in names})
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
         estimate = {"covariance": self.covariance, "pose": self.pose, "velocity": self.velocity}

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from auvbench.dynamics.compiled import borrowed, compiled
 from auvbench.dynamics.vectors import product as rotate
 from auvbench.dynamics.vectors import rotation_matrix, subtract, transposed_product
-from auvbench.tasks.navigation import compass, dead_reckoning, dvl, ekf, imu, pressure
+from auvbench.tasks.navigation import compass, dead_reckoning, dvl, ekf, imu, model, pressure
 from auvbench.tasks.navigation.state import (
     DEPTH,
     DVL,
     HEADING,
     LOST,
+    MODEL,
     NEVER,
-    STATES,
     has_arrived,
     is_due,
     normals,
@@ -54,9 +54,10 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     pressure.begin(e, d, p, stream)
     compass.begin(e, d, p, stream)
     dvl.begin(e, d, p, stream)
-    for sensor in range(3):
+    for sensor in range(len(d.arrives)):
         d.arrives[sensor], d.stamp[sensor] = NEVER, -1.0
         d.nis[sensor] = d.innovations[sensor] = 0.0
+    d.due[MODEL] = p.model_settling
     for k in range(len(d.rejected)):
         d.rejected[k] = 0
     a, b, c, f = normals(e, d, stream, 8)
@@ -76,6 +77,7 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     put(d.acceleration_bias, (0.0, 0.0, 0.0))
     put(d.rate_bias, (0.0, 0.0, 0.0))
     put(d.water_velocity, (0.0, 0.0, 0.0))
+    d.current[:] = 0.0
     at_rest = transposed_product(rotation_matrix(true), (0.0, 0.0, p.gravity))
     imu.sense(e, d, p, stream, at_rest, triple(d.true_rates), 1.0 / p.imu_rate)
     d.elapsed = 0.0
@@ -183,17 +185,20 @@ def conclude(
     p: Record,
     P: Floats,
     work: Floats,
+    sheet: Floats,
     stream: int,
     shown: Shown,
     i: int,
     pose: Floats,
     velocity: Floats,
 ) -> None:
-    """End an agent step: let the biases walk, show the estimate and add its error to the sums."""
+    """End an agent step: let the biases walk, correct by the sheet's velocity, show the estimate and add its error to the sums."""
     imu.walk(e, d, p, stream, p.duration)
     if d.diverged == 0 and not is_sound(d):
         d.diverged = 1
     if d.diverged == 0:
+        if p.has_model > 0:
+            model.correct(d, p, P, work, triple(sheet[i]))
         if p.is_filter > 0:
             ekf.propagate(d, p, P)
         show(d, P, shown, i, pose, velocity)
@@ -230,23 +235,31 @@ def sample_rows(
     true_pose: Floats, true_velocity: Floats, counts: Integers, solids: Any, heights: Floats, seconds: float,
 ) -> None:  # fmt: skip
     """Measure an interval of some s in the episodes first .. stop - 1."""
-    p = parameters[0]
-    work = np.zeros((ekf.WORK, STATES))
+    p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
+    work, covariances = borrowed(memory), borrowed(covariances)
+    true_pose, true_velocity = borrowed(true_pose), borrowed(true_velocity)
     solids, heights = borrowed(solids), borrowed(heights)
     for i in range(first, stop):
         sample(
             episodes[i], states[i], p, covariances[i], work, stream, true_pose[i], true_velocity[i],
             solids[i, : counts[i]], heights, seconds,
         )  # fmt: skip
+    memory[:] = 0.0  # numba frees memory after its last use, and does not see what is borrowed
 
 
 @compiled("dynamics", "worlds", "tasks", ".")
 def conclude_rows(
-    first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, shown: Shown,
-    stream: int, pose: Floats, velocity: Floats,
+    first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, sheet: Floats,
+    shown: Shown, stream: int, pose: Floats, velocity: Floats,
 ) -> None:  # fmt: skip
     """End an agent step of the episodes first .. stop - 1; write the estimates (n, 7) and (n, 6)."""
-    p = parameters[0]
-    work = np.zeros((ekf.WORK, STATES))
+    p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
+    work, covariances, sheet = borrowed(memory), borrowed(covariances), borrowed(sheet)
+    pose, velocity = borrowed(pose), borrowed(velocity)
+    deviation, force, age = shown
+    views = borrowed(deviation), borrowed(force), borrowed(age)
     for i in range(first, stop):
-        conclude(episodes[i], states[i], p, covariances[i], work, stream, shown, i, pose[i], velocity[i])
+        conclude(
+            episodes[i], states[i], p, covariances[i], work, sheet, stream, views, i, pose[i], velocity[i]
+        )  # fmt: skip
+    memory[:] = 0.0  # as in `sample_rows`

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import fields
 from statistics import NormalDist
 from typing import Any
 
 from auvbench.config import schema
+from auvbench.config.navigation import Model
 from auvbench.dynamics.compiled import called
 from auvbench.dynamics.layout import Quaternion
 from auvbench.dynamics.random import NAVIGATION, normal4, uniform4
@@ -16,9 +18,11 @@ from auvbench.tasks.rows import row
 
 STATES = 15
 """of the filter: errors of position, velocity, attitude (all in world axes), accelerometer bias and gyro bias (body axes)"""
-VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS = 3, 6, 9, 12
+MODEL_STATES = 17
+"""of the filter with the vehicle's sheet: also errors of a horizontal current (world axes)"""
+VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS, CURRENT = 3, 6, 9, 12, 15
 """first index of each group of states; position is at 0"""
-DVL, DEPTH, HEADING = 0, 1, 2
+DVL, DEPTH, HEADING, MODEL = 0, 1, 2, 3
 """index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on"""
 SOON = 1e-6
 """s: a measurement that is due this soon is due now"""
@@ -68,18 +72,19 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("heading", "f8"),  # rad, measured
     ("predicted_heading", "f8"),
     # Of each sensor
-    ("due", "f8", _V),  # s, of the next measurement
-    ("arrives", "f8", _V),  # s
-    ("stamp", "f8", _V),  # s, of the last valid reading that arrived
-    ("rejected", "i8", (12,)),  # readings that failed the gate in a row: four parts of each
-    ("nis", "f8", _V),  # sum of normalised innovations squared
-    ("innovations", "f8", _V),  # their number
+    ("due", "f8", _Q),  # s, of the next measurement
+    ("arrives", "f8", _Q),  # s
+    ("stamp", "f8", _Q),  # s, of the last valid reading that arrived
+    ("rejected", "i8", (16,)),  # readings that failed the gate in a row: four parts of each
+    ("nis", "f8", _Q),  # sum of normalised innovations squared
+    ("innovations", "f8", _Q),  # their number
     # Estimate
     ("position", "f8", _V),
     ("velocity", "f8", _V),  # m/s, world axes
     ("attitude", "f8", _Q),
     ("acceleration_bias", "f8", _V),
     ("rate_bias", "f8", _V),
+    ("current", "f8", (2,)),  # m/s, world axes
     ("water_velocity", "f8", _V),  # m/s, body axes: the last velocity of dead reckoning
     ("elapsed", "f8"),  # s since the covariance was propagated
     ("force_sum", "f8", _V),  # m/s, integral of the specific force in world axes since then
@@ -116,9 +121,10 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
     assert heading
     slow = math.sqrt(heading.bias**2 + 0.5 * heading.hard_iron**2 + 0.5 * heading.soft_iron**2)
     gate = getattr(navigation, "gate", 1.0)
+    model = getattr(navigation, "model", None)
     pings = MODES if dvl is None else len(dvl.rates)
     return {
-        "is_filter": int(navigation.name == "ekf"),
+        "is_filter": int(navigation.is_filter),
         "gravity": gravity,
         "start_position": navigation.start.position,
         "start_velocity": navigation.start.velocity,
@@ -129,6 +135,8 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
         "inflation": getattr(navigation, "inflation", 1.0),
         "settling": getattr(navigation, "settling", 1.0),
         "imu_rate": imu.rate,
+        "has_model": int(model is not None),
+        **{f"model_{key.name}": 0.0 if model is None else getattr(model, key.name) for key in fields(Model)},
         **_numbers("gyro", imu.gyro),
         **_numbers("accelerometer", imu.accelerometer),
         **_numbers("depth", depth),
@@ -138,12 +146,15 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
         "dvl_lever": [0.0] * 3 if dvl is None else dvl.lever,
         "dvl_altitudes": [0.0] * pings if dvl is None else dvl.altitudes,
         "dvl_periods": [1.0] * pings if dvl is None else [1.0 / rate for rate in dvl.rates],
+        "dvl_sine": 0.0 if dvl is None else math.sin(dvl.tilt),  # of a beam's tilt
+        "dvl_cosine": 1.0 if dvl is None else math.cos(dvl.tilt),
+        "dvl_flattest": 0.0 if dvl is None else math.cos(dvl.incidence),
         **{f"dvl_{name}": 0.0 if dvl is None else float(getattr(dvl, name)) for name in _DVL},
     }
 
 
 _DVL = (
-    *("tilt", "low", "high", "fastest", "incidence", "merit_low", "merit_high", "scale", "mounting"),
+    *("low", "high", "fastest", "merit_low", "merit_high", "scale", "mounting"),
     *("lost", "burst", "delay"),
 )
 

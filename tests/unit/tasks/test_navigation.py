@@ -23,10 +23,11 @@ from auvbench.envs.settings import configuration
 from auvbench.errors import ConfigError
 from auvbench.runs.identity import run_id
 from auvbench.tasks import records
-from auvbench.tasks.navigation import dvl, ekf, imu
-from auvbench.tasks.navigation.state import FIELDS, STATES, VELOCITY
+from auvbench.tasks.navigation import dvl, ekf, imu, model
+from auvbench.tasks.navigation.state import DVL, FIELDS, MODEL, MODEL_STATES, STATES, VELOCITY
 from auvbench.tasks.navigation.turns import turn, vector_of
 from auvbench.worlds import solids
+from benchmarks.navigation import band, shown
 from tests.reference.navigation import Filter, skew
 
 Floats = NDArray[np.float64]
@@ -54,6 +55,8 @@ PERFECT = (
     *(f"navigation.start.{key}=1e-6" for key in ("position", "velocity", "tilt")),
 )
 """an IMU without errors, which no other sensor corrects for 10 s"""
+EAGER = "navigation.model.rate=10", "navigation.model.settling=0"
+"""readings of the sheet at every step"""
 
 
 def batch(*words: str, n: int = 2, **own: Any) -> Batch:
@@ -107,7 +110,8 @@ def keys(**values: Any) -> Any:
 
 
 def test_a_velocity_is_the_least_squares_solution_of_the_valid_beams() -> None:
-    p, rng = keys(dvl_tilt=math.radians(22.5)), np.random.default_rng(1)
+    tilt, rng = math.radians(22.5), np.random.default_rng(1)
+    p = keys(dvl_sine=math.sin(tilt), dvl_cosine=math.cos(tilt))
     B = np.array([dvl.beam(p, i) for i in range(4)])
     assert np.linalg.norm(B, axis=1) == pytest.approx(1.0)
     assert (B[:, 2] < -0.9).all()
@@ -121,16 +125,15 @@ def test_a_velocity_is_the_least_squares_solution_of_the_valid_beams() -> None:
     d = one_state()
     d.merit = 0.02
     deviations = dvl.beam_sd(d, p) * np.sqrt(np.diag(np.linalg.inv(B.T @ B)))
-    np.testing.assert_allclose(
-        deviations, [0.02, 0.02, 0.02 * math.sqrt(0.5) * math.tan(p.dvl_tilt)], rtol=1e-12
-    )
+    np.testing.assert_allclose(deviations, [0.02, 0.02, 0.02 * math.sqrt(0.5) * math.tan(tilt)], rtol=1e-12)
 
 
 def test_pings_come_at_the_rate_of_the_altitude_and_no_echo_returns_from_too_far_or_too_flat() -> None:
     config = configuration(overrides=[*EKF])
     own = config.sensors.dvl
     assert own is not None
-    p = keys(dvl_tilt=own.tilt, dvl_low=own.low, dvl_high=own.high, dvl_incidence=own.incidence,
+    p = keys(dvl_sine=math.sin(own.tilt), dvl_cosine=math.cos(own.tilt), dvl_low=own.low, dvl_high=own.high,
+             dvl_flattest=math.cos(own.incidence),
              dvl_altitudes=own.altitudes, dvl_periods=[1.0 / rate for rate in own.rates])  # fmt: skip
     table = {0.3: 15.0, 0.6: 15.0, 2.0: 10.0, 10.0: 5.5, 20.0: 7.5, 49.0: 3.0, 0.0: 3.0}
     assert {altitude: 1.0 / dvl.period(p, altitude) for altitude in table} == pytest.approx(table)
@@ -199,10 +202,10 @@ def test_small_turns_are_exact() -> None:
 
 
 def shifted(d: Any, x: Floats) -> Any:
-    """Return a state whose truth is the errors x (15,) away from it."""
-    other, work = copy.deepcopy(d), np.zeros((ekf.WORK, STATES))
+    """Return a state whose truth is the errors x (15,) or (17,) away from it."""
+    other, work = copy.deepcopy(d), np.zeros((ekf.WORK, len(x)))
     work[ekf.CHANGE] = x
-    ekf.inject(other, np.zeros((STATES, STATES)), work)
+    ekf.inject(other, np.zeros((len(x), len(x))), work)
     return other
 
 
@@ -220,7 +223,7 @@ def test_derivatives_are_those_of_finite_differences() -> None:
              accelerometer_walk=0.0, gyro_walk=0.0, inflation=1.0)  # fmt: skip
     d = one_state(position=rng.normal(size=3), velocity=rng.normal(size=3), attitude=quaternion([0.3, -0.5, 2.0]),
                   acceleration_bias=0.1 * rng.normal(size=3), rate_bias=0.1 * rng.normal(size=3), rates=rng.normal(size=3),
-                  specific_force=rng.normal(size=3) + np.array([0.0, 0.0, 9.81]))  # fmt: skip
+                  current=[0.3, -0.2], specific_force=rng.normal(size=3) + np.array([0.0, 0.0, 9.81]))  # fmt: skip
     work, units = np.zeros((ekf.WORK, STATES)), np.eye(STATES)
     way = (0.36, 0.48, -0.8)
     ekf.velocity_row(d, p, way, work)
@@ -233,6 +236,11 @@ def test_derivatives_are_those_of_finite_differences() -> None:
 
     ekf.heading_row(d, work)
     slopes = [(yaw(shifted(d, small * x)) - yaw(shifted(d, -small * x))) / (2 * small) for x in units]
+    np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
+
+    work = np.zeros((ekf.WORK, MODEL_STATES))
+    model.put_derivatives(d, way, work)
+    slopes = [(np.dot(way, model.predicted(shifted(d, small * x))) - np.dot(way, model.predicted(shifted(d, -small * x)))) / (2 * small) for x in np.eye(MODEL_STATES)]  # fmt: skip
     np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
 
     # The transition of ten samples, whose sums are first order in the turn of the vehicle.
@@ -261,14 +269,14 @@ def test_the_sum_of_perfect_imu_samples_is_the_motion() -> None:
 
 
 def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
-    one = batch(*MATCHED, n=1, seed=4)
+    one = batch(*MATCHED, "navigation=ekf_model", *EAGER, n=1, seed=4)
     one.reset()
     navigation = estimator(one)
     d, p = navigation.state[0], navigation.parameters[0]
     own = Filter(
         (d.position, d.velocity, rotation(d.attitude)),
         navigation.covariance[0],
-        (p.accelerometer_density, p.gyro_density, p.accelerometer_walk, p.gyro_walk),
+        (p.accelerometer_density, p.gyro_density, p.accelerometer_walk, p.gyro_walk, p.model_walk),
     )
     lever, sample, counted = np.array(p.dvl_lever), navigation.sample, []
 
@@ -282,7 +290,7 @@ def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
         if came[2]:
             own.heading(d.heading, p.heading_noise)
         if came[0]:
-            upright = d.merit * math.sqrt(0.5) * math.tan(p.dvl_tilt)
+            upright = d.merit * math.sqrt(0.5) * p.dvl_sine / p.dvl_cosine
             own.velocity(d.dvl_velocity, d.rates, lever, np.diag([d.merit, d.merit, upright]) ** 2)
         counted.append(came)
 
@@ -290,11 +298,15 @@ def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
     rng = np.random.default_rng(3)
     for _ in range(100):
         one.step(rng.uniform(-0.4, 0.4, one._action.shape))
-    assert (np.sum(counted, axis=0) >= [100, 100, 100]).all()
+        seen = navigation.sheet.velocity[0, :3]
+        own.through_water(seen, math.hypot(p.model_noise, p.model_share * float(np.linalg.norm(seen))))
+    assert (np.sum(counted, axis=0)[:MODEL] >= 100).all()
+    assert d.innovations[MODEL] == 300
     np.testing.assert_allclose(d.position, own.p, atol=2e-4)
     np.testing.assert_allclose(d.velocity, own.v, atol=2e-4)
     np.testing.assert_allclose(rotation(d.attitude), own.R, atol=2e-4)
     np.testing.assert_allclose(d.rate_bias, own.b_w, atol=2e-5)
+    np.testing.assert_allclose(d.current, own.c[:2], atol=2e-4)
     scale = np.sqrt(np.diag(own.P))
     np.testing.assert_allclose(
         navigation.covariance[0] / np.outer(scale, scale), own.P / np.outer(scale, scale), atol=0.05
@@ -323,8 +335,8 @@ def test_a_controller_is_trained_and_tested_on_estimates(tmp_path: Path) -> None
     assert (rows.unlocked_share[rows.condition == "half-lock"] > 0.1).all()
 
 
-def consistency(*words: str) -> tuple[float, Floats]:
-    """Return the mean NEES per state over 128 episodes of 40 s, and the mean NIS of DVL, depth and heading."""
+def consistency(*words: str) -> Floats:
+    """Return NEES per state and NIS of DVL, depth and heading (4, 128), means over each of 128 episodes of 40 s."""
     one = batch(*MATCHED, "task.max_steps=100000", *words, n=128, autoreset=False)
     rng, nees = np.random.default_rng(0), []
     one.reset()
@@ -335,19 +347,42 @@ def consistency(*words: str) -> tuple[float, Floats]:
         if step % 40 == 39:
             x = errors(one)
             inverse = np.linalg.inv(estimator(one).covariance)
-            nees.append(np.einsum("ni,nij,nj->n", x, inverse, x).mean() / STATES)
+            nees.append(np.einsum("ni,nij,nj->n", x, inverse, x) / STATES)
     d = estimator(one).state
-    return float(np.mean(nees)), d["nis"].sum(0) / d["innovations"].sum(0)
+    return np.array([np.mean(nees, axis=0), *(d["nis"] / np.maximum(d["innovations"], 1.0)).T[:MODEL]])
 
 
 def test_a_filter_that_knows_its_sensors_is_consistent_and_one_that_does_not_is_not() -> None:
-    nees, nis = consistency()
-    # 95 % band of a mean of 15 chi-squares over 128 independent episodes: 1 +- 0.064; times are correlated.
-    assert nees == pytest.approx(1.0, abs=0.064)
-    np.testing.assert_allclose(nis, 1.0, atol=0.03)
-    nees, nis = consistency("navigation.inflation=0.3333333333")  # noise three times as large as assumed
-    assert nees > 3.0
-    assert (nis > 3.0).all()
+    for values in consistency():
+        _, half = band(values)
+        assert shown(values).endswith(" inside")
+        assert half < 0.05
+    for values in consistency("navigation.inflation=0.3333333333"):  # noise three times as large as assumed
+        mean, half = band(values)
+        assert shown(values).endswith(" outside")
+        assert mean - half > 3.0
+
+
+def test_the_sheet_carries_the_estimate_while_the_dvl_is_lost() -> None:
+    """In a current, too: the filter knows it from before."""
+    errors = {}
+    for kind in ("ekf", "ekf_model"):
+        one = batch(f"navigation={kind}", n=32, autoreset=False)
+        one.reset()
+        one.simulator.set_current([0.3, -0.2, 0.0])
+        one.simulator.effectiveness[:8, 0] = 0.5  # of the vehicle, which the sheet does not know
+        navigation, rng = estimator(one), np.random.default_rng(0)
+        for step in range(700):
+            if step == 400:
+                navigation.state["due"][:, DVL] += 30.0
+            if step % 20 == 0:
+                action = rng.uniform(-0.4, 0.4, one._action.shape)
+            one.step(action)
+        errors[kind] = np.linalg.norm(navigation.pose[:, :2] - one.simulator.pose[:, :2], axis=1)
+    assert navigation.state["current"].mean(0) == pytest.approx([0.3, -0.2], abs=0.05)
+    assert (navigation.sheet.simulator.effectiveness == 1.0).all()
+    assert np.median(errors["ekf_model"]) < 0.2 * np.median(errors["ekf"])
+    assert errors["ekf_model"].max() < 5.0
 
 
 def test_an_estimate_that_diverges_is_recorded_and_stands_still() -> None:
@@ -421,9 +456,10 @@ def test_a_moving_reference_follows_the_estimate_and_range_sensors_the_truth() -
 
 
 def test_copies_and_restored_states_go_on_with_the_same_bits() -> None:
-    one = batch()
+    words = "navigation=ekf_model", *EAGER
+    one = batch(*words)
     play(one, 7)
-    state, other, unpickled = one.state_dict(), batch(), pickle.loads(pickle.dumps(one))
+    state, other, unpickled = one.state_dict(), batch(*words), pickle.loads(pickle.dumps(one))
     play(other, 2)
     other.load_state_dict(state)
     action = np.full_like(one._action, 0.1)
@@ -484,6 +520,7 @@ def test_only_a_changed_navigation_changes_the_id_of_a_run() -> None:
         (["sensors.dvl.high=80"], "sensors.dvl.altitudes=.*must rise, up to sensors.dvl.high=80"),
         (["sensors=none", "navigation=truth", "task.observation=[position_error,yaw_error,sensor_age]"], "sensor_age needs an estimator"),
         (["navigation=dead_reckoning", "task.observation=[position_error,yaw_error,position_sd]"], "position_sd needs a covariance"),
+        (["navigation=ekf_model", "navigation.model.rate=20"], "navigation.model.rate=20: must be at most 10 Hz, the rate of the agent's steps"),
         (["navigation=kalman"], "navigation=kalman: no such option"),
         (["navigation.gate=0"], "navigation.gate=0: must be at least 0.5"),
     ],
