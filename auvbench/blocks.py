@@ -28,6 +28,9 @@ FASTEST = 50.0
 LARGEST = 1e6
 """m, m/s2 and s: bounds of what an estimator knows"""
 
+LOOK_AHEAD = 1.5
+"""m along a way, from its point nearest to the vehicle to the point that `way` shows"""
+
 BODY_AXES = "body axes (forward, port, up)"
 
 READS = ("pose", "velocity", "action", "goal", "preview", "task", "solids", "navigation")
@@ -233,6 +236,31 @@ def write_goal_error(m: Reading, e: Any, p: Any, out: Any) -> None:
     write_levelled(m, to_x - x, to_y - y, to_z - z, out)
 
 
+def write_way(m: Reading, e: Any, p: Any, out: Any) -> None:
+    x, y, z = m.position
+    nearest, at, part = math.inf, 0, 0.0
+    for k in range(e.way_corners - 1):
+        (ax, ay, az), (bx, by, bz) = triple(e.way[k]), triple(e.way[k + 1])
+        ux, uy, uz = bx - ax, by - ay, bz - az
+        squared = max(ux * ux + uy * uy + uz * uz, 1e-12)
+        share = min(max(((x - ax) * ux + (y - ay) * uy + (z - az) * uz) / squared, 0.0), 1.0)
+        dx, dy, dz = ax + share * ux - x, ay + share * uy - y, az + share * uz - z
+        off = dx * dx + dy * dy + dz * dz
+        if off < nearest:
+            nearest, at, part = off, k, share
+    left = LOOK_AHEAD
+    for k in range(at, e.way_corners - 1):
+        (ax, ay, az), (bx, by, bz) = triple(e.way[k]), triple(e.way[k + 1])
+        ux, uy, uz = bx - ax, by - ay, bz - az
+        length = max(math.sqrt(ux * ux + uy * uy + uz * uz), 1e-6)
+        share = min(part + left / length, 1.0)
+        write_levelled(m, ax + share * ux - x, ay + share * uy - y, az + share * uz - z, out)
+        left -= (share - part) * length
+        part = 0.0
+        if share < 1.0:
+            break
+
+
 def write_position_sd(m: Reading, e: Any, p: Any, out: Any) -> None:
     out[0], out[1], out[2] = triple(e.position_sd)
 
@@ -305,6 +333,12 @@ def _goal_error(s: Setting) -> Block:
     return vector("goal_error", "m", (level, level, rise), "goal less position", BODY)
 
 
+def _way(s: Setting) -> Block:
+    level, rise = _apart(s)
+    meaning = f"point of the shortest way {LOOK_AHEAD:g} m ahead, less position"
+    return vector("way", "m", (level, level, rise), meaning, BODY)
+
+
 def _position_sd(s: Setting) -> Block:
     return vector("position_sd", "m", (LARGEST,) * 3, "standard deviation of the estimated position", WORLD)
 
@@ -338,6 +372,7 @@ depth_margin = BlockSpec("depth_margin", write_depth_margin, _depth_margin)
 previous_action = BlockSpec("previous_action", write_previous_action, _previous_action, ("action",))
 preview = BlockSpec("preview", write_preview, _preview, ("pose", "preview"))
 goal_error = BlockSpec("goal_error", write_goal_error, _goal_error, ("pose", "goal"))
+way = BlockSpec("way", write_way, _way, ("pose", "task", "solids"))
 position_sd = BlockSpec("position_sd", write_position_sd, _position_sd, ("navigation",))
 specific_force = BlockSpec("specific_force", write_specific_force, _specific_force, ("navigation",))
 sensor_age = BlockSpec("sensor_age", write_sensor_age, _sensor_age, ("navigation",))

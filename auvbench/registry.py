@@ -324,7 +324,7 @@ AGENTS: Kind[AgentSpec] = Kind(
     {
         **_lines(f"{_ALGORITHMS}.sb3", *_SB3),
         **_lines(f"{_ALGORITHMS}.residual", "ppo_residual", "sac_residual"),
-        **_files(_ALGORITHMS, "pid", "alos", "lqr", "smc", "mpc", "random", "onnx"),
+        **_files(_ALGORITHMS, "pid", "alos", "apf", "lqr", "smc", "mpc", "random", "onnx"),
     },
 )
 
@@ -369,7 +369,7 @@ BLOCKS: Kind[BlockSpec] = Kind(
         **_lines(
             _BLOCKS,
             *("yaw_error", "position_error", "velocity_error", "velocity", "angular_velocity"),
-            *("gravity", "depth_margin", "previous_action", "preview", "goal_error"),
+            *("gravity", "depth_margin", "previous_action", "preview", "goal_error", "way"),
             *("position_sd", "specific_force", "sensor_age"),
         ),
         **{

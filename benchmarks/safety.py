@@ -39,7 +39,10 @@ CASES: dict[str, tuple[str, ...]] = {
     },
     "PPO without a sonar, in training": ("algo=ppo_fast", BLIND),
     "PID with a sonar": ("algo=pid",),
+    "PID with ideal rays": ("algo=pid", BLIND.replace("]", ",range.ideal]")),
 }
+FILTERS = {"none": (), "cbf": (), "cbf, ranges": ("filter.knows=ranges",)}
+"""by the name in the table: overrides; the last one needs ideal rays"""
 SONAR_SHARE = 5
 """a row with a sonar, whose rays take most of the time, has this share of the episodes"""
 
@@ -78,12 +81,16 @@ def records_of(config: schema.TrainConfig, episodes: int) -> list[Record]:
     return sorted(first, key=lambda record: (record["episode"], record["environment"]))[:episodes]
 
 
-def rows(episodes: int) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of the table."""
+def rows(episodes: int, agents: str) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the table, of agents with a text in their names."""
     for name, words in CASES.items():
         count = episodes if BLIND in words else max(1, episodes // SONAR_SHARE)
-        for chosen in ("none", "cbf"):
-            config = configuration(overrides=["task=transit", f"filter={chosen}", *words])
+        for chosen, more in FILTERS.items() if agents in name else ():
+            if more and "ideal" not in name:
+                continue
+            config = configuration(
+                overrides=["task=transit", f"filter={chosen.partition(',')[0]}", *words, *more]
+            )
             yield name, chosen, *_cells(records_of(config, count), config.task.time_limit)
 
 
@@ -108,10 +115,11 @@ def _cells(records: list[Record], limit: float) -> Iterator[str]:
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.safety", description=__doc__)
     parser.add_argument("--episodes", type=int, default=1000, help="of a row (default: 1000)")
-    episodes = parser.parse_args().episodes
+    parser.add_argument("--agents", default="", help="only rows with this text in the agent's name")
+    given = parser.parse_args()
     print(f"| {' | '.join(COLUMNS)} |")
     print(f"|---|---|{'---:|' * (len(COLUMNS) - 2)}")
-    for row in rows(episodes):
+    for row in rows(given.episodes, given.agents):
         print(f"| {' | '.join(row)} |", flush=True)
 
 

@@ -31,7 +31,7 @@ def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, 
 
 
 def knowledge(run: RunRecord) -> tuple[str, ...]:
-    """Return what a run's agent knows beyond noisy positions: sheet, model, preview, true velocities."""
+    """Return what a run's agent knows beyond noisy positions: sheet, model, preview, map, true velocities."""
     config = run.config
     spec = AGENTS.get(str(config.get("algo.agent")))
     known = dict.fromkeys(() if spec is None else spec.knows)
@@ -40,6 +40,8 @@ def knowledge(run: RunRecord) -> tuple[str, ...]:
     plans = run_learns(run) or "model" in known  # other controllers follow only the present reference
     if plans and "preview" in observed and config.get("task.preview.points"):
         known["preview"] = None
+    if reads and "way" in observed:
+        known["map"] = None
     if reads and any(block in observed for block in VELOCITIES):
         known["true velocities"] = None
     if reads:  # what a package's block measures is known by its name only

@@ -33,7 +33,7 @@ class Unfiltered(Filter):
 class Barrier(Filter):
     """A control barrier function."""
 
-    knows: str = choice("map")
+    knows: str = choice("map", "ranges")
     margin: float = number(0.0, 100.0)  # m
     braking: float = number(0.0, 1.0, open_low=True)
     current: float = number(0.0, 10.0)  # m/s

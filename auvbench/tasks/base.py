@@ -143,7 +143,7 @@ class Task:
         """duration of an agent step, simulated s"""
         self.world = surroundings.make(config, vehicle, n)
         """what is in the water; None in open water"""
-        self.filter = barrier.make(config, vehicle, n)
+        self.filter = barrier.make(config, vehicle, self.spec, n)
         """of the agent's commands; None without any"""
         self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
         """fields of an episode in addition to `records.EPISODE`"""
@@ -325,7 +325,8 @@ class Task:
     ) -> None:
         """Change actions (n, n_u) in [-1, 1] by the filter, if there is one, for measured poses and velocities."""
         if self.filter is not None:
-            self.filter.act(pose, velocity, action, self._filtered, start, self.n if stop is None else stop)
+            stop = self.n if stop is None else stop
+            self.filter.act(pose, velocity, action, self.observation, self._filtered, start, stop)
 
     def add_noise(self, action: Floats, start: int = 0, stop: int | None = None) -> Floats:
         """Return the command (n, n_u) that reaches the actuators for an action (n, n_u) in [-1, 1]."""
@@ -469,7 +470,7 @@ class Task:
     def _state(self) -> dict[str, NDArray[Any]]:
         world = self.world.state() if self.world else {}
         sensed = self.sensors.arrays() if self.sensors else {}
-        filtered = {"filter": self.filter.tallies} if self.filter else {}
+        filtered = self.filter.state() if self.filter else {}
         own = {name: getattr(self, name) for name in _STATE}
         if self.believed is not None:
             own |= {"believed": records.bare(self.believed), "believed_preview": self.believed_preview}
@@ -480,7 +481,9 @@ class Task:
         """Return the fields of `episodes` that a checkpoint of version 2 stores as columns of floats."""
         has_goal = TASKS[self.name].has_goal
         names = records.columns(self.episodes.dtype, TASKS[self.name].has_yaw, has_goal)
-        return [name for name in names if name not in self.transient]
+        # A way is the agent's: the scenarios of agents that see none are the same.
+        shown = [name for name, *_ in surroundings.WAY]
+        return [name for name in names if name not in (*self.transient, *shown)]
 
     def scenario(self) -> Floats:
         """Return the episodes' fields (n, floats) for digests: `columns` and the preview."""

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import uniform4
@@ -87,24 +88,38 @@ def room_at(discs: Floats, x: float, y: float) -> float:
     return room
 
 
-@compiled("dynamics")
-def shortest_way(discs: Floats, radius: float, distance: float, margin: float) -> tuple[float, float]:
-    """Return the length in m of the shortest way from start to goal, and its mean distance in m from the discs, less the radius.
-
-    Dijkstra's algorithm on a map with cells of CELL m and eight neighbours. A cell is free if a vehicle of this radius is free
-    anywhere in it. The length is infinite if no way leads to the goal.
-    """
+@njit(nogil=True)
+def grid_of(distance: float, margin: float) -> tuple[int, int, int, int]:
+    """Return the rows and columns of the map, and the cells of start and goal."""
     columns = math.ceil((distance + 2.0 * margin) / CELL) + 1
     rows = 2 * math.ceil(margin / CELL) + 1
+    middle = (rows - 1) // 2 * columns
+    return rows, columns, middle + round(margin / CELL), middle + round((distance + margin) / CELL)
+
+
+@njit(nogil=True)
+def place_of(cell: int, rows: int, columns: int, margin: float) -> tuple[float, float]:
+    """Return x and y in m of the middle of a cell."""
     left, low = -margin, -0.5 * (rows - 1) * CELL
-    room = np.empty(rows * columns)
-    for cell in range(rows * columns):
-        room[cell] = room_at(discs, left + (cell % columns) * CELL, low + (cell // columns) * CELL) - radius
+    return left + (cell % columns) * CELL, low + (cell // columns) * CELL
+
+
+@njit(nogil=True)
+def search(
+    room: Floats, rows: int, columns: int, start: int, goal: int, least: float
+) -> tuple[float, NDArray[np.int64]]:
+    """Return the length in m of the shortest way, infinite without one, and of each cell the cell before it, by Dijkstra's algorithm.
+
+    Args:
+        room: (rows columns,) m.
+        rows: of the map.
+        columns: of the map.
+        start: cell.
+        goal: cell.
+        least: m, room of a cell that is free.
+    """
     length = np.full(rows * columns, math.inf)
     before = np.full(rows * columns, -1)
-    middle = (rows - 1) // 2 * columns
-    start = middle + round(margin / CELL)
-    goal = middle + round((distance + margin) / CELL)
     length[start] = 0.0
     waiting = [(0.0, start)]
     while len(waiting) > 0:
@@ -120,10 +135,26 @@ def shortest_way(discs: Floats, radius: float, distance: float, margin: float) -
                     continue
                 other = cell + up * columns + right
                 then = so_far + CELL * math.sqrt(up * up + right * right)
-                if room[other] >= CELL * math.sqrt(0.5) and then < length[other]:
+                if room[other] >= least and then < length[other]:
                     length[other], before[other] = then, cell
                     heapq.heappush(waiting, (then, other))
+    return length[goal], before
+
+
+@compiled("dynamics")
+def shortest_way(discs: Floats, radius: float, distance: float, margin: float) -> tuple[float, float]:
+    """Return the length in m of the shortest way from start to goal, and its mean distance in m from the discs, less the radius.
+
+    Dijkstra's algorithm on a map with cells of CELL m and eight neighbours. A cell is free if a vehicle of this radius is free
+    anywhere in it. The length is infinite if no way leads to the goal.
+    """
+    rows, columns, start, goal = grid_of(distance, margin)
+    room = np.empty(rows * columns)
+    for cell in range(rows * columns):
+        x, y = place_of(cell, rows, columns, margin)
+        room[cell] = room_at(discs, x, y) - radius
+    length, before = search(room, rows, columns, start, goal, CELL * math.sqrt(0.5))
     total, cells, cell = 0.0, 0, goal
     while cell >= 0:
         total, cells, cell = total + room[cell], cells + 1, before[cell]
-    return length[goal], total / cells
+    return length, total / cells

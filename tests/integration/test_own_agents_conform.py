@@ -36,6 +36,7 @@ OVERRIDES: dict[str, tuple[str, ...]] = {
     "sac_residual": OFF_POLICY,
     "pid": (),
     "alos": ("task=path_following",),
+    "apf": ("task=transit",),
     "lqr": (),
     "smc": (),
     "mpc": (),

@@ -25,6 +25,9 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 HOLDING = np.radians(30.0)  # largest yaw error at which the integral of the heading grows
+STEERED = 2.0
+"""rad/s, bandwidth of the heading at least where a guidance turns the bow: against the moment of a current across it, 0.6 rad/s leaves a
+BlueROV2 up to 60 degrees off its course"""
 STEEPEST = np.radians(35.0)  # largest commanded flight-path angle
 RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
 TURNING_RADIUS = 14.0  # turning radius in m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
@@ -49,6 +52,8 @@ class PIDController(Cascade):
         assert isinstance(gains, PID)
         self.gains = gains
         super().__init__(config, vehicle)
+        steered = self.ranging is not None and self.ranging.turns
+        self.heading_bandwidth = max(gains.heading_bandwidth, STEERED) if steered else gains.heading_bandwidth
 
     def reset(self, episodes: Integers) -> None:
         super().reset(episodes)
@@ -64,7 +69,7 @@ class PIDController(Cascade):
         wrench = np.zeros((len(wanted), 6))
         miss = wanted - velocity
         wrench[:, :3] = self.mass[:3] * (g.bandwidth * miss + self.integral) + self._drag(wanted)
-        omega = g.heading_bandwidth
+        omega = self.heading_bandwidth
         turn = now.turning - now.yaw_rate
         wrench[:, YAW] = self.turning_mass(2.0 * omega) * (
             omega**2 * (self.heading_error() + self.heading_integral) + 2.0 * omega * turn

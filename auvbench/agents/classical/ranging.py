@@ -1,6 +1,6 @@
-"""Guide vehicles by what their range sensors show: round obstacles, and at an altitude.
+"""Guide vehicles along a known way, or by what their range sensors show: round obstacles, and at an altitude.
 
-The controllers of `cascade` do this if the task observes such a sensor. They know the sensor's keys.
+The controllers of `cascade` do this if the task observes the way or such a sensor. They know the sensor's keys.
 """
 
 from __future__ import annotations
@@ -56,17 +56,22 @@ SURE = 0.5
 
 
 def of(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec) -> Any:
-    """Return the guidance by range sensors for a task; None if the observation has no fitting one."""
+    """Return the guidance for what a task observes: a way, or else a range sensor; None if it has no fitting one."""
+    if "way" in blocks(config.task):
+        return WayGuidance(spec)
     seen = {key_of(name) for name in blocks(config.task)}
     altitude = getattr(config.task, "altitude", None)
     if altitude is not None and "ping1d" in seen:
         return AltitudeGuidance(altitude, spec)
+    sonar = sonar_of(config)
+    return None if sonar is None else FreeWayGuidance(config, sonar, vehicle, spec)
+
+
+def sonar_of(config: schema.TrainConfig) -> str | None:
+    """Return the key of the observed sonar that looks ahead; None without one, or if the reference has a yaw of its own."""
+    seen = {key_of(name) for name in blocks(config.task)}
     sonars = [key for key in ("multibeam", "ideal", "ping360") if key in seen]
-    if sonars and not TASKS[config.task.name].has_yaw:
-        return FreeWayGuidance(
-            sonars[0], getattr(config.task.range, sonars[0]), vehicle, spec, 1.0 / config.step.frequency
-        )
-    return None
+    return sonars[0] if sonars and not TASKS[config.task.name].has_yaw else None
 
 
 def rays_of(key: str, sensor: Any) -> tuple[Floats, Integers]:
@@ -82,6 +87,33 @@ def rays_of(key: str, sensor: Any) -> tuple[Floats, Integers]:
     return np.tile(azimuths, sensor.rows)[ahead] + sensor.yaw, ahead
 
 
+class WayGuidance:
+    """Follow a way: move to the point of it that the observation shows, and turn the bow there."""
+
+    turns = True
+    """whether the heading follows the guidance"""
+
+    def __init__(self, spec: ObservationSpec) -> None:
+        self.block = spec["way"]
+
+    def reset(self, n: int) -> None:
+        """Begin n episodes."""
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that are carried from step to step: none."""
+        return {}
+
+    def steer(
+        self, observation: Floats, error: Floats, wanted: Floats, velocity: Floats, yaw_rate: Floats
+    ) -> tuple[Floats, Floats | None]:
+        """Return velocity and yaw error to correct; the arguments are those of `FreeWayGuidance.steer`."""
+        ahead = observation[:, self.block]
+        course = np.arctan2(ahead[:, 1], ahead[:, 0])
+        speed = np.sqrt((wanted**2).sum(axis=1))
+        far = np.maximum(np.sqrt((ahead**2).sum(axis=1)), 1e-6)
+        return (speed / far)[:, None] * ahead, course
+
+
 class FreeWayGuidance:
     """Steer towards the direction nearest to the goal in which a way as wide as the vehicle is free.
 
@@ -89,10 +121,14 @@ class FreeWayGuidance:
     of the last seconds in place of a grid, moved by dead reckoning.
     """
 
+    turns = True
+
     def __init__(
-        self, key: str, sensor: Any, vehicle: VehicleModel, spec: ObservationSpec, dt: float
+        self, config: schema.TrainConfig, key: str, vehicle: VehicleModel, spec: ObservationSpec
     ) -> None:
-        self.dt, self.every = dt, max(1, round(BETWEEN / dt))
+        sensor: Any = getattr(config.task.range, key)
+        self.dt = 1.0 / config.step.frequency
+        self.every = max(1, round(BETWEEN / self.dt))
         azimuths, columns = rays_of(key, sensor)
         self.columns = columns + spec[f"range.{key}"].start
         self.unit = np.stack([np.cos(azimuths), np.sin(azimuths)])  # (2, k)
@@ -123,8 +159,7 @@ class FreeWayGuidance:
             velocity: (n, 3) m/s, level axes.
             yaw_rate: (n,) rad/s.
         """
-        close = observation[:, self.columns]
-        distance = np.where(close > 0.0, self.high * (1.0 - close), np.inf)
+        distance = self._distances(observation)
         to_goal = np.hypot(error[:, 0], error[:, 1])
         bearing = np.arctan2(error[:, 1], error[:, 0])
         free = self._free(self._remembered(distance, velocity, yaw_rate), to_goal)
@@ -145,6 +180,11 @@ class FreeWayGuidance:
         climb = np.clip(error[:, 2] / np.maximum(to_goal, NEAR) * speed, -FASTEST_CLIMB, FASTEST_CLIMB)
         self.course = course
         return np.concatenate([level, climb[:, None]], axis=1), course
+
+    def _distances(self, observation: Floats) -> Floats:
+        """Return the distances (n, k) in m of the echoes of now; infinite without an echo."""
+        close = observation[:, self.columns]
+        return np.where(close > 0.0, self.high * (1.0 - close), np.inf)
 
     def _remembered(self, distance: Floats, velocity: Floats, yaw_rate: Floats) -> Floats:
         """Return the echoes (n, m, 2) of now and of the last seconds in m, level axes, for distances (n, k)."""
@@ -179,6 +219,8 @@ class FreeWayGuidance:
 
 class AltitudeGuidance:
     """Hold an altitude by an echo sounder, as ArduSub's SURFTRAK: glitches are left out, and the way since a distance is added."""
+
+    turns = False
 
     def __init__(self, altitude: float, spec: ObservationSpec) -> None:
         self.altitude, self.block = altitude, spec["range.ping1d"]

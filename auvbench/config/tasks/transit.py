@@ -45,7 +45,7 @@ SPEC = TaskSpec(
     "transit",
     "auvbench.tasks.transit:TransitTask",
     "par1_time_s",
-    ("yaw_error", "position_error", *STATE, "previous_action"),
+    ("yaw_error", "position_error", *STATE, "previous_action", "way"),
     ("success", "collision", "timeout"),
     ("goal", "tracking", "exponential"),
     has_yaw=False,

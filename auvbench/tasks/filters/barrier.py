@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from auvbench.config import schema
 from auvbench.config.filters import Barrier
 from auvbench.errors import ConfigError
+from auvbench.observation import ObservationSpec
 from auvbench.registry import FILTERS, resolve
+from auvbench.tasks.filters.echoes import Echoes
 from auvbench.tasks.filters.rows import CHANGE, CHANGED, INFEASIBLE, MODEL, POINTS, protect
 from auvbench.tasks.worlds.contact import HULL
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -28,15 +30,15 @@ MOMENT = 10.0
 YAW = 5
 
 
-def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int) -> Any:
-    """Return the filter of the commands of N episodes; None without any, so that it costs nothing.
+def make(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec, n: int) -> Any:
+    """Return the filter of the commands of N episodes with observations of `spec`; None without any, so that it costs nothing.
 
     Raises:
         ConfigError: the filter cannot protect the vehicle.
     """
     if not config.filter.acts:
         return None
-    return resolve(FILTERS[config.filter.name].code)(config, vehicle, n)
+    return resolve(FILTERS[config.filter.name].code)(config, vehicle, spec, n)
 
 
 class BarrierFilter:
@@ -45,15 +47,20 @@ class BarrierFilter:
     Args:
         config: with `filter=cbf`.
         vehicle: of all episodes.
+        spec: of the observation.
         n: number of episodes.
 
     Raises:
-        ConfigError: the vehicle cannot brake in every direction.
+        ConfigError: the vehicle cannot brake in every direction, or the filter sees nothing.
     """
 
-    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, n: int) -> None:
+    def __init__(
+        self, config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec, n: int
+    ) -> None:
         settings = config.filter
         assert isinstance(settings, Barrier)
+        self.echoes = Echoes(config, spec, n) if settings.knows == "ranges" else None
+        """what the filter knows of solids in place of the map; None: the map"""
         water = _water(vehicle, settings.current)
         brake = settings.braking * braking(vehicle, water["push"], settings)
         limits = _thrust_limits(vehicle)
@@ -96,18 +103,46 @@ class BarrierFilter:
         steps = np.asarray(task.episodes["steps"])
         if task.world is not None:
             solids, heights, hull = task.world.loops
+            if self.echoes is not None:
+                return steps, self.echoes.counts, self.echoes.solids, NO_HEIGHTS, hull.view(np.ndarray)
             return steps, np.asarray(task.episodes["solids"]), solids, heights, hull.view(np.ndarray)
         return steps, np.zeros(task.n, np.int64), np.zeros((task.n, 1), SOLID), NO_HEIGHTS, np.zeros(1, HULL)
 
     def begin(self, indices: Integers) -> None:
-        """Clear the tallies of new episodes."""
+        """Clear the tallies and the echoes of new episodes."""
         self.tallies[indices] = 0.0
+        if self.echoes is not None:
+            self.echoes.forget(indices)
 
     def act(
-        self, pose: Floats, velocity: Floats, action: Floats, around: tuple[Any, ...], start: int, stop: int
+        self,
+        pose: Floats,
+        velocity: Floats,
+        action: Floats,
+        observation: NDArray[np.float32],
+        around: tuple[Any, ...],
+        start: int,
+        stop: int,
     ) -> None:
-        """Change the commands (n, n_u) of the vehicles start .. stop - 1, which have these poses (n, 7) and velocities (n, 6)."""
+        """Change the commands (n, n_u) of the vehicles start .. stop - 1.
+
+        Args:
+            pose: (n, 7), as measured.
+            velocity: (n, 6), as measured.
+            action: (n, n_u) in [-1, 1], changed.
+            observation: (n, n_obs) of the same moment.
+            around: of `around`.
+            start: first vehicle.
+            stop: after the last vehicle.
+        """
+        if self.echoes is not None:
+            self.echoes.see(pose, observation, around[0], start, stop)
         protect(start, stop, pose, velocity, action, *around, *self._own, self.tallies)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Return the arrays that an exact resume needs."""
+        seen = {} if self.echoes is None else {"filter.echoes": self.echoes.solids["position"]}
+        return {"filter": self.tallies} | seen
 
     def columns(self, i: int, steps: int) -> dict[str, float]:
         """Return the columns of the record of episode i, which has ended after some steps."""

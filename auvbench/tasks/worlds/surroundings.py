@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
+from auvbench.config import schema, tasks
 from auvbench.config.worlds import Solid
 from auvbench.errors import ConfigError
 from auvbench.registry import WORLDS, resolve
@@ -18,6 +18,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 from auvbench.worlds.casting import clearance
 from auvbench.worlds.kinds import KINDS
 from auvbench.worlds.outlines import outlines
+from auvbench.worlds.routes import CORNERS, route
 from auvbench.worlds.solids import SOLID
 
 if TYPE_CHECKING:
@@ -27,6 +28,10 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 FAR = 1e6
 """m, clearance where nothing is near"""
+SIDE = 8.0
+"""m beyond start and goal in which ways are searched, in worlds without a margin of their own"""
+WAY = (("way", "f8", (CORNERS, 3)), ("way_corners", "i8"))
+"""fields of an episode whose shortest way is observed: corners in m and their number"""
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int) -> Surroundings | None:
@@ -54,7 +59,10 @@ class Surroundings:
         self.solids = np.zeros((n, self.world.most), SOLID)
         """(n, most) records, of which each episode has its first `solids`"""
         self.heights = self.world.heights
-        self.fields = (*FIELDS, *((name, "f8") for name in self.world.fields))
+        self.has_ways = "way" in tasks.blocks(config.task)
+        """whether the observation shows the shortest way"""
+        own = ((name, "f8") for name in self.world.fields)
+        self.fields = (*FIELDS, *own, *(WAY if self.has_ways else ()))
         """that an episode has in addition"""
 
     @property
@@ -78,6 +86,24 @@ class Surroundings:
             for name, value in remembered.items():
                 setattr(e, name, value)
             e.clearance = self._check(i, len(solids), episode, float(e.start_yaw))
+            if self.has_ways:
+                self._find_way(i, e, episode)
+
+    def _find_way(self, i: int, e: Any, episode: Episode) -> None:
+        """Write the shortest way of an episode with solids to its fields.
+
+        Raises:
+            ConfigError: no way leads to the goal.
+        """
+        start, goal = ((float(x), float(y), float(z)) for x, y, z in (episode.start, episode.goal))
+        side = float(getattr(self.settings, "margin", SIDE))
+        solids = self.solids[i, : e.solids]
+        e.way_corners = route(solids, self.heights, start, goal, self.radius, side, e.way)
+        if not e.way_corners:
+            raise ConfigError(
+                f"task.observation: way: no way for a vehicle of {self.radius:.2g} m radius leads from the start to the goal in "
+                f"world={self.settings.name}; change keys of world or task"
+            )
 
     def _check(self, i: int, count: int, episode: Episode, yaw: float) -> float:
         """Return the clearance of the start in m."""

@@ -26,8 +26,10 @@ from auvbench.record import record_columns
 from auvbench.runs import identity
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks.filters import barrier
+from auvbench.tasks.filters.echoes import SCANS, Echoes
 from auvbench.tasks.filters.quadratic import PENALTY, nearest
 from auvbench.tasks.filters.rows import command_of, force_of, largest_speed, still_acceleration
+from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -238,6 +240,55 @@ def test_a_thousand_episodes_of_pid_without_a_sonar_end_without_a_contact() -> N
     assert np.mean(slower) <= 1.2
 
 
+# --- By ranges -----------------------------------------------------------------------------------------------------------------------------
+
+ALL_ROUND = (
+    "task.observation=[position_error,yaw_error,velocity,angular_velocity,gravity,range.ideal]",
+    *("task.range.ideal.columns=17", "task.range.ideal.horizontal=6", "task.range.ideal.rows=9"),
+    *(
+        "task.range.ideal.vertical=3.1415",
+        "filter.knows=ranges",
+        "world=tank",
+        "world.length=8",
+        "world.width=8",
+    ),
+    *("task.distance_low=2", "task.distance_high=3", "task.rise=1", "task.time_limit=20"),
+)
+"""rays to all sides, in a tank"""
+
+
+def test_echoes_are_where_the_rays_hit_and_are_forgotten() -> None:
+    config = batch(*ALL_ROUND, n=1).config
+    spec = observation_spec(config.task, sheet.load(config.vehicle).actuators)
+    echoes = Echoes(config, spec, 2)
+    pose = np.tile([3.0, -1.0, -9.0, math.cos(0.4), 0.0, 0.0, math.sin(0.4)], (2, 1))  # turned by 0.8 rad
+    seen, steps = np.zeros((2, spec.size), np.float32), np.array([0, 0])
+    ray, first = 40, spec["range.ideal"].start
+    seen[1, first + ray] = 0.75  # 2.5 m away
+    echoes.see(pose, seen, steps, 0, 2)
+    x, y, z = echoes.rays[ray]
+    c, s = math.cos(0.8), math.sin(0.8)
+    place = pose[0, :3] + 2.5 * np.array([c * x - s * y, s * x + c * y, z])
+    known = echoes.solids["position"][1]
+    assert not (echoes.solids["position"][0] < 1e5).any()
+    np.testing.assert_allclose(known[known[:, 0] < 1e5], [place], atol=1e-6)
+    for steps[:] in range(1, SCANS * echoes.every):
+        seen[:] = 0.0 if steps[0] >= echoes.every else seen
+        echoes.see(pose, seen, steps, 0, 2)
+        assert (known[:, 0] < 1e5).sum() == 1
+    echoes.see(pose, seen, steps + 1, 0, 2)
+    assert not (known < 1e5).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("navigation", [(), ("navigation=ekf", "sensors=dvl_a50", "noise=none")])
+def test_rays_to_all_sides_keep_a_vehicle_from_the_walls_of_a_tank(navigation: tuple[str, ...]) -> None:
+    records, _ = pushed(batch(*ALL_ROUND, *navigation, n=8), 201)
+    assert {record["outcome"] for record in records} <= {"success", "timeout"}
+    assert min(record["clearance_min_m"] for record in records) > 0.05
+    assert max(record["intervention_share"] for record in records) > 0.05
+
+
 # --- Configuration ---------------------------------------------------------------------------------------------------------------------
 
 
@@ -256,7 +307,8 @@ def test_runs_without_a_filter_keep_their_ids_and_columns() -> None:
     [
         (["vehicle=lrauv"], "filter=cbf: needs a vehicle with only thrusters; vehicle=lrauv also has"),
         (["filter.current=9"], "filter.current=9: vehicle=bluerov2_2026 cannot brake against this current; reduce it"),
-        (["filter.knows=ranges"], "filter.knows=ranges: unknown; valid: map"),
+        (["filter.knows=eyes"], "filter.knows=eyes: unknown; valid: map, ranges"),
+        (["filter.knows=ranges", "task=transit"], "filter.knows=ranges: needs range.ideal, since other sensors do not show where"),
         (["filter.margn=1"], "filter.margn: unknown key; did you mean filter.margin?"),
         (["simulator=gazebo"], "filter=cbf: not available with simulator=gazebo; use simulator=fossen, or filter=none"),
     ],
@@ -273,9 +325,10 @@ def test_a_filter_that_cannot_act_is_refused(
 def test_a_vehicle_that_cannot_move_sideways_is_refused() -> None:
     config = configuration(overrides=["task=waypoint_state", VEHICLE, "algo=pid", "filter=cbf"])
     vehicle = sheet.load(config.vehicle)
+    spec = observation_spec(config.task, vehicle.actuators)
     turned = [replace(unit, direction=np.array([1.0, 0.0, 0.0])) for unit in vehicle.units[:4]]
     with pytest.raises(ConfigError, match="vehicle=bluerov2_2026 cannot brake in every direction"):
-        barrier.make(config, replace(vehicle, units=(*turned, *vehicle.units[4:])), 1)
+        barrier.make(config, replace(vehicle, units=(*turned, *vehicle.units[4:])), spec, 1)
 
 
 def test_ardusub_has_no_filter() -> None:

@@ -1,0 +1,110 @@
+"""The shortest way past the solids of a known map, on the grid of `passage`, as a line with few corners.
+
+The arena is that of `passage`: x runs from the start to the goal. A way is free at all depths between start and goal.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.layout import Vector
+from auvbench.worlds.casting import nearest_surface
+from auvbench.worlds.kinds import Floats
+from auvbench.worlds.passage import CELL, grid_of, place_of, search
+
+MARGIN = 0.5
+"""m between the vehicle and solids on a way; where no way has it, half of it, then none"""
+CORNERS = 64
+"""points of a way, at most"""
+LEVEL = 0.5
+"""m between the depths at which a way must be free"""
+
+
+@njit(nogil=True)
+def visible(room: Floats, columns: int, one: int, other: int, least: float) -> bool:
+    """Return whether the straight line between two cells leads through free cells only."""
+    row, column = one // columns, one % columns
+    up, right = other // columns - row, other % columns - column
+    steps = 2 * max(abs(up), abs(right))
+    for k in range(1, steps):
+        share = k / steps
+        if room[round(row + share * up) * columns + round(column + share * right)] < least:
+            return False
+    return True
+
+
+@njit(nogil=True)
+def pulled(cells: Any, room: Floats, columns: int, least: float) -> Any:
+    """Return the cells of a way at which a string that is pulled tight has corners, with both ends."""
+    kept = [cells[0]]
+    at = 0
+    while at < len(cells) - 1:
+        seen = len(cells) - 1
+        while seen > at + 1 and not visible(room, columns, cells[at], cells[seen], least):
+            seen -= 1
+        kept.append(cells[seen])
+        at = seen
+    return kept
+
+
+@compiled("dynamics")
+def route(
+    solids: Any, heights: Floats, start: Vector, goal: Vector, radius: float, side: float, out: Floats
+) -> int:
+    """Write the corners of the shortest way, with its ends, to `out` (CORNERS, 3), in m; return how many, 0 without a way.
+
+    Args:
+        solids: (n,) records of SOLID, which do not move.
+        heights: (m,) m, of all terrain.
+        start: m.
+        goal: m.
+        radius: m, of the vehicle.
+        side: m, of the map beyond start and goal, and to each side of the line between them.
+        out: written; more corners than fit count as no way.
+    """
+    (x, y, z), (to_x, to_y, to_z) = start, goal
+    distance = math.hypot(to_x - x, to_y - y)
+    cosine, sine = ((to_x - x) / distance, (to_y - y) / distance) if distance > 0.0 else (1.0, 0.0)
+    rows, columns, first, last = grid_of(distance, side)
+    levels = 1 + math.ceil(abs(to_z - z) / LEVEL)
+    farthest = radius + MARGIN + CELL
+    room = np.empty(rows * columns)
+    for cell in range(rows * columns):
+        along, aside = place_of(cell, rows, columns, side)
+        east, north = x + along * cosine - aside * sine, y + along * sine + aside * cosine
+        nearest = farthest
+        for k in range(levels):
+            depth = z + (to_z - z) * k / max(levels - 1, 1)
+            nearest, _, _ = nearest_surface(solids, heights, 0.0, (east, north, depth), nearest)
+        room[cell] = nearest - radius
+    for share in (1.0, 0.5, 0.0):
+        least = share * MARGIN + CELL * math.sqrt(0.5)
+        length, before = search(room, rows, columns, first, last, least)
+        if not math.isfinite(length):
+            continue
+        cells = [last]
+        while before[cells[-1]] >= 0:
+            cells.append(before[cells[-1]])
+        corners = pulled(cells[::-1], room, columns, least)
+        count = max(len(corners), 2)  # start and goal may have one cell
+        if count > CORNERS:
+            return 0
+        for k in range(1, count - 1):
+            along, aside = place_of(corners[k], rows, columns, side)
+            out[k, 0], out[k, 1] = x + along * cosine - aside * sine, y + along * sine + aside * cosine
+        out[0, 0], out[0, 1], out[0, 2] = start
+        out[count - 1, 0], out[count - 1, 1], out[count - 1, 2] = goal
+        total = 0.0
+        for k in range(1, count):
+            total += math.hypot(out[k, 0] - out[k - 1, 0], out[k, 1] - out[k - 1, 1])
+        so_far = 0.0
+        for k in range(1, count - 1):
+            so_far += math.hypot(out[k, 0] - out[k - 1, 0], out[k, 1] - out[k - 1, 1])
+            out[k, 2] = z + (to_z - z) * so_far / total
+        return count
+    return 0
