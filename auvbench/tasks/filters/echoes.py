@@ -49,7 +49,7 @@ class Echoes:
                 f"filter.knows=ranges: needs {BLOCK}, since other sensors do not show where in a beam an echo is; task.observation has "
                 f"{', '.join(seen)}; add {BLOCK}, or use filter.knows=map"
             )
-        sensor: Any = config.task.range.ideal  # type: ignore[union-attr]
+        sensor: Any = config.task.range.ideal
         shared = {"duration": 1.0 / config.step.frequency}
         self.rays: Floats = IdealFan(BLOCK, sensor, 1, config.step.frequency, shared).rays
         """(k, 3) unit vectors, body axes"""
