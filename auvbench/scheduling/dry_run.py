@@ -63,7 +63,7 @@ def show(configs: Sequence[DictConfig], console: Console | None = None) -> int:
     plans = grid.planned(configs)
     backend = grid.backend(configs[0].launcher, learning=False)
     steps = [
-        grid.step(plan.run, backend) if plan.run.path.exists() else Step(plan.run, Action.START)
+        grid.step_of(plan.run, backend) if plan.run.path.exists() else Step(plan.run, Action.START)
         for plan in plans.values()
     ]
     backend.close()

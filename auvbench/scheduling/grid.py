@@ -65,7 +65,7 @@ class Step:
     """progress, error, or holder of the run"""
 
 
-def step(
+def step_of(
     run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], object] = lambda run: None
 ) -> Step:
     """Return what would happen to an existing run."""
@@ -130,7 +130,7 @@ def sweep(
         UserError: the backend cannot work here.
     """
     console = console or Console()
-    steps = [step(run, backend, check) for run in runs]
+    steps = [step_of(run, backend, check) for run in runs]
     show(steps, console)
     todo = [step.run for step in steps if step.action in TODO]
     result = Result()
