@@ -131,7 +131,7 @@ def test_the_potential_field_passes_most_fields() -> None:
     records = roll_out(config, agent, episodes=np.arange(20), seed=SEED, batch=20).records
     outcomes = [record["outcome"] for record in records]
     assert outcomes.count("success") >= 14
-    assert outcomes.count("collision") <= 1
+    assert outcomes.count("collision") <= 3
 
 
 # --- The heading --------------------------------------------------------------------------------------------------------------------------
