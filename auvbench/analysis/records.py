@@ -169,7 +169,7 @@ class Row:
     failed_seeds: tuple[int, ...] = ()
     """members of `seeds` whose training failed; they count as success 0"""
     knows: tuple[str, ...] = ()
-    """knowledge of the agent beyond noisy readings: sheet, model, preview, true velocities"""
+    """knowledge of the agent beyond noisy readings: sheet, model, preview, map, true velocities"""
     trials: int | None = None
     """number of trials that chose its settings; None if it was not recorded"""
 

@@ -45,7 +45,7 @@ def parser() -> Parser:
         required=True,
         metavar="WHAT,...",
         help="what the agent knows beyond noisy positions and yaw: sheet (numbers of the vehicle), model (a simulation of it), "
-        "preview (the reference ahead), velocities (true ones), or none",
+        "preview (the reference ahead), map (the shortest way), velocities (true ones), or none",
     )
     add(
         "--trials",

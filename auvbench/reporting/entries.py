@@ -27,7 +27,7 @@ from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range
 
 FILE, MODELS, VERIFIED = "entry.json", "models", "verified.json"
-Knowledge = Literal["sheet", "model", "preview", "velocities"]
+Knowledge = Literal["sheet", "model", "preview", "map", "velocities"]
 LARGEST = 512 * 1024**2
 """Largest size of an archive in bytes, packed and unpacked"""
 
