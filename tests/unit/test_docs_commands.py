@@ -52,7 +52,7 @@ def test_its_configuration_composes(line: str, tmp_path: Path, monkeypatch: pyte
     name, *arguments = shlex.split(line)
     made: list[object] = []
     if name == "train":
-        run("train", arguments, job=made.append, grid=made.extend)
+        run("train", arguments, job=made.append, grid=made.extend, dry_run=made.extend)
     else:
         ranges = [word for word in arguments if "=" in word and "(" not in word]
         made.append(compose(name, ranges))
