@@ -44,6 +44,7 @@ KNOWN = {
         "config/restricted_yaml.py",
         "os.path.join(os.path.basename(os.path.dirname(path)), os.path.basename(path))",
     ): TYPED,
+    ("evaluation/parts.py", "self.folder / str(number)"): OWN,
     ("evaluation/bounds/files.py", "root / f'{protocol}-{vehicle}'"): TYPED,
     ("reporting/archive.py", "folder / name"): OWN,
     ("reporting/entries.py", "folder / name"): OWN,
