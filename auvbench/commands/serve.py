@@ -128,7 +128,9 @@ def _server(given: argparse.Namespace) -> Server:
 
     config = train_config(compose("train", given.overrides))
     if simulators.is_served(config.simulator):
-        raise ConfigError("simulator=ros2: cannot be served; use simulator=fossen or simulator=gazebo")
+        raise ConfigError(
+            f"simulator={config.simulator.name}: cannot be served; use simulator=fossen or simulator=gazebo"
+        )
     if config.world.solid:
         raise ConfigError(f"world={config.world.name}: serve has no bottom and no obstacles; use world=open")
     navigation.refuse(config, "serve")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -29,7 +29,7 @@ from auvbench.evaluation.protocol import (
 )
 from auvbench.evaluation.rollout import Rollout, roll_out, time_actions
 from auvbench.runs import history, identity, integrity, lock, provenance
-from auvbench.runs.atomic_io import as_json, make_folder, replace_folder, storage, write_atomic
+from auvbench.runs.atomic_io import as_json, make_folder, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, now
 from auvbench.runs.plan import load_config
 from auvbench.untrusted import path_safety
@@ -249,7 +249,8 @@ def _evaluate(
         "versions": provenance.versions() | complete.releases(conditions[0].config),
     }
     folder = run.evaluation(protocol.name)
-    summary[integrity.FILES] = _write(folder, summary, results)
+    files = {"episodes.csv": parts.rows_of(results), "trajectories.npz": parts.arrays_of(results)}
+    summary[integrity.FILES] = integrity.replace_sealed(folder, "summary.json", summary, files)
     kept.forget()
     history.append(run.path.absolute().parent, _tested(run, summary))
     # The rows may have taken hours, so they are written before actions are timed.
@@ -315,19 +316,3 @@ def _named_packages(run: RunDirectory) -> Iterator[None]:
         raise AgentError(
             f"{run.id}, with {' and '.join(releases)}: {registry.describe_error(error)}"
         ) from error
-
-
-def _write(
-    folder: Path, summary: dict[str, Any], results: Sequence[parts.Part]
-) -> dict[str, integrity.Entry]:
-    """Write the three files of an evaluation; return the digests of the tables.
-
-    Raises:
-        TrainingError: the disk is full, read-only or failing.
-    """
-    files = {"episodes.csv": parts.rows_of(results), "trajectories.npz": parts.arrays_of(results)}
-    table = {name: integrity.entry(data) for name, data in files.items()}
-    files["summary.json"] = as_json(integrity.sealed({**summary, integrity.FILES: table}))
-    with storage(f"cannot write {folder}"):
-        replace_folder(folder, files)
-    return table

@@ -11,7 +11,7 @@ import io
 import json
 import shutil
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -26,10 +26,10 @@ from auvbench.evaluation.rollout import Rollout
 from auvbench.record import columns
 from auvbench.registry import TASKS
 from auvbench.runs import integrity, provenance
-from auvbench.runs.atomic_io import as_json, replace_folder, sha256, storage
+from auvbench.runs.atomic_io import sha256
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.identity import SCHEMA_VERSION
-from auvbench.untrusted import archives, reading, typed_json
+from auvbench.untrusted import archives, reading
 
 SLOW = 30.0
 """s; a condition that takes less is computed again, which costs less than keeping every condition of every test"""
@@ -41,8 +41,8 @@ class Part:
     """What one condition adds to the files of a test."""
 
     summary: dict[str, Any]
-    rows: list[list[str]]
-    """a header and a row per episode, as text"""
+    rows: list[list[Any]]
+    """a header and a row per episode; values of a part that was kept are text"""
     arrays: Mapping[str, NDArray[Any]]
 
 
@@ -88,34 +88,23 @@ def _summary(condition: ResolvedCondition, rollout: Rollout) -> dict[str, Any]:
     }
 
 
-def _table(condition: ResolvedCondition, rollout: Rollout) -> list[list[str]]:
+def _table(condition: ResolvedCondition, rollout: Rollout) -> list[list[Any]]:
     frequency = condition.config.step.frequency
     names = schema.columns_of(condition.config)
-    rows = (
-        (condition.name, frequency, *(record.get(name, "") for name in names)) for record in rollout.records
-    )
-    return _read(_written([("condition", "frequency_hz", *names), *rows]))
-
-
-def _written(rows: Iterable[Sequence[Any]]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue().encode()
-
-
-def _read(data: bytes) -> list[list[str]]:
-    return list(csv.reader(io.StringIO(data.decode("utf-8"))))
+    rows = ([condition.name, frequency, *(row.get(name, "") for name in names)] for row in rollout.records)
+    return [["condition", "frequency_hz", *names], *rows]
 
 
 def rows_of(parts: Sequence[Part]) -> bytes:
     """Return episodes.csv. Conditions may differ in their world, navigation and filter, and so in their columns."""
-    names = list(dict.fromkeys(name for part in parts for name in part.rows[0]))
-    table = [names]
+    names = dict.fromkeys(name for part in parts for name in part.rows[0])
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
+    writer.writeheader()
     for part in parts:
-        for row in part.rows[1:]:
-            values = dict(zip(part.rows[0], row, strict=True))
-            table.append([values.get(name, "") for name in names])
-    return _written(table)
+        header, *rows = part.rows
+        writer.writerows(dict(zip(header, row, strict=True)) for row in rows)
+    return text.getvalue().encode()
 
 
 def arrays_of(parts: Sequence[Part]) -> bytes:
@@ -145,17 +134,14 @@ class Kept:
         if not place.is_dir():
             return None
         try:
-            holder = integrity.check_sealed(
-                reading.json_value(reading.content(place / _PART)), SCHEMA_VERSION
-            )
-            content = typed_json.convert(holder, _Content)
-            if content.key != self._key(condition) or integrity.lacking(place, holder):
+            holder = integrity.read(place / _PART, _Content)
+            if holder["key"] != self._key(condition) or integrity.lacking(place, holder):
                 return None
-            rows = _read(reading.content(place / _ROWS, reading.DATA))
+            text = reading.content(place / _ROWS, reading.DATA).decode("utf-8")
             arrays = archives.arrays(reading.content(place / _PATHS, reading.DATA))
         except (OSError, ValueError):
             return None  # damaged, or of another version: computed again
-        return Part(holder["condition"], rows, arrays)
+        return Part(holder["condition"], list(csv.reader(io.StringIO(text))), arrays)
 
     def write(self, number: int, condition: ResolvedCondition, part: Part) -> None:
         """Keep the part of a condition.
@@ -163,16 +149,13 @@ class Kept:
         Raises:
             TrainingError: the disk is full, read-only or failing.
         """
-        files = {_ROWS: _written(part.rows), _PATHS: arrays_of([part])}
         holder = {
             "schema_version": SCHEMA_VERSION,
             "key": self._key(condition),
             "condition": part.summary,
-            integrity.FILES: {name: integrity.entry(data) for name, data in files.items()},
         }
-        place = self.folder / str(number)
-        with storage(f"cannot write {place}"):
-            replace_folder(place, {**files, _PART: as_json(integrity.sealed(holder))})
+        files = {_ROWS: rows_of([part]), _PATHS: arrays_of([part])}
+        integrity.replace_sealed(self.folder / str(number), _PART, holder, files)
 
     def forget(self) -> None:
         """Remove all parts."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from auvbench.runs.atomic_io import sha256
+from auvbench.runs.atomic_io import as_json, replace_folder, sha256, storage
 from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.path_safety import child
@@ -60,6 +60,21 @@ def entry_of(path: Path) -> Entry:
 def sealed(value: Mapping[str, Any]) -> dict[str, Any]:
     """Return the same entries with their seal as the last entry."""
     return {**_bare(value), SEAL: _seal(value)}
+
+
+def replace_sealed(
+    folder: Path, name: str, holder: Mapping[str, Any], files: Mapping[str, bytes]
+) -> dict[str, Entry]:
+    """Create or replace a folder with files, and a sealed JSON object `name` that records their digests; return these.
+
+    Raises:
+        TrainingError: the disk is full, read-only or failing.
+    """
+    recorded = {file: entry(data) for file, data in files.items()}
+    document = as_json(sealed({**holder, FILES: recorded}))
+    with storage(f"cannot write {folder}"):
+        replace_folder(folder, {**files, name: document})
+    return recorded
 
 
 def read_sealed(path: Path, *versions: int) -> dict[str, Any]:
@@ -271,8 +286,8 @@ class Summary:
     sealed: Sealed | None = None
 
 
-def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:
-    """Return the content of a manifest or summary, checked against its schema.
+def read(path: Path, schema: type) -> dict[str, Any]:
+    """Return the content of a manifest, a summary or another sealed file, checked against its schema.
 
     Raises:
         OSError: the file is missing or cannot be read.
@@ -282,8 +297,8 @@ def read(path: Path, schema: type[Manifest | Summary]) -> dict[str, Any]:
     return checked(reading.json_value(reading.content(path)), schema)
 
 
-def checked(value: Any, schema: type[Manifest | Summary]) -> dict[str, Any]:
-    """Return a JSON value as a manifest or summary, checked against its seal and schema.
+def checked(value: Any, schema: type) -> dict[str, Any]:
+    """Return a JSON value as the content of a sealed file, checked against its seal and schema.
 
     Raises:
         VersionError, ValueError: see `read`.

@@ -89,11 +89,11 @@ class AgentSpec(Spec):
     """Whether the agent has a training."""
     settled: str = ""
     """`module:function` of a composed configuration and its checked `algo` that returns the configuration with what
-    identifies a program of the user's, before the run gets its id.
+    identifies a program of the user's, before the run gets its id. For auvbench's own agents.
     """
     check: str = ""
     """`module:function` of configuration and vehicle that raises an error, when a run begins, if the agent cannot
-    steer the vehicle.
+    steer the vehicle. For auvbench's own agents.
     """
 
     @classmethod

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from auvbench.errors import RunError
 from auvbench.runs import integrity
-from auvbench.runs.atomic_io import as_json, replace_folder, storage
 from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range
@@ -142,10 +141,8 @@ def write(folder: Path, limits: Limits) -> None:
         "schema_version": SCHEMA_VERSION,
         **asdict(limits.about),
         "versions": {name: metadata.version(name) for name in ("auvbench", "casadi", "numpy")},
-        integrity.FILES: {LINES: integrity.entry(lines)},
     }
-    with storage(f"cannot write {folder}"):
-        replace_folder(folder, {LINES: lines, "summary.json": as_json(integrity.sealed(summary))})
+    integrity.replace_sealed(folder, "summary.json", summary, {LINES: lines})
 
 
 def read(folder: Path) -> Limits | None:
