@@ -435,6 +435,8 @@ def _parse(entry: str, arguments: Sequence[str], *, dry: bool = False) -> argpar
     parsed.overrides += rest
     if parsed.multirun and parsed.cfg:
         raise ConfigError("--cfg job shows one configuration: leave out -m, and give each key one value")
+    if dry and parsed.dry_run and parsed.cfg:
+        raise ConfigError("--cfg job shows a configuration, --dry-run lists runs: give one of them")
     return parsed
 
 

@@ -5,8 +5,9 @@ The cost is an estimate from complete runs of the same algorithm, task and numbe
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING, Any
@@ -55,11 +56,7 @@ def show(configs: Sequence[DictConfig], console: Console | None = None) -> int:
     Raises:
         ConfigError, VehicleError, MissingExtraError: a job cannot run, as in `grid.carry_out`.
     """
-    console = console or Console()
-
-    def say(text: str) -> None:
-        console.print(text, soft_wrap=True, highlight=False, markup=False)
-
+    say = partial(grid.say, console or Console())
     plans = grid.planned(configs)
     backend = grid.backend(configs[0].launcher, learning=False)
     steps = [
@@ -67,12 +64,12 @@ def show(configs: Sequence[DictConfig], console: Console | None = None) -> int:
         for plan in plans.values()
     ]
     backend.close()
-    grid.show(steps, console)
+    grid.show(steps, say)
     waiting = [step.run for step in steps if step.action in grid.TODO]
     todo = [_todo(run, plans[run.path].values) for run in waiting]
     for entry in todo:
         say(f"{entry.run.path}" + (f": {entry.steps:,} steps" if entry.like else ": nothing to train"))
-    for line in _estimates(todo, _runs(Path(configs[0].output))):
+    for line in _estimates(todo, Path(configs[0].output)):
         say(line)
     if todo and (script := _script(backend, todo[0].run)):
         say(f"batch script of the first:\n{script.rstrip()}")
@@ -98,15 +95,16 @@ def _runs(output: Path) -> list[RunDirectory]:
         return []  # the first runs
 
 
-def _costs(runs: Iterable[RunDirectory]) -> dict[Like, list[Cost]]:
-    """Return the costs of complete trainings."""
+def _costs(output: Path, wanted: Container[Like]) -> dict[Like, list[Cost]]:
+    """Return the costs of the complete trainings of some kinds."""
     costs: dict[Like, list[Cost]] = {}
-    for run in runs:
+    for run in _runs(output):
         try:
             manifest, values = run.manifest(), run.config()
             if manifest["state"] != "complete" or not learns(values["algo"]):
                 continue
-            like = _like(values)
+            if (like := _like(values)) not in wanted:
+                continue
         except (RunError, KeyError, TypeError):
             continue  # Another command names the damage.
         size = sum(path.stat().st_size for path in run.path.rglob("*") if path.is_file())
@@ -114,14 +112,14 @@ def _costs(runs: Iterable[RunDirectory]) -> dict[Like, list[Cost]]:
     return costs
 
 
-def _estimates(todo: Sequence[Todo], runs: Iterable[RunDirectory]) -> list[str]:
+def _estimates(todo: Sequence[Todo], output: Path) -> list[str]:
     learning: dict[Like, list[Todo]] = {}
     for entry in todo:
         if entry.like:
             learning.setdefault(entry.like, []).append(entry)
     if not learning:
         return []
-    costs, lines = _costs(runs), []
+    costs, lines = _costs(output, learning), []
     seconds = size = 0.0
     known = 0
     for like, entries in learning.items():

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -90,12 +91,13 @@ def step_of(
     return Step(run, action, detail)
 
 
-def show(steps: Sequence[Step], console: Console) -> None:
+def say(console: Console, text: str) -> None:
+    """Print a line as it is, however narrow the terminal."""
+    console.print(text, soft_wrap=True, highlight=False, markup=False)
+
+
+def show(steps: Sequence[Step], say: Callable[[str], None]) -> None:
     """Print the number of runs of each kind, and list the partial, failed, locked and damaged ones."""
-
-    def say(text: str) -> None:
-        console.print(text, soft_wrap=True, highlight=False, markup=False)
-
     say(f"{len(steps)} run{'s' if len(steps) != 1 else ''}")
     for action in Action:
         named = [step for step in steps if step.action is action]
@@ -131,7 +133,7 @@ def sweep(
     """
     console = console or Console()
     steps = [step_of(run, backend, check) for run in runs]
-    show(steps, console)
+    show(steps, partial(say, console))
     todo = [step.run for step in steps if step.action in TODO]
     result = Result()
     if todo:
@@ -158,7 +160,7 @@ def summarise(result: Result, console: Console) -> None:
     console.print(f"{total} run{'s' if total != 1 else ''}: {text}", highlight=False)
     for outcome in (Outcome.FAILED, Outcome.INTERRUPTED, Outcome.HELD):
         for path, message in counts[outcome].items():
-            console.print(f"  {outcome}: {path}: {message}", soft_wrap=True, highlight=False, markup=False)
+            say(console, f"  {outcome}: {path}: {message}")
     if counts[Outcome.INTERRUPTED] or counts[Outcome.NOT_STARTED]:
         console.print("run the same command to continue", highlight=False)
 

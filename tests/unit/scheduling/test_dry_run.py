@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from auvbench.cli import main
+from auvbench.scheduling import dry_run
 from tests import configs, synthetic
 
 WORDS = ["train", *configs.ORIGINAL, "--dry-run"]
@@ -59,3 +60,18 @@ def test_a_run_that_cannot_start_is_an_error_as_without_the_flag(capsys: pytest.
 def test_another_command_has_no_such_flag(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["tune", "--dry-run", "algo=pid"]) == 2
     assert "--dry-run" in capsys.readouterr().err
+
+
+def test_with_another_way_to_start_nothing_it_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([*WORDS, "--cfg", "job"]) == 2
+    assert (
+        "--cfg job shows a configuration, --dry-run lists runs: give one of them" in capsys.readouterr().err
+    )
+
+
+def test_runs_of_other_kinds_are_not_measured(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(dry_run, "_runs", lambda output: pytest.fail("reads runs without a need"))
+    assert main([*WORDS, "algo=pid"]) == 0
+    assert "nothing to train" in capsys.readouterr().out
