@@ -10,10 +10,10 @@ import csv
 from pathlib import Path
 
 from auvbench.runs.directory import RunDirectory
+from benchmarks import pages
 
 PAGE = Path(__file__).parents[1] / "docs" / "physics.md"
-BEGIN = "<!-- measured: python -m benchmarks.lag outputs/lag --write -->\n"
-END = "<!-- end -->\n"
+MARK = "python -m benchmarks.lag outputs/lag --write"
 MEASURES = {  # of a task: title, column, factor, digits
     "waypoint": ("mean time to a waypoint, s", "par1_time_s", 1.0, 1),
     "station_keeping": ("RMS position error of station keeping, cm", "mean_position_error_rms_m", 100.0, 2),
@@ -46,12 +46,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="runs of the study, with their report")
     parser.add_argument("--write", action="store_true", help="renew docs/physics.md")
     given = parser.parse_args()
+    if not (given.folder / "report" / "table.csv").is_file():
+        parser.error(f"{given.folder} has no report; type auvbench report {given.folder}")
     made = table(given.folder)
     if not given.write:
         print(made, end="")
         return
-    before, rest = PAGE.read_text(encoding="utf-8").split(BEGIN)
-    PAGE.write_text(f"{before}{BEGIN}\n{made}\n{END}{rest.split(END, 1)[1]}", encoding="utf-8")
+    PAGE.write_text(pages.replaced(PAGE.read_text(encoding="utf-8"), MARK, f"\n{made}"), encoding="utf-8")
 
 
 if __name__ == "__main__":

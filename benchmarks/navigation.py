@@ -327,7 +327,7 @@ def main() -> None:
             print(tables[title], flush=True)
     if not tables:
         parser.error(
-            f"--only {given.only}: no such table; use {', '.join(title.split()[0] for title in TABLES)}"
+            f"--only {given.only}: no such table; use {', '.join(title.split()[0].strip(':') for title in TABLES)}"
         )
     if given.write:
         PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8"), tables), encoding="utf-8")

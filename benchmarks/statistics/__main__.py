@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.pages import replaced
 from benchmarks.statistics import aggregates, letters, stopping, verdicts
 from benchmarks.statistics import plans as planning
 from benchmarks.statistics.coverage import WORLDS, coverage
@@ -157,19 +157,6 @@ SECTIONS: dict[str, Callable[[int], str]] = {
 }
 PAGES = {"looks": "planning.md", "plans": "planning.md"}
 """pages of docs/ of sections that are not in statistics-appendix.md"""
-
-
-def replaced(page: str, name: str, table: str) -> str:
-    """Return the page with the table between the markers of that name.
-
-    Raises:
-        ValueError: the page has no such markers.
-    """
-    start, end = f"<!-- measured: {name} -->", "<!-- end -->"
-    pattern = re.compile(re.escape(start) + r".*?" + re.escape(end), flags=re.S)
-    if not pattern.search(page):
-        raise ValueError(f"no {start}")
-    return pattern.sub(lambda _: f"{start}\n{table}\n{end}", page, count=1)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

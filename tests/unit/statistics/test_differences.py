@@ -5,8 +5,9 @@ import pytest
 from scipy import stats
 
 from auvbench.statistics import crossed, mcnemar, pairs
+from benchmarks.pages import replaced
 from benchmarks.statistics import letters, stopping, verdicts
-from benchmarks.statistics.__main__ import SECTIONS, main, replaced
+from benchmarks.statistics.__main__ import SECTIONS, main
 from benchmarks.statistics.designs import Design, level
 from benchmarks.statistics.letters import resolved
 from benchmarks.statistics.verdicts import Cell
