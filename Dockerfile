@@ -24,7 +24,7 @@ RUN python -m venv /opt/auvbench \
 # then write there.
 WORKDIR /
 RUN NUMBA_CACHE_DIR=/opt/numba /opt/auvbench/bin/python -c \
-    'import auvbench, gymnasium; e = gymnasium.make("auvbench/Waypoint-v0"); e.reset(); e.step(e.action_space.sample())' \
+    'import auvbench, gymnasium; e = gymnasium.make("auvbench/Waypoint-v1"); e.reset(); e.step(e.action_space.sample())' \
     && chmod -R a+rwX /opt/numba
 
 FROM ${PYTHON}

@@ -5,7 +5,11 @@ BIN := $(VENV)/bin
 # Marks of what is installed: auvbench for a user, and the developer's tools in addition.
 STAMP := $(VENV)/.installed
 TOOLS := $(VENV)/.tools
-PIP = $(BIN)/python -m pip install -qq --disable-pip-version-check
+PIP = $(BIN)/python -m pip install --progress-bar off --root-user-action ignore --disable-pip-version-check
+# Of pip's lines show the large files, as they come, and all after an error. The exit status is pip's, which a pipe would hide.
+SHELL := bash
+SHOWN = > >(awk '/(Downloading|Using cached) .* MB\)$$/ {file = $$(NF-2); sub(".*/", "", file); print "  " file, $$(NF-1), $$NF; fflush()} \
+  /^Installing collected/ {print "  unpacking"; fflush()} /^ERROR/ {failed = 1} failed' >&2) 2>&1
 # One torch thread per process; tests run in parallel on all cores.
 JOBS ?= auto
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -q
@@ -38,12 +42,12 @@ $(STAMP): pyproject.toml constraints.txt requirements.lock requirements-build.lo
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing into $(VENV) (PyTorch and others: some minutes the first time)"
 	@# Hashes check all files but PyTorch's. The last command installs PyTorch and auvbench, and checks the versions.
-	@$(PIP) --require-hashes --no-deps -r requirements-build.lock
-	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements.lock
-	@$(PIP) --no-build-isolation -c constraints.txt -e '.[mpc]'
+	@$(PIP) --require-hashes --no-deps -r requirements-build.lock $(SHOWN)
+	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements.lock $(SHOWN)
+	@$(PIP) --no-build-isolation -c constraints.txt -e '.[mpc]' $(SHOWN)
 	@$(MAKE) -s clone-path
 	@# The first step compiles the simulator for this machine, so that later commands do not wait for it.
-	@$(BIN)/python -c 'import auvbench, gymnasium; e = gymnasium.make("auvbench/Waypoint-v0"); e.reset(); e.step(e.action_space.sample())'
+	@$(BIN)/python -c 'import auvbench, gymnasium; e = gymnasium.make("auvbench/Waypoint-v1"); e.reset(); e.step(e.action_space.sample())'
 	@touch $@
 
 # In the folder that contains the clone, Python would import the clone as an empty package `auvbench`. A path to the clone takes
@@ -54,8 +58,8 @@ clone-path:
 
 $(TOOLS): $(STAMP) requirements-dev.lock
 	@echo "installing the developer's tools into $(VENV)"
-	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements-dev.lock
-	@$(PIP) --no-build-isolation -c constraints.txt -e '.[dev]'
+	@$(PIP) --require-hashes --no-deps --no-build-isolation -r requirements-dev.lock $(SHOWN)
+	@$(PIP) --no-build-isolation -c constraints.txt -e '.[dev]' $(SHOWN)
 	@touch $@
 
 demo: $(STAMP) ## train PPO with five seeds; test PID, MPC and PPO; rank them
