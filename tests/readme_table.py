@@ -235,7 +235,7 @@ def log_columns() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "leaderboard": leaderboard,
     "waters": waters,
-    "some_waters": partial(waters, ("PPO added to PID", "PID, tuned", "PID", "PPO", "SAC")),
+    "some_waters": partial(waters, ("MPC, tuned", "PPO added to PID", "PID, tuned", "PID", "PPO", "SAC")),
     "vehicles": vehicles,
     "robust": robust,
     "station": station,
