@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from auvbench.policies.exported import Card
     from auvbench.vehicles.vehicle_model import VehicleModel
 
-CONTROLLERS = ("pid", "smc", "lqr")
+CONTROLLERS = ("pid", "smc", "lqr", "adrc")
 """Controllers that need only NumPy (lqr: SciPy)."""
 
 

@@ -39,6 +39,7 @@ OVERRIDES: dict[str, tuple[str, ...]] = {
     "apf": ("task=transit",),
     "lqr": (),
     "smc": (),
+    "adrc": (),
     "mpc": (),
     "random": (),
     "onnx": (),  # and a file, made below

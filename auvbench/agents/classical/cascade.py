@@ -241,7 +241,7 @@ class Cascade:
             )
         thrust = self._allocate(wrench)
         scale = self._scale(thrust)
-        self.after(wanted - velocity, scale >= 1.0)
+        self.after(wanted - velocity, scale)
         now.yaw_error = read
         return self.vehicle.action(thrust * scale[:, None])
 
@@ -259,8 +259,10 @@ class Cascade:
         """
         raise NotImplementedError
 
-    def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
-        """Update the law's memory with the missing velocities (n, 3), and with whether (n,) no thruster saturated."""
+    def after(self, miss: Floats, scale: Floats) -> None:
+        """Update the law's memory with the missing velocities (n, 3), and with the share (n,) of the wrench that is applied: 1 where no
+        thruster saturates.
+        """
 
     def turning_mass(self, rate: float) -> float:
         """Return the inertia in kg m2 that a heading loop assumes: at least damping / rate.

@@ -52,9 +52,9 @@ class LQRController(Cascade):
             wrench[:, CONTROLLED] -= state[:, column : column + 1] * gains
         return wrench
 
-    def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
+    def after(self, miss: Floats, scale: Floats) -> None:
         # Conditional integration: no wind-up while the thrusters are saturated.
-        self.integral -= np.where(free[:, None], self.dt * miss, 0.0)
+        self.integral -= np.where((scale >= 1.0)[:, None], self.dt * miss, 0.0)
 
 
 def lqr_gain(vehicle: VehicleModel, gains: LQR, dt: float) -> Floats:

@@ -76,8 +76,9 @@ class PIDController(Cascade):
         )
         return wrench
 
-    def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
+    def after(self, miss: Floats, scale: Floats) -> None:
         # Conditional integration: no wind-up while the thrusters are saturated.
+        free = scale >= 1.0
         step = self.gains.bandwidth / self.gains.integral_time * self.dt
         self.integral += np.where(free[:, None], step * miss, 0.0)
         if self.gains.heading_integral_time is not None:

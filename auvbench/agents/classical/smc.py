@@ -59,8 +59,8 @@ class SMCController(Cascade):
         wrench[:, YAW] = self.turning_mass(slope) * push[:, 3]
         return wrench
 
-    def after(self, miss: Floats, free: NDArray[np.bool_]) -> None:
-        g, still = self.gains, free[:, None]
+    def after(self, miss: Floats, scale: Floats) -> None:
+        g, still = self.gains, (scale >= 1.0)[:, None]
         # No wind-up while the thrusters are saturated.
         self.integral += np.where(still, self.dt * self._errors, 0.0)
         grown = np.clip(self.switching + self.dt * g.adaptation * self._off, g.switching_gain, g.largest_gain)

@@ -40,30 +40,34 @@ def success(rows) -> float:
 
 
 # Where they fall behind PID: the gains are the ones for the BlueROV2.
-LEAST = {("lqr", "bluerov2_heavy"): 0.6, ("smc", "bluerov2_heavy_wu2018"): 0.75}
+LEAST = {
+    ("lqr", "bluerov2_heavy"): 0.6,
+    ("smc", "bluerov2_heavy_wu2018"): 0.75,
+    ("adrc", "bluerov2_heavy_wu2018"): 0.75,
+}
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", THRUSTERS)
-@pytest.mark.parametrize("algo", ["lqr", "smc"])
+@pytest.mark.parametrize("algo", ["lqr", "smc", "adrc"])
 def test_they_fly_every_vehicle_with_thrusters(algo, vehicle):
     assert success(records(algo, 60, f"vehicle={vehicle}")) >= LEAST.get((algo, vehicle), 0.95)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", THRUSTERS)
-@pytest.mark.parametrize("algo", ["pid", "lqr", "smc"])
+@pytest.mark.parametrize("algo", ["pid", "lqr", "smc", "adrc"])
 def test_they_hold_a_station_and_its_yaw_with_every_vehicle(algo, vehicle):
     """bluerov2_realistic_inertia damps its turning ten times as much as its inertia resists it."""
     assert success(records(algo, 20, "task=station_keeping", f"vehicle={vehicle}")) == 1.0
 
 
-@pytest.mark.parametrize("algo", ["lqr", "smc"])
+@pytest.mark.parametrize("algo", ["lqr", "smc", "adrc"])
 def test_they_hold_against_a_current(algo):
     assert success(records(algo, 60, "disturbance.current.speed=0.5")) >= 0.95
 
 
-@pytest.mark.parametrize("algo", ["lqr", "smc", "mpc"])
+@pytest.mark.parametrize("algo", ["lqr", "smc", "adrc", "mpc"])
 def test_fins_are_refused_by_name(algo):
     with pytest.raises(ConfigError, match=r"vehicle=lrauv.*rudder"):
         controller(algo, "vehicle=lrauv")
@@ -120,6 +124,36 @@ def test_sliding_mode_s_gain_stays_within_its_bounds():
     assert agent.switching.min() >= config.algo.switching_gain
     assert agent.switching.max() <= config.algo.largest_gain
     assert agent.switching.max() > config.algo.switching_gain
+
+
+def test_the_observer_of_adrc_finds_a_constant_force_and_the_law_cancels_it():
+    _, agent = controller("adrc", "algo.bandwidth=1", "algo.observer_bandwidth=2")
+    agent.reset(np.arange(2))
+    wanted, velocity = np.array([[0.5, 0.0, -0.2], [0.0, 0.0, 0.0]]), np.zeros((2, 3))
+    pushes = np.array([[20.0, -10.0, 5.0], [0.0, 0.0, 0.0]])
+    scale = np.ones(2)
+    for _ in range(300):
+        wrench = agent.law(wanted, velocity)
+        agent.after(wanted - velocity, scale)
+        drag = agent._drag(velocity)
+        velocity = velocity + agent.dt * (wrench[:, :3] - drag + pushes) / agent.inertias[:3]
+    assert velocity == pytest.approx(wanted, abs=1e-6)
+    assert agent.rest[:, :3] * agent.inertias[:3] == pytest.approx(pushes, abs=1e-4)
+
+
+def test_the_observer_of_adrc_does_not_wind_up_while_thrusters_saturate():
+    _, agent = controller("adrc")
+    agent.reset(np.arange(1))
+    wanted, velocity, share = np.array([[5.0, 0.0, 0.0]]), np.zeros((1, 3)), np.full(1, 0.3)
+    lift = np.array([0.0, 0.0, agent.lift])
+    for _ in range(200):
+        wrench = agent.law(wanted, velocity)[:, :3]
+        agent.after(wanted - velocity, share)
+        applied = share * (wrench - lift) + lift
+        damping = agent.vehicle.linear_damping[:3] + agent.vehicle.quadratic_damping[:3] * np.abs(velocity)
+        mass = agent.inertias[:3] + agent.dt * damping
+        velocity = (agent.inertias[:3] * velocity + agent.dt * applied) / mass
+    assert np.abs(agent.rest).max() < 1e-9
 
 
 class TestMPC:

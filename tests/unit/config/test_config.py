@@ -60,7 +60,7 @@ def test_every_algorithm_composes_and_is_valid(algo, vehicle):
     result = train_config(config)
     # Gains for the tasks of one vehicle are one agent of the study of all tasks, those for one vehicle one agent of its studies.
     same = {"pid_heavy": "pid_per_task"} | {
-        f"{name}_2026": f"{name}_tuned" for name in ("pid", "lqr", "smc", "mpc")
+        f"{name}_2026": f"{name}_tuned" for name in ("pid", "lqr", "smc", "adrc", "mpc")
     }
     shared = [agent for preset, agent in same.items() if algo.startswith(preset)]
     assert result.algo.name == (shared[0] if shared else algo)

@@ -72,7 +72,7 @@ def test_a_broken_contract_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algo", ["pid", "lqr", "smc"])
+@pytest.mark.parametrize("algo", ["pid", "lqr", "smc", "adrc"])
 @pytest.mark.parametrize("task", OTHERS)
 def test_controllers_succeed_undisturbed(task: str, algo: str) -> None:
     config = configs.training(f"task={task}", f"algo={algo}", HEAVY)

@@ -16,7 +16,7 @@ from tests.packages import DRAWN, Site, learning, site, steering
 
 __all__ = ["site"]
 
-CONTROLLERS = ("pid", "random", "lqr", "smc")
+CONTROLLERS = ("pid", "random", "lqr", "smc", "adrc")
 
 
 @pytest.mark.parametrize("algo", CONTROLLERS)
