@@ -29,7 +29,7 @@ MINUTES ?= 60
 REPLICATIONS ?= 500
 
 .DEFAULT_GOAL := help
-.PHONY: help install clone-path demo test test-slow check format lint type layers links docs bench statistics words house gallery verification parity soak fuzz lock release test-cluster test-programs clean
+.PHONY: help install clone-path demo test test-slow test-long check format lint type layers links docs bench statistics words house gallery verification parity soak fuzz lock release test-cluster test-programs clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1@/' | column -t -s @
@@ -71,7 +71,10 @@ test: $(TOOLS) ## run the quick tests, as before every commit
 	$(PYTEST) $(ARGS) -m "not slow"
 
 test-slow: $(TOOLS) ## run the tests that take seconds each: trainings, kills, virtual environments, browsers, ROS 2
-	$(PYTEST) $(ARGS) -m slow
+	$(PYTEST) $(ARGS) -m "slow and not long"
+
+test-long: $(TOOLS) ## run the tests that take half a minute or more each, and the commands of the documentation
+	$(PYTEST) $(ARGS) -m long
 
 check: $(TOOLS) ## check format, lint, types, layers and the links of the documentation
 	@$(MAKE) --no-print-directory --jobs $(if $(filter output-sync,$(.FEATURES)),--output-sync=target) lint type layers links

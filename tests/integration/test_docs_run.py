@@ -158,6 +158,7 @@ def prepare(folder: Path) -> None:
             run(line)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_the_blocks_of_a_page_run(

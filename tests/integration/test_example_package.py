@@ -74,6 +74,7 @@ def runs_through(python: Path, folder: Path) -> None:
     assert float(ranked[1]["mean_in_view"]) > 0.7 > 0.05 > float(ranked[2]["mean_in_view"])
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_installed_beside_the_packages_that_are_here(tmp_path: Path) -> None:
     venv.create(tmp_path / "own", with_pip=False, symlinks=True)

@@ -167,6 +167,7 @@ def figures(folder: Path) -> dict[str, bytes]:
 
 
 @dds.needs_ros
+@pytest.mark.long
 def test_no_command_obeys_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, plain, home, audit = (tmp_path / name for name in ("strange", "plain", "home", "audit"))
     log = tmp_path / "opened"

@@ -161,6 +161,7 @@ def test_a_training_whose_run_was_taken_over_stops_without_writing_more(folder: 
     assert lock.current(run.path) == replace(held, host="node7", token="another")
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_sweep_killed_again_and_again_ends_as_one_that_was_not(folder: Path) -> None:
     """Kill the whole process group of four runs `KILLS` times, each time a random moment after a new checkpoint."""

@@ -220,6 +220,7 @@ def test_an_environment_of_gymnasium_has_the_filter() -> None:
     assert info["record"].keys() >= OWN
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_thousand_episodes_of_pid_without_a_sonar_end_without_a_contact() -> None:
     """docs/safety.md has the figures of the agents with a sonar, and of PPO."""
