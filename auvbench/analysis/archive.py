@@ -126,8 +126,8 @@ class Archive:
         for name, (first, operation, other) in FOLLOWING.items():
             if {first, other} <= set(frame.columns):
                 frame[name] = operation(frame[first], frame[other])
-        known = [name for name in columns() if name in frame.columns]
-        return frame[[*(name for name in frame.columns if name not in known), *known]]
+        registered = [name for name in columns() if name in frame.columns]
+        return frame[[*(name for name in frame.columns if name not in registered), *registered]]
 
     def paths(self, run: str, protocol: str, condition: str) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
         """Yield episode, positions (T + 1, 3) m and times (T + 1,) s of the stored episodes.

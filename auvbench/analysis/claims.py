@@ -71,14 +71,14 @@ def averaged(
     if not pairs:
         return Part(OPEN, missing=absent)
     pairs_used = [pair for pair in pairs if informative(pair)]
-    left = _left_out(len(pairs) - len(pairs_used), "cell")
+    omitted = _left_out(len(pairs) - len(pairs_used), "cell")
     if not pairs_used:
-        return Part(OPEN, missing=f"{absent} that are evidence{left}", run_ids=run_ids(*pairs))
+        return Part(OPEN, missing=f"{absent} that are evidence{omitted}", run_ids=run_ids(*pairs))
     m = measure("success_rate")
     verdict = by_interval(lambda c: mean_difference(pairs_used, m, c)[0], levels, above, less=less)
     shown = difference(mean_difference(pairs_used, m, levels[0])[0], m)
     few = few_trainings([agent for pair in pairs_used for agent in pair], levels)
-    statistic = f"{what} {shown} over {counted(len(pairs_used), 'matched cell')}{left}{few}"
+    statistic = f"{what} {shown} over {counted(len(pairs_used), 'matched cell')}{omitted}{few}"
     missing = _more_seeds([agent for pair in pairs_used for agent in pair]) if verdict == OPEN else ""
     return Part(verdict, statistic, missing, run_ids(*pairs_used))
 
@@ -126,18 +126,18 @@ def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
     Bonferroni's correction).
     """
     alpha = 1 - e.confidence
-    here = [run for run in e.sac if run.frequency == thesis.HIGH_FREQUENCY]
-    if not here:
+    runs = [run for run in e.sac if run.frequency == thesis.HIGH_FREQUENCY]
+    if not runs:
         return [Part(OPEN, missing="training records of SAC at 55 Hz")]
-    ids = tuple(run.run.id for run in here)
-    full = [run for run in here if run.steps >= thesis.STEPS]
-    missing = e.unattainable(here)
-    if short := len(here) - len(full):
+    ids = tuple(run.run.id for run in runs)
+    full = [run for run in runs if run.steps >= thesis.STEPS]
+    missing = e.unattainable(runs)
+    if short := len(runs) - len(full):
         missing.append(f"{thesis.STEPS:,} training steps in {counted(short, 'run')} of fewer")
     if not full:
         return [Part(OPEN, missing="; ".join(missing), run_ids=ids)]
     converged = {k: [run.converged for run in full if run.k == k] for k in sorted({run.k for run in full})}
-    counts = {k: (sum(found), len(found)) for k, found in converged.items()}
+    counts = {k: (sum(flags), len(flags)) for k, flags in converged.items()}
     if absent := sorted(set(KS) - counts.keys()):
         missing.append(f"runs of that length with K={listed([f'{k:g}' for k in absent])}")
     upper = {k: limits(x, n, alpha)[1] for k, (x, n) in counts.items()}
@@ -175,8 +175,8 @@ def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
     part = replace(tests[0], statistic="; ".join(test.statistic for test in tests))
     if tests[0].verdict != tests[1].verdict:
         part = replace(part, verdict=OPEN, missing="time limits with which both tests agree")
-    if left := len(e.sac) - len(judged):
-        note = f"left out: {counted(left, 'run')} whose time limit no policy meets"
+    if omitted := len(e.sac) - len(judged):
+        note = f"left out: {counted(omitted, 'run')} whose time limit no policy meets"
         part = replace(part, statistic=f"{part.statistic}; {note}")
     return [part]
 
@@ -325,11 +325,11 @@ def sac_is_more_robust_to_frequency(e: Evidence) -> list[Part]:
     """
     levels = e.levels(3)
     sac, ppo = ({cell(agent): agent for agent in e.of(family)} for family in ("sac", "ppo"))
-    both = sorted(set(sac) & set(ppo))
-    at_10 = [(ppo[c], sac[c]) for c in both if c[1] == 10.0]
+    cells = sorted(set(sac) & set(ppo))
+    at_10 = [(ppo[settings], sac[settings]) for settings in cells if settings[1] == 10.0]
     absent = "evaluated SAC and PPO agents at 10 Hz with equal K"
     return [
-        _interaction(sac, ppo, both, levels),
+        _interaction(sac, ppo, cells, levels),
         averaged(at_10, "PPO less SAC at 10 Hz: success", levels, absent),
         _ppo_fails(ppo.get(thesis.CELLS["4"]), levels),
     ]
@@ -338,7 +338,7 @@ def sac_is_more_robust_to_frequency(e: Evidence) -> list[Part]:
 def _interaction(
     sac: dict[tuple[float, float], Agent],
     ppo: dict[tuple[float, float], Agent],
-    both: Sequence[tuple[float, float]],
+    cells: Sequence[tuple[float, float]],
     levels: tuple[float, float],
 ) -> Part:
     """Return the part on (SAC high - SAC low) - (PPO high - PPO low) in success, averaged over K.
@@ -346,30 +346,32 @@ def _interaction(
     A K at which SAC or PPO learned nothing at the low frequency is left out: such an agent has no success to
     lose.
     """
-    frequencies = sorted({f for _, f in both})
+    frequencies = sorted({f for _, f in cells})
     if len(frequencies) < 2:
         return Part(OPEN, missing="evaluated SAC and PPO agents at two frequencies with equal K")
     low, high = frequencies[0], frequencies[-1]
-    ks = [k for k in sorted({k for k, _ in both}) if {(k, low), (k, high)} <= set(both)]
+    ks = [k for k in sorted({k for k, _ in cells}) if {(k, low), (k, high)} <= set(cells)]
     fours = [(sac[k, high], sac[k, low], ppo[k, high], ppo[k, low]) for k in ks]
-    cells = [
+    informative_fours = [
         four
         for four in fours
         if informative(four[:2]) and informative(four[2:]) and learned(four[1]) and learned(four[3])
     ]
-    left = _left_out(len(fours) - len(cells), "value") + (
-        f" at {low:g} Hz" if len(cells) < len(fours) else ""
+    omitted = _left_out(len(fours) - len(informative_fours), "value") + (
+        f" at {low:g} Hz" if len(informative_fours) < len(fours) else ""
     )
-    if not cells:
-        return Part(OPEN, missing=f"SAC and PPO agents at two frequencies that are evidence{left}")
-    m, used = measure("success_rate"), [agent for four in cells for agent in four]
+    if not informative_fours:
+        return Part(OPEN, missing=f"SAC and PPO agents at two frequencies that are evidence{omitted}")
+    m, used = measure("success_rate"), [agent for four in informative_fours for agent in four]
     typical = Typical(used, m)
-    weights = dict(enumerate(np.tile([1.0, -1.0, -1.0, 1.0], len(cells)) / len(cells)))
+    weights = dict(
+        enumerate(np.tile([1.0, -1.0, -1.0, 1.0], len(informative_fours)) / len(informative_fours))
+    )
     verdict = by_interval(lambda c: typical.contrast(weights, 1 - c), levels, 0.0)
     shown = difference(typical.contrast(weights, 1 - levels[0]), m)
     statistic = (
         f"from {low:g} to {high:g} Hz the success of SAC's typical training changes by {shown} more than PPO's, over "
-        f"{counted(len(cells), 'value')} of K{left}{few_trainings(used, levels)}"
+        f"{counted(len(informative_fours), 'value')} of K{omitted}{few_trainings(used, levels)}"
     )
     return Part(verdict, statistic, _more_seeds(used) if verdict == OPEN else "", run_ids(used))
 

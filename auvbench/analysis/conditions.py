@@ -152,15 +152,15 @@ def _condition(
     here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
     measured = {label: m.measured for label, m in here.items() if m.measured is not None}
     # If a seed lacks one of the two conditions, its agent has no change.
-    both = {
+    pairs = {
         label: (m, still)
         for label, m in here.items()
         if name != UNDISTURBED
         and (still := met[label].get(UNDISTURBED))
         and m.success.shape == still.success.shape
     }
-    successes = {label: m.success - still.success for label, (m, still) in both.items()}
-    steps = {label: m.par1 - still.par1 for label, (m, still) in both.items() if m.time == still.time}
+    successes = {label: m.success - still.success for label, (m, still) in pairs.items()}
+    steps = {label: m.par1 - still.par1 for label, (m, still) in pairs.items() if m.time == still.time}
     return Condition(
         name,
         success=_means({label: m.success for label, m in here.items()}, confidence, rate=True),

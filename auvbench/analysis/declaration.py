@@ -11,7 +11,7 @@ from pathlib import Path
 from auvbench.analysis.evaluations import protocols_of
 from auvbench.analysis.formatting import capitalized, counted, listed
 from auvbench.analysis.grouping import failed_training, subject_of
-from auvbench.analysis.load import known
+from auvbench.analysis.load import readable_runs
 from auvbench.analysis.records import Agent, Ranking, RunRecord, learns
 from auvbench.runs.declared import KEY, Declared
 
@@ -60,7 +60,7 @@ def declared_rows(
             for subject, ids in stage.runs.items():
                 rows.setdefault(subject, set()).update(ids)
     else:
-        for run in known([folder]) if loaded is None else loaded:
+        for run in readable_runs([folder]) if loaded is None else loaded:
             if failed_training(run) or protocol in protocols_of(run):
                 rows.setdefault(subject_of(run), set()).add(run.id)
     return {subject: frozenset(ids) for subject, ids in rows.items()}
@@ -147,10 +147,9 @@ def _algorithm(id: str) -> str:
 
 def _labels(agents: Sequence[Agent], ids: Collection[str]) -> list[str]:
     """Return the labels of agents whose runs are all in `ids`, and counts of trainings of other agents."""
-    labels, known = [], set()
+    labels = []
     for agent in agents:
         own = {run.id for run in agent.runs}
-        known |= own
         if n := len(own & set(ids)):
             labels.append(agent.label if n == len(own) else f"{counted(n, 'training')} of {agent.label}")
     if not labels:
@@ -198,11 +197,11 @@ def _when(declared: Declared, used: Sequence[RunRecord]) -> str:
     if declared.names_runs:
         first = declared.rows[0]
         return f"The analysis was declared on {_day(_time(first.declared))}, before the first run ({declared.digest})."
-    parts, others = ["measure", "baseline", "margin"], ["agents", "seeds", "protocol", "conditions"]
+    covered, excluded = ["measure", "baseline", "margin"], ["agents", "seeds", "protocol", "conditions"]
     if declared.seeds:
-        parts, others = [*parts, "the number of seeds"], ["agents", *others[2:]]
+        covered, excluded = [*covered, "the number of seeds"], ["agents", *excluded[2:]]
     return (
-        f"Declared before the first run ({declared.digest}): {listed(parts)}. {capitalized(listed(others))} were not part "
+        f"Declared before the first run ({declared.digest}): {listed(covered)}. {capitalized(listed(excluded))} were not part "
         "of the declaration."
     )
 
@@ -215,8 +214,8 @@ def _later(declared: Declared, used: Sequence[RunRecord], agents: Sequence[Agent
     groups: dict[str, list[tuple[int, str]]] = {}
     for run in used:
         declared_at = _declared_at(declared, run)
-        if declared_at is not None and (known := sum(time < declared_at for time in ended)):
-            groups.setdefault(_day(declared_at), []).append((known, run.id))
+        if declared_at is not None and (earlier := sum(time < declared_at for time in ended)):
+            groups.setdefault(_day(declared_at), []).append((earlier, run.id))
     texts = []
     for day, counts in groups.items():
         labels = _joined(_labels(agents, {id for _, id in counts}))

@@ -34,19 +34,19 @@ def knowledge(run: RunRecord) -> tuple[str, ...]:
     """Return what a run's agent knows beyond noisy positions: sheet, model, preview, map, true velocities."""
     config = run.config
     spec = AGENTS.get(str(config.get("algo.agent")))
-    known = dict.fromkeys(() if spec is None else spec.knows)
+    sources = dict.fromkeys(() if spec is None else spec.knows)
     observed = _blocks(config)
     reads = spec is None or spec.observes
-    plans = run_learns(run) or "model" in known  # other controllers follow only the present reference
+    plans = run_learns(run) or "model" in sources  # other controllers follow only the present reference
     if plans and "preview" in observed and config.get("task.preview.points"):
-        known["preview"] = None
+        sources["preview"] = None
     if reads and "way" in observed:
-        known["map"] = None
+        sources["map"] = None
     if reads and any(block in observed for block in VELOCITIES):
-        known["true velocities"] = None
+        sources["true velocities"] = None
     if reads:  # what a package's block measures is known by its name only
-        known |= dict.fromkeys(short(str(block), 40) for block in observed if block not in BLOCKS.own)
-    return tuple(known)
+        sources |= dict.fromkeys(short(str(block), 40) for block in observed if block not in BLOCKS.own)
+    return tuple(sources)
 
 
 def _blocks(config: Mapping[str, Any]) -> Sequence[Any]:

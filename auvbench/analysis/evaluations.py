@@ -73,9 +73,9 @@ def disagreement(manifest: Mapping[str, Any], config: Mapping[str, Any]) -> str:
     """Return how a manifest differs from the run that config.yaml describes; '' if they agree."""
     if wrong := identity.mismatch(config, str(manifest["id"])):
         return f"config.yaml does not belong to the run {manifest['id']}: {wrong}"
-    for key, meant in (("seed", config["seed"]), ("algo", config["algo"]["name"])):
-        if manifest[key] != meant:
-            return f"manifest.json has the {key} {manifest[key]}, config.yaml {meant}"
+    for key, configured in (("seed", config["seed"]), ("algo", config["algo"]["name"])):
+        if manifest[key] != configured:
+            return f"manifest.json has the {key} {manifest[key]}, config.yaml {configured}"
     return ""
 
 

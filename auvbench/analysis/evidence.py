@@ -219,12 +219,12 @@ def by_interval(
     return FAILS if ((no.low > above) if less else (no.high < above)) else OPEN
 
 
-def by_trend(found: Trend, what: str, levels: tuple[float, float], ids: tuple[str, ...]) -> Part:
+def by_trend(result: Trend, what: str, levels: tuple[float, float], ids: tuple[str, ...]) -> Part:
     """Return a part that claims a rising trend; two one-sided permutation tests."""
-    rises, falls = found.p_up < (1 - levels[0]) / 2, found.p_down < (1 - levels[1]) / 2
+    rises, falls = result.p_up < (1 - levels[0]) / 2, result.p_down < (1 - levels[1]) / 2
     verdict = HOLDS if rises else FAILS if falls else OPEN
-    p = p_value(min(1, 2 * min(found.p_up, found.p_down)))
-    statistic = f"{what} {100 * found.share:.0f} % of {counted(found.pairs, 'pair')} of runs, {p}"
+    p = p_value(min(1, 2 * min(result.p_up, result.p_down)))
+    statistic = f"{what} {100 * result.share:.0f} % of {counted(result.pairs, 'pair')} of runs, {p}"
     return Part(verdict, statistic, "more training seeds per cell" if verdict == OPEN else "", ids)
 
 
@@ -254,12 +254,12 @@ def independent(agents: Sequence[Agent]) -> int:
     The number is one, plus one for each further level of each factor: the parameters of the grid's main
     effects.
     """
-    levels = [{agent.key.get(factor) for agent in agents} for factor in FACTORS]
-    return min(len(agents), 1 + sum(len(found) - 1 for found in levels))
+    levels_by_factor = [{agent.key.get(factor) for agent in agents} for factor in FACTORS]
+    return min(len(agents), 1 + sum(len(levels) - 1 for levels in levels_by_factor))
 
 
 def partial_rank_correlation(
-    x: FloatArray, y: FloatArray, given: FloatArray, n: int, confidence: float
+    x: FloatArray, y: FloatArray, third: FloatArray, n: int, confidence: float
 ) -> Estimate:
     """Return Spearman's rho of x and y given a third variable, with an interval for n independent points.
 
@@ -269,14 +269,14 @@ def partial_rank_correlation(
     """
     from scipy.stats import rankdata  # imported late: takes half a second, and most reports do not need it
 
-    ranks = [rankdata(values) for values in (x, y, given)]
+    ranks = [rankdata(values) for values in (x, y, third)]
     with np.errstate(invalid="ignore"):
         r = np.nan_to_num(np.corrcoef(ranks))  # a constant variable correlates with none
-    left = np.sqrt((1 - r[0, 2] ** 2) * (1 - r[1, 2] ** 2))
+    residual = np.sqrt((1 - r[0, 2] ** 2) * (1 - r[1, 2] ** 2))
     free = n - 4 if np.ptp(ranks[2]) > 0 else n - 3
-    if left < 1e-6 or min(np.ptp(ranks[0]), np.ptp(ranks[1])) == 0:
+    if residual < 1e-6 or min(np.ptp(ranks[0]), np.ptp(ranks[1])) == 0:
         return Estimate(0.0, -1.0, 1.0, confidence, "agents")
-    rho = float((r[0, 1] - r[0, 2] * r[1, 2]) / left)
+    rho = float((r[0, 1] - r[0, 2] * r[1, 2]) / residual)
     if free <= 0:
         return Estimate(rho, -1.0, 1.0, confidence, "agents")
     z = np.arctanh(np.clip(rho, -0.999999, 0.999999))

@@ -67,11 +67,11 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
         f"Return and success disagree: the typical training of {rich.label} has a return of {returns[0]:,.0f} against "
         f"{returns[1]:,.0f} of {good.label}, but {verb} {100 * rates[0]:.0f} % {of} against {100 * rates[1]:.0f} %"
     )
-    left = rich.metrics["final_distance_m"][rich.outcome == TIMEOUT]
+    distances = rich.metrics["final_distance_m"][rich.outcome == TIMEOUT]
     radius = rich.runs[0].config.get("task.goal_radius")
-    if left.size and isinstance(radius, int | float) and radius < np.median(left) < 2 * radius:
+    if distances.size and isinstance(radius, int | float) and radius < np.median(distances) < 2 * radius:
         text += (
-            f": it collects reward near the waypoint, {np.median(left):.1f} m from it at the median timeout (goal radius "
+            f": it collects reward near the waypoint, {np.median(distances):.1f} m from it at the median timeout (goal radius "
             f"{radius:g} m)"
         )
     return Finding(
@@ -104,8 +104,8 @@ def _as_in_the_table(effect: Effect, ranking: Ranking) -> Effect:
         first, second = (agent.label for agent in effect.pairs[0])
         for c in ranking.comparisons:
             if {c.first, c.second} == {first, second}:
-                seen = c.difference if c.first == first else turned(c.difference)
-                return replace(effect, difference=seen, p_value=c.p_value)
+                estimate = c.difference if c.first == first else turned(c.difference)
+                return replace(effect, difference=estimate, p_value=c.p_value)
     return effect
 
 
@@ -174,8 +174,8 @@ def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> li
     for agent in agents:
         if not _says(agent, factor):
             continue
-        rest = tuple(sorted((k, v) for k, v in agent.key.items() if k != factor))
-        cells.setdefault(rest, {})[agent.key.get(factor)] = agent
+        other_keys = tuple(sorted((k, v) for k, v in agent.key.items() if k != factor))
+        cells.setdefault(other_keys, {})[agent.key.get(factor)] = agent
     pairs = [(cell[first], cell[second]) for cell in cells.values() if first in cell and second in cell]
     return sorted(pairs, key=lambda pair: pair[0].label)
 
@@ -194,14 +194,14 @@ def mean_difference(
     The pairs are fixed (the cells of this grid); trainings and scenarios are random.
     """
     agents = list({id(agent): agent for pair in pairs for agent in pair}.values())
-    sides = [sum((one is agent) - (other is agent) for one, other in pairs) for agent in agents]
+    sides = [sum((first is agent) - (second is agent) for first, second in pairs) for agent in agents]
     weights = {i: side / len(pairs) for i, side in enumerate(sides) if side}
     typical = Typical(agents, m)
     return typical.contrast(weights, 1 - confidence), typical.p_of(weights)
 
 
 def _effect_of(
-    factor: str, said: tuple[str, str], pairs: Sequence[tuple[Agent, Agent]], m: Measure, confidence: float
+    factor: str, levels: tuple[str, str], pairs: Sequence[tuple[Agent, Agent]], m: Measure, confidence: float
 ) -> Effect:
     estimate, p = mean_difference(pairs, m, confidence)
     agree, trainings, fewest = 0, 0, []
@@ -211,7 +211,7 @@ def _effect_of(
         agree += int((gains * m.sign * estimate.value > 0).sum())
         trainings += len(gains)
         fewest.append(typical.fewest((0, 1)))
-    return Effect(factor, *said, tuple(pairs), estimate, p, agree, trainings, min(fewest))
+    return Effect(factor, *levels, tuple(pairs), estimate, p, agree, trainings, min(fewest))
 
 
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:
@@ -233,8 +233,8 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
         for second, first in chosen:
             pairs = matched(learners, factor, first, second)
             if len(pairs) >= (1 if few or not names else 2):
-                said = _level(factor, first, ordered), _level(factor, second, ordered)
-                effect = _effect_of(factor, said, pairs, m, confidence)
+                level_labels = _level(factor, first, ordered), _level(factor, second, ordered)
+                effect = _effect_of(factor, level_labels, pairs, m, confidence)
                 if np.isfinite(effect.p_value):
                     result.append(effect)
     return result

@@ -80,8 +80,8 @@ def name(m: Measure) -> str:
     """
     if m.penalty:
         return f"PAR-{m.penalty:.0f} {'steps' if m.column == 'steps' else 'time'}"
-    known = metric_of(m.column)
-    return (m.name if m.rate else m.column).replace("_", " ") if known is None else known.title
+    metric = metric_of(m.column)
+    return (m.name if m.rate else m.column).replace("_", " ") if metric is None else metric.title
 
 
 def unit(m: Measure) -> str:
@@ -97,8 +97,8 @@ def unit(m: Measure) -> str:
         return " %"
     if m.column == "steps":
         return " steps"
-    known = (metric_of(m.column) or UNKNOWN).unit
-    return "/s" if known == "1/s" else f" {known}" if known else ""
+    symbol = (metric_of(m.column) or UNKNOWN).unit
+    return "/s" if symbol == "1/s" else f" {symbol}" if symbol else ""
 
 
 def unit_of_difference(m: Measure) -> str:

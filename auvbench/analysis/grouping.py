@@ -62,8 +62,8 @@ def agents(
     Raises:
         ReportError: the protocol or condition is unknown, or no run can be reported.
     """
-    known = set[str]().union(*(run.config.keys() for run in runs))
-    keys = {key.removesuffix(".name"): key for key in GROUPING if key in known}
+    config_keys = set[str]().union(*(run.config.keys() for run in runs))
+    keys = {key.removesuffix(".name"): key for key in GROUPING if key in config_keys}
     rows, problems = _rows(runs, protocol, condition)
     reported = [run for run in runs if run.id in rows or failed_training(run)]
     fingerprint = next(run.evaluations[protocol].fingerprint for run in reported if run.id in rows)
@@ -138,10 +138,10 @@ def _rows(
         Problem(
             name,
             "damaged",
-            f"has other episodes ({len(found)}) than the rest ({len(usual)}): evaluate it again",
+            f"has other episodes ({len(episodes)}) than the rest ({len(usual)}): evaluate it again",
         )
-        for name, found in ids.items()
-        if found != usual
+        for name, episodes in ids.items()
+        if episodes != usual
     ]
     return {name: frame for name, frame in rows.items() if ids[name] == usual}, problems
 
@@ -178,8 +178,8 @@ def _agent(
     for column in of_the_scenario():  # A failed training gets the columns of all agents.
         if column in metrics:
             # A copy's rows may lack the column.
-            known = next(frame for frame in rows.values() if column in frame)
-            scenario = known[column].to_numpy(dtype=np.float64)
+            source = next(frame for frame in rows.values() if column in frame)
+            scenario = source[column].to_numpy(dtype=np.float64)
             metrics[column] = np.where(np.isnan(metrics[column]), scenario, metrics[column])
     return Agent(label, key, tuple(group), fingerprint, outcome, metrics, limit)
 
@@ -329,38 +329,38 @@ def split_problems(problems: Iterable[Problem], parts: Sequence[Section]) -> lis
 def _section(
     cell: tuple[str, str],
     home: tuple[str, str],
-    found: dict[tuple[str, str], list[RunRecord]],
+    cells: dict[tuple[str, str], list[RunRecord]],
     members: Sequence[RunRecord],
     protocol: str,
 ) -> Section:
     subject, fingerprint = cell
-    alone = [other for other in found if other[0] == subject] == [cell]
+    alone = [other for other in cells if other[0] == subject] == [cell]
     # If there are other tasks, the title also names the waypoint task.
-    named = subject if TASK in subject or not any(TASK in s for s, _ in found) else f"{subject}{TASK}waypoint"
+    named = subject if TASK in subject or not any(TASK in s for s, _ in cells) else f"{subject}{TASK}waypoint"
     title = f"vehicle {named}" if alone else f"vehicle {named}, scenarios {fingerprint[:8]}"
     folder = re.sub(r"[^\w.-]+", "_", subject if alone else f"{subject}-{fingerprint[:8]}").lstrip(".") or "_"
     expected = cell == home or protocol == OWN
-    problems = () if expected else (_other_scenarios(cell, home, found, protocol),)
+    problems = () if expected else (_other_scenarios(cell, home, cells, protocol),)
     return Section(title, folder, subject, fingerprint, tuple(sorted(members, key=lambda r: r.id)), problems)
 
 
 def _other_scenarios(
-    cell: tuple[str, str], home: tuple[str, str], found: dict[tuple[str, str], list[RunRecord]], protocol: str
+    cell: tuple[str, str], home: tuple[str, str], cells: dict[tuple[str, str], list[RunRecord]], protocol: str
 ) -> Problem:
     """Return why some runs of one vehicle are in a separate section, and how to unite them."""
-    here, there = found[cell], found[home]
-    episodes = [len(runs[0].evaluations[protocol].episodes) for runs in (here, there)]
+    runs, home_runs = cells[cell], cells[home]
+    episodes = [len(members[0].evaluations[protocol].episodes) for members in (runs, home_runs)]
     message = (
-        f"{counted(len(here), 'run')} of vehicle {cell[0]} met other scenarios (fingerprint {cell[1]}, {episodes[0]} episodes) "
-        f"than {counted(len(there), 'run')} (fingerprint {home[1]}, {episodes[1]} episodes): no table can hold both"
+        f"{counted(len(runs), 'run')} of vehicle {cell[0]} met other scenarios (fingerprint {cell[1]}, {episodes[0]} episodes) "
+        f"than {counted(len(home_runs), 'run')} (fingerprint {home[1]}, {episodes[1]} episodes): no table can hold both"
     )
-    one, other = here[0].config, there[0].config
+    config, home_config = runs[0].config, home_runs[0].config
     differing = sorted(
         key
-        for key in one.keys() | other.keys()
+        for key in config.keys() | home_config.keys()
         if key.startswith(OF_THE_TEST)
         and key.rpartition(".")[2] not in DESCRIPTIVE
-        and one.get(key) != other.get(key)
+        and config.get(key) != home_config.get(key)
     )
     if differing:
         message += f"; they differ in {', '.join(differing[:3])}"

@@ -109,9 +109,9 @@ def title(algorithm: str) -> str:
     if not base:
         return plain(algorithm)
     shown, more = AGENTS[base].title, algorithm[len(base) + 1 :].replace("_", " ")
-    added, _, rest = more.partition(" ")
+    added, _, remainder = more.partition(" ")
     if base.endswith("_residual") and added in BASES:
-        shown, more = shown.replace(AGENTS["pid"].title, AGENTS[added].title), rest
+        shown, more = shown.replace(AGENTS["pid"].title, AGENTS[added].title), remainder
     return f"{shown}, {more}" if more else shown
 
 
@@ -171,8 +171,8 @@ def unobserved(observation: Any, observations: Sequence[Any]) -> str:
     >>> unobserved("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
     'velocity, gravity'
     """
-    known = dict.fromkeys(block for other in observations for block in _words(other))
-    return ", ".join(block for block in known if block not in _words(observation))
+    blocks = dict.fromkeys(block for other in observations for block in _words(other))
+    return ", ".join(block for block in blocks if block not in _words(observation))
 
 
 def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from auvbench.untrusted.columns import LARGEST
 from auvbench.untrusted.path_safety import child, is_plain
 from auvbench.untrusted.text import short
 
-__all__ = ["agents", "available_protocols", "known", "load", "require"]
+__all__ = ["agents", "available_protocols", "load", "readable_runs", "require"]
 
 NAMED = 3
 """number of problems in the message that there is nothing to report"""
@@ -78,7 +78,7 @@ def load(
     """
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
     problems: list[Problem] = []
-    records = _found(paths, problems)
+    records = _readable(paths, problems)
     if not records:
         details = f": {problems[0].where}: {problems[0].message}" if problems else ""
         raise ReportError(f"no run under {', '.join(map(str, paths))}{details}")
@@ -90,12 +90,12 @@ def load(
     return runs, problems
 
 
-def known(paths: Iterable[str | Path]) -> list[RunRecord]:
+def readable_runs(paths: Iterable[str | Path]) -> list[RunRecord]:
     """Return all readable runs under some paths, without their evaluations."""
-    return _found(paths, [])
+    return _readable(paths, [])
 
 
-def _found(paths: Iterable[str | Path], problems: list[Problem]) -> list[RunRecord]:
+def _readable(paths: Iterable[str | Path], problems: list[Problem]) -> list[RunRecord]:
     """Return the readable runs, and add the problems of others to `problems`."""
     sources = list(_directories(paths, problems))
     runs = _collect((_read_run(source) for source in sources if not is_archive(source)), problems)
@@ -112,8 +112,8 @@ def _facts(run: RunRecord) -> dict[str, Any]:
 def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
     """Return the runs, and add their problems to `problems`."""
     runs = []
-    for run, found in read:
-        problems += found
+    for run, run_problems in read:
+        problems += run_problems
         if run is not None:
             runs.append(run)
     return runs
@@ -126,11 +126,11 @@ def _with_later_keys(runs: Sequence[RunRecord]) -> list[RunRecord]:
     """
     unchanged = filters.flat(LATER)
     kinds = [(run.config.get("algo.name"), run.config.get("task.name")) for run in runs]
-    known: dict[Any, set[str]] = {}
+    keys_of: dict[Any, set[str]] = {}
     for run, kind in zip(runs, kinds, strict=True):
-        known.setdefault(kind, set()).update(unchanged.keys() & run.config.keys())
+        keys_of.setdefault(kind, set()).update(unchanged.keys() & run.config.keys())
     return [
-        replace(run, config={**{key: unchanged[key] for key in known[kind]}, **run.config})
+        replace(run, config={**{key: unchanged[key] for key in keys_of[kind]}, **run.config})
         for run, kind in zip(runs, kinds, strict=True)
     ]
 
@@ -149,8 +149,8 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
     if any(protocol in run.evaluations for run in runs):
         return
     protocols = available_protocols(runs)
-    if not protocols and protocol not in (known := options("protocol")):
-        raise ReportError(f"--protocol {protocol}: no such protocol; {closest(protocol, known)}")
+    if not protocols and protocol not in (available := options("protocol")):
+        raise ReportError(f"--protocol {protocol}: no such protocol; {closest(protocol, available)}")
     if protocols and protocol not in protocols:
         raise ReportError(
             f"none of the {len(runs)} runs was evaluated by protocol {protocol!r}; {closest(protocol, protocols)}"
@@ -161,10 +161,10 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
         if run.state == "complete" and run.archive is None and protocol not in protocols_of(run)
     ]
     if untested and not any(problem.kind in ("damaged", "foreign") for problem in problems):
-        which = "" if protocol == "test" else f" protocol={protocol}"
+        argument = "" if protocol == "test" else f" protocol={protocol}"
         none = "the run was not" if len(runs) == 1 else f"none of the {len(runs)} runs was"
         raise ReportError(
-            f"{none} tested by protocol {protocol!r}; type auvbench evaluate {as_words(untested)}{which}"
+            f"{none} tested by protocol {protocol!r}; type auvbench evaluate {as_words(untested)}{argument}"
         )
     reasons = listed([f"{p.where}: {p.message}" for p in problems], NAMED)
     raise ReportError(
@@ -173,7 +173,7 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
 
 
 def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterator[Path]:
-    seen: set[Path] = set()
+    resolved: set[Path] = set()
     for path in map(Path, paths):
         if not path.exists():
             raise ReportError(missing(path))
@@ -187,8 +187,8 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
             if is_archive(here) or "manifest.json" in files:
                 folders.clear()  # folders below a run are not runs
                 count += 1
-                if (real := here.resolve()) not in seen:
-                    seen.add(real)
+                if (real := here.resolve()) not in resolved:
+                    resolved.add(real)
                     yield here
             elif "config.yaml" in files and here != path:
                 folders.clear()
@@ -239,9 +239,9 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
     if release := flat.get("task.package"):
         try:  # Any release of the package describes its metrics.
             name = str(flat.get("task.name"))
-            if (found := TASKS.find(name)) is None:
+            if (spec := TASKS.find(name)) is None:
                 raise TASKS.missing(name, str(release))
-            TASKS.enter(found)
+            TASKS.enter(spec)
         except ConfigError as error:
             raise Damage(str(error), "missing") from error
     if wrong := disagreement(manifest, config):
@@ -319,8 +319,8 @@ def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
                 str(copy[0].directory),
             )
         )
-        *others, (counts, problems) = copies
-        for copy, _ in others:
+        *duplicates, (counts, problems) = copies
+        for copy, _ in duplicates:
             message = f"the same configuration twice: {counts.directory} is reported, {copy.directory} is not"
             problems = [*problems, Problem(copy.id, "duplicate", message)]
         yield counts, problems

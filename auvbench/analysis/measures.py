@@ -75,8 +75,8 @@ class Measure:
             return float(self.name != "success_rate")
         if self.penalty:
             return float(np.mean(self.penalty * _limit(agent, self.column)))
-        known = metric_of(self.column)
-        bounds = agent.runs[0].config.get("task.bounds") if known and known.counts_failures else None
+        metric = metric_of(self.column)
+        bounds = agent.runs[0].config.get("task.bounds") if metric and metric.counts_failures else None
         return float(bounds) if isinstance(bounds, int | float) else math.nan
 
     def bounds(self, agents: Sequence[Agent]) -> tuple[FloatArray, FloatArray]:
@@ -141,8 +141,10 @@ def _limit(agent: Agent, column: str) -> FloatArray:
         return limit
     # Seconds. A seed without a policy has the frequency of the other seeds, which met the same scenarios.
     frequency = np.asarray(agent.metrics.get("frequency_hz", np.nan), dtype=np.float64)
-    known = frequency[np.isfinite(frequency)]
-    return limit / np.where(np.isfinite(frequency), frequency, known.min() if known.size else np.nan)
+    frequencies = frequency[np.isfinite(frequency)]
+    return limit / np.where(
+        np.isfinite(frequency), frequency, frequencies.min() if frequencies.size else np.nan
+    )
 
 
 def measure(name: str, option: str = "--rank-by") -> Measure:
@@ -151,12 +153,12 @@ def measure(name: str, option: str = "--rank-by") -> Measure:
     Raises:
         ReportError: the name is unknown; the error suggests the closest one.
     """
-    known = measures()
-    if name not in known:
+    available = measures()
+    if name not in available:
         raise ReportError(
-            f"{option} {name!r} is not a measure; {closest(name, known)} (auvbench report --help explains each)"
+            f"{option} {name!r} is not a measure; {closest(name, available)} (auvbench report --help explains each)"
         )
-    return known[name]
+    return available[name]
 
 
 def to_rank_by(name: str, option: str = "--rank-by") -> Measure:
@@ -182,9 +184,9 @@ def all_measures(agents: Sequence[Agent]) -> list[Measure]:
     """Return the measures that at least one agent has, including measures of unregistered columns, which
     never rank.
     """
-    scenario, known = of_the_scenario(), measures()
+    scenario, registered = of_the_scenario(), measures()
     measured = {c: None for agent in agents for c in agent.metrics if c not in scenario}
-    means = [known.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in measured]
+    means = [registered.get(f"mean_{c}", Measure(f"mean_{c}", c, True, False)) for c in measured]
     named = {str(agent.runs[0].config.get("task.name")) for agent in agents if agent.runs}
     ends = {end for name in named for end in TASKS.get(name, TASKS[DEFAULT_TASK]).outcomes}
     rates = [m for m in RATES if m.name.removesuffix("_rate") in ends] if ends else RATES

@@ -32,7 +32,7 @@ COLUMNS = (ACTION, TRAINING, OVER_BEST_KNOWN)
 def action_time(agent: Agent, protocol: str) -> Estimate | None:
     """Return the processor time of an action in ms, the mean over runs; None if a run was not timed."""
     timed = _timed(agent, protocol)
-    return _mean([found["median_ms"] for found in timed]) if all(timed) else None
+    return _mean([timing["median_ms"] for timing in timed]) if all(timed) else None
 
 
 def training_time(agent: Agent) -> Estimate | None:
@@ -46,8 +46,8 @@ def _timed(agent: Agent, protocol: str) -> list[Any]:
     return [r.evaluations[protocol].summary["inference"] for r in agent.runs if protocol in r.evaluations]
 
 
-def _mean(found: Sequence[float]) -> Estimate | None:
-    return Estimate(float(np.mean(found)), np.nan, np.nan, 0.95) if found else None
+def _mean(values: Sequence[float]) -> Estimate | None:
+    return Estimate(float(np.mean(values)), np.nan, np.nan, 0.95) if values else None
 
 
 def machines(agents: Sequence[Agent], protocol: str, columns: Sequence[str]) -> tuple[str, ...]:
@@ -69,10 +69,10 @@ def validate_columns(names: Sequence[str]) -> None:
     Raises:
         ReportError: a name is unknown.
     """
-    known = [*COLUMNS, *measures()]
+    available = [*COLUMNS, *measures()]
     for name in names:
-        if name not in known:
-            raise ReportError(f"--columns {name!r} is not a column; {closest(name, known)}")
+        if name not in available:
+            raise ReportError(f"--columns {name!r} is not a column; {closest(name, available)}")
 
 
 def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]) -> Ranking:

@@ -60,8 +60,8 @@ def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
         seeds, scenarios = st.spread_of_rates(data)
         model, cautious = st.Rates(seeds.sd, scenarios), st.Rates(seeds.upper(), scenarios)
         return Basis(model, cautious, pair_of_rates(centre, resolve), seeds, len(data))
-    seeds, scenarios, rest = st.spread_of_means(data)
-    usual, wide = st.Means(seeds.sd, scenarios, rest), st.Means(seeds.upper(), scenarios, rest)
+    seeds, scenarios, residual = st.spread_of_means(data)
+    usual, wide = st.Means(seeds.sd, scenarios, residual), st.Means(seeds.upper(), scenarios, residual)
     return Basis(usual, wide, (centre, centre + resolve), seeds, len(data))
 
 

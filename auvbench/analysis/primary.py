@@ -136,10 +136,10 @@ def with_reliability(
     """
     i, j = pair
     first, second = (
-        reliability_of(agents, typical, one, other, margin, c.difference.confidence)
-        if typical.trainings[one] > 1
+        reliability_of(agents, typical, agent, other, margin, c.difference.confidence)
+        if typical.trainings[agent] > 1
         else None
-        for one, other in ((i, j), (j, i))
+        for agent, other in ((i, j), (j, i))
     )
     return replace(c, first_reliability=first, second_reliability=second)
 
@@ -162,11 +162,11 @@ def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
 def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> str:
     """Return a sentence on the agents that are, like the baseline, at the measure's limit; '' if there is none."""
     limited = [agent.label for agent, at in zip(agents, _at_worst(tests), strict=True) if at]
-    others = [label for label in limited if primary is not None and label != primary.baseline]
-    if primary is None or not others or len(others) == len(limited):
+    tied = [label for label in limited if primary is not None and label != primary.baseline]
+    if primary is None or not tied or len(tied) == len(limited):
         return ""
     return (
-        f"{primary.baseline} and {listed(others, 4)} are {'both' if len(others) == 1 else 'all'} at the limit of "
+        f"{primary.baseline} and {listed(tied, 4)} are {'both' if len(tied) == 1 else 'all'} at the limit of "
         f"{name(tests.measure)}: this test is too hard to tell them apart, so their comparison is open, not equivalent."
     )
 
@@ -198,17 +198,17 @@ def find_baseline(agents: Sequence[Agent], name: str, option: str = "") -> Agent
     Raises:
         ReportError: no agent or several agents match; lists the labels.
     """
-    wanted, said = name.casefold(), option or f"--baseline {name!r}"
+    folded, argument = name.casefold(), option or f"--baseline {name!r}"
     exact = [agent for agent in agents if agent.label == name]
-    matches = exact or [agent for agent in agents if agent.label.casefold() == wanted]
-    matches = matches or [agent for agent in agents if str(agent.key.get("algo", "")).casefold() == wanted]
+    matches = exact or [agent for agent in agents if agent.label.casefold() == folded]
+    matches = matches or [agent for agent in agents if str(agent.key.get("algo", "")).casefold() == folded]
     if len(matches) == 1:
         return matches[0]
     if matches:
         labels = ", ".join(sorted(agent.label for agent in matches))
-        raise ReportError(f"{said} is {len(matches)} agents; give one of their labels: {labels}")
+        raise ReportError(f"{argument} is {len(matches)} agents; give one of their labels: {labels}")
     hint = closest(name, (agent.label for agent in agents))
-    raise ReportError(f"{said} is not one of the agents; {hint}")
+    raise ReportError(f"{argument} is not one of the agents; {hint}")
 
 
 def headline(ranking: Ranking) -> str:

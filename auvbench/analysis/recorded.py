@@ -93,8 +93,8 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
     Raises:
         ValueError: an array has the wrong type or shape, or is not finite.
     """
-    wanted = {n: f"{n}_{suffix}" for n in (*REQUIRED, *OPTIONAL)}
-    raw = {n: arrays[key] for n, key in wanted.items() if n in REQUIRED or key in arrays}
+    keys = {n: f"{n}_{suffix}" for n in (*REQUIRED, *OPTIONAL)}
+    raw = {n: arrays[key] for n, key in keys.items() if n in REQUIRED or key in arrays}
     # Checked before conversion to float64: a byte would become eight.
     if any(array.dtype.kind != "f" for array in raw.values()):
         raise ValueError(f"episode {episode} has no floating-point numbers")

@@ -127,8 +127,8 @@ def budget_of(run: RunRecord) -> int:
 
     The steps taken may be more: PPO finishes the rollout in which its budget ends.
     """
-    given = run.config.get("train.total_steps") or run.manifest.get("total_steps")
-    return int(given or run.manifest.get("steps") or 0)
+    budget = run.config.get("train.total_steps") or run.manifest.get("total_steps")
+    return int(budget or run.manifest.get("steps") or 0)
 
 
 def task_of(run: RunRecord) -> str:

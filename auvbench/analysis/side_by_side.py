@@ -115,26 +115,26 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
         ReportError: they met different scenarios.
     """
     first, second = pair
-    names = [task_of(agent.runs[0]) for agent in pair]
-    if names[0] != names[1]:
+    tasks = [task_of(agent.runs[0]) for agent in pair]
+    if tasks[0] != tasks[1]:
         raise ReportError(
-            f"{first.label} has task={names[0]} and {second.label} has task={names[1]}: name two agents of one task"
+            f"{first.label} has task={tasks[0]} and {second.label} has task={tasks[1]}: name two agents of one task"
         )
     if first.fingerprint != second.fingerprint or first.outcome.shape[1] != second.outcome.shape[1]:
         raise ReportError(
             f"{first.label} and {second.label} met different scenarios ({first.fingerprint} and "
             f"{second.fingerprint}): evaluate both with the same protocol"
         )
-    task = TASKS.get(names[0], TASKS[DEFAULT_TASK])
+    task = TASKS.get(tasks[0], TASKS[DEFAULT_TASK])
     # A mean in which a failure counts replaces a mean that quick failures improve.
-    known = {
+    by_name = {
         m.name: m
         for m in all_measures(pair)
         if m.name not in RANKED_AS and (m.column == "outcome" or metric_of(m.column))
     }
-    wanted = dict.fromkeys([task.primary, *(known if every else USUAL)])
+    names = dict.fromkeys([task.primary, *(by_name if every else USUAL)])
     result = []
-    for m in (measure(name) for name in wanted if name in known):
+    for m in (measure(name) for name in names if name in by_name):
         table = m.table(pair)
         if not all(count > 0 for count in table.values):
             continue
@@ -153,9 +153,9 @@ def settings(pair: Sequence[Agent]) -> list[tuple[str, str, str]]:
     """
     values: list[dict[str, list[str]]] = []
     for agent in pair:
-        known = {key for run in agent.runs for key in run.config}
+        keys_of_agent = {key for run in agent.runs for key in run.config}
         values.append(
-            {k: sorted({str(run.config[k]) for run in agent.runs if k in run.config}) for k in known}
+            {k: sorted({str(run.config[k]) for run in agent.runs if k in run.config}) for k in keys_of_agent}
         )
     keys = sorted(
         key

@@ -105,11 +105,11 @@ class ComparisonRow:
 
 def compare(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[ComparisonRow, ...]:
     """Return every number of the study's table, with ours for the same algorithm, K and training frequency."""
-    known = [with_factors(agent) for agent in agents]
+    labelled = [with_factors(agent) for agent in agents]
     ours = {metric: _estimates(metric, agents, confidence) for metric in TABLE}
     rows = []
     for name in AGENTS:
-        mine = [a.label for a in of_family(known, name[:3].lower()) if cell(a) == CELLS[name[3:]]]
+        mine = [a.label for a in of_family(labelled, name[:3].lower()) if cell(a) == CELLS[name[3:]]]
         label = mine[0] if len(mine) == 1 else ""
         rows += [
             ComparisonRow(name, label, metric, row[name], ours[metric].get(label))

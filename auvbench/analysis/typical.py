@@ -87,9 +87,9 @@ class Typical:
 
     def _contrast(self, weights: dict[int, float]) -> Contrast:
         samples = [self._samples[i] for i in weights]
-        known = np.all([np.isfinite(sample.middle) for sample in samples], axis=0)
-        if not known.all():
-            samples = [Sample(sample.means, sample.middle[known]) for sample in samples]
+        finite = np.all([np.isfinite(sample.middle) for sample in samples], axis=0)
+        if not finite.all():
+            samples = [Sample(sample.means, sample.middle[finite]) for sample in samples]
         return Contrast(samples, tuple(weights.values()), self.measure.rate)
 
     def _of_controllers(self, i: int, j: int, level: float) -> tuple[Estimate, float]:
