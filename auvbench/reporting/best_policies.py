@@ -96,16 +96,16 @@ def _is_network(run: RunRecord) -> bool:
     return agent == "onnx" or not why_no_network(name, agent, run_learns(run))
 
 
-def _file(there: Path, run: RunRecord, source: RunRecord | None, export: bool) -> str:
+def _file(folder: Path, run: RunRecord, source: RunRecord | None, export: bool) -> str:
     """Return why a run has no file; '' if it has one."""
     from auvbench.evaluation import exporting
 
-    if (there / f"{run.id}.onnx").exists():
+    if (folder / f"{run.id}.onnx").exists():
         return ""
     if not export or source is None or source.archive is not None:
         return "its weights are not in the given folders"
     try:
-        exporting.export(RunDirectory(source.directory), there)
+        exporting.export(RunDirectory(source.directory), folder)
     except AuvbenchError as error:
         if error.exit_code == 1:  # an error of the disk
             raise
@@ -113,9 +113,9 @@ def _file(there: Path, run: RunRecord, source: RunRecord | None, export: bool) -
     return ""
 
 
-def _remove(there: Path, runs: Collection[str]) -> None:
+def _remove(folder: Path, runs: Collection[str]) -> None:
     for run in sorted(runs):
-        file = there / f"{run}.onnx"
+        file = folder / f"{run}.onnx"
         if file.exists():
             file.unlink()
             exported.card_path(file).unlink(missing_ok=True)
@@ -127,7 +127,7 @@ def any_there(folder: Path) -> bool:
     return any((folder / FOLDER).glob("*.onnx"))
 
 
-def markdown(found: Sequence[Best]) -> str:
+def markdown(policies: Sequence[Best]) -> str:
     """Return the README block: the policies with their cards, and those that could not be exported."""
     files = [
         (
@@ -137,10 +137,10 @@ def markdown(found: Sequence[Best]) -> str:
             f"[{escape(row.run)}.onnx](<{FOLDER}/{row.run}.onnx>)",
             f"[json](<{FOLDER}/{row.run}.json>)",
         )
-        for row in found
+        for row in policies
         if not row.problem
     ]
     head = [("agent", "best run", "success (%)", "policy", "card"), ["---"] * 5]
     parts = [rows([*head, *files]), CHOSEN] if files else ["No policy."]
-    parts += [f"* no file for {escape(row.agent)}: {escape(row.problem)}" for row in found if row.problem]
+    parts += [f"* no file for {escape(row.agent)}: {escape(row.problem)}" for row in policies if row.problem]
     return "\n\n".join(parts)

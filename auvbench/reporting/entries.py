@@ -168,9 +168,9 @@ def model_files(entry: Entry, run: str) -> list[str]:
     return [name for name in entry.files if name.startswith(f"{MODELS}/{run}/")]
 
 
-def write_verified(folder: Path, found: Verified) -> None:
+def write_verified(folder: Path, verified: Verified) -> None:
     """Write the result of a verification into the folder of an entry."""
-    write_atomic(folder / VERIFIED, as_json(asdict(found)))
+    write_atomic(folder / VERIFIED, as_json(asdict(verified)))
 
 
 def overview(folder: Path) -> str:

@@ -53,7 +53,7 @@ def parameters_table(fit: Fit) -> Table:
     lines = []
     for estimate in fit.estimates:
         parameter = estimate.parameter
-        kept = bool(estimate.kept)
+        unidentified = bool(estimate.kept)
         interval = f"[{number(estimate.low)}, {number(estimate.high)}]"
         lines.append(
             Line(
@@ -62,12 +62,12 @@ def parameters_table(fit: Fit) -> Table:
                     Cell(parameter.unit if parameter.unit != "1" else ""),
                     Cell(number(parameter.prior), sort=parameter.prior),
                     Cell(
-                        NOTHING if kept else number(estimate.value),
-                        "" if kept else interval,
+                        NOTHING if unidentified else number(estimate.value),
+                        "" if unidentified else interval,
                         sort=estimate.value,
                     ),
                     Cell(f"{100 * estimate.ratio:.0f}", sort=estimate.ratio),
-                    Cell("not identified" if kept else "identified"),
+                    Cell("not identified" if unidentified else "identified"),
                 )
             )
         )
@@ -147,7 +147,7 @@ def write_identification(
         "parameters": figures.parameters(fit),
     }
     embedded = _embedded(folder, drawn)
-    found = sum(not estimate.kept for estimate in fit.estimates)
+    identified = sum(not estimate.kept for estimate in fit.estimates)
     seconds = sum(log.duration for log in fit.logs)
     texts = (
         (advice[0].text,)
@@ -173,7 +173,7 @@ def write_identification(
         "identification.html",
         ("tables.js",),
         title=f"auvbench identify: {name}",
-        headline=f"{found} of {len(fit.estimates)} numbers of {fit.vehicle.name} identified from {seconds:.0f} s",
+        headline=f"{identified} of {len(fit.estimates)} numbers of {fit.vehicle.name} identified from {seconds:.0f} s",
         lead=f"Logs: {', '.join(dict.fromkeys(log.name for log in fit.logs))}.",
         parts=body,
         methods=methods,
@@ -183,20 +183,20 @@ def write_identification(
 
 
 def _warned(verdicts: Sequence[Verdict]) -> tuple[str, ...]:
-    said = warning(verdicts)
-    return (f"Warning: {said}.",) if said else ()
+    sentence = warning(verdicts)
+    return (f"Warning: {sentence}.",) if sentence else ()
 
 
 def _advice_table(advice: Sequence[Advice]) -> Table:
     lines = tuple(
         Line(
             (
-                Cell(f"telegraph signal in {one.axis}"),
-                Cell(f"{100 * one.amplitude:.0f}", sort=one.amplitude),
-                Cell(f"{100 * (1 - math.exp(-one.gain)):.0f}", sort=one.gain),
+                Cell(f"telegraph signal in {manoeuvre.axis}"),
+                Cell(f"{100 * manoeuvre.amplitude:.0f}", sort=manoeuvre.amplitude),
+                Cell(f"{100 * (1 - math.exp(-manoeuvre.gain)):.0f}", sort=manoeuvre.gain),
             )
         )
-        for one in advice
+        for manoeuvre in advice
     )
     headings = (
         Heading("manoeuvre of a minute", words=True),

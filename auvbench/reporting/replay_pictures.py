@@ -141,10 +141,10 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
     else:
         time.set(xlabel="time (s)")
         last.set_axis_off()
-        for label, each in zip(labels(episodes), moving, strict=True):
-            e = each.episode
+        for label, lines in zip(labels(episodes), moving, strict=True):
+            e = lines.episode
             end = f"{e.record['outcome']}, {float(e.time[-1]):.1f} s"
-            last.plot([], [], color=each.distance.get_color(), linewidth=3, label=f"{label}: {end}")
+            last.plot([], [], color=lines.distance.get_color(), linewidth=3, label=f"{label}: {end}")
         last.legend(loc="center", fontsize=10)
         place = first.condition if first.condition != "nominal" else ""
         about = " ".join(f"{first.protocol} {place} episode {first.record['episode']}".split())
@@ -154,8 +154,8 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
 
 def _outlines(episodes: Sequence[Replay]) -> Any:
     """Return the segments (k, 2, 3) in m of the solids near any of the paths; None in open water."""
-    found = [episode.outlines for episode in episodes if episode.outlines is not None]
-    return np.concatenate(found).astype(np.float64) if found else None
+    outlines = [episode.outlines for episode in episodes if episode.outlines is not None]
+    return np.concatenate(outlines).astype(np.float64) if outlines else None
 
 
 def labels(episodes: Sequence[Replay]) -> list[str]:
@@ -171,10 +171,10 @@ def draw(episodes: Sequence[Replay], path: Path) -> tuple[Path, Path]:
     """Draw the complete episodes as `path`.png and `path`.svg, and return the two paths."""
     with style.styled():
         figure, moving = scene(episodes)
-        for each in moving:
-            each.show(len(each.episode.command))
-            if each.commands:
-                axes = each.commands[0].axes
+        for lines in moving:
+            lines.show(len(lines.episode.command))
+            if lines.commands:
+                axes = lines.commands[0].axes
                 axes.legend(ncols=4, fontsize=6.5, loc="upper center", bbox_to_anchor=(0.5, -0.3))
         return style.save(figure, path)
 
@@ -221,7 +221,7 @@ def pictures(episodes: Sequence[Replay], times: Sequence[float]) -> Iterator[Pic
     """Yield the scene at some times, (352, 832, 3) each; an ended episode stands still."""
     with style.styled():
         figure, moving = scene(episodes)
-        artists = [artist for each in moving for artist in each.artists]
+        artists = [artist for lines in moving for artist in lines.artists]
         for artist in artists:
             artist.set_animated(True)
         figure.draw_without_rendering()  # computes the layout
@@ -231,9 +231,9 @@ def pictures(episodes: Sequence[Replay], times: Sequence[float]) -> Iterator[Pic
         background = canvas.copy_from_bbox(figure.bbox)
         for time in times:
             canvas.restore_region(background)
-            for each in moving:
-                shown = int(np.searchsorted(each.episode.time, time, side="right")) - 1
-                each.show(min(shown, len(each.episode.command)))
+            for lines in moving:
+                shown = int(np.searchsorted(lines.episode.time, time, side="right")) - 1
+                lines.show(min(shown, len(lines.episode.command)))
             for artist in artists:
                 artist.axes.draw_artist(artist)
             yield np.array(canvas.buffer_rgba())[..., :3]

@@ -64,7 +64,7 @@ def draw(signals: Signals, about: str) -> Any:
 def _panel(ax: Any, signals: Signals, panel: Panel) -> None:
     table, time = signals.table, signals.table["t_s"].to_numpy()
     colours = style.palette(len(panel.columns))
-    held = panel.columns[0].endswith("_cmd")
+    is_command = panel.columns[0].endswith("_cmd")
     for name, label, colour in zip_longest(panel.columns, panel.labels, colours):
         values = table[name].to_numpy()
         if name in ATTITUDE:
@@ -75,7 +75,7 @@ def _panel(ax: Any, signals: Signals, panel: Panel) -> None:
             color=colour,
             linewidth=0.9,
             label=label,
-            drawstyle="steps-post" if held else "default",
+            drawstyle="steps-post" if is_command else "default",
         )
     for name, colour in zip(panel.dashed, colours, strict=False):
         ax.plot(time, table[name].to_numpy(), color=colour, linewidth=0.8, linestyle="--")

@@ -30,27 +30,27 @@ from auvbench.tuning.search import ERROR
 from auvbench.untrusted import path_safety
 
 
-def report(found: Outcome) -> Path:
+def report(outcome: Outcome) -> Path:
     """Write trials.csv and the figures into the study's report/, and return the path of the table.
 
     Raises:
         OSError: a file cannot be written.
     """
-    folder = found.folder.report
+    folder = outcome.folder.report
     path_safety.check_output(folder, ("trials.csv", "figures"))
-    draw(found, folder)
-    return text(folder / "trials.csv", table(found).to_csv(index=False, lineterminator="\n"))
+    draw(outcome, folder)
+    return text(folder / "trials.csv", table(outcome).to_csv(index=False, lineterminator="\n"))
 
 
-def table(found: Outcome) -> pd.DataFrame:
+def table(outcome: Outcome) -> pd.DataFrame:
     """Return a table with one row per trial, best first."""
-    keys = [dimension.key for dimension in found.plan.dimensions]
-    names = (found.objective.measure.name, "low", "high", found.objective.then.name)
+    keys = [dimension.key for dimension in outcome.plan.dimensions]
+    names = (outcome.objective.measure.name, "low", "high", outcome.objective.then.name)
     rows = []
-    for place, trial in enumerate(found.ordered, 1):
+    for place, trial in enumerate(outcome.ordered, 1):
         row: dict[str, Any] = {"place": place, "trial": trial.number, "state": state_of(trial)}
-        row["steps"] = (trial.last_step or 0) if found.plan.learns else 0
-        if shown := found.results(trial):
+        row["steps"] = (trial.last_step or 0) if outcome.plan.learns else 0
+        if shown := outcome.results(trial):
             last = shown[-1]
             row |= zip(names, (last.objective, last.low, last.high, last.then), strict=True)
         rows.append(
@@ -61,46 +61,46 @@ def table(found: Outcome) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["place", "trial", "state", "steps", *names, *keys, "error"])
 
 
-def summary(found: Outcome) -> list[str]:
+def summary(outcome: Outcome) -> list[str]:
     """Return the findings, the most important first."""
-    lines = [gain(found)] if found.gains else []
-    if found.broken:
-        lines.append(broken(found))
-    if found.best is not None:
+    lines = [gain(outcome)] if outcome.gains else []
+    if outcome.broken:
+        lines.append(broken(outcome))
+    if outcome.best is not None:
         lines.append(
-            f"Best in the search: trial {found.best.number}, {worth(found.results(found.best)[-1], found.objective)}, on the "
+            f"Best in the search: trial {outcome.best.number}, {worth(outcome.results(outcome.best)[-1], outcome.objective)}, on the "
             "validation scenarios that chose it. The best of many trials is partly lucky."
         )
-    counts = Counter(state_of(trial) for trial in found.trials)
+    counts = Counter(state_of(trial) for trial in outcome.trials)
     states = [f"{count} {state}" for state, count in sorted(counts.items())]
-    trained = f" Trained: {found.steps:,} environment steps." if found.steps else ""
-    lines.append(f"{counted(len(found.trials), 'trial')}: {', '.join(states) or 'none'}.{trained}")
-    if shares := sorted(found.importances.items(), key=lambda item: -item[1]):
+    trained = f" Trained: {outcome.steps:,} environment steps." if outcome.steps else ""
+    lines.append(f"{counted(len(outcome.trials), 'trial')}: {', '.join(states) or 'none'}.{trained}")
+    if shares := sorted(outcome.importances.items(), key=lambda item: -item[1]):
         lines.append(f"Importance: {listed([f'{key} {100 * share:.0f} %' for key, share in shares])}.")
-    if edges := at_the_edge(found):
+    if edges := at_the_edge(outcome):
         lines.append(edges)
     return lines
 
 
-def at_the_edge(found: Outcome) -> str:
+def at_the_edge(outcome: Outcome) -> str:
     """Return a sentence on the best values that are at an end of their range; '' if there are none."""
-    if found.best is None:
+    if outcome.best is None:
         return ""
-    params = found.best.params
-    near = [f"{d.key} ({d.text})" for d in found.plan.dimensions if d.at_end(params[d.key])]
+    params = outcome.best.params
+    near = [f"{d.key} ({d.text})" for d in outcome.plan.dimensions if d.at_end(params[d.key])]
     if not near:
         return ""
     return f"At an end of the range: {listed(near, 4)}. A wider range may hold better settings."
 
 
-def gain(found: Outcome) -> str:
+def gain(outcome: Outcome) -> str:
     """Return a sentence that compares the best and the untuned settings on scenarios and seeds outside the search."""
-    seeds = len(found.plan.tune.fresh_seeds)
-    on = f"{seeds} fresh training seeds and " if found.plan.learns and seeds > 1 else ""
+    seeds = len(outcome.plan.tune.fresh_seeds)
+    on = f"{seeds} fresh training seeds and " if outcome.plan.learns and seeds > 1 else ""
     parts = [
         f"{name(of.measure)}: {amount(of.tuned, of.measure)} tuned, {amount(of.untuned, of.measure)} untuned, "
         f"difference {difference(of.difference, of.measure)}, {verdict(of)}"
-        for of in found.gains
+        for of in outcome.gains
     ]
     return f"On {on}fresh validation scenarios: {'; '.join(parts)}."
 
@@ -119,18 +119,18 @@ def verdict(of: Gain) -> str:
     return f"{'better' if of.difference.value * of.measure.sign > 0 else 'worse'}{star}{reliability_text}"
 
 
-def broken(found: Outcome) -> str:
+def broken(outcome: Outcome) -> str:
     """Return a sentence on the trainings with fresh seeds that failed."""
-    return f"With fresh seeds {counted(len(found.broken), 'training')} failed, so no gain is shown: {listed(found.broken, 3)}."
+    return f"With fresh seeds {counted(len(outcome.broken), 'training')} failed, so no gain is shown: {listed(outcome.broken, 3)}."
 
 
-def evidence(found: Outcome) -> str:
+def evidence(outcome: Outcome) -> str:
     """Return the sentence for the header of the preset."""
-    if found.broken:
-        return broken(found)
+    if outcome.broken:
+        return broken(outcome)
     return (
-        gain(found)
-        if found.gains
+        gain(outcome)
+        if outcome.gains
         else "Not compared with fresh seeds: its result in the search is partly lucky."
     )
 
@@ -139,38 +139,38 @@ COLUMNS = 4
 """number of panels in a row"""
 
 
-def draw(found: Outcome, out: Path) -> None:
+def draw(outcome: Outcome, out: Path) -> None:
     """Draw the figures for which the study has enough trials into `out`/figures, as PNG and SVG."""
-    study, measure = in_units(found)
+    study, measure = in_units(outcome)
     label = f"{measure.name}, %" if measure.rate else measure.name
     drawn = {}
     with style.styled(), plt.ioff(), warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
-        if found.complete > 1:
+        if outcome.complete > 1:
             drawn["history"] = _history(study, label)
-        if found.complete > 2:
+        if outcome.complete > 2:
             drawn["slices"] = _slices(study, label)
         if any(len(trial.intermediate_values) > 1 for trial in study.trials):
-            drawn["rungs"] = _rungs(study, label, found.plan.budgets)
+            drawn["rungs"] = _rungs(study, label, outcome.plan.budgets)
         for name, canvas in drawn.items():
             style.save(canvas, out / "figures" / name)
             plt.close(canvas)
 
 
-def in_units(found: Outcome) -> tuple[Study, Measure]:
+def in_units(outcome: Outcome) -> tuple[Study, Measure]:
     """Return the study in the unit of the measure that distinguishes its trials, and that measure.
 
     The second measure is used if more than half of the trials with the best trial's budget tie in the first.
     """
-    best = found.best
-    peers = [trial for trial in found.trials if best and trial.last_step == best.last_step]
-    tops = [found.results(trial)[-1].objective for trial in peers]
+    best = outcome.best
+    peers = [trial for trial in outcome.trials if best and trial.last_step == best.last_step]
+    tops = [outcome.results(trial)[-1].objective for trial in peers]
     second = bool(tops) and 2 * tops.count(tops[0]) > len(tops) > 1
-    measure = found.objective.then if second else found.objective.measure
+    measure = outcome.objective.then if second else outcome.objective.measure
     study = optuna.create_study(direction="maximize" if measure.higher_is_better else "minimize")
-    for trial in sorted(found.trials, key=lambda trial: trial.number):
+    for trial in sorted(outcome.trials, key=lambda trial: trial.number):
         values = [
-            measure.scale * (score.then if second else score.objective) for score in found.results(trial)
+            measure.scale * (score.then if second else score.objective) for score in outcome.results(trial)
         ]
         complete = trial.state is TrialState.COMPLETE and math.isfinite(values[-1])
         study.add_trial(
@@ -179,7 +179,7 @@ def in_units(found: Outcome) -> tuple[Study, Measure]:
                 value=values[-1] if complete else None,
                 params={_short(key): value for key, value in trial.params.items()},
                 distributions={_short(key): value for key, value in trial.distributions.items()},
-                intermediate_values=dict(zip(found.plan.budgets, values, strict=False)),
+                intermediate_values=dict(zip(outcome.plan.budgets, values, strict=False)),
             )
         )
     return study, measure

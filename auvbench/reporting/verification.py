@@ -153,14 +153,14 @@ def compare(
     return Outcome(Verified(now(), version, cpu, not different, before, after, ok), lines)
 
 
-def same_rows(one: pd.DataFrame, other: pd.DataFrame) -> bool:
+def same_rows(first: pd.DataFrame, second: pd.DataFrame) -> bool:
     """Return whether two tables of episodes have the same bits, in any order of columns."""
-    tables = [frame.drop(columns=[c for c in FOLLOWING if c in frame.columns]) for frame in (one, other)]
+    tables = [frame.drop(columns=[c for c in FOLLOWING if c in frame.columns]) for frame in (first, second)]
     names = [sorted(frame.columns) for frame in tables]
     if names[0] != names[1]:
         return False
-    first, second = (frame[names[0]].reset_index(drop=True) for frame in tables)
-    return all(first[c].tolist() == second[c].tolist() or first[c].equals(second[c]) for c in names[0])
+    a, b = (frame[names[0]].reset_index(drop=True) for frame in tables)
+    return all(a[c].tolist() == b[c].tolist() or a[c].equals(b[c]) for c in names[0])
 
 
 def _verdict(paths: Sequence[Path], protocol: str, ids: set[str]) -> tuple[str, float, tuple[float, float]]:

@@ -50,10 +50,10 @@ def markdown(report: Report, figures: Sequence[Figure], folder: Path) -> str:
         parts += ["## Claims of the study", claims_in_markdown(report.claims)]
     if comparison := tables.comparison_table(report.comparison):
         parts += [f"## {comparison.title}", tables.pipes(comparison)]
-    others = [figure for figure in figures if figure is not main]
-    if others:
+    remaining = [figure for figure in figures if figure is not main]
+    if remaining:
         parts.append("## Figures")
-        parts += [f"### {escape(f.title)}\n\n{figure_in_markdown(f, folder)}" for f in others]
+        parts += [f"### {escape(f.title)}\n\n{figure_in_markdown(f, folder)}" for f in remaining]
     parts += ["## Appendix: ranks", tables.pipes(tables.ranks_table(ranking))]
     return "\n\n".join(parts) + "\n"
 
@@ -85,10 +85,10 @@ def _numbers(estimate: Estimate) -> dict[str, Any]:
 def findings_in_markdown(findings: Sequence[Finding]) -> str:
     """Return the first findings as a list and the others folded; each has its basis in brackets."""
     lines = [f"* {escape(f.text + (f' ({f.basis})' if f.basis else ''))}" for f in findings]
-    shown, rest = lines[:SHOWN], lines[SHOWN:]
-    if rest:
-        inside = "\n".join(rest)
-        shown += ["", f"<details><summary>{len(rest)} more</summary>", "", inside, "", "</details>"]
+    shown, folded = lines[:SHOWN], lines[SHOWN:]
+    if folded:
+        inside = "\n".join(folded)
+        shown += ["", f"<details><summary>{len(folded)} more</summary>", "", inside, "", "</details>"]
     return "\n".join(shown)
 
 

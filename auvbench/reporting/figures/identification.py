@@ -34,11 +34,11 @@ def prediction(fit: Fit) -> Drawing:
         own = np.flatnonzero((windows.log == 0) & (windows.start < windows.start[0] + SHOWN))
         for ax, channel in zip(axes, channels, strict=False):
             for k in own:
-                there = np.isfinite(windows.measured[k, :, channel])
-                time = windows.start[k] + windows.time[k][there]
-                ax.plot(time, windows.measured[k, there, channel], ".", color=MEASURED, markersize=3)
+                measured = np.isfinite(windows.measured[k, :, channel])
+                time = windows.start[k] + windows.time[k][measured]
+                ax.plot(time, windows.measured[k, measured, channel], ".", color=MEASURED, markersize=3)
                 for values, colour, line in ((fit.before, BEFORE, "--"), (fit.predicted, AFTER, "-")):
-                    ax.plot(time, values[k, there, channel], line, color=colour, linewidth=1.1)
+                    ax.plot(time, values[k, measured, channel], line, color=colour, linewidth=1.1)
             ax.set_ylabel(f"{CHANNELS[channel]} ({UNITS[channel]})")
         for ax in axes[len(channels) :]:
             ax.set_visible(False)

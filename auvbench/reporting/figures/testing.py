@@ -163,17 +163,19 @@ def _heat(ax: Axes, values: FloatArray, low: float, texts: NDArray[np.object_]) 
     ax.spines[:].set_visible(False)
     ax.tick_params(length=0)
     for (i, j), value in np.ndenumerate(values):
-        known = bool(np.isfinite(value))
-        colour = ("white" if (value - low) / (100 - low) < 0.5 else "black") if known else "#a0a0a0"
-        text = str(texts[i, j]) if known else "✕"
-        ax.text(j, i, text, ha="center", va="center", color=colour, size=7.5 if known else None)
+        finite = bool(np.isfinite(value))
+        colour = ("white" if (value - low) / (100 - low) < 0.5 else "black") if finite else "#a0a0a0"
+        text = str(texts[i, j]) if finite else "✕"
+        ax.text(j, i, text, ha="center", va="center", color=colour, size=7.5 if finite else None)
     return image
 
 
 def gazebo(scene: Scene) -> Drawing | None:
     """Draw how Gazebo changes each agent's PAR-1 steps."""
-    found = [(agent, scene.tested(agent, "gazebo")) for agent in scene.agents]
-    tested = [(agent, conditions) for agent, conditions in found if any(c.par1_change for c in conditions)]
+    results_of = [(agent, scene.tested(agent, "gazebo")) for agent in scene.agents]
+    tested = [
+        (agent, conditions) for agent, conditions in results_of if any(c.par1_change for c in conditions)
+    ]
     if not tested:
         return None
     conditions = [c.name for c in tested[0][1] if c.par1_change]
@@ -213,24 +215,24 @@ def steps_deviation(scene: Scene) -> Drawing | None:
         a.label: [rows[a.label].estimates.get(m) for m in ("mean_steps", "mean_deviation_mean_m")]
         for a in scene.agents
     }
-    known = {label: (x, y) for label, (x, y) in pairs.items() if x is not None and y is not None}
-    if not known:
+    points = {label: (x, y) for label, (x, y) in pairs.items() if x is not None and y is not None}
+    if not points:
         return None
-    rest = [known[a.label] for a in scene.agents if a not in named and a.label in known]
-    if rest:
-        _crosses(ax, rest, color="#b0b0b0", marker=".", markersize=6)
+    unnamed = [points[a.label] for a in scene.agents if a not in named and a.label in points]
+    if unnamed:
+        _crosses(ax, unnamed, color="#b0b0b0", marker=".", markersize=6)
     for agent in reversed(named):
-        if agent.label in known:
+        if agent.label in points:
             look = scene.looks[agent.label]
-            _crosses(ax, [known[agent.label]], color=look.colour, marker=look.marker, markersize=7)
+            _crosses(ax, [points[agent.label]], color=look.colour, marker=look.marker, markersize=7)
     ax.set_xlabel("mean steps per episode")
     ax.set_ylabel("mean deviation from the straight line (m)")
     style.legend(figure, scene.looks_of(named), lines=False)
     percent = f"{100 * scene.ranking.confidence:g} %"
-    others = f" In grey: the other {len(rest)} agents." if rest else ""
+    remark = f" In grey: the other {len(unnamed)} agents." if unnamed else ""
     caption = (
         f"Mean steps against mean deviation from the straight line, one point per agent, with {percent} "
-        f"intervals; lower left is better.{others}"
+        f"intervals; lower left is better.{remark}"
     )
     return Drawing(figure, "Test: steps against deviation", caption)
 

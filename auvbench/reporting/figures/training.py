@@ -54,8 +54,8 @@ def _over_steps(
 ) -> Drawing | None:
     """Draw columns of the training records over steps; `rows` has their axis labels."""
     learners = scene.learners()
-    wanted = scene.top(MOST, learners)
-    chosen = scene.trained(wanted)
+    best = scene.top(MOST, learners)
+    chosen = scene.trained(best)
     if not chosen:
         return None
     curves = {name: [binned(scene, agent, name) for agent in chosen] for name in rows}
@@ -98,7 +98,7 @@ def _over_steps(
         + more
         + lines_sentence(chosen, dots=dots)
         + ("" if together else " In grey behind each agent: the others.")
-        + shown(wanted, learners)
+        + shown(best, learners)
         + (
             " The return's axis is linear up to ±1000 and logarithmic beyond, since K scales it."
             if log
@@ -152,16 +152,16 @@ def validation(scene: Scene) -> Drawing | None:
                 continue
             if rows is not None:
                 curves.setdefault(agent.label, []).append(rows)
-    wanted = [agent for agent in scene.learners() if agent.label in curves]
-    if not wanted:
+    validated = [agent for agent in scene.learners() if agent.label in curves]
+    if not validated:
         return None
-    chosen = scene.top(6, wanted)
+    chosen = scene.top(6, validated)
     figure = style.canvas(6.6, 3.4)
     ax = figure.subplots()
     for agent in chosen:
-        mine = curves[agent.label]
-        grid = np.linspace(0, min(float(curve["step"].iloc[-1]) for curve in mine), 60)
-        y = [np.interp(grid, [0.0, *c["step"]], [0.0, *(100 * c["success_rate"])]) for c in mine]
+        runs = curves[agent.label]
+        grid = np.linspace(0, min(float(curve["step"].iloc[-1]) for curve in runs), 60)
+        y = [np.interp(grid, [0.0, *c["step"]], [0.0, *(100 * c["success_rate"])]) for c in runs]
         band(ax, scene.looks[agent.label], (grid, np.array(y)))
     ax.set_ylim(-2, 102)
     ax.set_xlabel("environment steps")
@@ -172,6 +172,6 @@ def validation(scene: Scene) -> Drawing | None:
         "Success on the scenarios of protocol validation, which no test shares, at fixed steps of the training "
         "(train.evaluate_every). Lines begin at 0, where nothing was tested, and end where the first seed does."
         + lines_sentence(chosen)
-        + shown(chosen, wanted)
+        + shown(chosen, validated)
     )
     return Drawing(figure, "Training: success on validation scenarios", caption)

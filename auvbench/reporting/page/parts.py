@@ -104,9 +104,9 @@ def runs_table(
         Heading("time"),
     )
     of_agent = {run.id: (run, agent, i) for agent in agents for i, run in enumerate(agent.runs)}
-    others = {run.id: (run, None, 0) for run in runs if run.id not in of_agent}
+    of_no_agent = {run.id: (run, None, 0) for run in runs if run.id not in of_agent}
     lines = []
-    for run, agent, i in (*of_agent.values(), *others.values()):
+    for run, agent, i in (*of_agent.values(), *of_no_agent.values()):
         test: list[float | None] = [None] * 4
         if agent is not None:
             steps = agent.metrics.get("steps")
@@ -136,11 +136,11 @@ def _training(run: RunRecord) -> tuple[Cell, Cell, Cell]:
     steps, total, success, seconds, episodes = (run.manifest.get(key) for key in keys)
     if success is not None and episodes is not None:
         success = telling(success, episodes)
-    taken = _cell(steps or None, 0)  # a controller has no training
+    trained_steps = _cell(steps or None, 0)  # a controller has no training
     if steps and total and steps < total:
-        taken = replace(taken, value=f"{taken.value} of {fixed(total, 0)}")
+        trained_steps = replace(trained_steps, value=f"{trained_steps.value} of {fixed(total, 0)}")
     wall = Cell(NOTHING) if seconds is None else Cell(duration(seconds), sort=seconds)
-    return taken, _cell(None if success is None else 100 * success, 1), wall
+    return trained_steps, _cell(None if success is None else 100 * success, 1), wall
 
 
 @dataclass(frozen=True, slots=True)

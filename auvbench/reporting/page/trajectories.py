@@ -110,13 +110,13 @@ def _worlds(tracks: Sequence[Track]) -> dict[int, dict[str, Any]]:
 
     `outlines` is base64 of int16 (k, 2, 3) counts of `outlines_unit` metres: the ends of k segments.
     """
-    found: dict[int, NDArray[np.float64]] = {}
+    outlines: dict[int, NDArray[np.float64]] = {}
     for track in tracks:
         lines = track.path.outlines
-        if lines is not None and len(lines) > len(found.get(track.path.episode, ())):
-            found[track.path.episode] = lines
+        if lines is not None and len(lines) > len(outlines.get(track.path.episode, ())):
+            outlines[track.path.episode] = lines
     packed = {}
-    for episode, lines in found.items():
+    for episode, lines in outlines.items():
         unit = max(UNIT, float(np.abs(lines).max()) / 32767.0)
         packed[episode] = {"outlines": _counts(lines, unit), "outlines_unit": unit}
     return packed

@@ -94,7 +94,7 @@ def write(
     return text(path, html)
 
 
-def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
+def render(records: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
     """Return the page of some runs as HTML, with a policy that allows only its own script.
 
     Parts that `shown` does not name are left out.
@@ -103,8 +103,8 @@ def render(found: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
         "page.html",
         SCRIPTS,
         ranking=ranking,
-        vehicles=distinct(run.config.get("vehicle.name") for run in found),
-        runs_found=len(found),
+        vehicles=distinct(run.config.get("vehicle.name") for run in records),
+        runs_found=len(records),
         confidence=f"{100 * ranking.confidence:g}",
         shown_notes=SHOWN_NOTES,
         **shown,

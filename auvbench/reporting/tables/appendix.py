@@ -128,12 +128,12 @@ def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
     return Cell(f"{theirs} / {ours.value}", ours.more)
 
 
-def score_table(found: Scores) -> Table:
+def score_table(scores: Scores) -> Table:
     """Return the score of each agent over all tasks, then on each task; without rows, the notes give the reason."""
     headings = [Heading("agent", words=True), Heading("seeds"), Heading("score")]
-    headings += [Heading(title, weight=1) for title in found.titles]
-    lines = tuple(Line(_scores_of(row)) for row in found.rows)
-    return Table(tuple(headings), lines, "Score across tasks", tuple(_score_notes(found)))
+    headings += [Heading(title, weight=1) for title in scores.titles]
+    lines = tuple(Line(_scores_of(row)) for row in scores.rows)
+    return Table(tuple(headings), lines, "Score across tasks", tuple(_score_notes(scores)))
 
 
 def _scores_of(row: Scored) -> tuple[Cell, ...]:
@@ -154,20 +154,20 @@ def _score(score: Estimate) -> Cell:
     return Cell(fixed(score.value, 2), interval, score.value)
 
 
-def _score_notes(found: Scores) -> list[str]:
-    if not found.rows:
-        return list(found.notes)
-    by = "; ".join(f"{title}: {name(m)}" for title, m in zip(found.titles, found.measures, strict=True))
-    several = found.cells > len(found.titles)
+def _score_notes(scores: Scores) -> list[str]:
+    if not scores.rows:
+        return list(scores.notes)
+    by = "; ".join(f"{title}: {name(m)}" for title, m in zip(scores.titles, scores.measures, strict=True))
+    several = scores.cells > len(scores.titles)
     over = "seeds, tasks and conditions" if several else "seeds and tasks"
     notes = [
         f"Score: random is 0, PID is 1, linear between them in the measure of each task ({by}), on protocol "
-        f"{found.protocol}. The first column is the mean of the middle half of the scores over {over} (interquartile mean): an "
+        f"{scores.protocol}. The first column is the mean of the middle half of the scores over {over} (interquartile mean): an "
         "agent that fails at one task of five may still score 1. The other columns are means of all scores. Scores describe, and "
         "their order is not a test: each agent is tested against PID in the section of its task.",
-        f"Brackets: {100 * found.confidence:g} % bootstrap intervals over training seeds and test scenarios, drawn task by task; "
+        f"Brackets: {100 * scores.confidence:g} % bootstrap intervals over training seeds and test scenarios, drawn task by task; "
         "with few seeds they hold less often than they say.",
     ]
-    if any(row.trained and 1 in row.trainings for row in found.rows):
+    if any(row.trained and 1 in row.trainings for row in scores.rows):
         notes.append(f"{DAGGER} one training seed on a task: no interval.")
-    return [*notes, *found.notes]
+    return [*notes, *scores.notes]

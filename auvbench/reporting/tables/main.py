@@ -211,12 +211,14 @@ def not_behind_title(baseline: str) -> str:
     return f"not behind {baseline}" if len(baseline) <= LONGEST else "not behind"
 
 
-def reliability_cell(found: Reliability | None) -> Cell:
+def reliability_cell(reliability: Reliability | None) -> Cell:
     """Return "19 of 20 [75, 100]": the trainings that are not behind, and the interval of their share in per cent."""
-    if found is None:
+    if reliability is None:
         return Cell(NOTHING)
-    limits = f"[{100 * found.low:.0f}, {100 * found.high:.0f}]"
-    return Cell(f"{found.count} of {found.trainings}", limits, found.count / found.trainings)
+    limits = f"[{100 * reliability.low:.0f}, {100 * reliability.high:.0f}]"
+    return Cell(
+        f"{reliability.count} of {reliability.trainings}", limits, reliability.count / reliability.trainings
+    )
 
 
 def notes(ranking: Ranking) -> list[str]:
@@ -249,9 +251,11 @@ def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
         if primary.chosen_by_rank
         else ""
     )
-    known = primary.margin == primary.margin
+    has_margin = primary.margin == primary.margin
     within = (
-        f"within ±{size(primary.margin, m)} equivalent" if known else "without a margin none is equivalent"
+        f"within ±{size(primary.margin, m)} equivalent"
+        if has_margin
+        else "without a margin none is equivalent"
     )
     learner = any(c.trainings for c in primary.comparisons)
     of = (
@@ -381,4 +385,4 @@ def grouped(problems: tuple[Problem, ...]) -> list[tuple[str, list[Problem]]]:
     """Return the problems by kind under a title, in a fixed order, the earliest first."""
     order = list(KINDS)
     ordered = sorted(problems, key=lambda p: (order.index(p.kind), p.where))
-    return [(KINDS[kind], list(found)) for kind, found in groupby(ordered, key=lambda p: p.kind)]
+    return [(KINDS[kind], list(members)) for kind, members in groupby(ordered, key=lambda p: p.kind)]

@@ -46,10 +46,12 @@ class TableView:
                 break
             columns.add(i)
         if self.table.lines:
-            others = sum(self._width(i) + gap for i in columns if i >= self.table.lead)
-            yield _rendered(self.table, sorted(columns), max(options.max_width - others - gap, NARROW), gap)
-        if rest := [heading.text for i, heading in enumerate(headings) if i not in columns]:
-            yield Text(f"Not shown for want of width: {', '.join(rest)}.", style="dim")
+            other_width = sum(self._width(i) + gap for i in columns if i >= self.table.lead)
+            yield _rendered(
+                self.table, sorted(columns), max(options.max_width - other_width - gap, NARROW), gap
+            )
+        if hidden := [heading.text for i, heading in enumerate(headings) if i not in columns]:
+            yield Text(f"Not shown for want of width: {', '.join(hidden)}.", style="dim")
         for note in self.table.notes[:SHOWN_NOTES]:
             yield Text(note, style="dim")
         if (more := len(self.table.notes) - SHOWN_NOTES) > 0:

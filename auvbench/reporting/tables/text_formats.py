@@ -109,17 +109,17 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
     return line
 
 
-def _not_behind(name: str, found: Reliability | None) -> dict[str, float | None]:
+def _not_behind(name: str, reliability: Reliability | None) -> dict[str, float | None]:
     """Return the trainings that are not behind, the limits of their share, and the effect of failing ones;
     empty without reliability.
     """
     shares: dict[str, float | None] = {name: None, f"{name}_low": None, f"{name}_high": None}
-    if found is not None:
-        shares = {name: found.count, f"{name}_low": found.low, f"{name}_high": found.high}
+    if reliability is not None:
+        shares = {name: reliability.count, f"{name}_low": reliability.low, f"{name}_high": reliability.high}
     if name == "not_behind":
         shares |= {
-            "failing_excluded": found.excluded if found else None,
-            "mean_turns": found.mean_turns if found else None,
+            "failing_excluded": reliability.excluded if reliability else None,
+            "mean_turns": reliability.mean_turns if reliability else None,
         }
     return shares
 
@@ -156,19 +156,23 @@ def conditions_csv(ranking: Ranking) -> str:
     )
 
 
-def score_csv(found: Scores) -> str:
+def score_csv(scores: Scores) -> str:
     """Return one CSV row per agent in full precision; '' without a score."""
-    keys = list(dict.fromkeys(key for row in found.rows for key in row.key))
+    keys = list(dict.fromkeys(key for row in scores.rows for key in row.key))
     rows = []
-    for row in found.rows:
+    for row in scores.rows:
         line: dict[str, Any] = {"agent": row.label, **{key: row.key.get(key) for key in keys}}
-        line |= {"protocol": found.protocol, "confidence": found.confidence, **_with_ends("score", row.score)}
+        line |= {
+            "protocol": scores.protocol,
+            "confidence": scores.confidence,
+            **_with_ends("score", row.score),
+        }
         for what, values in (
             ("score", row.tasks),
-            ("measure", [m.name for m in found.measures]),
+            ("measure", [m.name for m in scores.measures]),
             ("seeds", row.trainings),
         ):
-            line |= {f"{what}: {title}": value for title, value in zip(found.titles, values, strict=True)}
+            line |= {f"{what}: {title}": value for title, value in zip(scores.titles, values, strict=True)}
         rows.append(line)
     return lines(rows)
 
@@ -242,12 +246,12 @@ def pipes(table: Table) -> str:
 
 def _notes(table: Table) -> str:
     lines = [f"* {escape(note)}" for note in table.notes]
-    shown, rest = lines[:SHOWN_NOTES], lines[SHOWN_NOTES:]
-    if rest:
-        inside = "\n".join(rest)
+    shown, folded = lines[:SHOWN_NOTES], lines[SHOWN_NOTES:]
+    if folded:
+        inside = "\n".join(folded)
         shown += [
             "",
-            f"<details><summary>{counted(len(rest), 'more note')}</summary>",
+            f"<details><summary>{counted(len(folded), 'more note')}</summary>",
             "",
             inside,
             "",
