@@ -180,19 +180,19 @@ class Kind(Mapping[str, S], Generic[S]):
         Raises:
             ConfigError: several packages declare it, or auvbench has the name itself.
         """
-        found = [point for point in self.declared() if point.name == name]
-        holders = [*(["auvbench"] if name in self._lines else []), *(point.package for point in found)]
-        if found and len(holders) > 1:
+        points = [point for point in self.declared() if point.name == name]
+        holders = [*(["auvbench"] if name in self._lines else []), *(point.package for point in points)]
+        if points and len(holders) > 1:
             raise ConfigError(
                 f"{self.key}={short(name)}: {' and '.join(holders)} have one of that name each; uninstall one: pip "
                 f"uninstall {holders[-1]}"
             )
-        return found[0] if found else None
+        return points[0] if points else None
 
     def missing(self, name: str, release: str) -> ConfigError:
         """Return the error of a configuration whose package is not installed in its version."""
-        here = self.find(name)
-        now = "is not installed" if here is None else f"{here.release} is installed"
+        point = self.find(name)
+        now = "is not installed" if point is None else f"{point.release} is installed"
         return ConfigError(
             f"{self.key}={short(name)}: comes with {short(release)}, and {now}; pip install '{short(release)}'"
         )
@@ -208,32 +208,32 @@ class Kind(Mapping[str, S], Generic[S]):
             ConfigError: the package is not installed, not in this release, or its spec cannot be used.
             KeyError: no package has the name, and no release says which one had it.
         """
-        found = self.find(name)
-        if release is not None and (found is None or found.release != release):
+        point = self.find(name)
+        if release is not None and (point is None or point.release != release):
             raise self.missing(name, release)
-        return self[name] if found is None else self.enter(found)
+        return self[name] if point is None else self.enter(point)
 
-    def enter(self, found: Declared) -> S:
+    def enter(self, point: Declared) -> S:
         """Enter what an installed package brings, and return its spec.
 
         Raises:
             ConfigError: what it declares cannot be used.
         """
-        kind, thing = self.spec, load(found)
+        kind, thing = self.spec, load(point)
         if not isinstance(thing, kind) and (adopt := getattr(kind, "adopt", None)):
-            known = self.entered.get(found.name)
-            thing = known if known is not None and known.code == found.value else adopt(found, thing)
+            entered = self.entered.get(point.name)
+            thing = entered if entered is not None and entered.code == point.value else adopt(point, thing)
         if not isinstance(thing, kind):
-            raise found.error(f"is a {type(thing).__name__}; it must be an auvbench.plugin.{kind.__name__}")
-        if thing.name != found.name:
-            raise found.error(f"has the name {short(repr(thing.name))}; it must be that of its entry point")
+            raise point.error(f"is a {type(thing).__name__}; it must be an auvbench.plugin.{kind.__name__}")
+        if thing.name != point.name:
+            raise point.error(f"has the name {short(repr(thing.name))}; it must be that of its entry point")
         if self.entered.get(thing.name) is not thing:
             if fault := schema_fault(thing.schema, kind.base) or thing.fault():
-                raise found.error(fault)
+                raise point.error(fault)
             try:
                 thing.enter()
             except ValueError as error:
-                raise found.error(str(error)) from None
+                raise point.error(str(error)) from None
             self.entered[thing.name] = thing
         return thing
 
@@ -286,14 +286,14 @@ def describe_error(error: BaseException) -> str:
 
 
 @contextmanager
-def telling(who: str, what: str) -> Iterator[None]:
+def telling(owner_name: str, what: str) -> Iterator[None]:
     """Turn an exception of foreign code into an `AgentError` that names the plug-in and the call."""
     try:
         yield
     except AuvbenchError:
         raise
     except Exception as error:
-        raise AgentError(f"{who}: {what}: {describe_error(error)}") from error
+        raise AgentError(f"{owner_name}: {what}: {describe_error(error)}") from error
 
 
 def owner(kind: str, part: Any) -> str:

@@ -54,15 +54,15 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
         if not isinstance(node, DictConfig) or not isinstance(chosen, str):
             continue
         release = str(node.get("package") or "")
-        found = kind.find(chosen)
-        if (found is None and chosen not in kind.own and release) or (
-            found and frozen and release != found.release
+        point = kind.find(chosen)
+        if (point is None and chosen not in kind.own and release) or (
+            point and frozen and release != point.release
         ):
             raise kind.missing(chosen, release)
-        if found is None:
+        if point is None:
             continue
-        spec = kind.enter(found)
-        added: dict[str, Any] = {"package": found.release}
+        spec = kind.enter(point)
+        added: dict[str, Any] = {"package": point.release}
         if isinstance(spec, algorithms.AgentSpec):
             added["learns"] = spec.learns
         with open_dict(config):
@@ -78,16 +78,16 @@ def _complete_blocks(config: DictConfig, frozen: bool) -> None:
     task = config.get("task")
     if not isinstance(task, DictConfig):
         return
-    given = task.get("block_packages")
-    recorded = {str(k): str(v) for k, v in given.items()} if isinstance(given, DictConfig) else {}
+    packages = task.get("block_packages")
+    recorded = {str(k): str(v) for k, v in packages.items()} if isinstance(packages, DictConfig) else {}
     chosen: dict[str, str] = {}
     for name in task.get("observation") or ():
-        found, release = BLOCKS.find(str(name)), recorded.get(str(name), "")
-        if (found is None and release) or (found and frozen and release != found.release):
+        point, release = BLOCKS.find(str(name)), recorded.get(str(name), "")
+        if (point is None and release) or (point and frozen and release != point.release):
             raise BLOCKS.missing(str(name), release)
-        if found is not None:
-            BLOCKS.enter(found)
-            chosen[str(name)] = found.release
+        if point is not None:
+            BLOCKS.enter(point)
+            chosen[str(name)] = point.release
     _complete_ranges(task)
     if recorded and recorded != chosen:
         raise ConfigError(
@@ -133,17 +133,17 @@ def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:
     schemas: dict[str, type] = {}
     values: dict[str, Any] = {str(name): value for name, value in OmegaConf.to_container(node).items()}  # type: ignore[union-attr]
     for name in more:
-        found, own = DISTURBANCES.find(name), values[name]
+        point, own = DISTURBANCES.find(name), values[name]
         release = str(own.get("package") or "") if isinstance(own, dict) else ""
-        if found is None and name not in DISTURBANCES.own:
+        if point is None and name not in DISTURBANCES.own:
             raise DISTURBANCES.missing(name, release) if release else _unknown(name, own)
-        if found and frozen and release != found.release:
+        if point and frozen and release != point.release:
             raise DISTURBANCES.missing(name, release)
-        schemas[name] = (DISTURBANCES[name] if found is None else DISTURBANCES.enter(found)).keys
+        schemas[name] = (DISTURBANCES[name] if point is None else DISTURBANCES.enter(point)).keys
         key = f"disturbance.{name}"
         if not isinstance(own, dict):
             raise ConfigError(f"{key}={short(own)}: must have keys: {', '.join(schema.keys(schemas[name]))}")
-        added = {"package": found.release} if found else {}
+        added = {"package": point.release} if point else {}
         values[name] = _values(schemas[name], key, own, added)
     kind = schema.with_disturbances(tuple(schemas.items()))
     with open_dict(config):
@@ -190,7 +190,7 @@ def _merged(kind: type, key: str, values: dict[str, Any]) -> DictConfig:
 
 def releases(config: Any) -> dict[str, str]:
     """Return the versions of the packages of a configuration (typed or plain) by name, for a manifest."""
-    found = {}
+    versions = {}
 
     def value(node: Any, key: str) -> Any:
         return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
@@ -203,5 +203,5 @@ def releases(config: Any) -> dict[str, str]:
         for release in (value(node, "package"), *(blocks.values() if isinstance(blocks, Mapping) else ())):
             if release:
                 name, _, version = str(release).partition("==")
-                found[name] = version
-    return found
+                versions[name] = version
+    return versions

@@ -78,7 +78,7 @@ def _register_schemas(store: ConfigStore) -> None:
         "sensors_schema": navigation.Sensors,
         **{f"{name}_schema": kind for name, kind in _schemas(AGENTS).items()},
     }
-    for group, known in (
+    for group, schemas in (
         ("launcher", _schemas(LAUNCHERS)),
         ("simulator", _schemas(SIMULATORS)),
         ("task", _schemas(TASKS)),
@@ -87,7 +87,7 @@ def _register_schemas(store: ConfigStore) -> None:
         ("navigation", navigation.SCHEMAS),
         ("filter", _schemas(FILTERS)),
     ):
-        kinds |= {f"{group}_{name}_schema": kind for name, kind in known.items()}
+        kinds |= {f"{group}_{name}_schema": kind for name, kind in schemas.items()}
     # At the top level: the folders algo, launcher and simulator then list only their own options.
     store.repo |= {f"{name}.yaml": _node(f"{name}.yaml", kind) for name, kind in kinds.items()}
 
@@ -150,9 +150,9 @@ def _copied(tree: dict[str, Any]) -> dict[str, Any]:
 
 
 def _compose(entry: str, overrides: Sequence[str], folder: Path | None = WORKING_DIRECTORY) -> DictConfig:
-    given = typing.read(overrides)
+    values = typing.read(overrides)
     with _composer(entry, folder) as (loader, load):
-        return grids.single(loader, load, given)
+        return grids.single(loader, load, values)
 
 
 @contextmanager
@@ -226,13 +226,13 @@ def typed(config: DictConfig) -> schema.TrainConfig:
         if "range" not in config.task:
             merged.task.range = None
         merged.reward = _empty(config, "reward.name", _schemas(REWARDS))
-        for group, known in (  # runs of earlier versions lack these
+        for group, schemas in (  # runs of earlier versions lack these
             ("world", _schemas(WORLDS)),
             ("navigation", navigation.SCHEMAS),
             ("filter", _schemas(FILTERS)),
         ):
             if config.get(group) is not None:
-                merged[group] = _empty(config, f"{group}.name", known)
+                merged[group] = _empty(config, f"{group}.name", schemas)
         merged.disturbance = OmegaConf.structured(_disturbance(config))
         merged = OmegaConf.merge(merged, config)
     except OmegaConfBaseException as error:
@@ -289,9 +289,9 @@ def _is_valid(own: Mapping[str, Any]) -> bool:
 
 def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
     """Return the typed but empty `algo`, `simulator`, `task` or `reward` of a configuration."""
-    known = OmegaConf.get_type(config, key.partition(".")[0])
-    if isinstance(known, type) and issubclass(known, complete.CONFIGS):
-        return OmegaConf.structured(known)
+    kind = OmegaConf.get_type(config, key.partition(".")[0])
+    if isinstance(kind, type) and issubclass(kind, complete.CONFIGS):
+        return OmegaConf.structured(kind)
     name = str(OmegaConf.select(config, key))
     if name not in schemas:
         raise ConfigError(f"{key}={name}: unknown; {closest(name, schemas)}")
@@ -300,8 +300,8 @@ def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
 
 def _disturbance(config: DictConfig) -> type:
     """Return the schema of a completed configuration's disturbances."""
-    known = OmegaConf.get_type(config, "disturbance")
-    return known if isinstance(known, type) and issubclass(known, schema.Disturbance) else schema.Disturbance
+    kind = OmegaConf.get_type(config, "disturbance")
+    return kind if isinstance(kind, type) and issubclass(kind, schema.Disturbance) else schema.Disturbance
 
 
 def with_groups(config: schema.TrainConfig, groups: Mapping[str, Mapping[str, Any]]) -> schema.TrainConfig:
@@ -319,10 +319,10 @@ def with_groups(config: schema.TrainConfig, groups: Mapping[str, Mapping[str, An
     replaced = {}
     for name, values in groups.items():
         try:
-            given = complete.complete(OmegaConf.create({name: dict(values)}))
-            kind = _disturbance(given) if name == "disturbance" else type(getattr(config, name))
+            completed = complete.complete(OmegaConf.create({name: dict(values)}))
+            kind = _disturbance(completed) if name == "disturbance" else type(getattr(config, name))
             empty = {name: OmegaConf.structured(kind)}
-            merged = OmegaConf.select(OmegaConf.merge(empty, given), name)
+            merged = OmegaConf.select(OmegaConf.merge(empty, completed), name)
         except OmegaConfBaseException as error:
             raise translate(error) from error
         replaced[name] = OmegaConf.to_object(merged)
@@ -426,13 +426,13 @@ def _parse(entry: str, arguments: Sequence[str], *, dry: bool = False) -> argpar
     parser = _parser(entry)
     if dry:
         parser.add_argument("--dry-run", action="store_true")
-    parsed, rest = parser.parse_known_args(list(arguments))
-    for word in rest:
+    parsed, remaining = parser.parse_known_args(list(arguments))
+    for word in remaining:
         if re.match(r"--?[A-Za-z]", word):
             keys = typing.leaves(OmegaConf.to_container(_compose(entry, ())))
             flags = [name for action in parser._actions for name in action.option_strings]
             raise ConfigError(suggestions.unknown_flag(entry, word, flags, keys, arguments))
-    parsed.overrides += rest
+    parsed.overrides += remaining
     if parsed.multirun and parsed.cfg:
         raise ConfigError("--cfg job shows one configuration: leave out -m, and give each key one value")
     if dry and parsed.dry_run and parsed.cfg:
@@ -442,4 +442,4 @@ def _parse(entry: str, arguments: Sequence[str], *, dry: bool = False) -> argpar
 
 def translate(error: BaseException, entry: str = "train", overrides: Sequence[str] = ()) -> ConfigError:
     """Return a one-line error for an error of Hydra or OmegaConf, with the value and the closest valid name."""
-    return typing.translate(error, lambda given: _compose(entry, given), entry, overrides)
+    return typing.translate(error, lambda words: _compose(entry, words), entry, overrides)

@@ -26,34 +26,34 @@ def packages() -> tuple[tuple[str, Path], ...]:
     Raises:
         ConfigError: a folder does not exist.
     """
-    found = []
-    for one in registry.declared(GROUP, GROUP):
-        top, *below = one.value.split(".")
+    folders = []
+    for point in registry.declared(GROUP, GROUP):
+        top, *below = point.value.split(".")
         spec = importlib.util.find_spec(top) if re.fullmatch(r"\w+", top) else None
         places = [Path(place, *below) for place in (spec.submodule_search_locations or ())] if spec else []
         path = next((place for place in places if place.is_dir()), None)
         if path is None:
             raise ConfigError(
-                f"auvbench.conf: {one.value} of {one.release} is not a folder of an installed package; "
-                f"pip uninstall {one.package}, or install one that has it"
+                f"auvbench.conf: {point.value} of {point.release} is not a folder of an installed package; "
+                f"pip uninstall {point.package}, or install one that has it"
             )
-        found.append((one.release, path))
-    return tuple(found)
+        folders.append((point.release, path))
+    return tuple(folders)
 
 
 def state(folder: Path) -> State:
     """Return path, inode, size and times of each file below a folder: with these the same, so is what the files say."""
-    found = []
+    entries = []
     for place, _, names in os.walk(folder):
         for name in names:
             path = os.path.join(place, name)
             try:
                 entry = os.stat(path)  # of the target, if it is a link
             except OSError:
-                found.append((path, 0, 0, 0, 0))
+                entries.append((path, 0, 0, 0, 0))
             else:
-                found.append((path, entry.st_ino, entry.st_size, entry.st_mtime_ns, entry.st_ctime_ns))
-    return tuple(sorted(found))
+                entries.append((path, entry.st_ino, entry.st_size, entry.st_mtime_ns, entry.st_ctime_ns))
+    return tuple(sorted(entries))
 
 
 def of_group(group: str) -> list[Traversable]:

@@ -67,12 +67,12 @@ def compose(
         raise ConfigError(f"{' '.join(overrides)}: leaves no job of the experiment's grids")
 
     def of_job(files: tuple[str, ...], mode: RunMode) -> DictConfig:
-        found = load((*own, *files), mode)
-        if found.hydra.sweeper.get("grids") != union:
+        job = load((*own, *files), mode)
+        if job.hydra.sweeper.get("grids") != union:
             raise ConfigError(
                 f"{' '.join(files)}: an experiment with grids must be the only one; give one experiment"
             )
-        return found
+        return job
 
     return [single(loader, of_job, line) for line in lines]
 
@@ -194,11 +194,11 @@ def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
     no grid has.
     """
     own = {_plain(value): value for value in axis}
-    known = {_plain(value) for other in every for value in other}
+    values_of_grids = {_plain(value) for other in every for value in other}
     return [
         own.get(_plain(value), value)
         for value in values
-        if _plain(value) in own or _plain(value) not in known
+        if _plain(value) in own or _plain(value) not in values_of_grids
     ]
 
 

@@ -67,8 +67,8 @@ def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
     options = folders.options(key) if re.fullmatch(r"\w+", key) else []
     node = _at(config, key)
     if override.is_sweep_override():
-        one = isinstance(node, list) and re.fullmatch(r"[^\[(]*", text)
-        return f"{shown}: takes a list, {key}=[{text.partition('=')[2]}]" if one else ""
+        as_list = isinstance(node, list) and re.fullmatch(r"[^\[(]*", text)
+        return f"{shown}: takes a list, {key}=[{text.partition('=')[2]}]" if as_list else ""
     if override.is_delete():
         return f"{shown}: " + (
             "there is no such key" if node is _ABSENT else f"a key cannot be removed; {_settable(key, node)}"

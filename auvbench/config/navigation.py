@@ -210,11 +210,11 @@ def is_estimated(config: TrainConfig) -> bool:
     return bool(config.navigation.name != TRUTH)
 
 
-def refuse(config: TrainConfig, who: str) -> None:
-    """Raise ConfigError if an estimator is chosen for a program without it, which `who` names."""
+def refuse(config: TrainConfig, program: str) -> None:
+    """Raise ConfigError if an estimator is chosen for a program without it, which `program` names."""
     if is_estimated(config):
         raise ConfigError(
-            f"navigation={config.navigation.name}: {who} has no estimator; use navigation=truth"
+            f"navigation={config.navigation.name}: {program} has no estimator; use navigation=truth"
         )
 
 
@@ -255,25 +255,25 @@ def check(config: TrainConfig) -> None:
 
 def _check_alone(config: TrainConfig) -> None:
     """Refuse a simulator that cannot stop within a step, and a second model of the readings' errors."""
-    who = f"navigation={config.navigation.name}"
+    chosen = f"navigation={config.navigation.name}"
     if config.simulator.name != "fossen":
         raise ConfigError(
-            f"{who}: simulator={config.simulator.name} does not have the sensors; use simulator=fossen"
+            f"{chosen}: simulator={config.simulator.name} does not have the sensors; use simulator=fossen"
         )
     noise = config.noise
     for key in ("position", "yaw"):
         if getattr(noise, key).high * noise.scale > 0.0:
             raise ConfigError(
-                f"noise.{key}.high={getattr(noise, key).high:g}: {who} has the errors of its sensors; use noise=none, or 0"
+                f"noise.{key}.high={getattr(noise, key).high:g}: {chosen} has the errors of its sensors; use noise=none, or 0"
             )
     disturbance: Any = config.disturbance
     if disturbance.sensor.active:
         raise ConfigError(
-            f"disturbance.sensor: {who} has the errors of its sensors; use a disturbance without it"
+            f"disturbance.sensor: {chosen} has the errors of its sensors; use a disturbance without it"
         )
     if disturbance.delay.observation > 0.0:
         raise ConfigError(
-            f"disturbance.delay.observation={disturbance.delay.observation:g}: {who} has the delays of its sensors; use 0"
+            f"disturbance.delay.observation={disturbance.delay.observation:g}: {chosen} has the delays of its sensors; use 0"
         )
 
 

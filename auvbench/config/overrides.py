@@ -116,8 +116,8 @@ def whole_keys() -> frozenset[str]:
         (root, "") for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation)
     ]
     kinds.append((tuning.Tune, "tune."))
-    for group, known in (("algo.", AGENTS), ("launcher.", LAUNCHERS), ("simulator.", SIMULATORS)):
-        kinds += [(known[name].schema, group) for name in known.own]
+    for group, specs in (("algo.", AGENTS), ("launcher.", LAUNCHERS), ("simulator.", SIMULATORS)):
+        kinds += [(specs[name].schema, group) for name in specs.own]
     return frozenset(
         key
         for kind, prefix in kinds
@@ -157,15 +157,15 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
     if reason := _misfit(compose, overrides):
         return ConfigError(reason)
     if isinstance(error, MissingConfigException) and error.options:
-        group, _, wanted = str(error.missing_cfg_file).rpartition("/")
-        if misnamed := folders.misnamed(group, wanted):
+        group, _, option = str(error.missing_cfg_file).rpartition("/")
+        if misnamed := folders.misnamed(group, option):
             return ConfigError(
                 f"{misnamed}: has the wrong suffix; rename it to {misnamed.with_suffix('.yaml').name}"
             )
         options = [name for name in error.options if not name.endswith("_schema")]
-        path = f"; put your own file into ./conf/{group}" if wanted.endswith(".yaml") else ""
+        path = f"; put your own file into ./conf/{group}" if option.endswith(".yaml") else ""
         return ConfigError(
-            f"{group.replace('/', '.')}={wanted}: no such option; {closest(wanted, options)}{path}"
+            f"{group.replace('/', '.')}={option}: no such option; {closest(option, options)}{path}"
         )
     overridden = re.search(r"Could not override '([^']+)'", text)
     for link in chain:
@@ -209,8 +209,8 @@ def _misfit(compose: Compose, overrides: Sequence[str]) -> str:
     if not overrides:
         return ""
     try:
-        given = [_read(override) for override in overrides]
-        return misfits.explain(given, misfits.plain(compose(misfits.chosen(given))))
+        parsed = [_read(override) for override in overrides]
+        return misfits.explain(parsed, misfits.plain(compose(misfits.chosen(parsed))))
     except (*FAULTS, ConfigError):  # A file is wrong, not an override.
         return ""
 
@@ -220,13 +220,13 @@ def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[st
     from auvbench.config.validate import train_config
 
     # Other sweeps are left out, since their products would take long.
-    others = [override for override in overrides if not _is_sweep(override)]
+    single_values = [override for override in overrides if not _is_sweep(override)]
     for value in values.split(",")[:8]:
-        given = [*others, f"{key}={value}"]
+        words = [*single_values, f"{key}={value}"]
         try:
-            train_config(compose(read(given)))
+            train_config(compose(read(words)))
         except (*FAULTS, ConfigError) as error:
-            reason = str(translate(error, compose, "train", given))
+            reason = str(translate(error, compose, "train", words))
             if reason.startswith((f"{key}={value}:", f"{key}:")):
                 return reason
     return ""
@@ -262,14 +262,14 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
 def _near_key(key: str, compose: Compose, entry: str, overrides: Sequence[str]) -> str:
     # The chosen groups decide which keys exist: algo=sac and algo=ppo have different keys.
     groups = [override.split(",")[0] for override in overrides if re.match(r"\w+=", override)]
-    known: list[str] = []
+    keys: list[str] = []
     for chosen in (groups, []):
         try:
-            known = leaves(OmegaConf.to_container(compose(chosen)))
+            keys = leaves(OmegaConf.to_container(compose(chosen)))
             break
         except (*FAULTS, ConfigError):
             continue
-    return suggestions.unknown_key(key, known, f"auvbench {entry}")
+    return suggestions.unknown_key(key, keys, f"auvbench {entry}")
 
 
 def leaves(node: Any, prefix: str = "") -> list[str]:

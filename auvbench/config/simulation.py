@@ -58,20 +58,23 @@ def simulation_config(config: DictConfig) -> Simulation:
         ConfigError: a value is missing, out of range, or of the wrong length.
     """
     typed = structured(config, Simulation)
-    given = typed.input
+    inputs = typed.input
     for key, size, meaning in (
         ("wrench", 6, "[Fx, Fy, Fz, Mx, My, Mz] in N and N m"),
         ("pose", 7, "[x, y, z, qw, qx, qy, qz]"),
         ("velocity", 6, "[u, v, w, p, q, r] in m/s and rad/s"),
         ("current", 3, "[x, y, z] in m/s"),
     ):
-        value = getattr(given, key)
+        value = getattr(inputs, key)
         fits = len(value) == size and all(map(math.isfinite, value))
         require(fits, f"input.{key}", value, f"be {size} finite numbers {meaning}")
-    length = math.hypot(*given.pose[3:])
+    length = math.hypot(*inputs.pose[3:])
     unit = abs(length - 1.0) <= UNIT_TOLERANCE
     require(
-        unit, "input.pose", given.pose, f"have a quaternion [qw, qx, qy, qz] of length 1, it has {length:.6g}"
+        unit,
+        "input.pose",
+        inputs.pose,
+        f"have a quaternion [qw, qx, qy, qz] of length 1, it has {length:.6g}",
     )
     for key, most, otherwise in (
         ("sample", MAX_ROWS, f"more than {MAX_ROWS} rows"),

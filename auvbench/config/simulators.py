@@ -156,14 +156,14 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
     for need in needs(disturbance):
         if need.able(capabilities(simulator)):
             continue
-        here = SIMULATORS[simulator.name]
-        own = [here.full] if here.full and need.able(here.capabilities) else []
-        others = [
+        spec_here = SIMULATORS[simulator.name]
+        own = [spec_here.full] if spec_here.full and need.able(spec_here.capabilities) else []
+        alternatives = [
             f"simulator={name}"
             for name, spec in SIMULATORS.items()
             if need.able(spec.capabilities) and name != simulator.name
         ]
         raise ConfigError(
             f"{need.key}: asks for {need.what}, which simulator={simulator.name} does not have here; "
-            f"use {' or '.join(own + others)}"
+            f"use {' or '.join(own + alternatives)}"
         )

@@ -13,7 +13,7 @@ from auvbench.errors import closest
 from auvbench.registry import AGENTS
 
 
-def nearest(key: str, known: Collection[str]) -> str | None:
+def nearest(key: str, names: Collection[str]) -> str | None:
     """Return the key that was probably meant: a key with the same last part, else the key with the most
     similar spelling.
 
@@ -23,10 +23,10 @@ def nearest(key: str, known: Collection[str]) -> str | None:
     True
     """
     last = key.rpartition(".")[2]
-    same = [name for name in known if name.rpartition(".")[2] == last]
+    same = [name for name in names if name.rpartition(".")[2] == last]
     if same:
         return min(same, key=lambda name: (name != key, name.count("."), name))
-    return next(iter(difflib.get_close_matches(key, known, n=1, cutoff=0.7)), None)
+    return next(iter(difflib.get_close_matches(key, names, n=1, cutoff=0.7)), None)
 
 
 def owners(key: str) -> list[str]:
@@ -40,7 +40,7 @@ def owners(key: str) -> list[str]:
     return [name for name in AGENTS.own if key in schema.keys(AGENTS[name].schema, "algo.")]
 
 
-MEANT = {
+CORRECTIONS = {
     **dict.fromkeys(("agent", "algorithm", "controller", "policy", "learner"), "algo"),
     **dict.fromkeys(("env", "environment", "scenario"), "task"),
     **dict.fromkeys(("robot", "auv", "sheet", "model"), "vehicle"),
@@ -72,18 +72,18 @@ OF_COMMANDS = {
 """Keys, or first parts of keys, by the command that has them."""
 
 
-def unknown_key(key: str, known: Collection[str], program: str) -> str:
+def unknown_key(key: str, keys: Collection[str], program: str) -> str:
     """Return the hint for a key that a configuration does not have.
 
     Args:
         key: key as typed.
-        known: keys of the configuration.
+        keys: keys of the configuration.
         program: command whose `--cfg job` shows all keys, e.g. `auvbench train`.
     """
-    if key == "algo.base" and "algo.residual" in known:
+    if key == "algo.base" and "algo.residual" in keys:
         return "algo.base=NAME chooses the controller; its values are keys of algo.residual"
-    if (meant := MEANT.get(key)) in known:
-        return f"did you mean {meant}? ({program} --cfg job shows all keys)"
+    if (suggestion := CORRECTIONS.get(key)) in keys:
+        return f"did you mean {suggestion}? ({program} --cfg job shows all keys)"
     if command := OF_COMMANDS.get(key.partition(".")[0]):
         return f"it is a key of auvbench {command} (auvbench {command} --help)"
     if having := owners(key):
@@ -91,12 +91,12 @@ def unknown_key(key: str, known: Collection[str], program: str) -> str:
     shows = f"{program} --cfg job shows all keys"
     of_algorithms: set[str] = set()
     # A command without an algorithm has no algorithm keys.
-    if any(name.startswith("algo.") for name in known):
+    if any(name.startswith("algo.") for name in keys):
         of_algorithms = {name for agent in AGENTS.own for name in schema.keys(AGENTS[agent].schema, "algo.")}
-    near = nearest(key, {*known, *of_algorithms})
+    near = nearest(key, {*keys, *of_algorithms})
     if near is None:
         return shows
-    whose = "" if near in known else f" of {', '.join(owners(near))}"
+    whose = "" if near in keys else f" of {', '.join(owners(near))}"
     return f"did you mean {near}{whose}? ({shows})"
 
 
@@ -114,11 +114,11 @@ def unknown_flag(
     """
     flag, separator, own = word.partition("=")
     key = flag.lstrip("-").replace("-", "_")
-    meant = MEANT.get(key)
-    if meant not in keys:
-        meant = min((name for name in keys if f".{name}".endswith(f".{key}")), key=len, default=None)
-    if meant is not None:
+    suggestion = CORRECTIONS.get(key)
+    if suggestion not in keys:
+        suggestion = min((name for name in keys if f".{name}".endswith(f".{key}")), key=len, default=None)
+    if suggestion is not None:
         following = next(iter(typed[typed.index(word) + 1 :]), "-")
         shown = own if separator else "VALUE" if following.startswith("-") else following
-        return f"{flag}: {command} takes it as {meant}={shown} (key=value is configuration)"
+        return f"{flag}: {command} takes it as {suggestion}={shown} (key=value is configuration)"
     return f"unknown option {flag!r} of {command}; {closest(flag, flags)}"

@@ -55,8 +55,8 @@ def check_value(key: str, value: Any, rule: Mapping[str, Any]) -> None:
     """
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(f"{key}={value}: must be a finite number")
-    if "choices" in rule and value not in (known := rule["choices"]()):
-        raise ConfigError(f"{key}={value}: unknown; {closest(str(value), known)}")
+    if "choices" in rule and value not in (choices := rule["choices"]()):
+        raise ConfigError(f"{key}={value}: unknown; {closest(str(value), choices)}")
     if "name" in rule and not _NAME.fullmatch(str(value)):
         raise ConfigError(
             f"{key}={value!r}: must be a plain name (letters, digits, dots, dashes, underscores), since it names a folder"
@@ -109,14 +109,14 @@ def structured(config: DictConfig, kind: type[T], key: str = "") -> T:
         raise ConfigError(f"{missing}: a value is missing{hint}") from error
     if not isinstance(typed, kind):
         raise ConfigError(f"{key or 'this'}: is not a {kind.__name__}; start from the file in conf/")
-    for group, wanted in (
+    for group, types in (
         ("algo", algorithms.Algorithm | algorithms.AgentConfig),
         ("simulator", simulators.Simulator),
         ("task", tasks.Task),
         ("reward", rewards.Reward),
     ):
         answer = getattr(typed, group, None) if isinstance(typed, schema.TrainConfig) else None
-        if answer is not None and not (dataclasses.is_dataclass(answer) and isinstance(answer, wanted)):
+        if answer is not None and not (dataclasses.is_dataclass(answer) and isinstance(answer, types)):
             agent = str(answer.get("agent", "")) if isinstance(answer, dict) else ""
             unknown = f".agent={short(agent)}: unknown; {closest(agent, AGENTS.own)}" if agent else ""
             raise ConfigError(

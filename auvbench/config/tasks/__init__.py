@@ -167,13 +167,13 @@ class TaskSpec(Spec):
         return "goal_error" in self.blocks
 
     def fault(self) -> str:
-        for what, values, known in (
+        for what, values, valid in (
             ("block", self.blocks, BLOCKS.names()),
             ("outcome", self.outcomes, record.OUTCOMES),
         ):
             for value in values:
-                if value not in known:
-                    return f"declares the {what} {short(repr(value))}; {closest(str(value), known)}"
+                if value not in valid:
+                    return f"declares the {what} {short(repr(value))}; {closest(str(value), valid)}"
         for metric in self.metrics:
             column = isinstance(metric, Metric) and metric.kind in ("episode", "scenario")
             if not column or not re.fullmatch(r"[a-z]\w*", metric.name) or not metric.low < metric.high:
@@ -189,9 +189,9 @@ class TaskSpec(Spec):
         return ""
 
     def enter(self) -> None:
-        taken = {metric.name for metric in metrics.registered() if metric.tasks != (self.name,)}
+        other_names = {metric.name for metric in metrics.registered() if metric.tasks != (self.name,)}
         for metric in self.metrics:
-            if metric.name in taken:
+            if metric.name in other_names:
                 raise ValueError(
                     f"has the metric {metric.name}, a name that another metric has; choose another name"
                 )
@@ -216,7 +216,7 @@ def check_observation(task: Task) -> None:
     own = TASKS[task.name].blocks
     sensors = tuple(name for name in BLOCKS.own if BLOCKS[name].sensor)
     estimated = tuple(name for name in BLOCKS.own if "navigation" in BLOCKS[name].reads)
-    known = tuple(
+    valid = tuple(
         dict.fromkeys(
             [*own, *sensors, *estimated, *(name for name in BLOCKS.names() if name not in BLOCKS.own)]
         )
@@ -228,12 +228,12 @@ def check_observation(task: Task) -> None:
             _check_sensor(task, name)
         elif name not in (*own, *estimated):
             raise ConfigError(
-                f"task.observation: {name} is not a block of task={task.name}; {closest(name, known)}"
+                f"task.observation: {name} is not a block of task={task.name}; {closest(name, valid)}"
             )
         if task.observation.count(name) > 1:
             raise ConfigError(f"task.observation: {name} occurs twice")
     if not task.observation:
-        raise ConfigError(f"task.observation=[]: must have at least one block: {', '.join(known)}")
+        raise ConfigError(f"task.observation=[]: must have at least one block: {', '.join(valid)}")
 
 
 def _check_sensor(task: Task, name: str) -> None:
