@@ -248,14 +248,14 @@ def write_way(m: Reading, e: Any, p: Any, out: Any) -> None:
         off = dx * dx + dy * dy + dz * dz
         if off < nearest:
             nearest, at, part = off, k, share
-    left = LOOK_AHEAD
+    remaining = LOOK_AHEAD
     for k in range(at, e.way_corners - 1):
         (ax, ay, az), (bx, by, bz) = triple(e.way[k]), triple(e.way[k + 1])
         ux, uy, uz = bx - ax, by - ay, bz - az
         length = max(math.sqrt(ux * ux + uy * uy + uz * uz), 1e-6)
-        share = min(part + left / length, 1.0)
+        share = min(part + remaining / length, 1.0)
         write_levelled(m, ax + share * ux - x, ay + share * uy - y, az + share * uz - z, out)
-        left -= (share - part) * length
+        remaining -= (share - part) * length
         part = 0.0
         if share < 1.0:
             break

@@ -47,7 +47,7 @@ _TAKEN = (
     "reference",
     "distance",
     "loops",
-    "_taken",
+    "_arrays",
     "_read",
     "_around",
     "_sensed",
@@ -130,10 +130,10 @@ class Task:
         codes = [spec.name for spec in loops.observed(names)]
         self._codes = np.array([codes.index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
-        shared, who = _shared(config), owner("task", config.task)
+        shared, owner_name = _shared(config), owner("task", config.task)
         self.sensors = installed_ranges.make(config, n, shared)
         """range sensors; None without any"""
-        self.parameters = records.one_row(self.own_parameters(config.task), shared, who)
+        self.parameters = records.one_row(self.own_parameters(config.task), shared, owner_name)
         """(1,)"""
         records.check_names(config.reward, owner("reward", config.reward))
         prices = records.of_schema(config.reward)
@@ -147,14 +147,14 @@ class Task:
         """of the agent's commands; None without any"""
         self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
         """fields of an episode in addition to `records.EPISODE`"""
-        self.episodes = records.table(n, self.own_fields, who)
+        self.episodes = records.table(n, self.own_fields, owner_name)
         """(n,) record of each episode"""
         points = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
         self.preview: Floats = np.zeros((n, points, 3))
         """m, future positions of the references"""
         self.navigation_name = config.navigation.name
         estimated = is_estimated(config)
-        self.believed: Any = records.table(n, (*self.own_fields, *BELIEF), who) if estimated else None
+        self.believed: Any = records.table(n, (*self.own_fields, *BELIEF), owner_name) if estimated else None
         """(n,) episodes as an estimator believes them to be, which observations read; None: the true ones"""
         self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))
         self.estimated: Callable[[int], dict[str, float]] | None = None
@@ -199,17 +199,17 @@ class Task:
         )
         tables = self.episodes, self.parameters, self.prices
         episodes, parameters, prices = tables if interpreted else map(records.plain, tables)
-        self._taken = episodes, self.preview, parameters, prices
+        self._arrays = episodes, self.preview, parameters, prices
         self._observe = loops.observe(loops.observed(self._names), interpreted=interpreted)
-        seen = self.episodes if self.believed is None else self.believed
+        believed = self.episodes if self.believed is None else self.believed
         own = any({"task", READS} & {*BLOCKS[name].reads} for name in self._names)
         if interpreted or own:
-            self._read = seen if interpreted else records.plain(seen), parameters
+            self._read = believed if interpreted else records.plain(believed), parameters
         else:
-            self._read = records.common(seen), self._common
+            self._read = records.common(believed), self._common
         """episodes and parameters, with their own fields only where a block reads these"""
-        self._believe: Any = seen if interpreted else records.plain(seen)
-        self.shown = () if self.believed is None else tuple(np.asarray(seen[name]) for name, *_ in BELIEF)
+        self._believe: Any = believed if interpreted else records.plain(believed)
+        self.shown = () if self.believed is None else tuple(np.asarray(believed[name]) for name, *_ in BELIEF)
         """arrays (n, 3) that blocks of the estimate read, in the order of BELIEF"""
         self._sensed: tuple[Any, ...] = ()
         """what the loop that observes takes for range sensors"""
@@ -280,11 +280,11 @@ class Task:
 
     def draw_rows(self, indices: Integers, pose: Floats) -> None:
         """Draw episodes; write their start poses (k, 7)."""
-        self.loops.draw(indices, *self._taken[:3], self.stream, pose)
+        self.loops.draw(indices, *self._arrays[:3], self.stream, pose)
 
     def step_rows(self, start: int, stop: int, *motion: Floats) -> int:
         """Step episodes start .. stop - 1; return how many ended, or -1 - i if pose i is not finite."""
-        return self.loops.step(start, stop, *motion, *self._taken, self.reward, *self._around)
+        return self.loops.step(start, stop, *motion, *self._arrays, self.reward, *self._around)
 
     def interpret(self) -> None:
         """From now on run the task's functions, reward and blocks as Python, which checks their indices. The functions of
@@ -300,7 +300,7 @@ class Task:
         e.start[indices] = e.position[indices] = pose[:, :3]
         e.start_yaw[indices] = frames.yaw(pose[:, 3:])
         if self.loops.relocate is not None:
-            self.loops.relocate(indices, *self._taken[:3])
+            self.loops.relocate(indices, *self._arrays[:3])
         distance = np.linalg.norm(self.reference[indices] - pose[:, :3], axis=1)
         e.distance[indices] = e.initial_distance[indices] = distance
         depth = pose[:, 2]
@@ -393,7 +393,7 @@ class Task:
 
     def move_belief(self, start: int, stop: int, *motion: Floats) -> None:
         """Move the references of the believed episodes, after a step with estimated poses and velocities (the first of `motion`)."""
-        self.loops.believe(start, stop, *motion, self._believe, self.believed_preview, self._taken[2])
+        self.loops.believe(start, stop, *motion, self._believe, self.believed_preview, self._arrays[2])
 
     def goal(self, i: int) -> Floats:
         """Return the goal (3,) of environment i in m: waypoint, station, dock, end of the path or curve."""
@@ -462,8 +462,8 @@ class Task:
         """Restore a state of `state_dict`, or of a checkpoint of version 2."""
         own = self._state()
         if "F" in state:
-            rest = records.from_version_2(self.episodes, self.columns, state)
-            state = {**state, "episodes": own["episodes"], "preview": rest.reshape(self.preview.shape)}
+            preview = records.from_version_2(self.episodes, self.columns, state)
+            state = {**state, "episodes": own["episodes"], "preview": preview.reshape(self.preview.shape)}
         for name, value in own.items():
             np.copyto(value, state[name], casting="no")
 
@@ -549,10 +549,10 @@ def _limits(config: schema.TrainConfig) -> dict[str, float]:
     with bounds, the bounds in m.
     """
     task = config.task
-    found = {"time": schema.step_limit(task, config.step.frequency) / config.step.frequency}
+    limits = {"time": schema.step_limit(task, config.step.frequency) / config.step.frequency}
     if isinstance(task, tasks.Tracked) and not isinstance(task, tasks.TaskConfig):
-        found["bounds"] = task.bounds
-    return found
+        limits["bounds"] = task.bounds
+    return limits
 
 
 def _command_noise_scale(noise: schema.Noise, vehicle: VehicleModel) -> Floats:
@@ -580,5 +580,5 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
 
 def factory(name: str) -> type[Task]:
     """Return the class of a task."""
-    found: type[Task] = resolve(TASKS[name].code)
-    return found
+    task_class: type[Task] = resolve(TASKS[name].code)
+    return task_class

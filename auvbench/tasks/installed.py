@@ -29,28 +29,28 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
         AgentError: the task or the reward cannot be created.
     """
     task, reward = config.task, config.reward
-    who = paid = registry.owner("task", task)
+    task_owner = reward_owner = registry.owner("task", task)
     if isinstance(reward, rewards.RewardConfig):
-        paid = registry.owner("reward", reward)
-        with registry.telling(paid, "cannot be imported"):
+        reward_owner = registry.owner("reward", reward)
+        with registry.telling(reward_owner, "cannot be imported"):
             function_of(reward)
-    kind = _class(task.name, who)
-    with registry.telling(who, "cannot be made"):
-        made: Task = kind(config, vehicle, n, seed, **stream)
-    if isinstance(task, tasks.TaskConfig) or paid != who:
-        made.owners = who, paid
-    guard(made)
-    return made
+    kind = _class(task.name, task_owner)
+    with registry.telling(task_owner, "cannot be made"):
+        instance: Task = kind(config, vehicle, n, seed, **stream)
+    if isinstance(task, tasks.TaskConfig) or reward_owner != task_owner:
+        instance.owners = task_owner, reward_owner
+    guard(instance)
+    return instance
 
 
-def _class(name: str, who: str) -> Callable[..., Task]:
-    with registry.telling(who, "cannot be imported"):
+def _class(name: str, owner: str) -> Callable[..., Task]:
+    with registry.telling(owner, "cannot be imported"):
         kind = base.factory(name)
     if not (isinstance(kind, type) and issubclass(kind, Task)):
-        raise AgentError(f"{who}: its factory is not a class below auvbench.tasks.base.Task")
+        raise AgentError(f"{owner}: its factory is not a class below auvbench.tasks.base.Task")
     for needed in ("draw", "step"):
         if not callable(getattr(kind, needed, None)):
-            raise AgentError(f"{who}: {kind.__name__} lacks {needed}, a function of one episode")
+            raise AgentError(f"{owner}: {kind.__name__} lacks {needed}, a function of one episode")
     return kind
 
 
@@ -62,54 +62,56 @@ def guard(task: Task) -> None:
         _guard_blocks(task)
 
 
-def _guard_functions(task: Task, who: str, paid: str) -> None:
+def _guard_functions(task: Task, task_owner: str, reward_owner: str) -> None:
     draw_rows, step_rows = task.draw_rows, task.step_rows
     own_metrics, records = task.own_metrics, task.records
     spec = registry.TASKS[task.name]
     columns = {*spec.shared, *(metric.name for metric in spec.metrics)}
     has_goal = spec.has_goal
-    check_finite = _finite_check(task, who)
+    check_finite = _finite_check(task, task_owner)
 
     def checked_draw(indices: Integers, pose: Floats) -> None:
         pose[:] = np.nan
         task.episodes.start[indices] = np.nan
         if has_goal:
             task.episodes.goal[indices] = np.nan
-        with telling(who, "draw fails"):
+        with telling(task_owner, "draw fails"):
             draw_rows(indices, pose)
         what = "draw gives no start: it must write finite numbers to e.start and return a finite yaw"
-        _refuse(task, who, indices, np.isfinite(pose).all(axis=1), what)
+        _refuse(task, task_owner, indices, np.isfinite(pose).all(axis=1), what)
         check_finite(indices, "draw")
 
     def checked_step(start: int, stop: int, *motion: Floats) -> int:
-        with telling(who if paid == who else f"{who}, {paid}", "step fails"):
+        with telling(
+            task_owner if reward_owner == task_owner else f"{task_owner}, {reward_owner}", "step fails"
+        ):
             ended = step_rows(start, stop, *motion)
         pose, rows, mine = motion[0], np.arange(start, stop), slice(start, stop)
         if not np.isfinite(pose[mine]).all():
             return ended  # the simulation is to blame
-        _refuse(task, paid, rows, np.isfinite(task.reward[mine]), "the reward is not finite")
+        _refuse(task, reward_owner, rows, np.isfinite(task.reward[mine]), "the reward is not finite")
         check_finite(rows, "step")
         outcome = task.outcome[mine]
-        known = (outcome >= -1) & (outcome < len(OUTCOMES))
-        _refuse(task, who, rows, known, "step returns an unknown outcome")
+        is_valid = (outcome >= -1) & (outcome < len(OUTCOMES))
+        _refuse(task, task_owner, rows, is_valid, "step returns an unknown outcome")
         return ended
 
     def checked_metrics(i: int) -> dict[str, float]:
-        with registry.telling(who, "own_metrics fails"):
-            found = {name: float(value) for name, value in own_metrics(i).items()}
-        if task.name not in registry.TASKS.own and (lacking := sorted(columns - found.keys())):
-            raise AgentError(f"{who}: own_metrics lacks {', '.join(lacking)}")
-        return found
+        with registry.telling(task_owner, "own_metrics fails"):
+            metrics = {name: float(value) for name, value in own_metrics(i).items()}
+        if task.name not in registry.TASKS.own and (lacking := sorted(columns - metrics.keys())):
+            raise AgentError(f"{task_owner}: own_metrics lacks {', '.join(lacking)}")
+        return metrics
 
     def checked_records(indices: Integers) -> list[Record]:
-        found = records(indices)
-        for record in found:
+        episode_records = records(indices)
+        for record in episode_records:
             for name, value in record.items():
                 if not isinstance(value, str) and not np.isfinite(value):
                     raise AgentError(
-                        f"{who}: {name} of episode {record['episode']} is {value}; it must be finite"
+                        f"{task_owner}: {name} of episode {record['episode']} is {value}; it must be finite"
                     )
-        return found
+        return episode_records
 
     for name, function in zip(
         base.GUARDED, (checked_draw, checked_step, checked_metrics, checked_records), strict=True
@@ -125,28 +127,28 @@ def _guard_blocks(task: Task) -> None:
         pose: Floats, velocity: Floats, indices: Integers | None = None, seats: Floats | None = None
     ) -> Any:
         with telling(", ".join(task.block_owners.values()), "write fails"):
-            seen = observe(pose, velocity, indices, seats)
+            observations = observe(pose, velocity, indices, seats)
         rows = np.arange(task.n) if indices is None else indices
         motion = np.concatenate([pose[rows], velocity[rows]], axis=1)
         moving = np.isfinite(motion).all(axis=1)  # otherwise the simulation is to blame
-        for name, who in task.block_owners.items():
+        for name, owner in task.block_owners.items():
             columns = task.spec[name]
-            written, most = seen[rows, columns], bounds[columns]
+            written, most = observations[rows, columns], bounds[columns]
             good = (np.abs(written) <= most) | ~moving[:, None]  # NaN is not
             if not good.all():
                 row, column = np.argwhere(~good)[0]
                 what = f"write gives {task.spec.blocks[name].labels[column]}={written[row, column]:g}"
                 limit = f"; it must be within [{-most[column]:g}, {most[column]:g}]"
-                _refuse(task, who, rows, good.all(axis=1), what + limit)
-        return seen
+                _refuse(task, owner, rows, good.all(axis=1), what + limit)
+        return observations
 
     task.observe = checked_observe  # type: ignore[method-assign]
 
 
 @contextmanager
-def telling(who: str, what: str) -> Iterator[None]:
+def telling(owner: str, what: str) -> Iterator[None]:
     """Turn an exception of a package's code, or of its compilation, into an `AgentError`."""
-    with registry.telling(who, what):
+    with registry.telling(owner, what):
         try:
             yield
         except NumbaError as error:
@@ -154,10 +156,10 @@ def telling(who: str, what: str) -> Iterator[None]:
             lines = [line for line in text.splitlines() if line and not line.startswith("Failed in")]
             place = re.search(r'File "(.*)", line (\d+)', text)
             where = f" ({Path(place[1]).name}, line {place[2]})" if place else ""
-            raise AgentError(f"{who}: {what}: it cannot be compiled{where}: {short(lines[0])}") from error
+            raise AgentError(f"{owner}: {what}: it cannot be compiled{where}: {short(lines[0])}") from error
 
 
-def _finite_check(task: Task, who: str) -> Callable[[Integers, str], None]:
+def _finite_check(task: Task, owner: str) -> Callable[[Integers, str], None]:
     """Return a check that the fields of episodes, which a function wrote, are finite."""
     e, kind = task.episodes, task.episodes.dtype
     # All numbers of an episode at once, for speed: records are aligned, so that each is a whole number of words.
@@ -168,20 +170,22 @@ def _finite_check(task: Task, who: str) -> Callable[[Integers, str], None]:
         if kind[name].base == np.float64
         for word in range(kind[name].itemsize // 8)
     ]
-    others = any(kind[name].base.kind == "f" and kind[name].base != np.float64 for name in kind.names)
+    other_floats = any(kind[name].base.kind == "f" and kind[name].base != np.float64 for name in kind.names)
 
     def check(rows: Integers, function: str) -> None:
-        if not others and np.isfinite(words[rows][:, floats]).all():
+        if not other_floats and np.isfinite(words[rows][:, floats]).all():
             return
         for name in kind.names:
             good = np.isfinite(e[name][rows].reshape(len(rows), -1)).all(axis=1)
-            _refuse(task, who, rows, good, f"{function} writes {name}, which is not finite")
+            _refuse(task, owner, rows, good, f"{function} writes {name}, which is not finite")
 
     return check
 
 
-def _refuse(task: Task, who: str, rows: Integers, good: Any, what: str) -> None:
+def _refuse(task: Task, owner: str, rows: Integers, good: Any, what: str) -> None:
     if not good.all():
         row = int(rows[int(np.argmin(good))])
         e = task.episodes[row]
-        raise AgentError(f"{who}: {what}, in environment {row} at step {e.steps} of its episode {e.episode}")
+        raise AgentError(
+            f"{owner}: {what}, in environment {row} at step {e.steps} of its episode {e.episode}"
+        )

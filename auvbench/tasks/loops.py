@@ -218,7 +218,7 @@ def _of_task(
     named = {name: plain_function(function) for name, function in functions}
     pays = plain_function(reward)
     compile_row = row_compiler(interpreted)
-    given = {name: compile_row(function) for name, function in {**named, "reward": pays}.items()}
+    compiled_rows = {name: compile_row(function) for name, function in {**named, "reward": pays}.items()}
     # A bearing costs as much as the rest of a step: it is computed where the reward reads it.
     turn = ["turn_own(e, v)"] if has_yaw else ["turn_to(e, v)"] if _mentions(pays, "yaw_error") else []
     lines = {
@@ -229,7 +229,7 @@ def _of_task(
         "look": ["look(e, v, p, solids[i], heights)"] if solid and "look" in named else [],
         **dict.fromkeys(_IN_WORLD, ()),
     }
-    names: dict[str, Any] = {**_OF_EVERY_TASK, **given}
+    names: dict[str, Any] = {**_OF_EVERY_TASK, **compiled_rows}
     if solid:
         lines |= {key: [line] for key, line in _IN_WORLD.items()}
         names["COLLISION"] = rows.COLLISION
@@ -275,15 +275,15 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
                 f"    sense_{code}(e, states[{j}][i], memories[{j}][i], settings[{j}][0], rays[{j}], seen, out)"
             )
             continue
-        given = own
+        namespace = own
         if spec.name not in BLOCKS.own:
             lines.append("    out[:] = nan")  # what its function leaves out is found
             module = spec.write.__globals__
             theirs = {} if module is vars(blocks) else {id(vars(blocks)[name]): own[name] for name in own}
             noise = {id(blocks.normals): compile_row(_noise_of(spec))}
-            given = _with_compiled(module, theirs | noise, compile_row)
+            namespace = _with_compiled(module, theirs | noise, compile_row)
         lines.append(f"    block_{code}(m, e, p, out)")
-        named[f"block_{code}"] = given[spec.write.__name__]
+        named[f"block_{code}"] = namespace[spec.write.__name__]
     shared = {
         "nan": math.nan,
         "noise": rows.noise,
@@ -355,23 +355,23 @@ def row_compiler(interpreted: bool) -> Callable[..., Any]:
 
 def _mentions(function: Any, name: str) -> bool:
     """Return whether a function, or one that it calls by a name of its module, mentions a name."""
-    seen: set[CodeType] = set()
+    visited: set[CodeType] = set()
     waiting = [plain_function(function)]
     while waiting:
-        one = waiting.pop()
-        code: CodeType = one.__code__
-        if code in seen:
+        current = waiting.pop()
+        code: CodeType = current.__code__
+        if code in visited:
             continue
-        seen.add(code)
+        visited.add(code)
         if name in code.co_names:
             return True
-        called = (plain_function(one.__globals__.get(other)) for other in code.co_names)
+        called = (plain_function(current.__globals__.get(other)) for other in code.co_names)
         waiting += [other for other in called if isinstance(other, FunctionType)]
     return False
 
 
 def _with_compiled(
-    module: dict[str, Any], others: Mapping[int, Any], compile_row: Callable[..., Any]
+    module: dict[str, Any], replacements: Mapping[int, Any], compile_row: Callable[..., Any]
 ) -> dict[str, Any]:
     """Return the names of a module of blocks with compiled copies of its functions, which call each other.
 
@@ -382,8 +382,8 @@ def _with_compiled(
     """
     namespace = dict(module)
     for name, value in module.items():
-        if id(value) in others:
-            namespace[name] = others[id(value)]
+        if id(value) in replacements:
+            namespace[name] = replacements[id(value)]
         elif isinstance(value, FunctionType) and value.__globals__ is module:
             copy = FunctionType(
                 value.__code__, namespace, value.__name__, value.__defaults__, value.__closure__

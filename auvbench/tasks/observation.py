@@ -62,16 +62,18 @@ def _described(name: str, setting: Setting, task: tasks.Task) -> Block:
     if name not in task.block_packages:
         own = getattr(task.range, ranges.key_of(name), None) if task.range else None
         return BLOCKS[name].describe(replace(setting, sensor=own))
-    who = owner_of_block(name, task)
-    with telling(who, "describe fails"):
+    owner = owner_of_block(name, task)
+    with telling(owner, "describe fails"):
         block: Any = BLOCKS[name].describe(setting)
         if not isinstance(block, Block) or block.name != name:
-            raise AgentError(f"{who}: describe must return an auvbench.plugin.Block of that name")
+            raise AgentError(f"{owner}: describe must return an auvbench.plugin.Block of that name")
         labels, bounds = block.labels, np.asarray(block.bounds, dtype=np.float64)
         if not labels or len(set(labels)) < len(labels) or not all(_labels(name, label) for label in labels):
-            raise AgentError(f"{who}: its labels must be different names that begin with {name}")
+            raise AgentError(f"{owner}: its labels must be different names that begin with {name}")
         if bounds.shape != (len(labels),) or not (bounds > 0.0).all():
-            raise AgentError(f"{who}: its bounds must be {len(labels)} positive numbers, one for each label")
+            raise AgentError(
+                f"{owner}: its bounds must be {len(labels)} positive numbers, one for each label"
+            )
     return block
 
 

@@ -153,36 +153,36 @@ class Table(np.ndarray[Any, Any]):
             super().__setattr__(name, value)
 
 
-def table(n: int, fields: Fields, who: str) -> Any:
+def table(n: int, fields: Fields, owner: str) -> Any:
     """Return n episodes (n,), all zero, with the fields of every task and those of one.
 
     Args:
         n: number of episodes.
         fields: the task's own fields: (name, type) or (name, type, shape).
-        who: name of the task for messages.
+        owner: name of the task for messages.
 
     Raises:
         AgentError: a field has a wrong name or type.
     """
-    return _table(n, [*_fields(EPISODE), *fields], who)
+    return _table(n, [*_fields(EPISODE), *fields], owner)
 
 
-def state(n: int, fields: Fields, who: str) -> Any:
+def state(n: int, fields: Fields, owner: str) -> Any:
     """Return what n episodes remember of something (n,), all zero.
 
     Raises:
         AgentError: a field has a wrong name or type.
     """
-    return _table(n, fields or [("nothing", "i8")], who)
+    return _table(n, fields or [("nothing", "i8")], owner)
 
 
-def one_row(own: Mapping[str, Any], shared: Mapping[str, float], who: str) -> Any:
+def one_row(own: Mapping[str, Any], shared: Mapping[str, float], owner: str) -> Any:
     """Return parameters (1,): those of every task, then the task's or the reward's own.
 
     Args:
         own: numbers or sequences of numbers by name.
         shared: numbers by the names of `PARAMETERS`.
-        who: name of the task or reward for messages.
+        owner: name of the task or reward for messages.
 
     Raises:
         AgentError: a parameter has a wrong name, or is not a number.
@@ -190,12 +190,12 @@ def one_row(own: Mapping[str, Any], shared: Mapping[str, float], who: str) -> An
     try:
         fields = [(name, _type(value), np.shape(value)) for name, value in own.items()]
     except (TypeError, ValueError) as error:
-        raise AgentError(f"{who}: its parameters must be numbers or lists of numbers: {error}") from error
-    row = _table(1, [*_fields(_COMMON), *fields], who)
+        raise AgentError(f"{owner}: its parameters must be numbers or lists of numbers: {error}") from error
+    row = _table(1, [*_fields(_COMMON), *fields], owner)
     for name, value in {**shared, **own}.items():
         row[name] = value
         if np.isnan(row[name]).any():
-            raise AgentError(f"{who}: the parameter {name} is {value}; it must be a number")
+            raise AgentError(f"{owner}: the parameter {name} is {value}; it must be a number")
     return row
 
 
@@ -217,12 +217,12 @@ def of_schema(config: Any) -> dict[str, Any]:
     return values
 
 
-def check_names(config: Any, who: str) -> None:
+def check_names(config: Any, owner: str) -> None:
     """Raise AgentError if a key of a reward or a disturbance has the name of a parameter that every task has, which it would hide."""
     for field in dataclasses.fields(config):
         if field.name in PARAMETERS:
             raise AgentError(
-                f"{who}: its key {field.name} has the name of a parameter of every task; give it another name"
+                f"{owner}: its key {field.name} has the name of a parameter of every task; give it another name"
             )
 
 
@@ -278,18 +278,20 @@ def from_version_2(array: Any, names: Sequence[str], state: Mapping[str, NDArray
     return floats[:, at:]
 
 
-def _table(n: int, fields: Fields, who: str) -> Any:
+def _table(n: int, fields: Fields, owner: str) -> Any:
     names = [field[0] for field in fields]
     for name in names:
         # numba refuses any attribute `view`.
         if not str(name).isidentifier() or str(name).startswith("_") or name == "view":
-            raise AgentError(f"{who}: {name} cannot be the name of a field; choose another one")
+            raise AgentError(f"{owner}: {name} cannot be the name of a field; choose another one")
         if names.count(name) > 1:
-            raise AgentError(f"{who}: the field {name} occurs twice")
+            raise AgentError(f"{owner}: the field {name} occurs twice")
     try:
         dtype = np.dtype([tuple(field) for field in fields], align=True)
     except (TypeError, ValueError) as error:
-        raise AgentError(f"{who}: its fields must be (name, type) or (name, type, shape): {error}") from error
+        raise AgentError(
+            f"{owner}: its fields must be (name, type) or (name, type, shape): {error}"
+        ) from error
     return named(np.zeros(n, dtype))
 
 

@@ -298,7 +298,7 @@ def add_command_noise(
     """Compute command = action + noise, clipped to [-1, 1]; `scale` (n_u,) turns the noise's unit into the action's."""
     p = parameters[0]
     n_u = action.shape[1]
-    low, high, both = p.command_noise_low, p.command_noise_high, p.both_signs > 0
+    low, high, both_signs = p.command_noise_low, p.command_noise_high, p.both_signs > 0
     silent = high == 0.0
     for i in range(start, stop):
         e = episodes[i]
@@ -311,5 +311,5 @@ def add_command_noise(
                 j = 4 * block + entry
                 value = action[i, j]
                 if not silent:
-                    value += noise(u[entry], low, high, both) * scale[j]
+                    value += noise(u[entry], low, high, both_signs) * scale[j]
                 command[i, j] = min(1.0, max(-1.0, value))

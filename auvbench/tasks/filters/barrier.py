@@ -141,8 +141,8 @@ class BarrierFilter:
 
     def state(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that an exact resume needs."""
-        seen = {} if self.echoes is None else {"filter.echoes": self.echoes.solids["position"]}
-        return {"filter": self.tallies} | seen
+        echoes = {} if self.echoes is None else {"filter.echoes": self.echoes.solids["position"]}
+        return {"filter": self.tallies} | echoes
 
     def columns(self, i: int, steps: int) -> dict[str, float]:
         """Return the columns of the record of episode i, which has ended after some steps."""

@@ -44,10 +44,10 @@ class Echoes:
     """
 
     def __init__(self, config: schema.TrainConfig, spec: ObservationSpec, n: int) -> None:
-        if BLOCK not in (seen := tasks.blocks(config.task)):
+        if BLOCK not in (names := tasks.blocks(config.task)):
             raise ConfigError(
                 f"filter.knows=ranges: needs {BLOCK}, since other sensors do not show where in a beam an echo is; task.observation has "
-                f"{', '.join(seen)}; add {BLOCK}, or use filter.knows=map"
+                f"{', '.join(names)}; add {BLOCK}, or use filter.knows=map"
             )
         sensor: Any = config.task.range.ideal
         shared = {"duration": 1.0 / config.step.frequency}

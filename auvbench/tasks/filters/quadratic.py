@@ -1,4 +1,4 @@
-"""Solve small dense quadratic programmes: the point nearest to a wanted one that meets linear constraints.
+"""Solve small dense quadratic programmes: the point nearest to a target that meets linear constraints.
 
     minimise 1/2 (x - x0)' H (x - x0) + PENALTY/2 |s|^2   with   A x >= b - s,   low <= x <= high
 
@@ -60,7 +60,7 @@ def solve(L: Floats, n: int, z: Floats) -> None:
 
 @compiled()
 def nearest(
-    A: Floats, b: Floats, count: int, inverse: Floats, limits: Floats, wanted: Floats, x: Floats
+    A: Floats, b: Floats, count: int, inverse: Floats, limits: Floats, target: Floats, x: Floats
 ) -> float:
     """Write the solution to x (n,); return the largest slack, infinite if the method did not end.
 
@@ -70,10 +70,10 @@ def nearest(
         count: number of constraints.
         inverse: (n, n), of H.
         limits: (n, 2), lowest and highest x.
-        wanted: (n,) x0, within the limits.
+        target: (n,) x0, within the limits.
         x: (n,), written.
     """
-    n = wanted.shape[0]
+    n = target.shape[0]
     most = count + n
     # Of each constraint a x >= c: gain = H^-1 a, and scale = a' H^-1 a. Those after `count` are limits, a = side e_j.
     gain = np.empty((most, n))
@@ -98,7 +98,7 @@ def nearest(
     L = np.empty((most, most))
     size = 0
     for j in range(n):
-        x[j] = wanted[j]
+        x[j] = target[j]
     for _ in range(MOST_STEPS):
         worst, entering = TOLERANCE, -1
         for r in range(count):
@@ -131,7 +131,7 @@ def nearest(
         while size > 0:
             for i in range(size):
                 p = active[i]
-                z[i] = residual(A, b, count, limits, side, wanted, p)
+                z[i] = residual(A, b, count, limits, side, target, p)
                 for k in range(i + 1):
                     L[i, k] = coupling(A, gain, count, side, p, active[k])
                 if p < count:
@@ -147,17 +147,17 @@ def nearest(
                 for i in range(size):
                     multiplier[i] = z[i]
                 break
-            kept = 0
+            size_kept = 0
             for i in range(size):
                 value = multiplier[i] + share * (z[i] - multiplier[i])
                 if z[i] <= 0.0 and value <= 1e-14 * (multiplier[i] - z[i]):
                     is_active[active[i]] = False
                     continue
-                active[kept], multiplier[kept] = active[i], value
-                kept += 1
-            size = kept
+                active[size_kept], multiplier[size_kept] = active[i], value
+                size_kept += 1
+            size = size_kept
         for j in range(n):
-            x[j] = wanted[j]
+            x[j] = target[j]
         for i in range(size):
             p = active[i]
             factor = multiplier[i] * (1.0 if p < count else side[p - count])
@@ -169,14 +169,14 @@ def nearest(
 
 
 @njit(nogil=True)
-def residual(A: Floats, b: Floats, count: int, limits: Floats, side: Floats, wanted: Floats, p: int) -> float:
-    """Return what constraint p misses at the wanted point."""
+def residual(A: Floats, b: Floats, count: int, limits: Floats, side: Floats, target: Floats, p: int) -> float:
+    """Return what constraint p misses at the target."""
     if p >= count:
         j = p - count
-        return float(limits[j, 0] - wanted[j] if side[j] > 0.0 else wanted[j] - limits[j, 1])
+        return float(limits[j, 0] - target[j] if side[j] > 0.0 else target[j] - limits[j, 1])
     missing = float(b[p])
-    for j in range(wanted.shape[0]):
-        missing -= A[p, j] * wanted[j]
+    for j in range(target.shape[0]):
+        missing -= A[p, j] * target[j]
     return missing
 
 

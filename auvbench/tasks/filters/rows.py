@@ -179,7 +179,7 @@ def constraints(
     hull: Record,
     effect: Floats,
     limits: Floats,
-    wanted: Floats,
+    forces: Floats,
     A: Floats,
     bounds: Floats,
 ) -> int:
@@ -237,10 +237,10 @@ def constraints(
     count = add_row(effect, limits, scale(-1.0, up), centre, b, d, A, bounds, distances, count)
     if p.speed < math.inf:
         x, y, z = add(v, scale(p.horizon, acceleration))
-        for j in range(wanted.shape[0]):
-            x += p.horizon * effect[0, j] * wanted[j]
-            y += p.horizon * effect[1, j] * wanted[j]
-            z += p.horizon * effect[2, j] * wanted[j]
+        for j in range(forces.shape[0]):
+            x += p.horizon * effect[0, j] * forces[j]
+            y += p.horizon * effect[1, j] * forces[j]
+            z += p.horizon * effect[2, j] * forces[j]
         size = math.sqrt(x * x + y * y + z * z)
         if size > p.speed:
             back = (-x / size, -y / size, -z / size)
@@ -319,10 +319,10 @@ def protect(
     p = model[0]
     n = action.shape[1]
     A, bounds = np.empty((MOST, n)), np.empty(MOST)
-    wanted, x = np.empty(n), np.empty(n)
+    forces, x = np.empty(n), np.empty(n)
     for i in range(start, stop):
         for j in range(n):
-            wanted[j] = force_of(tables[j], spans[j], action[i, j])
+            forces[j] = force_of(tables[j], spans[j], action[i, j])
         count = constraints(
             p,
             (pose[i, 0], pose[i, 1], pose[i, 2]),
@@ -335,7 +335,7 @@ def protect(
             hull[0],
             effect,
             limits,
-            wanted,
+            forces,
             A,
             bounds,
         )
@@ -343,11 +343,11 @@ def protect(
         for r in range(count):
             total = -bounds[r]
             for j in range(n):
-                total += A[r, j] * wanted[j]
+                total += A[r, j] * forces[j]
             met = met and total >= 0.0
         if met:
             continue
-        slack = nearest(A, bounds, count, inverse, limits, wanted, x)
+        slack = nearest(A, bounds, count, inverse, limits, forces, x)
         if slack > SLACK:
             tallies[i, INFEASIBLE] += 1.0
         squared = 0.0

@@ -149,7 +149,7 @@ def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: An
     lever = triple(p.dvl_lever)
     origin = plus_product(triple(d.true_position), rotation, lever)
     velocity = add(transposed_product(rotation, triple(d.true_velocity)), cross(triple(d.true_rates), lever))
-    seen = scale(1.0 + d.dvl_scale, add(velocity, cross(velocity, triple(d.mounting))))
+    measured = scale(1.0 + d.dvl_scale, add(velocity, cross(velocity, triple(d.mounting))))
     u, _, _, _ = uniforms(e, d, stream, 6)
     noise = normals(e, d, stream, 7)
     able = not in_burst(d, p, u) and dot(velocity, velocity) <= p.dvl_fastest**2
@@ -161,7 +161,7 @@ def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: An
         d.valid[i] = 1 if altitude > 0.0 else 0
         d.beams += d.valid[i]
         total += altitude
-        d.beam_velocity[i] = dot(way, seen) + sd * noise[i]
+        d.beam_velocity[i] = dot(way, measured) + sd * noise[i]
     d.altitude = total / d.beams if d.beams > 0 else 0.0
     if d.beams >= ENOUGH:
         put(d.dvl_velocity, solve(d, p))

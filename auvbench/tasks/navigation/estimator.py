@@ -50,9 +50,9 @@ class Navigation:
         self.rate = float(config.sensors.imu.rate)  # type: ignore[union-attr]
         """Hz, of the IMU"""
         shared = {name: task.parameters[name][0] for name in records.PARAMETERS}
-        who = f"navigation={config.navigation.name}"
-        self.parameters = records.one_row(parameters(config, float(vehicle.gravity)), shared, who)
-        self.state = records.state(task.n, FIELDS, who)
+        owner = f"navigation={config.navigation.name}"
+        self.parameters = records.one_row(parameters(config, float(vehicle.gravity)), shared, owner)
+        self.state = records.state(task.n, FIELDS, owner)
         """(n,) what each episode remembers"""
         has_model = bool(self.parameters[0].has_model)
         self.sheet = Sheet(vehicle, task.n, config.simulator.max_step) if has_model else None

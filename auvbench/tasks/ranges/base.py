@@ -32,8 +32,8 @@ NOW = 1e-9
 class Scene(NamedTuple):
     """What a sensor can measure, and from where."""
 
-    solids: Any  # (most,) records, of which the first `known` exist
-    known: int
+    solids: Any  # (most,) records, the first `n_solids` exist
+    n_solids: int
     heights: Any  # m, of terrain
     position: Vector  # m, world axes
     rotation: Matrix  # from body to world axes
@@ -41,10 +41,10 @@ class Scene(NamedTuple):
 
 
 @row
-def scene(solids: Any, known: int, heights: Any, pose: Any, stream: int) -> Scene:
+def scene(solids: Any, n_solids: int, heights: Any, pose: Any, stream: int) -> Scene:
     """Return what a vehicle at a pose (7,) can measure."""
     rotation: Matrix = rotation_matrix((pose[3], pose[4], pose[5], pose[6]))
-    return Scene(solids, known, heights, (pose[0], pose[1], pose[2]), rotation, stream)
+    return Scene(solids, n_solids, heights, (pose[0], pose[1], pose[2]), rotation, stream)
 
 
 @row
@@ -59,7 +59,7 @@ def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: 
         stop: index after the last ray.
         longest: m.
     """
-    solids = scene.solids[: scene.known]
+    solids = scene.solids[: scene.n_solids]
     return float(nearest_along(solids, scene.heights, scene.position, rotation, rays, first, stop, longest))
 
 
@@ -144,16 +144,16 @@ class RangeSensor:
         self, name: str, settings: Any, n: int, frequency: float, shared: Mapping[str, float]
     ) -> None:
         self.name, self.settings, self.frequency = name, settings, frequency
-        who = f"task.observation={name}"
+        owner = f"task.observation={name}"
         size, delay = self.size(), getattr(settings, "delay", 0.0)
         slots = 1 + math.ceil(delay * frequency - NOW) if size else 0
         more = {"size": size, "slots": slots, "channel": zlib.crc32(name.encode()) & 0xFFFF0000}
         own = {**records.of_schema(settings), **self.more(), **more}
-        self.parameters = records.one_row(own, shared, who)
+        self.parameters = records.one_row(own, shared, owner)
         """(1,)"""
         self.rays = mounted(self.directions(), settings.yaw, settings.pitch)
         """(k, 3) unit vectors, body axes"""
-        self.state = records.state(n, (*self.fields, ("step", "i8")), who)
+        self.state = records.state(n, (*self.fields, ("step", "i8")), owner)
         """(n,) records: what each episode remembers"""
         # Not a field of the records: compiled code is made for each shape of a record's fields.
         self.memory: Floats = np.zeros((n, size * (1 + slots)))

@@ -24,7 +24,7 @@ class Sensors:
     """
 
     def __init__(self, config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> None:
-        self.each: list[RangeSensor] = [
+        self.sensors: list[RangeSensor] = [
             resolve(BLOCKS[name].sensor)(
                 name, getattr(config.task.range, key_of(name)), n, config.step.frequency, shared
             )
@@ -34,19 +34,19 @@ class Sensors:
 
     def tables(self, interpreted: bool) -> tuple[tuple[Any, ...], ...]:
         """Return states, floats that are remembered, parameters and rays, as the loop takes them."""
-        states, parameters = [s.state for s in self.each], [s.parameters for s in self.each]
+        states, parameters = [s.state for s in self.sensors], [s.parameters for s in self.sensors]
         if not interpreted:
             states, parameters = [*map(records.plain, states)], [*map(records.plain, parameters)]
-        memories, rays = [s.memory for s in self.each], [s.rays for s in self.each]
+        memories, rays = [s.memory for s in self.sensors], [s.rays for s in self.sensors]
         return tuple(states), tuple(memories), tuple(parameters), tuple(rays)
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that an exact resume needs, by the names of the blocks."""
-        states = {sensor.name: records.bare(sensor.state) for sensor in self.each}
-        return states | {f"{sensor.name}.memory": sensor.memory for sensor in self.each}
+        states = {sensor.name: records.bare(sensor.state) for sensor in self.sensors}
+        return states | {f"{sensor.name}.memory": sensor.memory for sensor in self.sensors}
 
 
 def make(config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> Sensors | None:
     """Return the sensors of an observation; None without any, so that they cost nothing."""
     sensors = Sensors(config, n, shared)
-    return sensors if sensors.each else None
+    return sensors if sensors.sensors else None

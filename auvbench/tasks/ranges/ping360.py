@@ -73,8 +73,8 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
             sector = beam * p.sectors // p.beams
             rotation = turned(scene.rotation, direction(beam, p))
             distance = distance_along(scene, rotation, rays, 0, rays.shape[0], p.high)
-            seen = closeness(e, p, scene.stream, count - done, distance, p.low)
-            memory[sector] = max(seen, memory[sector]) if sector == d.sector else seen
+            echo = closeness(e, p, scene.stream, count - done, distance, p.low)
+            memory[sector] = max(echo, memory[sector]) if sector == d.sector else echo
             d.sector = sector
         angle = direction(beam_of(last, p), p)
         memory[p.sectors], memory[p.sectors + 1] = math.cos(angle), math.sin(angle)
