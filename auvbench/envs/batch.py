@@ -374,19 +374,19 @@ def admit(action: Any, clipped: Floats) -> None:
     Raises:
         ActionError: their shape or type is wrong, or one of them is NaN or infinite.
     """
-    given = np.asarray(action)
-    if given.shape != clipped.shape:
+    values = np.asarray(action)
+    if values.shape != clipped.shape:
         raise ActionError(
-            f"an action of shape {given.shape}: must be {clipped.shape}, environments times actuators"
+            f"an action of shape {values.shape}: must be {clipped.shape}, environments times actuators"
         )
-    if given.dtype.char not in "fd" or not given.flags.c_contiguous:
-        if given.dtype.kind not in "fiub":
-            raise ActionError(f"an action of type {given.dtype}: must be numbers")
-        given = np.ascontiguousarray(given, dtype=np.float64)
-    bad = clip(given, clipped)
+    if values.dtype.char not in "fd" or not values.flags.c_contiguous:
+        if values.dtype.kind not in "fiub":
+            raise ActionError(f"an action of type {values.dtype}: must be numbers")
+        values = np.ascontiguousarray(values, dtype=np.float64)
+    bad = clip(values, clipped)
     if bad >= 0:
-        values = ", ".join(f"{value:g}" for value in given[bad])
-        raise ActionError(f"the action of environment {bad} is ({values}): must be finite numbers")
+        numbers = ", ".join(f"{value:g}" for value in values[bad])
+        raise ActionError(f"the action of environment {bad} is ({numbers}): must be finite numbers")
 
 
 @compiled()
@@ -408,13 +408,13 @@ def _at(distance: Floats, start: Floats, waypoint: Floats, depths: tuple[float, 
     line = waypoint - start
     length = np.linalg.norm(line, axis=1, keepdims=True)
     direction = np.where(length > 0.0, line / np.maximum(length, 1e-300), np.array([1.0, 0.0, 0.0]))
-    found = np.asarray(start + direction * distance[:, None])
-    z = np.clip(found[:, 2], *depths)
-    for i in np.flatnonzero(z != found[:, 2]):
+    waypoints = np.asarray(start + direction * distance[:, None])
+    z = np.clip(waypoints[:, 2], *depths)
+    for i in np.flatnonzero(z != waypoints[:, 2]):
         course = np.arctan2(line[i, 1], line[i, 0])
         level = np.sqrt(distance[i] ** 2 - (z[i] - start[i, 2]) ** 2)
-        found[i] = start[i, 0] + level * np.cos(course), start[i, 1] + level * np.sin(course), z[i]
-    return found
+        waypoints[i] = start[i, 0] + level * np.cos(course), start[i, 1] + level * np.sin(course), z[i]
+    return waypoints
 
 
 def _below(state: Mapping[str, NDArray[Any]], prefix: str) -> dict[str, NDArray[Any]]:

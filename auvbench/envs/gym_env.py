@@ -114,10 +114,10 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """
         if not self._under_way:
             raise ResetNeeded("no episode is under way: call reset() before step()")
-        given = np.asarray(action)
-        if given.shape != self.action_space.shape:
-            raise ActionError(f"an action of shape {given.shape}: must be {self.action_space.shape}")
-        result = self.batch.step(given[None])
+        values = np.asarray(action)
+        if values.shape != self.action_space.shape:
+            raise ActionError(f"an action of shape {values.shape}: must be {self.action_space.shape}")
+        result = self.batch.step(values[None])
         record = result.records[0] if result.records else None
         self._under_way = record is None
         state = self.batch.state

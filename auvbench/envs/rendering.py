@@ -141,13 +141,13 @@ def panels(
         color="#9a9a9a",
         linewidth=0.4,
     )
-    seen = [low, high, waypoint - radius, waypoint + radius]
+    points = [low, high, waypoint - radius, waypoint + radius]
     if dock_yaw is not None and hasattr(task, "cone"):
         cone = _cone(waypoint, dock_yaw, task)
         space.plot(*cone.T, color="#9a9a9a", linewidth=0.6)
         above.plot(*cone[:, :2].T, color="#9a9a9a", linewidth=0.6)
-        seen += [cone.min(0), cone.max(0)]
-    corners = np.vstack(seen)
+        points += [cone.min(0), cone.max(0)]
+    corners = np.vstack(points)
     middle = (corners.max(0) + corners.min(0)) / 2
     half = max(float(np.ptp(corners, axis=0).max()) / 2, 2.0) * 1.05
     limits = np.stack([middle - half, middle + half], axis=1).tolist()
@@ -248,9 +248,9 @@ class Scene:
         from matplotlib.layout_engine import ConstrainedLayoutEngine
 
         trail = self._trail
-        seen = np.vstack([position, trail.waypoint[None]])
-        room = max(3.0, 0.25 * float(np.ptp(seen, axis=0).max()))
-        self._low, self._high = seen.min(0) - room, seen.max(0) + room
+        points = np.vstack([position, trail.waypoint[None]])
+        room = max(3.0, 0.25 * float(np.ptp(points, axis=0).max()))
+        self._low, self._high = points.min(0) - room, points.max(0) + room
         while self._end < (len(position) - 1) * self._duration:
             self._end *= 2.0
         self._farthest = 1.25 * max(*trail.distance, tolerance(self._task))
@@ -290,8 +290,8 @@ class Scene:
 
     def __getstate__(self) -> dict[str, Any]:
         # Canvases do not travel; the copy draws anew.
-        kept = ("_task", "_duration", "_force", "_trail", "_low", "_high", "_end")
-        return {name: getattr(self, name) for name in kept} | {"_farthest": 0.0, "_canvas": None}
+        names = ("_task", "_duration", "_force", "_trail", "_low", "_high", "_end")
+        return {name: getattr(self, name) for name in names} | {"_farthest": 0.0, "_canvas": None}
 
 
 class Renderer:

@@ -98,11 +98,11 @@ class AuvVecEnv(VecEnv):
         return observation
 
     def _places(self) -> dict[str, Any]:
-        given = [settings.check_options(one) for one in self._options]
-        names = given[0].keys()
-        if any(one.keys() != names for one in given):
+        checked = [settings.check_options(options) for options in self._options]
+        names = checked[0].keys()
+        if any(options.keys() != names for options in checked):
             raise ConfigError("options: must be the same for every environment")
-        rows = {name: [one[name] for one in given] for name in names}
+        rows = {name: [options[name] for options in checked] for name in names}
         bounds = self.batch.position_bounds
         return settings.places(rows, self.num_envs, self.batch.config.task, bounds)
 

@@ -156,11 +156,11 @@ def check_options(options: Mapping[str, Any] | None, *more: str) -> Mapping[str,
     Raises:
         ConfigError: a name is unknown.
     """
-    given = options or {}
-    for name in given:
+    checked = options or {}
+    for name in checked:
         if name not in (*OPTIONS, *more):
             raise ConfigError(f"options[{name!r}]: unknown; {closest(str(name), (*OPTIONS, *more))}")
-    return given
+    return checked
 
 
 def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Floats) -> dict[str, Any]:
@@ -210,13 +210,13 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
 
 
 def _pose(value: Any, count: int, task: tasks.Task) -> Floats:
-    given = _numbers("pose", value)
-    if given.shape[-1:] in ((3,), (4,)):
-        yaw = given[..., 3:].sum(-1)
+    poses = _numbers("pose", value)
+    if poses.shape[-1:] in ((3,), (4,)):
+        yaw = poses[..., 3:].sum(-1)
         zero = np.zeros_like(yaw)
         quaternion = np.stack([np.cos(yaw / 2), zero, zero, np.sin(yaw / 2)], axis=-1)
-        given = np.concatenate([given[..., :3], quaternion], axis=-1)
-    rows = _rows("pose", given, (7,), count, "x, y, z in m and a quaternion w, x, y, z")
+        poses = np.concatenate([poses[..., :3], quaternion], axis=-1)
+    rows = _rows("pose", poses, (7,), count, "x, y, z in m and a quaternion w, x, y, z")
     norm = np.linalg.norm(rows[:, 3:], axis=1)
     if (norm < 1e-6).any():
         raise ConfigError("options['pose']: its quaternion is 0; (1, 0, 0, 0) is level, facing east")

@@ -12,7 +12,7 @@ from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_tim
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 
-def at_once(config: schema.TrainConfig, wanted: int) -> int:
+def at_once(config: schema.TrainConfig, vehicles: int) -> int:
     """Return how many of `wanted` vehicles the simulator can have: all of them, or those of the ROS 2 server.
 
     Raises:
@@ -20,8 +20,8 @@ def at_once(config: schema.TrainConfig, wanted: int) -> int:
     """
     served = SIMULATORS[config.simulator.name].served
     if not served:
-        return wanted
-    return min(wanted, int(resolve(served).vehicles(config.simulator, sheet.load(config.vehicle))))
+        return vehicles
+    return min(vehicles, int(resolve(served).vehicles(config.simulator, sheet.load(config.vehicle))))
 
 
 def make_simulator(
@@ -51,10 +51,10 @@ def make_simulator(
         return own
     from auvbench.simulators import guard
 
-    who = owner("simulator", config)
-    with telling(who, "cannot be made"):
-        made = resolve(spec.code)(config, vehicle, n, limit)
-    return guard.checked(made, who)
+    owner_name = owner("simulator", config)
+    with telling(owner_name, "cannot be made"):
+        instance = resolve(spec.code)(config, vehicle, n, limit)
+    return guard.checked(instance, owner_name)
 
 
 def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:

@@ -122,22 +122,22 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             ConfigError: a seed or an option is wrong.
             ResetNeeded: a mask leaves out environments whose first episode has not begun.
         """
-        given = settings.check_options(options, "reset_mask")
-        mask = self._mask(given.get("reset_mask"))
+        checked = settings.check_options(options, "reset_mask")
+        mask = self._mask(checked.get("reset_mask"))
         indices = np.flatnonzero(mask)
-        places = settings.places(given, len(indices), self.config.task, self.batch.position_bounds)
+        places = settings.places(checked, len(indices), self.config.task, self.batch.position_bounds)
         self._reseed(seed, indices)
         observation = self.batch.reset(indices, **places)
         self._ended[indices] = False
         self._renderer.begin(indices)
-        told = info.batch(self.batch.state, np.zeros(self.num_envs, dtype=np.bool_), mask)
-        return observation.copy(), told
+        infos = info.batch(self.batch.state, np.zeros(self.num_envs, dtype=np.bool_), mask)
+        return observation.copy(), infos
 
-    def _mask(self, given: Any) -> NDArray[np.bool_]:
+    def _mask(self, value: Any) -> NDArray[np.bool_]:
         """Return which environments (n,) are reset."""
-        if given is None:
+        if value is None:
             return np.ones(self.num_envs, dtype=np.bool_)
-        mask = np.asarray(given)
+        mask = np.asarray(value)
         if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
             raise ConfigError(
                 f"options['reset_mask']: has shape {mask.shape} of {mask.dtype} with {np.count_nonzero(mask)} true; "
@@ -151,12 +151,12 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         if isinstance(seed, Sequence | np.ndarray):
             if len(seed) != self.num_envs:
                 raise ConfigError(f"seed: {len(seed)} for {self.num_envs} environments; give one for each")
-            each = [None if s is None else settings.folded(s) for s in seed]
+            seeds = [None if s is None else settings.folded(s) for s in seed]
             super().reset(seed=None)
             if not self._seeded:
                 self.batch.reseed(int(self.np_random.integers(1 << 32)))
-            own = np.array([i for i in indices.tolist() if each[i] is not None], dtype=np.int64)
-            self.batch.reseed_each(own, [s for i in own.tolist() if (s := each[i]) is not None])
+            own = np.array([i for i in indices.tolist() if seeds[i] is not None], dtype=np.int64)
+            self.batch.reseed_each(own, [s for i in own.tolist() if (s := seeds[i]) is not None])
         elif seed is not None or not self._seeded:
             number = None if seed is None else settings.folded(seed)
             super().reset(seed=seed)
@@ -195,20 +195,20 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
 
     def _info(self, result: Transition) -> dict[str, Any]:
         n, state = self.num_envs, self.batch.state
-        told = info.batch(state, np.zeros(n, dtype=np.bool_), np.ones(n, dtype=np.bool_))
+        infos = info.batch(state, np.zeros(n, dtype=np.bool_), np.ones(n, dtype=np.bool_))
         if not result.records:
-            return told
+            return infos
         rows = result.terminated | result.truncated
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
             # Gymnasium's own is an array of objects, which its conversion to tensors does not take.
             last = np.zeros_like(result.observation)
             last[result.ended] = result.final_observation
             final = info.final(result.final_state, result.ended, result.records, rows)
-            told |= {"final_obs": last, "_final_obs": rows, "final_info": final, "_final_info": rows.copy()}
+            infos |= {"final_obs": last, "_final_obs": rows, "final_info": final, "_final_info": rows.copy()}
         else:
-            told["is_success"][result.ended] = [r["outcome"] == "success" for r in result.records]
-            told |= {"record": info.table(result.ended, result.records, rows), "_record": rows}
-        return told
+            infos["is_success"][result.ended] = [r["outcome"] == "success" for r in result.records]
+            infos |= {"record": info.table(result.ended, result.records, rows), "_record": rows}
+        return infos
 
     def render(self) -> Any:
         """Return the picture or line of each environment as a tuple; None without a `render_mode`.
@@ -223,19 +223,19 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         return tuple(self._renderer.show(i) for i in range(self.num_envs))
 
 
-def _mode(given: AutoresetMode | str) -> AutoresetMode:
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     """Return the mode with a name such as `NEXT_STEP` or `NextStep`.
 
     Raises:
         ConfigError: the name is unknown.
     """
-    if isinstance(given, AutoresetMode):
-        return given
-    for known in AutoresetMode:
-        if given in (known.name, known.value):
-            return known
+    if isinstance(mode, AutoresetMode):
+        return mode
+    for member in AutoresetMode:
+        if mode in (member.name, member.value):
+            return member
     raise ConfigError(
-        f"autoreset_mode={given}: unknown; {closest(str(given), [m.name for m in AutoresetMode])}"
+        f"autoreset_mode={mode}: unknown; {closest(str(mode), [m.name for m in AutoresetMode])}"
     )
 
 
