@@ -40,9 +40,9 @@ class PluginAgent:
         inner: the agent itself.
     """
 
-    def __init__(self, agent: Any, who: str, n_u: int) -> None:
+    def __init__(self, agent: Any, owner: str, n_u: int) -> None:
         self.inner = agent
-        self._who = who
+        self._owner = owner
         self._n_u = n_u
         # Optional methods.
         for name, checked in (("ended", self._ended), ("notes", self._notes)):
@@ -50,15 +50,15 @@ class PluginAgent:
                 setattr(self, name, checked)
 
     def _ended(self, rows: Integers) -> None:
-        with registry.telling(self._who, "ended fails"):
+        with registry.telling(self._owner, "ended fails"):
             self.inner.ended(rows.copy())
 
     def _notes(self) -> dict[str, int]:
-        with registry.telling(self._who, "notes fails"):
-            found = dict(self.inner.notes())
-        if not all(isinstance(name, str) and type(number) is int for name, number in found.items()):
-            raise AgentError(f"{self._who}: notes must give whole numbers by name")
-        return found
+        with registry.telling(self._owner, "notes fails"):
+            notes = dict(self.inner.notes())
+        if not all(isinstance(name, str) and type(number) is int for name, number in notes.items()):
+            raise AgentError(f"{self._owner}: notes must give whole numbers by name")
+        return notes
 
     def reset(self, episodes: Integers) -> None:
         """Reset the agent with a copy of the episodes.
@@ -66,7 +66,7 @@ class PluginAgent:
         Raises:
             AgentError: the agent raises an exception.
         """
-        with registry.telling(self._who, "reset fails"):
+        with registry.telling(self._owner, "reset fails"):
             self.inner.reset(episodes.copy())
 
     def act(self, observation: Observations) -> Actions:
@@ -76,10 +76,10 @@ class PluginAgent:
             AgentError: the agent raises an exception, or its actions have a wrong shape or type, or are not
                 finite or out of range.
         """
-        with registry.telling(self._who, "act fails"):
+        with registry.telling(self._owner, "act fails"):
             action = self.inner.act(observation.copy())
         if fault := action_fault(action, len(observation), self._n_u):
-            raise AgentError(f"{self._who}: {fault}")
+            raise AgentError(f"{self._owner}: {fault}")
         return np.asarray(action)
 
 
@@ -122,7 +122,7 @@ class PluginLearner(PluginAgent):
         Raises:
             AgentError: the agent raises an exception.
         """
-        with registry.telling(self._who, f"load fails on {folder}"):
+        with registry.telling(self._owner, f"load fails on {folder}"):
             self.inner.load(folder)
 
     def state(self) -> Components:
@@ -133,5 +133,5 @@ class PluginLearner(PluginAgent):
         """
         state = self.inner.state()
         if not isinstance(state, Components):
-            raise AgentError(f"{self._who}: state gives a {type(state).__name__}; it must give Components")
+            raise AgentError(f"{self._owner}: state gives a {type(state).__name__}; it must give Components")
         return state

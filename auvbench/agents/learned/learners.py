@@ -59,8 +59,8 @@ def algorithm(algo: Any) -> type[BaseAlgorithm]:
 def arguments(config: schema.TrainConfig, environment: VecEnv) -> dict[str, Any]:
     """Return the arguments of the learner: the keys of `config.algo` with the same name, and those that differ."""
     algo: Any = config.algo
-    taken = inspect.signature(resolve(AGENTS[algo.agent].algorithm)).parameters
-    options = {f.name: getattr(algo, f.name) for f in fields(algo) if f.name in taken}
+    parameters = inspect.signature(resolve(AGENTS[algo.agent].algorithm)).parameters
+    options = {f.name: getattr(algo, f.name) for f in fields(algo) if f.name in parameters}
     options |= {
         "policy": policy_name(algo),
         "env": environment,

@@ -164,11 +164,11 @@ class ResidualLearner(SB3Learner):
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         super().__init__(config, vehicle)
         self._base = Base(config, vehicle)
-        self._seen: ResidualVecEnv | None = None
+        self._residual_environment: ResidualVecEnv | None = None
 
     def _faced(self, environment: Batch) -> ResidualVecEnv:
-        self._seen = ResidualVecEnv(AuvVecEnv(environment, detailed=False), self._base)
-        return self._seen
+        self._residual_environment = ResidualVecEnv(AuvVecEnv(environment, detailed=False), self._base)
+        return self._residual_environment
 
     def _frozen(self, model: BaseAlgorithm) -> Agent:
         # With a separate controller, because the training's controller continues after the test.
@@ -191,6 +191,6 @@ class ResidualLearner(SB3Learner):
 
     def _restarted(self) -> Observations | None:
         observation = super()._restarted()
-        if observation is None or self._seen is None:
+        if observation is None or self._residual_environment is None:
             return observation
-        return self._seen.begin(observation)
+        return self._residual_environment.begin(observation)

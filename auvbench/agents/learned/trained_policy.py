@@ -190,10 +190,10 @@ def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
     action_space = spaces.Box(-1.0, 1.0, (len(vehicle.actuators),), dtype=np.float32)
     learner = resolve(AGENTS[algo.agent].algorithm)
     kind = learner.policy_aliases[learners.policy_name(algo)]
-    given = learners.policy_arguments(algo)
+    arguments = learners.policy_arguments(algo)
     if algo.agent == "ddpg":
-        given["n_critics"] = 1
-    policy: BasePolicy = kind(observation_space, action_space, lambda _: 0.0, **given)
+        arguments["n_critics"] = 1
+    policy: BasePolicy = kind(observation_space, action_space, lambda _: 0.0, **arguments)
     return policy
 
 

@@ -110,14 +110,14 @@ class Compiled:
         """Update `gradient_steps` times, and log the means of the losses as SB3 does."""
         self.policy.set_training_mode(self.counts_batches)
         optimizers = [self.actor.optimizer, self.critic.optimizer, getattr(self, "ent_coef_optimizer", None)]
-        self._update_learning_rate([one for one in optimizers if one is not None])
+        self._update_learning_rate([optimizer for optimizer in optimizers if optimizer is not None])
         losses: list[dict[str, float]] = []
         for step in range(gradient_steps):
             self._n_updates += 1
             losses.append(self._update(step, *memory.batch(self, batch_size)))
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
-        for name in sorted({name for one in losses for name in one}):
-            values = [one[name] for one in losses if name in one]
+        for name in sorted({name for loss in losses for name in loss}):
+            values = [loss[name] for loss in losses if name in loss]
             self.logger.record(f"train/{name}", np.mean(values))
 
 
@@ -226,10 +226,10 @@ class CrossQ(Compiled, sb3_contrib.CrossQ):
         self._critic = memory.Networks(policy.critic.q_networks, policy.critic.optimizer)
         self._temperature = Temperature(self)
 
-    def _update(self, step: int, observation: Floats, *rest: Floats) -> dict[str, float]:
+    def _update(self, step: int, observation: Floats, *transition: Floats) -> dict[str, float]:
         temperature = self._temperature.value
         losses = {"ent_coef": temperature}
-        losses["critic_loss"] = self._update_critic(temperature, observation, *rest)
+        losses["critic_loss"] = self._update_critic(temperature, observation, *transition)
         if self._n_updates % self.policy_delay == 0:
             losses |= self._update_actor(observation, temperature)
         return losses
@@ -275,8 +275,8 @@ class Delayed(Compiled):
         self._target_actor = memory.Networks([self.policy.actor_target.mu])
         self._target_critic = memory.Networks(self.policy.critic_target.q_networks)
 
-    def _update(self: Any, step: int, observation: Floats, *rest: Floats) -> dict[str, float]:
-        losses = {"critic_loss": self._update_critic(observation, *rest)}
+    def _update(self: Any, step: int, observation: Floats, *transition: Floats) -> dict[str, float]:
+        losses = {"critic_loss": self._update_critic(observation, *transition)}
         if self._n_updates % self.policy_delay == 0:
             losses["actor_loss"] = self._update_actor(observation)
             average(self._target_critic.values, self._critic.values, self.tau)

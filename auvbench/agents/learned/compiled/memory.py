@@ -71,10 +71,10 @@ class Trained:
         for k, network in enumerate(self._networks):
             views = [_views(moment[k], network) for moment in self._moments]
             for tensor, mean, square in zip(network, *views, strict=True):
-                if known := state.get(tensor):
-                    self._step.copy_(known["step"])
-                    mean.copy_(known["exp_avg"])
-                    square.copy_(known["exp_avg_sq"])
+                if previous := state.get(tensor):
+                    self._step.copy_(previous["step"])
+                    mean.copy_(previous["exp_avg"])
+                    square.copy_(previous["exp_avg_sq"])
                 state[tensor] = {"step": self._step, "exp_avg": mean, "exp_avg_sq": square}
 
     def update(self) -> None:
@@ -140,8 +140,8 @@ class Networks(Trained):
             counts = self._renorms[0][0]
             mode = RENORM if int(counts.steps) > counts.warmup_steps else BATCH
             momentum = counts.momentum
-            for one in (one for network in self._renorms for one in network):
-                one.steps += 1
+            for normalisation in (normalisation for network in self._renorms for normalisation in network):
+                normalisation.steps += 1
         network = self.values[:first], self._sizes, self._normalised
         *passed, out = forward(*network, self._running_mean, self._running_variance, x, mode, momentum)
 

@@ -40,7 +40,7 @@ def normalise(
     affine: Floats,
     mean: Floats,
     variance: Floats,
-    kept: Floats,
+    stored: Floats,
     mode: int,
     momentum: float,
 ) -> None:
@@ -50,16 +50,16 @@ def normalise(
         x, y, n: inputs, outputs, rows.
         affine: scales (d,), then shifts (d,).
         mean, variance: running statistics (d,), updated unless `mode` is RUNNING.
-        kept: (5, d), overwritten with what `normalise_gradient` needs.
+        stored: (5, d), overwritten with what `normalise_gradient` needs.
         mode: RUNNING, BATCH or RENORM.
         momentum: share by which the running statistics are updated.
     """
     d = len(mean)
     small, one, half = np.float32(SMALL), np.float32(1.0), np.float32(0.5)
-    kept[:] = 0.0
+    stored[:] = 0.0
     if mode == RUNNING:
-        kept[CENTRE] = mean
-        kept[INVERSE] = one / np.sqrt(variance + small)
+        stored[CENTRE] = mean
+        stored[INVERSE] = one / np.sqrt(variance + small)
     else:
         average, spread = np.zeros(d, np.float32), np.zeros(d, np.float32)
         for i in range(n):
@@ -70,7 +70,7 @@ def normalise(
             for j in range(d):
                 spread[j] += (x[i * d + j] - average[j]) ** 2
         spread /= np.float32(n - 1)
-        kept[MEAN] = average
+        stored[MEAN] = average
         for j in range(d):
             r, shift = one, np.float32(0.0)
             if mode == RENORM:
@@ -78,15 +78,15 @@ def normalise(
                 r = np.sqrt(spread[j] + small) / running
                 r = min(max(r, np.float32(1.0 / R_MAX)), np.float32(R_MAX))
                 shift = min(max((average[j] - mean[j]) / running, np.float32(-D_MAX)), np.float32(D_MAX))
-            kept[CENTRE, j] = average[j] - shift * np.sqrt(spread[j]) / r
-            kept[INVERSE, j] = one / np.sqrt(spread[j] / (r * r) + small)
-            kept[SHARE, j] = one / (r * r)
+            stored[CENTRE, j] = average[j] - shift * np.sqrt(spread[j]) / r
+            stored[INVERSE, j] = one / np.sqrt(spread[j] / (r * r) + small)
+            stored[SHARE, j] = one / (r * r)
             if shift != 0.0:
-                kept[PULL, j] = half * shift / (r * np.sqrt(spread[j]))
+                stored[PULL, j] = half * shift / (r * np.sqrt(spread[j]))
         mean += np.float32(momentum) * (average - mean)
         variance += np.float32(momentum) * (spread - variance)
-    factor = affine[:d] * kept[INVERSE]
-    offset = affine[d:] - factor * kept[CENTRE]
+    factor = affine[:d] * stored[INVERSE]
+    offset = affine[d:] - factor * stored[CENTRE]
     for i in range(n):
         for j in range(d):
             y[i * d + j] = x[i * d + j] * factor[j] + offset[j]
@@ -94,34 +94,36 @@ def normalise(
 
 @compiled(error_model="numpy")
 def normalise_gradient(
-    x: Floats, slope: Floats, n: int, affine: Floats, kept: Floats, gradient: Floats, mode: int
+    x: Floats, slope: Floats, n: int, affine: Floats, stored: Floats, gradient: Floats, mode: int
 ) -> None:
     """Replace the gradient of the outputs, the flat `slope` (n, d), by the gradient of the inputs.
 
     Args:
-        x, n, affine, kept, mode: see `normalise`.
+        x, n, affine, stored, mode: see `normalise`.
         slope: overwritten.
         gradient: gradient of scales (d,) and shifts (d,), overwritten; () if it is not needed.
     """
-    d = kept.shape[1]
-    factor = affine[:d] * kept[INVERSE]
+    d = stored.shape[1]
+    factor = affine[:d] * stored[INVERSE]
     if mode == RUNNING:
         for i in range(n):
             for j in range(d):
                 slope[i * d + j] *= factor[j]
         return
     shifts, scales = np.zeros(d, np.float32), np.zeros(d, np.float32)
-    centre, mean = kept[CENTRE], kept[MEAN]
+    centre, mean = stored[CENTRE], stored[MEAN]
     for i in range(n):
         for j in range(d):
             shifts[j] += slope[i * d + j]
             scales[j] += slope[i * d + j] * (x[i * d + j] - centre[j])
-    scales *= kept[INVERSE]
+    scales *= stored[INVERSE]
     if len(gradient) > 0:
         gradient[:d] = scales
         gradient[d:] = shifts
     by_mean = -factor * shifts
-    by_variance = np.float32(-0.5) * factor * kept[INVERSE] * scales * kept[SHARE] - by_mean * kept[PULL]
+    by_variance = (
+        np.float32(-0.5) * factor * stored[INVERSE] * scales * stored[SHARE] - by_mean * stored[PULL]
+    )
     by_mean /= np.float32(n)
     by_variance *= np.float32(2.0 / (n - 1))
     for i in range(n):
@@ -159,7 +161,7 @@ def forward(
     stored = np.empty((len(values), mean.shape[1], 5), np.float32)
     out = np.empty((len(values), n, sizes[-1]), np.float32)
     for network in range(len(values)):
-        source, place, at, before, seen = x.reshape(-1), 0, 0, 0, 0
+        source, place, at, before, channel = x.reshape(-1), 0, 0, 0, 0
         for layer in range(layers):
             d, o = sizes[layer], sizes[layer + 1]
             last = layer == layers - 1
@@ -170,13 +172,13 @@ def forward(
                     y,
                     n,
                     values[network, place : place + 2 * d],
-                    mean[network, seen : seen + d],
-                    variance[network, seen : seen + d],
-                    stored[network, seen : seen + d].reshape(5, d),
+                    mean[network, channel : channel + d],
+                    variance[network, channel : channel + d],
+                    stored[network, channel : channel + d].reshape(5, d),
                     mode,
                     momentum,
                 )
-                source, place, seen, before = y, place + 2 * d, seen + d, before + n * d
+                source, place, channel, before = y, place + 2 * d, channel + d, before + n * d
             target = out[network].reshape(-1) if last else hidden[network, at : at + n * o]
             product(source, d, 1, values[network, place:], 1, d, target, n, o, d)
             bias = values[network, place + o * d : place + o * d + o]
@@ -196,7 +198,7 @@ def backward(
     x: Floats,
     hidden: Floats,
     scaled: Floats,
-    kept: Floats,
+    stored: Floats,
     upstream: Floats,
     gradient: Floats,
     mode: int,
@@ -207,7 +209,7 @@ def backward(
 
     Args:
         values, sizes, normalised, x, mode: see `forward`.
-        hidden, scaled, kept: results of `forward`.
+        hidden, scaled, stored: results of `forward`.
         upstream: gradient of the outputs (K, n, o).
         gradient: gradient of the parameters (K, P), overwritten; (K, 0) if it is not needed.
         inputs: whether to compute the gradient of the inputs; otherwise the result is zeros.
@@ -218,7 +220,7 @@ def backward(
     sums = total.reshape(-1)
     buffers = np.empty((2, n * sizes.max()), np.float32)
     for network in range(len(values)):
-        place, at, before, seen = values.shape[1], hidden.shape[1], scaled.shape[1], kept.shape[1]
+        place, at, before, channel = values.shape[1], hidden.shape[1], scaled.shape[1], stored.shape[1]
         d = upstream[network].reshape(-1)
         for layer in range(len(sizes) - 2, -1, -1):
             i, o = sizes[layer], sizes[layer + 1]
@@ -240,9 +242,9 @@ def backward(
             product(d, o, 1, values[network, place:], i, 1, target, n, i, o)
             if normalised[layer]:
                 place -= 2 * i
-                seen -= i
+                channel -= i
                 affine = gradient[network, place : place + 2 * i] if weights else gradient[network, :0]
-                statistics = kept[network, seen : seen + i].reshape(5, i)
+                statistics = stored[network, channel : channel + i].reshape(5, i)
                 own = values[network, place : place + 2 * i]
                 normalise_gradient(unscaled, target, n, own, statistics, affine, mode)
             if layer:
