@@ -145,7 +145,7 @@ def in_process(trained: schema.TrainConfig) -> Roll:
             batch=protocol.batch,
             trajectories=protocol.trajectories,
             scenarios=protocol.scenarios,
-            told=lambda count: report(condition.name, count),
+            report=lambda count: report(condition.name, count),
         )
 
     return roll
@@ -164,8 +164,8 @@ def evaluate(
 
     Args:
         report: function called when a condition starts or episodes end.
-        unless_done: return None if another process has finished the same test, and use what an interrupted one has
-            kept (`parts`).
+        unless_done: return None if another process has finished the same test, and use the saved parts of an
+            interrupted test (`parts`).
         roll: function that rolls out each condition; must give the same rows as `in_process`, the default.
 
     Raises:
@@ -177,11 +177,11 @@ def evaluate(
     with _locked(run, protocol.name):
         if unless_done and is_done(run, protocol):
             return None
-        kept = parts.Kept(_own_folder(run, protocol.name) / "parts", run, protocol)
+        saved = parts.SavedParts(_own_folder(run, protocol.name) / "parts", run, protocol)
         if not unless_done:
-            kept.forget()
+            saved.forget()
         with _named_packages(run):
-            return _evaluate(run, protocol, report, roll, kept)
+            return _evaluate(run, protocol, report, roll, saved)
 
 
 def _own_folder(run: RunDirectory, protocol: str) -> Path:
@@ -208,7 +208,7 @@ def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
 
 
 def _evaluate(
-    run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll | None, kept: parts.Kept
+    run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll | None, saved: parts.SavedParts
 ) -> dict[str, Any]:
     roll = roll or in_process(load_config(run))
     conditions = resolve_conditions(protocol, run.check())
@@ -218,12 +218,12 @@ def _evaluate(
         report(condition.name, 0)
         served = registry.SIMULATORS[condition.config.simulator.name].served
         # Rows of a server depend on its clock, which is known only now.
-        part = None if served else kept.read(number, condition)
+        part = None if served else saved.read(number, condition)
         if part is None:
             begun = time.monotonic()
             part = parts.of(condition, roll(run, protocol, condition, report))
             if not served and number + 1 < len(conditions) and time.monotonic() - begun >= parts.SLOW:
-                kept.write(number, condition, part)
+                saved.write(number, condition, part)
         else:
             report(condition.name, protocol.episodes)
         results.append(part)
@@ -251,7 +251,7 @@ def _evaluate(
     folder = run.evaluation(protocol.name)
     files = {"episodes.csv": parts.rows_of(results), "trajectories.npz": parts.arrays_of(results)}
     summary[integrity.FILES] = integrity.replace_sealed(folder, "summary.json", summary, files)
-    kept.forget()
+    saved.forget()
     history.append(run.path.absolute().parent, _tested(run, summary))
     # The rows may have taken hours, so they are written before actions are timed.
     summary["inference"] = _time(run, conditions[0].config)
@@ -264,8 +264,8 @@ def _seal(
     run: RunDirectory, protocol: sealed.Protocol, conditions: list[ResolvedCondition]
 ) -> dict[str, Any]:
     """Return the digests of a sealed protocol's files, and the conditions that were not tested."""
-    others = left_out(protocol, conditions, run.config())
-    return {"sha256": protocol.sha256, "not_tested": [*protocol.not_tested, *others]}
+    left_out_conditions = left_out(protocol, conditions, run.config())
+    return {"sha256": protocol.sha256, "not_tested": [*protocol.not_tested, *left_out_conditions]}
 
 
 def _tested(run: RunDirectory, summary: dict[str, Any]) -> history.Line:

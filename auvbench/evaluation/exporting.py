@@ -151,24 +151,25 @@ def compare(
     Raises:
         RunError: the difference exceeds the limit, or an output is not a valid action.
     """
-    seen = np.concatenate([observe_episodes(config, agent, STEPS), observe_edges(config)])
-    own = np.asarray(agent.act(seen), dtype=np.float64)
-    sizes = {"observations": seen.shape[1], "actions": n_u}
+    observations = np.concatenate([observe_episodes(config, agent, STEPS), observe_edges(config)])
+    own = np.asarray(agent.act(observations), dtype=np.float64)
+    sizes = {"observations": observations.shape[1], "actions": n_u}
     many, single = (exported.Policy(data, f"{where} (exported)", rows=n, **sizes) for n in (exported.ROWS, 1))
-    few = slice(None, None, max(1, len(seen) // 500))
+    few = slice(None, None, max(1, len(observations) // 500))
     difference = max(
-        float(np.abs(many.act(seen) - own).max()), float(np.abs(single.act(seen[few]) - own[few]).max())
+        float(np.abs(many.act(observations) - own).max()),
+        float(np.abs(single.act(observations[few]) - own[few]).max()),
     )
     limit = LIMIT
     if not difference <= limit:
-        nudged = [np.nextafter(seen, np.float32(way), dtype=np.float32) for way in (-np.inf, np.inf)]
+        nudged = [np.nextafter(observations, np.float32(way), dtype=np.float32) for way in (-np.inf, np.inf)]
         limit = max(limit, *(ROUNDINGS * float(np.abs(agent.act(near) - own).max()) for near in nudged))
     if not difference <= limit:
         raise RunError(
             f"{where}: the exported network's actions differ from the run's by {difference:.3g}, more than {limit:.3g}; "
             "nothing was written"
         )
-    return len(seen), difference, limit
+    return len(observations), difference, limit
 
 
 def make_card(
@@ -269,11 +270,11 @@ def observe_episodes(
     batch = batch_of(scenarios, embedded(config), np.arange(EPISODES), 0)
     observation = batch.reset()
     agent.reset(np.arange(EPISODES))
-    seen = []
+    observations = []
     for _ in range(steps):
-        seen.append(observation.copy())
+        observations.append(observation.copy())
         observation = batch.step(agent.act(observation)).observation
-    return np.concatenate(seen)
+    return np.concatenate(observations)
 
 
 def observe_edges(config: schema.TrainConfig) -> Observations:
@@ -299,10 +300,10 @@ def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
     policy = agent.policy
     assert policy is not None
     policy.act(observe_edges(config))
-    seen = observe_episodes(config, agent, CHECK_STEPS, scenarios="validation")
-    if not np.array_equal(policy.act(seen), policy.act(seen)):
+    observations = observe_episodes(config, agent, CHECK_STEPS, scenarios="validation")
+    if not np.array_equal(policy.act(observations), policy.act(observations)):
         raise PolicyError(f"{policy.where}: {exported.DIFFERENT}")
-    _check_rows(policy, seen[:: max(1, len(seen) // 64)][:64])
+    _check_rows(policy, observations[:: max(1, len(observations) // 64)][:64])
 
 
 def _check_rows(policy: Policy, rows: Observations) -> None:

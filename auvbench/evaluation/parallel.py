@@ -133,10 +133,10 @@ def _on_all(pool: Pool) -> Roll:
     ) -> Rollout:
         jobs = {episode: (run, protocol, condition, episode) for episode in range(protocol.episodes)}
         parts: dict[int, Rollout] = {}
-        for episode, found in pool.results(_episode, jobs, f"episode of {run.path}"):
-            if isinstance(found, WorkerDiedError):
-                raise WorkerDiedError(f"{run.path}, episode {found}")
-            parts[episode] = found
+        for episode, outcome in pool.results(_episode, jobs, f"episode of {run.path}"):
+            if isinstance(outcome, WorkerDiedError):
+                raise WorkerDiedError(f"{run.path}, episode {outcome}")
+            parts[episode] = outcome
             report(condition.name, 1)
         return Rollout.joined([parts[episode] for episode in jobs])
 

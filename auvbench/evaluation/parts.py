@@ -42,7 +42,7 @@ class Part:
 
     summary: dict[str, Any]
     rows: list[list[Any]]
-    """a header and a row per episode; values of a part that was kept are text"""
+    """a header and a row per episode; values of a saved part are text"""
     arrays: Mapping[str, NDArray[Any]]
 
 
@@ -115,11 +115,11 @@ def arrays_of(parts: Sequence[Part]) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class SavedParts:
     """The parts of one test.
 
     Args:
-        folder: where parts are kept.
+        folder: where parts are saved.
         run: run that is tested.
         protocol: protocol of the test.
     """
@@ -129,7 +129,7 @@ class Kept:
     protocol: schema.Protocol
 
     def read(self, number: int, condition: ResolvedCondition) -> Part | None:
-        """Return the part of a condition; None if none is kept that this test would compute as well."""
+        """Return the part of a condition; None if no saved part belongs to this test."""
         place = self.folder / str(number)
         if not place.is_dir():
             return None
@@ -144,7 +144,7 @@ class Kept:
         return Part(holder["condition"], list(csv.reader(io.StringIO(text))), arrays)
 
     def write(self, number: int, condition: ResolvedCondition, part: Part) -> None:
-        """Keep the part of a condition.
+        """Save the part of a condition.
 
         Raises:
             TrainingError: the disk is full, read-only or failing.

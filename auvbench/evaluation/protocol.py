@@ -62,7 +62,9 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
         repr(protocol),
         config,
         lambda: _resolved(protocol, config),
-        lambda found, own: [replace(one, config=replace(one.config, **own)) for one in found],
+        lambda conditions, own: [
+            replace(condition, config=replace(condition.config, **own)) for condition in conditions
+        ],
     )
 
 
@@ -128,11 +130,11 @@ def _check_length(config: schema.TrainConfig, where: str) -> None:
         raise ConfigError(f"{where}: {error}") from None
 
 
-def _wired_alike(one: VehicleModel, other: VehicleModel) -> bool:
+def _wired_alike(first: VehicleModel, second: VehicleModel) -> bool:
     """Return whether actuators of the same name push and turn the two vehicles in the same direction."""
-    if one.actuators != other.actuators:
+    if first.actuators != second.actuators:
         return False
-    forces, moments = (one.allocation * other.allocation).reshape(2, 3, -1).sum(axis=1)
+    forces, moments = (first.allocation * second.allocation).reshape(2, 3, -1).sum(axis=1)
     return bool((forces >= 0.0).all() and (moments >= 0.0).all())
 
 
@@ -302,7 +304,7 @@ def _played(condition: ResolvedCondition) -> str:
 
 def _drawn(protocol: schema.Protocol, condition: ResolvedCondition) -> str:
     """Return a digest of the drawn scenarios."""
-    meant = {
+    content = {
         "episodes": protocol.episodes,
         "seed": protocol.seed,
         "condition": condition.name,
@@ -313,10 +315,10 @@ def _drawn(protocol: schema.Protocol, condition: ResolvedCondition) -> str:
         *(o for c in protocol.conditions if c.name == condition.name for o in c.overrides),
     ]
     if sensors := [override for override in changed if override.startswith(SENSORS)]:
-        meant["sensors"] = sensors
+        content["sensors"] = sensors
     if protocol.scenarios != "test":
-        meant["scenarios"] = protocol.scenarios
-    key = digest_of(meant, 64)
+        content["scenarios"] = protocol.scenarios
+    key = digest_of(content, 64)
     if key not in _draws:
         # Draws do not depend on the simulator.
         drawn, episodes = embedded(condition.config), np.arange(protocol.episodes)

@@ -86,7 +86,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
     batch.reset()
     _set_out(batch)
     n_u = len(batch.vehicle.actuators)
-    seen: dict[str, list[Floats]] = {
+    series: dict[str, list[Floats]] = {
         name: [] for name in ("observation", "reward", "pose", "velocity", "power")
     }
     records: dict[int, dict[str, Any]] = {}
@@ -97,13 +97,13 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
         if step in LOOKS:
             simulator = batch.simulator
             look = (result.observation, result.reward, simulator.pose, simulator.velocity, simulator.power)
-            for name, value in zip(seen, look, strict=True):
-                seen[name].append(np.array(value, dtype=np.float64))
+            for name, value in zip(series, look, strict=True):
+                series[name].append(np.array(value, dtype=np.float64))
         # The measured values, because fingerprints are older than the rule that a failed episode counts as its
         # limits.
         for index in result.ended.tolist():
             records.setdefault(index, batch.task.measured(index))
-    for name, looks in seen.items():
+    for name, looks in series.items():
         yield name, np.stack(looks)
     yield "ended", np.array(sorted(records), dtype=np.float64)
     for column in batch.task.reference_columns or record_columns(batch.task.name):
@@ -125,9 +125,9 @@ def _observed(task: tasks.Task) -> dict[str, Any]:
     """Return the observation of the reference play, the same for every agent."""
     declared = factory(task.name).reference_blocks
     able = [name for name in TASKS[task.name].blocks if name in BLOCKS.own and name != "preview"]
-    known = [*declared] or able
+    names = [*declared] or able
     frame = {} if isinstance(task, tasks.Tracked) else {"position_frame": "world"}
-    return {**frame, "observation": known, "block_packages": {}, "history": 1}
+    return {**frame, "observation": names, "block_packages": {}, "history": 1}
 
 
 def _set_out(batch: Batch) -> None:

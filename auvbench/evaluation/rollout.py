@@ -111,7 +111,7 @@ def roll_out(
     batch: int,
     trajectories: int = 0,
     scenarios: str = "test",
-    told: Callable[[int], None] = lambda _: None,
+    report: Callable[[int], None] = lambda _: None,
     watch: Watch | None = None,
 ) -> Rollout:
     """Run an agent through episodes (n,) of a seed, each to its end.
@@ -123,7 +123,7 @@ def roll_out(
         batch: number of episodes to simulate at a time.
         trajectories: number of first episodes whose trajectories are recorded.
         scenarios: stream of scenarios, test or validation.
-        told: function called with the number of episodes that have just ended.
+        report: function called with the number of episodes that have just ended.
         watch: see `signals.Recorder`.
     """
     records: list[Record] = []
@@ -142,7 +142,7 @@ def roll_out(
         actuators = environments.vehicle.actuators
         followed = numbers[: max(0, trajectories - start)].tolist()
         agent.reset(numbers)
-        records += _one_batch(environments, agent, followed, paths, told, watch)
+        records += _one_batch(environments, agent, followed, paths, report, watch)
     notes = {name: number - before.get(name, 0) for name, number in counted(agent).items()}
     return Rollout(records, paths, duration, actuators, notes)
 
@@ -189,7 +189,7 @@ def _one_batch(
     agent: Agent,
     followed: list[int],
     paths: dict[int, Trajectory],
-    told: Callable[[int], None],
+    report: Callable[[int], None],
     watch: Watch | None,
 ) -> list[Record]:
     observation = environments.reset()
@@ -216,7 +216,7 @@ def _one_batch(
             # An ended episode continues until the last one ends: only its first end counts.
             rows.setdefault(i, record)
         if len(rows) > before:
-            told(len(rows) - before)
+            report(len(rows) - before)
         if spare is not None and len(result.ended):
             spare(result.ended)
     for i, episode in enumerate(followed if task.world else ()):

@@ -95,17 +95,17 @@ class Recorder:
         working = tuple(f"working.{name}" for name in names)
         estimate = () if self._batch.navigation is None else (*ESTIMATE, *ERROR, *DEVIATION)
         blocks = self._batch.task.spec.blocks.values()
-        seen = {
+        labels_of = {
             b.name: tuple(f"observed.{label}{_SUFFIX.get(b.unit, '')}" for label in b.labels) for b in blocks
         }
         columns = (*POSITION, *ATTITUDE, *VELOCITY, *RATES, *REFERENCE, DISTANCE, POWER, REWARD, *CURRENT, *forces, *working, *estimate)  # fmt: skip
         table = pd.DataFrame(
-            np.array(self._rows), columns=[*columns, *(c for part in seen.values() for c in part)]
+            np.array(self._rows), columns=[*columns, *(c for part in labels_of.values() for c in part)]
         )
         commands = tuple(f"{name}_cmd" for name in names)
         # A row has the command that is given at its time. The last one has none: the log of a vehicle would repeat it.
-        given = pd.DataFrame(np.array([*self._commands, self._commands[-1]]), columns=list(commands))
-        table = pd.concat([pd.Series(duration * np.arange(len(table)), name="t_s"), given, table], axis=1)
+        sent = pd.DataFrame(np.array([*self._commands, self._commands[-1]]), columns=list(commands))
+        table = pd.concat([pd.Series(duration * np.arange(len(table)), name="t_s"), sent, table], axis=1)
         motion = [
             Panel("Position; dashed: reference", "m", POSITION, ("x", "y", "z"), REFERENCE),
             Panel("Distance to the reference", "m", (DISTANCE,)),
@@ -128,7 +128,7 @@ class Recorder:
             Panel(
                 f"Observed: {b.name}",
                 b.unit if b.unit != "1" else "",
-                seen[b.name],
+                labels_of[b.name],
                 tuple(label.removeprefix(f"{b.name}_") for label in b.labels),
             )
             for b in blocks

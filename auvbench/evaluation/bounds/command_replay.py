@@ -84,7 +84,7 @@ def silent(config: schema.TrainConfig) -> schema.TrainConfig:
     return replace(config, noise=replace(config.noise, scale=0.0))
 
 
-def kept(actions: Floats) -> Commands:
+def stored(actions: Floats) -> Commands:
     """Return actions (T, n_u) in [-1, 1] in their stored form."""
     return np.rint(UNIT * np.clip(actions, -1.0, 1.0)).astype(np.int8)
 

@@ -17,12 +17,12 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
-from auvbench.evaluation.bounds.command_replay import Scenario, kept, scenarios, silent
+from auvbench.evaluation.bounds.command_replay import Scenario, scenarios, silent, stored
 from auvbench.evaluation.bounds.files import (
     Bound,
     Commands,
-    Found,
     Limits,
+    Solution,
     Summary,
     folder_of,
     line_of,
@@ -164,7 +164,7 @@ def _bounds(
     return [done[episode] for episode in range(len(positions))]
 
 
-def _searched(jobs: Mapping[int, Job], pool: Pool) -> Iterator[tuple[int, Found]]:
+def _searched(jobs: Mapping[int, Job], pool: Pool) -> Iterator[tuple[int, Solution]]:
     with interruption.immediate():
         for episode, result in pool.results(_solve, jobs, "search"):
             if isinstance(result, WorkerDiedError):
@@ -178,7 +178,9 @@ _built: tuple[schema.TrainConfig, Search, dict[str, Agent]] | None = None
 """Search and controllers of the last job in this process; building them takes a second."""
 
 
-def _solve(config: schema.TrainConfig, protocol: schema.Protocol, episode: int, scenario: Scenario) -> Found:
+def _solve(
+    config: schema.TrainConfig, protocol: schema.Protocol, episode: int, scenario: Scenario
+) -> Solution:
     global _built
     if _built is None or _built[0] != config:
         _built = config, Search(config), controllers(config)
@@ -205,7 +207,7 @@ def commands(
     vehicle = sheet.load(config.vehicle)
     for name, agent in agents.items():
         path = one_episode(config, agent, protocol, episode).trajectories[episode]
-        recorded[name] = kept(vehicle.action(np.array(path.command)))
+        recorded[name] = stored(vehicle.action(np.array(path.command)))
     return recorded
 
 

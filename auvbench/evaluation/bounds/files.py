@@ -39,7 +39,7 @@ LONGEST = 100_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class Solution:
     """The best result of a search so far."""
 
     commands: Commands
@@ -68,14 +68,14 @@ class Bound:
     commands: Prose
     """packed commands, (steps, n_u)"""
 
-    def found(self) -> Found:
+    def solution(self) -> Solution:
         """Return the commands.
 
         Raises:
             RunError: the commands are damaged.
         """
         try:
-            return Found(_unpacked(self.commands, self.steps), self.start)
+            return Solution(_unpacked(self.commands, self.steps), self.start)
         except ValueError as error:
             raise RunError(f"bound of {self.condition}, episode {self.episode}: {short(error)}") from error
 
@@ -217,7 +217,7 @@ def read_finished(path: Path) -> Bound | None:
     """Return the bound in the file of a finished search; None if the file is missing or damaged."""
     try:
         bound = typed_json.convert(reading.json_value(reading.content(path)), Bound)
-        bound.found()
+        bound.solution()
     except (OSError, ValueError, RunError):
         return None
     return bound

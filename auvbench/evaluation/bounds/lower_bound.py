@@ -68,8 +68,8 @@ class Energy:
         distance = max(float(np.linalg.norm(line)) - self.radius, 0.0)
         # The trajectory may end anywhere in the goal: take the point where rising gains most.
         rise = line[2] + np.sign(self.lift) * self.radius
-        given = self.lift * rise + self.righting
-        return float(max(0.0, np.max((distance - PRICES * given) / self.pace)))
+        gained = self.lift * rise + self.righting
+        return float(max(0.0, np.max((distance - PRICES * gained) / self.pace)))
 
     def steps(self, scenario: Scenario, frequency: float) -> int:
         """Return the bound in whole agent steps, at least 1, since arrival is checked after a step."""

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.errors import TrainingError
-from auvbench.evaluation.bounds.command_replay import Scenario, Trial, actions, kept
-from auvbench.evaluation.bounds.files import Commands, Found
+from auvbench.evaluation.bounds.command_replay import Scenario, Trial, actions, stored
+from auvbench.evaluation.bounds.files import Commands, Solution
 from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
 
 Floats = NDArray[np.float64]
@@ -243,7 +243,7 @@ class Search:
             task.goal_radius,
         )
 
-    def find(self, scenario: Scenario, starts: Mapping[str, Commands]) -> Found:
+    def find(self, scenario: Scenario, starts: Mapping[str, Commands]) -> Solution:
         """Search from commands (T, n_u) of controllers, with each thrust constant for `HOLD` steps.
 
         If that finds nothing better than the commands themselves, search from a straight line.
@@ -260,10 +260,10 @@ class Search:
                 return result
         return self._improve(scenario, best, [("straight", self._straight(scenario.target))])
 
-    def replay(self, scenario: Scenario, commands: Commands, start: str) -> Found | None:
+    def replay(self, scenario: Scenario, commands: Commands, start: str) -> Solution | None:
         """Return commands (T, n_u) as a result; None if they do not reach the goal."""
         outcome = self.trial.run(scenario, commands)
-        return Found(commands[: outcome.steps], start) if outcome.arrived else None
+        return Solution(commands[: outcome.steps], start) if outcome.arrived else None
 
     def plan_of(self, scenario: Scenario, commands: Commands) -> Plan:
         """Return the trajectory of commands (T, n_u) in a scenario, relative to its start."""
@@ -296,7 +296,9 @@ class Search:
         X[7:10, 1:] = (way / T)[:, None]
         return Plan(X, np.repeat(programs.coasting[:, None], INTERVALS, axis=1), T)
 
-    def _improve(self, scenario: Scenario, known: Found | None, guesses: Iterable[tuple[str, Plan]]) -> Found:
+    def _improve(
+        self, scenario: Scenario, incumbent: Solution | None, guesses: Iterable[tuple[str, Plan]]
+    ) -> Solution:
         """Return the best result from several guesses: refine the quickest plan of the coarse grid step by step."""
         plans = []
         for start, guess in guesses:
@@ -304,21 +306,27 @@ class Search:
             if solved:
                 plans.append((plan.T, start, plan))
         plans.sort(key=lambda entry: entry[0])  # stable: equally quick plans keep their order
-        if plans and (known is None or plans[0][0] * self.frequency <= known.steps + 1):
+        if plans and (incumbent is None or plans[0][0] * self.frequency <= incumbent.steps + 1):
             _, start, plan = plans[0]
-            result = self._refine(scenario, plan, start, known)
-            known = result if known is None or (result is not None and result.steps < known.steps) else known
-        if known is None:
+            result = self._refine(scenario, plan, start, incumbent)
+            incumbent = (
+                result
+                if incumbent is None or (result is not None and result.steps < incumbent.steps)
+                else incumbent
+            )
+        if incumbent is None:
             place = np.round(scenario.waypoint, 2).tolist()
             raise TrainingError(f"found no way to the waypoint at {place}, and no controller reaches it")
-        return known
+        return incumbent
 
-    def _refine(self, scenario: Scenario, plan: Plan, start: str, known: Found | None) -> Found | None:
+    def _refine(
+        self, scenario: Scenario, plan: Plan, start: str, incumbent: Solution | None
+    ) -> Solution | None:
         """Return the fewest steps in which plans near `plan` reach the goal in the simulator; None if no plan
         does.
         """
         steps = max(1, math.ceil(plan.T * self.frequency))
-        most = math.inf if known is None else known.steps - 1
+        most = math.inf if incumbent is None else incumbent.steps - 1
         too_few, best = 0, None
         guess = plan
         for _ in range(ATTEMPTS):
@@ -327,13 +335,13 @@ class Search:
                 break
             guess, shares = self.programs.closest(guess, scenario.target, steps, 1.0 / self.frequency)
             thrusts = self.programs.thrusts(shares).T
-            commands = kept(self.vehicle.action(thrusts))
+            commands = stored(self.vehicle.action(thrusts))
             outcome = self.trial.run(scenario, commands)
             # Number of steps that the plan is early or late, at its final speed.
             pace = max(float(np.linalg.norm(outcome.velocity[-1, :3])), 0.1) / self.frequency
             distance = float(np.linalg.norm(outcome.pose[-1, :3] - scenario.waypoint))
             if outcome.arrived:
-                best = Found(commands[: outcome.steps], start)
+                best = Solution(commands[: outcome.steps], start)
                 most = outcome.steps - 1
                 spare = (self.radius - distance) / (LEAST_GAIN * pace)
                 if spare < 1.0:

@@ -41,7 +41,7 @@ def wrong_bounds(limits, protocol, config):
         trial = Trial(by_name[name].config)
         there = all_scenarios(by_name[name], protocol)
         for bound in limits.condition(name):
-            outcome = trial.run(there[bound.episode], bound.found().commands)
+            outcome = trial.run(there[bound.episode], bound.solution().commands)
             if not outcome.arrived or outcome.steps != bound.steps:
                 wrong.append(
                     f"{name}, episode {bound.episode}: {outcome.record['outcome']} after {outcome.steps} steps"
@@ -165,7 +165,7 @@ def test_what_is_found_arrives_and_is_quicker_than_controllers(
     steps = np.array([bound.steps for bound in held])
     assert (steps <= quickest).all()
     assert (steps < quickest).any()
-    assert all(bound.least_steps <= bound.steps == bound.found().steps for bound in held)
+    assert all(bound.least_steps <= bound.steps == bound.solution().steps for bound in held)
 
 
 @pytest.mark.slow
