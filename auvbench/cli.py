@@ -50,10 +50,10 @@ _NAMED = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR)
 
 
 def usage() -> str:
-    known = {name: COMMANDS[name].title for name in COMMANDS.own}
-    known |= {point.name: f"of {point.release}" for point in COMMANDS.declared()}
-    width = max(map(len, known))
-    lines = [f"  {name:<{width}}  {text}" for name, text in known.items()]
+    titles = {name: COMMANDS[name].title for name in COMMANDS.own}
+    titles |= {point.name: f"of {point.release}" for point in COMMANDS.declared()}
+    width = max(map(len, titles))
+    lines = [f"  {name:<{width}}  {text}" for name, text in titles.items()]
     return "\n".join(
         [
             "usage: auvbench COMMAND [ARGUMENTS]",
@@ -93,20 +93,20 @@ def _dispatch(arguments: Sequence[str]) -> int:
         print(f"auvbench {__version__}")
         return 0
     plain_warnings()
-    name, rest = arguments[0], arguments[1:]
-    found = None if name in COMMANDS.own else COMMANDS.find(name)
-    if found is None and name not in COMMANDS.own:
+    name, remaining = arguments[0], arguments[1:]
+    point = None if name in COMMANDS.own else COMMANDS.find(name)
+    if point is None and name not in COMMANDS.own:
         hint = f"did you mean {MEANT[name]!r}?" if name in MEANT else closest(short(name), COMMANDS.names())
         raise UserError(f"unknown command {short(name)!r}; {hint}")
     try:
         os.getcwd()
     except OSError as error:
         raise UserError(f"the working directory is gone ({error.strerror}): cd to another folder") from None
-    if found is None:
-        return int(resolve(COMMANDS[name].code)(rest) or 0)
-    spec = COMMANDS.enter(found)
-    with telling(f"auvbench {name} of {found.release}", "fails"):
-        return int(resolve(spec.code)(rest) or 0)
+    if point is None:
+        return int(resolve(COMMANDS[name].code)(remaining) or 0)
+    spec = COMMANDS.enter(point)
+    with telling(f"auvbench {name} of {point.release}", "fails"):
+        return int(resolve(spec.code)(remaining) or 0)
 
 
 def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:

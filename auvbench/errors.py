@@ -102,7 +102,7 @@ def closest(name: str, valid: Iterable[str]) -> str:
     "did you mean 'PID'? valid: PID, SAC K=1"
     """
     names = sorted(set(valid))
-    by_letters = {known.casefold(): known for known in reversed(names)}
+    by_letters = {valid_name.casefold(): valid_name for valid_name in reversed(names)}
     near = difflib.get_close_matches(name.casefold(), by_letters, n=1, cutoff=0.5)
     hint = f"did you mean {by_letters[near[0]]!r}? " if near else ""
     return f"{hint}valid: {', '.join(names)}"

@@ -99,9 +99,9 @@ def _relative(value: str) -> list[str]:
 
 def _matplotlib_folder() -> Path:
     """Return a folder for Matplotlib's font list; the user's own folder may contain styles."""
-    given = os.environ.get("MPLCONFIGDIR")
+    configured = os.environ.get("MPLCONFIGDIR")
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
-    folder = Path(given) if given else Path(cache, "matplotlib")
+    folder = Path(configured) if configured else Path(cache, "matplotlib")
     return folder if folder.name == "auvbench" else folder / "auvbench"
 
 

@@ -464,13 +464,13 @@ def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, 
         names: columns.
         limits: known bounds (m) and time limit (s) of the task, by `Metric.failed`.
     """
-    known = {**limits, "": None}
-    found = {
-        metric.name: metric.high if metric.failed == "high" else known.get(metric.failed)
+    limit_of = {**limits, "": None}
+    values = {
+        metric.name: metric.high if metric.failed == "high" else limit_of.get(metric.failed)
         for metric in registered()
         if metric.name in names
     }
-    return {name: value for name, value in found.items() if value is not None}
+    return {name: value for name, value in values.items() if value is not None}
 
 
 def _of_several(metric: Metric, specs: Sequence[TaskSpec]) -> Metric:

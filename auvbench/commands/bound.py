@@ -19,8 +19,8 @@ OUTPUT = "outputs/bounds"
 
 
 def main(arguments: Sequence[str]) -> int:
-    given = parser().read(arguments, overrides=True)
-    root, run, test = _sorted(given.words)
+    options = parser().read(arguments, overrides=True)
+    root, run, test = _sorted(options.words)
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config, resolved, train_config
 
@@ -28,11 +28,11 @@ def main(arguments: Sequence[str]) -> int:
     composed = compose("train", run)
     train_config(composed)
     config = resolved(composed)
-    if not given.force and (existing := _there(protocol, config, root)) is not None:
+    if not options.force and (existing := _existing_limits(protocol, config, root)) is not None:
         print(_summary(existing))
         print("These bounds exist already (--force computes them again).")
         return 0
-    return _compute(protocol, config, root, given.workers)
+    return _compute(protocol, config, root, options.workers)
 
 
 def parser() -> Parser:
@@ -86,12 +86,12 @@ def _sorted(words: Sequence[str]) -> tuple[Path, list[str], list[str]]:
     return Path(output), run, test
 
 
-def _there(protocol: Protocol, config: dict[str, Any], root: Path) -> Limits | None:
+def _existing_limits(protocol: Protocol, config: dict[str, Any], root: Path) -> Limits | None:
     from auvbench.evaluation.bounds.files import find
     from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 
-    wanted = fingerprint(protocol, resolve_conditions(protocol, config))
-    return find(protocol.name, str(config["vehicle"]["name"]), wanted, [root])[0]
+    digest = fingerprint(protocol, resolve_conditions(protocol, config))
+    return find(protocol.name, str(config["vehicle"]["name"]), digest, [root])[0]
 
 
 def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: int) -> int:
@@ -114,14 +114,14 @@ def _compute(protocol: Protocol, config: dict[str, Any], root: Path, workers: in
         for line in left_out:
             tell.note(f"skipped: {line}")
 
-        def told(bound: Any) -> None:
+        def report(bound: Any) -> None:
             nonlocal done
             done += 1
             step = max(1, total // 20)
             tell.line(f"{done} of {total} searches" if done % step == 0 else None)
 
         try:
-            limits = compute(protocol, config, root, pool, told)
+            limits = compute(protocol, config, root, pool, report)
         except Interrupted as interrupted:
             raise Interrupted(
                 interrupted.signal,

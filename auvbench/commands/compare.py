@@ -61,29 +61,29 @@ def parser() -> Parser:
 
 
 def main(arguments: Sequence[str]) -> int:
-    given = parser().read(arguments)
+    options = parser().read(arguments)
     from rich.console import Console
 
     from auvbench.analysis import side_by_side
     from auvbench.reporting.tables.terminal import TableView
     from auvbench.runs.atomic_io import storage
 
-    names = (given.first, given.second)
+    names = (options.first, options.second)
     agents_found = [
-        side_by_side.find_agent(name, given.folder, given.protocol, given.condition, given.where)
+        side_by_side.find_agent(name, options.folder, options.protocol, options.condition, options.where)
         for name in names
     ]
     pair = side_by_side.told_apart(agents_found, names)
-    differences = side_by_side.differences(pair, given.confidence, given.every)
+    differences = side_by_side.differences(pair, options.confidence, options.every)
     console = Console(highlight=False)
-    console.print(TableView(_measures(pair, differences, given.confidence)))
-    for note in _notes(differences, given.confidence):
+    console.print(TableView(_measures(pair, differences, options.confidence)))
+    for note in _notes(differences, options.confidence):
         console.print(note, style="dim")
     if changed := side_by_side.settings(pair):
         console.print()
         console.print(TableView(_settings(pair, changed)))
     with storage("cannot draw the learning curves"):
-        for path in _curves(pair, given.out or given.folder / "compare"):
+        for path in _curves(pair, options.out or options.folder / "compare"):
             console.print(f"wrote {os.path.relpath(path)}", soft_wrap=True)
     return 0
 

@@ -109,13 +109,13 @@ def candidates(words: Sequence[str]) -> list[str]:
     ['protocol=thesis']
     """
     command, *before, word = words if len(words) > 1 else ("", *words)
-    known = _flags(command)
+    flags = _flags(command)
     flag = before[-1] if before else ""
     if not command:
         offered = list(COMMANDS.names())
     elif word.startswith("-"):
-        offered = known
-    elif flag.startswith("--") and flag in known and (values := _values(flag)):
+        offered = flags
+    elif flag.startswith("--") and flag in flags and (values := _values(flag)):
         offered = _listed(values, word)
     elif command in HYDRA:
         from auvbench.config.compose import complete_override

@@ -62,13 +62,13 @@ def parser() -> Parser:
 
 
 def main(arguments: Sequence[str]) -> int:
-    given = parser().read(arguments, overrides=True)
+    options = parser().read(arguments, overrides=True)
     from auvbench.config.compose import compose
     from auvbench.config.validate import evaluate_config
     from auvbench.runs import run_filter
 
-    paths, overrides = paths_and_overrides(given.words)
-    _refuse_mixed(overrides, given.where)
+    paths, overrides = paths_and_overrides(options.words)
+    _refuse_mixed(overrides, options.where)
     protocol: Protocol
     if file := _sealed(overrides):
         from auvbench.evaluation import sealed
@@ -76,7 +76,7 @@ def main(arguments: Sequence[str]) -> int:
         protocol = sealed.read(file)
     else:
         composed = compose("evaluate", overrides)
-        if given.cfg:
+        if options.cfg:
             from omegaconf import OmegaConf
 
             print(OmegaConf.to_yaml(composed), end="")
@@ -84,7 +84,7 @@ def main(arguments: Sequence[str]) -> int:
         protocol = evaluate_config(composed).protocol
     if not paths:
         raise UserError("name a run directory or a folder of runs, e.g. auvbench evaluate outputs")
-    return _evaluate_all(run_filter.find(paths, given.where), protocol, given.workers, given.force)
+    return _evaluate_all(run_filter.find(paths, options.where), protocol, options.workers, options.force)
 
 
 def _sealed(overrides: Sequence[str]) -> Path | None:
@@ -96,8 +96,8 @@ def _sealed(overrides: Sequence[str]) -> Path | None:
     files = [word for word in overrides if word.startswith("protocol=") and word.endswith(".json")]
     if not files:
         return None
-    if others := [word for word in overrides if word not in files[:1]]:
-        raise UserError(f"{others[0]}: a sealed protocol cannot be changed; leave {others[0]} out")
+    if overriding := [word for word in overrides if word not in files[:1]]:
+        raise UserError(f"{overriding[0]}: a sealed protocol cannot be changed; leave {overriding[0]} out")
     return Path(files[0].removeprefix("protocol="))
 
 
@@ -140,7 +140,7 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
                     ends["held" if result.held else "failed"] += 1
                     tell.line(f"auvbench: {result.error}", error=True)
                 elif result.summary is None:
-                    ends["there"] += 1
+                    ends["already"] += 1
                     tell.line(None)
                 else:
                     ends["tested"] += 1
@@ -156,11 +156,11 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
                 raise
         if request.signal is not None:
             done = (
-                f"interrupted: {ends['tested'] + ends['there']} of {len(ready)} runs are tested and "
+                f"interrupted: {ends['tested'] + ends['already']} of {len(ready)} runs are tested and "
                 "saved; run the same command to continue"
             )
             raise Interrupted(request.signal, done) from None
-    if done_before := ends["there"]:
+    if done_before := ends["already"]:
         what = "run is" if done_before == 1 else "runs are"
         print(f"{done_before} {what} already tested by protocol {protocol.name} (--force tests again)")
     if unfinished:
@@ -169,8 +169,8 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
         if ends["held"]:
             return 1
         raise UserError("no run could be evaluated")
-    which = "" if protocol.name == "test" else f" --protocol {protocol.name}"
-    print(f"next: auvbench report {as_words([run.path for run in ready], alone=0)}{which}")
+    argument = "" if protocol.name == "test" else f" --protocol {protocol.name}"
+    print(f"next: auvbench report {as_words([run.path for run in ready], alone=0)}{argument}")
     return 1 if ends["failed"] or ends["held"] else 0
 
 

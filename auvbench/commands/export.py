@@ -111,16 +111,16 @@ def _task(task: Mapping[str, Any]) -> list[str]:
         typed = [key for key in OBSERVED if key in values and key != "block_packages"]
         return flat({key: values[key] for key in typed}, "task.")
 
-    wanted, name = observed(task), str(task["name"])
-    others = [choice for choice in folders.options("task") if choice != name]
+    values_of_policy, name = observed(task), str(task["name"])
+    other_tasks = [choice for choice in folders.options("task") if choice != name]
     differing: dict[str, Any] = {}
-    for choice in (name, *others):
+    for choice in (name, *other_tasks):
         defaults = OmegaConf.to_container(option("task", choice))
         assert isinstance(defaults, dict)
         if defaults["name"] != name:
             continue
         has = observed({str(key): value for key, value in defaults.items()})
-        changed = {key: value for key, value in wanted.items() if has.get(key) != value}
+        changed = {key: value for key, value in values_of_policy.items() if has.get(key) != value}
         if not changed:
             return [f"task={choice}"]
         differing = differing or changed

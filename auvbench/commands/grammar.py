@@ -115,15 +115,15 @@ class Parser(argparse.ArgumentParser):
         Reject a `key=value` that is not a path; with `overrides`, only if its key is a flag.
         """
         self._refuse_overrides(arguments, overrides)
-        given, rest = self.parse_known_intermixed_args(list(arguments))
-        for word in rest:
+        options, extra = self.parse_known_intermixed_args(list(arguments))
+        for word in extra:
             if word.startswith("-"):
                 raise UserError(unknown_flag(self.command, word, self.flags(), self._keys, arguments))
             raise UserError(f"{self.command}: {word}: unexpected argument")
-        for term in given.where if self._where else ():
+        for term in options.where if self._where else ():
             if "=" not in term:
                 raise UserError(f"{WHERE} {term}: must be followed by KEY=VALUE, e.g. {WHERE} reward.k=1,40")
-        return given
+        return options
 
     def _refuse_overrides(self, arguments: Sequence[str], allowed: bool) -> None:
         flags, in_where = self.flags(), False

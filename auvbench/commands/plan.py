@@ -30,7 +30,7 @@ REPLICATIONS = 200
 FAILURES = (0.1, 0.05)
 """failure rates of trainings for which the plan gives the number of seeds"""
 
-_Found = Sequence[tuple[str, "Need"]]
+_Needs = Sequence[tuple[str, "Need"]]
 """numbers of seeds by "", and by "cautious" for the largest spread that the data allow"""
 
 
@@ -112,8 +112,8 @@ def parser() -> Parser:
     return parser
 
 
-def _several(one: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:
-    return lambda text: tuple(map(one, text.split(",")))
+def _several(parse: Callable[[str], Any]) -> Callable[[str], tuple[Any, ...]]:
+    return lambda text: tuple(map(parse, text.split(",")))
 
 
 def _check(options: argparse.Namespace) -> None:
@@ -191,7 +191,7 @@ def _check_rate(m: Measure) -> None:
         raise UserError(f"--rates needs a rate, and {m.name} is not one; use --resolve D in its unit")
 
 
-def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Sequence[int]) -> _Found:
+def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Sequence[int]) -> _Needs:
     """Return the seeds needed for each number of episodes; show a spinner on a terminal."""
     from rich.console import Console
 
@@ -220,7 +220,7 @@ def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Seq
         ]
 
 
-def _text(found: _Found, basis: Basis, agents: int, m: Measure, options: argparse.Namespace) -> str:
+def _text(needs: _Needs, basis: Basis, agents: int, m: Measure, options: argparse.Namespace) -> str:
     """Return the table of seeds by test episodes and power, with the notes that explain it."""
     from auvbench.analysis.formatting import counted, name, unit
     from auvbench.statistics.intervals import trials_that_bound
@@ -229,7 +229,7 @@ def _text(found: _Found, basis: Basis, agents: int, m: Measure, options: argpars
     titles = ["episodes", *(f"{100 * t:g} % power" for t in TARGETS)]
     titles += [f"{100 * t:g} %, table of {agents}" for t in TARGETS if agents > 2]
     rows = [titles]
-    for kind, need in found:
+    for kind, need in needs:
         seeds = [need.alone[t] for t in TARGETS] + [need.among[t] for t in TARGETS if agents > 2]
         cells = [f"> {MOST_SEEDS}" if n is None else str(n) for n in seeds]
         rows.append([f"{need.episodes}{' *' if kind else ''}", *cells])

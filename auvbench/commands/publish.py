@@ -112,8 +112,8 @@ def _pictures(text: str) -> tuple[str, ...]:
 
 def _placeless(word: str) -> str:
     """Return a word of the command without paths of this machine."""
-    flag, given, value = word.partition("=")
-    if flag.startswith("--") and given:
+    flag, equals, value = word.partition("=")
+    if flag.startswith("--") and equals:
         return f"{flag}={_placeless(value)}"
     path = Path(word)
     if not path.is_absolute():
@@ -142,21 +142,21 @@ def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[R
     chosen = [run for run in runs if run.evaluations or failed_training(run)]
     ids = {run.id for run in chosen}
     _refuse_loss(folder, ids)
-    left = archive.write(chosen, folder, protocols, trajectories=study.paths, compact=study.compact)
-    left += archive.write_history(runs, folder)
+    omitted = archive.write(chosen, folder, protocols, trajectories=study.paths, compact=study.compact)
+    omitted += archive.write_history(runs, folder)
     untested = [p for p in problems if p.kind == "missing"]
-    left += [
+    omitted += [
         f"{p.where}: {p.message}"
         for p in problems
         if p.kind not in ("missing", "duplicate") and not (p.kind == "failed" and p.where in ids)
     ]
     if untested:
-        left.append(f"{listed([p.where for p in untested], NAMED)}: {untested[0].message}")
-    for line in left:
+        omitted.append(f"{listed([p.where for p in untested], NAMED)}: {untested[0].message}")
+    for line in omitted:
         print(f"not published: {line}")
     for problem in [p for p in problems if p.kind == "duplicate"]:
         print(f"{problem.where}: {problem.message}")
-    return chosen, len(left)
+    return chosen, len(omitted)
 
 
 def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:

@@ -131,9 +131,9 @@ def _show(episodes: Sequence[Replay], stem: Path, video: Path | None, signals: P
     return 0
 
 
-def _signal_files(stem: Path, given: Path | None) -> tuple[Path, ...]:
-    if given is None:
+def _signal_files(stem: Path, path: Path | None) -> tuple[Path, ...]:
+    if path is None:
         return ()
-    if given != Path():
-        return (given,)
+    if path != Path():
+        return (path,)
     return tuple(stem.with_name(f"{stem.name}-signals{kind}") for kind in (".png", ".csv"))

@@ -78,12 +78,12 @@ def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict
     """Return the paths, the options (conf/report.yaml, the declared analysis, the command line) and the
     values of all flags.
     """
-    given = vars(parser.read(argv))
+    flags = vars(parser.read(argv))
     settings = _usual()
-    declared, folder, undecided = _declared(given["paths"])
+    declared, folder, undecided = _declared(flags["paths"])
     if declared is not None:
-        settings |= _known(declared.report) | _set_by(declared)
-    typed = {key: given[key] for key in KEYS if given.get(key) is not None}
+        settings |= _named(declared.report) | _set_by(declared)
+    typed = {key: flags[key] for key in KEYS if flags.get(key) is not None}
     log = typed.get("log", settings["log"])
     if log is not None and log not in TRACKERS.names():
         raise ConfigError(f"--log {short(str(log))}: unknown; {closest(str(log), TRACKERS.names())}")
@@ -94,7 +94,7 @@ def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict
         usual=_options(settings),
         undecided=undecided,
     )
-    return given["paths"], options, given
+    return flags["paths"], options, flags
 
 
 def _set_by(declared: Declared) -> dict[str, Any]:
@@ -107,7 +107,7 @@ def _set_by(declared: Declared) -> dict[str, Any]:
 
 def _usual() -> dict[str, Any]:
     text = (resources.files("auvbench.conf") / "report.yaml").read_bytes()
-    return _known(reading.yaml_value(text))
+    return _named(reading.yaml_value(text))
 
 
 def _declared(paths: Sequence[Path]) -> tuple[Declared | None, Path | None, str]:
@@ -119,7 +119,7 @@ def _declared(paths: Sequence[Path]) -> tuple[Declared | None, Path | None, str]
     declarations = analyses.find(paths)
     if not declarations:
         return None, None, ""
-    file, longest = max(declarations, key=lambda one: len(one[1].rows))
+    file, longest = max(declarations, key=lambda declaration: len(declaration[1].rows))
     if all(longest.extends(analysis) for _, analysis in declarations):
         return longest, file.parent, ""
     files = ", ".join(os.path.relpath(file) for file, _ in declarations[:3])
@@ -199,7 +199,7 @@ def parser() -> Parser:
     return parser
 
 
-def _known(settings: Mapping[str, Any]) -> dict[str, Any]:
+def _named(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Return options by name; raise an error for an unknown name."""
     named = {str(key).replace("-", "_"): value for key, value in settings.items()}
     for key in named:
@@ -220,7 +220,7 @@ def _options(settings: Mapping[str, Any], typed: Collection[str] = ()) -> Option
     try:
         options = typed_json.convert(values, Options)
     except ValueError as error:
-        entry, _, rest = str(error).partition(" ")
+        entry, _, reason = str(error).partition(" ")
         key = entry.partition("[")[0]  # an item of a list: format[0]
-        raise UserError(f"{_flag(key)} {rest}" if key in typed else f"report: {error}") from error
+        raise UserError(f"{_flag(key)} {reason}" if key in typed else f"report: {error}") from error
     return replace(options, out=None if options.out is None else Path(str(options.out)))

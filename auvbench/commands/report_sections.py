@@ -31,8 +31,8 @@ def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
         parts.setdefault(report.section.vehicle, report)
     if len({_task(report) for report in parts.values()}) < 2:
         return None
-    known = {name: place for place, name in enumerate(TASKS)}
-    parts = dict(sorted(parts.items(), key=lambda part: known.get(_task(part[1]), len(known))))
+    place_of = {name: place for place, name in enumerate(TASKS)}
+    parts = dict(sorted(parts.items(), key=lambda part: place_of.get(_task(part[1]), len(place_of))))
     one_vehicle = len({report.runs[0].config.get("vehicle.name") for report in parts.values()}) == 1
     tested = [
         score.OneTask(

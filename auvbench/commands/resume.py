@@ -26,22 +26,22 @@ A resumed run ends with the same bits as one that was never interrupted (docs/re
 
 
 def main(arguments: Sequence[str]) -> int:
-    given = parser().read(arguments, overrides=True)
-    paths, overrides = paths_and_overrides(given.runs)
+    options = parser().read(arguments, overrides=True)
+    paths, overrides = paths_and_overrides(options.runs)
     if not paths:
         raise ConfigError("resume: name at least one run or folder, e.g. auvbench resume outputs")
     from auvbench.commands import train
     from auvbench.runs import run_filter
     from auvbench.runs.directory import RunDirectory
 
-    runs = run_filter.find(paths, given.where)
+    runs = run_filter.find(paths, options.where)
     for override in overrides:
         runs = _extended(runs, _budget(override), shlex.join(["auvbench", "resume", *arguments]))
     if len(runs) > 1:  # in parallel, each in its own process
         from auvbench.scheduling.grid import sweep
         from auvbench.scheduling.local import LocalBackend
 
-        return sweep(runs, LocalBackend(given.workers), check=RunDirectory.check).exit_code
+        return sweep(runs, LocalBackend(options.workers), check=RunDirectory.check).exit_code
     runs[0].check()
     return train.carry_out(runs[0])
 

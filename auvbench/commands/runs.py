@@ -78,17 +78,17 @@ def parser() -> Parser:
 
 def main(argv: Sequence[str]) -> int:
     """Return 1 if a run could not be read; it is named, and the others are listed."""
-    given = parser().read(argv)
-    if given.history:
-        return _print_history(given.paths, given.where or given.json)
-    listed, problems = rows(find_runs(given.paths))
-    chosen = run_filter.select(listed, run_filter.parse(given.where), _facts)
+    options = parser().read(argv)
+    if options.history:
+        return _print_history(options.paths, options.where or options.json)
+    listed, problems = rows(find_runs(options.paths))
+    chosen = run_filter.select(listed, run_filter.parse(options.where), _facts)
     chosen = sorted(chosen, key=lambda row: (row.name, row.id))
-    if given.json:
+    if options.json:
         print(json.dumps([{**asdict(row), "progress": row.progress} for row in chosen], indent=1))
     else:
         _show(chosen, of=len(listed))
-        _tell_deleted(given.paths, [row.id for row in listed])
+        _tell_deleted(options.paths, [row.id for row in listed])
     for problem in problems:
         print(f"auvbench: {problem}", file=sys.stderr)
     return 1 if problems else 0
@@ -98,7 +98,7 @@ def _print_history(paths: Sequence[str], narrowed: bool) -> int:
     """Print the lines of the histories under some paths."""
     if narrowed:
         raise UserError("--history: prints all lines as JSON; leave out --where and --json")
-    folders = [path for given in paths for path in _experiments(Path(given))]
+    folders = [folder for path in paths for folder in _experiments(Path(path))]
     if not folders:
         raise UserError(f"{' '.join(paths)}: no {history.FILE} found; auvbench train and evaluate write it")
     try:
@@ -112,9 +112,7 @@ def _print_history(paths: Sequence[str], narrowed: bool) -> int:
 
 def _tell_deleted(paths: Sequence[str], ids: Sequence[str]) -> None:
     """Print how many trainings and tests in the histories belong to deleted runs."""
-    folders = {
-        folder for given in paths for folder in _experiments(Path(given)) if folder != Path(given).parent
-    }
+    folders = {folder for path in paths for folder in _experiments(Path(path)) if folder != Path(path).parent}
     with contextlib.suppress(OSError, ValueError):
         lines = history.merged(map(history.read, sorted(folders)))
         if history.deleted(lines, ids):
@@ -178,12 +176,12 @@ def _row(run: RunDirectory) -> Row:
 
 def _config(run: RunDirectory) -> dict[str, Any]:
     try:
-        known = run_filter.flat(run.config())
+        values = run_filter.flat(run.config())
     except (RunError, RecursionError):
         return {}  # The command that works on the run reports the error.
     return {
         short(key): _shown(value)
-        for key, value in known.items()
+        for key, value in values.items()
         if not key.startswith("vehicle.") or key == "vehicle.name"
     }
 
@@ -199,8 +197,8 @@ def _shown(value: Any) -> Any:
 
 def _facts(row: Row) -> dict[str, Any]:
     """Return the facts of a row that `--where` can select by."""
-    known = {"algo.name": row.algo, "seed": row.seed, **row.config}
-    return known | {"state": str(row.state), "id": row.id, "experiment": row.name}
+    values = {"algo.name": row.algo, "seed": row.seed, **row.config}
+    return values | {"state": str(row.state), "id": row.id, "experiment": row.name}
 
 
 def varying(rows: Sequence[Row]) -> list[str]:
@@ -252,13 +250,13 @@ def table(rows: Sequence[Row], console: Console) -> Table:
     from rich.measure import Measurement
 
     several = len({row.name for row in rows}) > 1
-    others = [*(["experiment"] if several else []), "progress", *varying(rows)]
+    optional = [*(["experiment"] if several else []), "progress", *varying(rows)]
     while True:
-        full = _table(rows, others)
+        full = _table(rows, optional)
         width = Measurement.get(console, console.options.update(max_width=10_000), full).maximum
-        if not others or width <= console.width:
+        if not optional or width <= console.width:
             return full
-        others.pop()
+        optional.pop()
 
 
 def _table(rows: Sequence[Row], more: Sequence[str]) -> Table:

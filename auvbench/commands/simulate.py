@@ -42,10 +42,10 @@ def simulate(config: DictConfig) -> None:
         if file is not None:
             check_writable(Path(file), f"{key}={file}")  # fails before anything is computed
     vehicle = sheet.load(settings.vehicle)
-    given = settings.input
-    command = _command(vehicle, given.command)
+    inputs = settings.input
+    command = _command(vehicle, inputs.command)
     if settings.thrusters == "off":
-        if given.command is not None and np.any(command):
+        if inputs.command is not None and np.any(command):
             raise ConfigError(
                 "input.command: thrusters=off leaves no thruster to command; give one of the two"
             )
@@ -54,12 +54,12 @@ def simulate(config: DictConfig) -> None:
         vehicle,
         duration=settings.duration,
         sample=settings.sample,
-        wrench=np.array(given.wrench),
+        wrench=np.array(inputs.wrench),
         command=command,
-        pose=np.array(given.pose),
-        velocity=np.array(given.velocity),
-        current=np.array(given.current),
-        frame=given.frame,
+        pose=np.array(inputs.pose),
+        velocity=np.array(inputs.velocity),
+        current=np.array(inputs.current),
+        frame=inputs.frame,
         max_step=settings.max_step,
     )
     if settings.output is None and settings.plot is None:
@@ -72,7 +72,7 @@ def simulate(config: DictConfig) -> None:
         print(f"plot: {settings.plot}")
 
 
-def _command(vehicle: VehicleModel, given: Any) -> Any:
+def _command(vehicle: VehicleModel, command: Any) -> Any:
     """Return commands (n_u,) from a list or a mapping of actuator names; zeros if nothing is given.
 
     Raises:
@@ -81,24 +81,24 @@ def _command(vehicle: VehicleModel, given: Any) -> Any:
     import numpy as np
 
     names = vehicle.actuators
-    if given is None:
+    if command is None:
         return np.zeros(len(names))
-    if isinstance(given, Mapping):
-        unknown = [str(name) for name in given if name not in names]
+    if isinstance(command, Mapping):
+        unknown = [str(name) for name in command if name not in names]
         if unknown:
             raise ConfigError(
                 f"input.command.{unknown[0]}: {vehicle.name} has no such actuator; {closest(unknown[0], names)}"
             )
-        values = [given.get(name, 0.0) for name in names]
-    elif isinstance(given, list | tuple):
-        values = list(given)
+        values = [command.get(name, 0.0) for name in names]
+    elif isinstance(command, list | tuple):
+        values = list(command)
         if len(values) != len(names):
             raise ConfigError(
                 f"input.command={values}: has {len(values)} numbers, {vehicle.name} has {len(names)}"
                 f" actuators: {', '.join(names)}"
             )
     else:
-        raise ConfigError(f"input.command={given}: must be a list of numbers or {{actuator: number}}")
+        raise ConfigError(f"input.command={command}: must be a list of numbers or {{actuator: number}}")
     for name, value in zip(names, values, strict=True):
         if isinstance(value, bool) or not isinstance(value, int | float) or not -1.0 <= value <= 1.0:
             raise ConfigError(f"input.command: {name} is {value}: must be a number in [-1, 1]")

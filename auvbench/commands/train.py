@@ -24,7 +24,7 @@ def main(arguments: Sequence[str]) -> int:
         arguments,
         # A run that is carried out elsewhere counts as a grid of one.
         job=lambda config: (
-            _one(config, command) if config.launcher.name == "local" else _grid([config], command)
+            _train(config, command) if config.launcher.name == "local" else _grid([config], command)
         ),
         grid=lambda configs: _grid(configs, command),
         dry_run=_dry_run,
@@ -44,7 +44,7 @@ def _dry_run(configs: Sequence[DictConfig]) -> int:
     return dry_run.show(configs)
 
 
-def _one(config: DictConfig, command: str) -> int:
+def _train(config: DictConfig, command: str) -> int:
     from auvbench.runs.plan import plan
     from auvbench.training.execute import check_runnable
 

@@ -162,9 +162,9 @@ def plan_of(
     written = searched.get("search")
     if not isinstance(written, dict | str | None):
         raise ConfigError("search: its file must map keys to ranges (see conf/search)")
-    known = space.keys_of(base["algo"])
+    keys = space.keys_of(base["algo"])
     typed_ranges = {**{str(key): str(text) for key, text in tune.space.items()}, **ranges}
-    dimensions = space.read(written if isinstance(written, dict) else {}, typed_ranges, fixed, known)
+    dimensions = space.read(written if isinstance(written, dict) else {}, typed_ranges, fixed, keys)
     space.validate_space(dimensions, checked, base["algo"])
     study = StudyFolder(Path(output) / "tune" / name)
     tune.space = {dimension.key: dimension.text for dimension in dimensions}

@@ -43,9 +43,9 @@ def parser() -> Parser:
 
 def main(arguments: Sequence[str]) -> int:
     """Return 1 if the rows differ."""
-    given = parser().read(arguments)
-    if given.to is not None and given.to.exists() and not given.to.is_dir():
-        raise UserError(f"--to {given.to}: is a file; name a folder")
+    options = parser().read(arguments)
+    if options.to is not None and options.to.exists() and not options.to.is_dir():
+        raise UserError(f"--to {options.to}: is a file; name a folder")
     from auvbench.commands.submit import slug
     from auvbench.config import folders
     from auvbench.config.compose import compose
@@ -58,17 +58,19 @@ def main(arguments: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory() as place:
         folder, work = Path(place, "entry"), Path(place, "outputs")
         folder.mkdir()
-        entry = unpack(given.entry, folder)
+        entry = unpack(options.entry, folder)
         if entry.protocol not in folders.options("protocol"):
-            raise UserError(f"{given.entry}: protocol {entry.protocol}: unknown to this version of auvbench")
+            raise UserError(
+                f"{options.entry}: protocol {entry.protocol}: unknown to this version of auvbench"
+            )
         protocol = evaluate_config(compose("evaluate", [f"protocol={entry.protocol}"])).protocol
         print(f"{entry.name} by {entry.who}: {entry.task}, {entry.vehicle}, {entry.scenarios}", flush=True)
-        with Pool(given.workers, PRELOAD) as pool:
+        with Pool(options.workers, PRELOAD) as pool:
             outcome = compare(entry, folder, work, protocol, pool)
         for line in outcome.lines:
             print(f"  {line}")
-        if given.to is not None:
-            _keep(entry, outcome.verified, folder, given.to, slug(entry.name))
+        if options.to is not None:
+            _keep(entry, outcome.verified, folder, options.to, slug(entry.name))
     verified = outcome.verified
     if not verified.ok:
         print(f"not verified: the rows of {entry.name} differ")
@@ -93,8 +95,8 @@ def _keep(entry: Entry, verified: Verified, folder: Path, entries: Path, name: s
         write_verified(target, verified)
         readme = entries / "README.md"
         text = readme.read_text(encoding="utf-8") if readme.is_file() else f"# Entries\n\n{BEGIN}\n{END}\n"
-        before, begin, rest = text.partition(BEGIN)
-        _, end, after = rest.partition(END)
+        before, begin, remainder = text.partition(BEGIN)
+        _, end, after = remainder.partition(END)
         if not begin or not end:
             raise UserError(f"{readme}: add the lines {BEGIN} and {END} where the table belongs")
         write_atomic(readme, f"{before}{BEGIN}\n{overview(entries)}{END}{after}".encode())

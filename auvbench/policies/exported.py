@@ -258,40 +258,35 @@ class Policy:
             PolicyError: the answer has a NaN, an infinity, an action out of range, or the wrong shape, or the
                 process has ended.
         """
-        given = np.ascontiguousarray(observation, dtype=self.input.type)
-        if given.ndim != 2:
-            raise PolicyError(f"{self.where}: was given observations of shape {given.shape}, not (n, length)")
-        if not len(given):
+        rows = np.ascontiguousarray(observation, dtype=self.input.type)
+        if rows.ndim != 2:
+            raise PolicyError(f"{self.where}: was given observations of shape {rows.shape}, not (n, length)")
+        if not len(rows):
             return np.zeros((0, self.n_actions), dtype=np.float32)
         try:
-            action = self._asked(given)
+            action = self._asked(rows)
         except ValueError as error:
             raise PolicyError(f"{self.where}: {error}") from error
-        if action.shape != (len(given), self.n_actions):
+        if action.shape != (len(rows), self.n_actions):
             raise PolicyError(
-                f"{self.where}: answers {len(given)} observations with an array of shape {action.shape}"
+                f"{self.where}: answers {len(rows)} observations with an array of shape {action.shape}"
             )
-        self._refuse(given, action)
+        self._refuse(rows, action)
         return np.clip(action, -1.0, 1.0)
 
-    def _asked(self, given: NDArray[np.floating]) -> Floats:
+    def _asked(self, rows: NDArray[np.floating]) -> Floats:
         """Return the unchecked answer (n, ...) to observations (n, n_obs).
 
         Raises:
             ValueError: there is no answer.
         """
         try:
-            note, arrays = self._child.ask({"rows": self._rows}, {"data": given})
+            note, arrays = self._child.ask({"rows": self._rows}, {"data": rows})
         except ValueError as error:
             raise ValueError(f"cannot be computed: {_reason(error)}") from error
         action, seconds = arrays.get("action"), note.get("seconds")
-        if (
-            action is None
-            or action.dtype != np.float32
-            or len(action.shape) != 2
-            or len(action) != len(given)
-        ):
-            raise ValueError(f"answers {len(given)} observations with {_described(action)}")
+        if action is None or action.dtype != np.float32 or len(action.shape) != 2 or len(action) != len(rows):
+            raise ValueError(f"answers {len(rows)} observations with {_described(action)}")
         self.seconds += seconds if isinstance(seconds, float) and seconds > 0.0 else 0.0
         return action
 
@@ -301,9 +296,9 @@ class Policy:
         if fine.all():
             return
         row, column = (int(i) for i in np.argwhere(~fine)[0])
-        seen = ", ".join(f"{value:.4g}" for value in observation[row])
+        numbers = ", ".join(f"{value:.4g}" for value in observation[row])
         raise PolicyError(
-            f"{self.where}: answers {action[row, column]:g} (action {column}) to the observation ({seen}): "
+            f"{self.where}: answers {action[row, column]:g} (action {column}) to the observation ({numbers}): "
             "an action must be a "
             "finite number in [-1, 1]; scale or clip inside the file"
         )
@@ -354,14 +349,14 @@ def installed(package: str) -> bool:
     return importlib.util.find_spec(package) is not None
 
 
-def _ports(found: object) -> tuple[Port, ...]:
+def _ports(answer: object) -> tuple[Port, ...]:
     """Return the inputs or outputs that the policy's process reports.
 
     Raises:
         ValueError: the answer is not such a list.
     """
     ports = []
-    for name, kind, shape in typed_json.convert(found, list[list[Any]]):
+    for name, kind, shape in typed_json.convert(answer, list[list[Any]]):
         lengths = tuple(
             n if isinstance(n, int) and n > 0 else None for n in typed_json.convert(shape, list[Any])
         )
@@ -377,20 +372,20 @@ def _only(ports: tuple[Port, ...], kind: str, what: str) -> Port:
     return ports[0]
 
 
-def _fits(kind: str, port: Port, wanted: int | None, named: tuple[str, ...] | None) -> None:
+def _fits(kind: str, port: Port, length: int | None, named: tuple[str, ...] | None) -> None:
     """
     Raises:
-        Raise ValueError unless the port has float numbers of shape (n, wanted).
+        Raise ValueError unless the port has float numbers of shape (n, length).
     """
     label, shape = f"its {kind} {port}", port.shape
     if port.type not in ("float32", "float64"):
         raise ValueError(f"{label} must be float32 or float64")
     if len(shape) != 2:
-        raise ValueError(f"{label} must have two dimensions, (n, {wanted or 'length'})")
+        raise ValueError(f"{label} must have two dimensions, (n, {length or 'length'})")
     if (shape[0] or 0) > MOST:
         raise ValueError(f"{label} must take any number of observations at once, or at most {MOST}")
-    if wanted is not None and shape[1] not in (None, wanted):
-        raise ValueError(f"{label} must be (n, {wanted}) for this vehicle and task")
+    if length is not None and shape[1] not in (None, length):
+        raise ValueError(f"{label} must be (n, {length}) for this vehicle and task")
     if named is not None and shape[1] not in (None, len(named)):
         raise ValueError(f"{label} must have the {len(named)} entries that its card names")
 
