@@ -220,13 +220,13 @@ def sha256_of_prefix(path: Path, length: int) -> str | None:
     digest = hashlib.sha256()
     try:
         with path.open("rb") as file:
-            left = length
-            while left > 0:
-                block = file.read(min(left, _BLOCK))
+            remaining = length
+            while remaining > 0:
+                block = file.read(min(remaining, _BLOCK))
                 if not block:
                     return None
                 digest.update(block)
-                left -= len(block)
+                remaining -= len(block)
     except OSError:
         return None
     return digest.hexdigest()

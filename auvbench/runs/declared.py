@@ -167,9 +167,11 @@ def declare(folder: Path, analysis: Declared, runs: Mapping[str, Sequence[str]],
     except ValueError as error:
         raise UserError(str(error)) from error
     with filelock.FileLock(lock, thread_local=False):
-        known = read(folder / FILE) if (folder / FILE).is_file() else None
-        if known is not None and replace(known, rows=(), report={}) == replace(analysis, rows=(), report={}):
-            analysis = known
+        existing = read(folder / FILE) if (folder / FILE).is_file() else None
+        if existing is not None and replace(existing, rows=(), report={}) == replace(
+            analysis, rows=(), report={}
+        ):
+            analysis = existing
         declared = analysis.ids()
         new = {key: fresh for key, ids in runs.items() if (fresh := [id for id in ids if id not in declared])}
         if new:

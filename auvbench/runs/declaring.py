@@ -23,9 +23,9 @@ def completed(analysis: schema.Analysis) -> Declared:
     Raises:
         ConfigError: the protocol or a condition is unknown.
     """
-    known = folders.options("protocol")
-    if analysis.protocol not in known:
-        raise ConfigError(f"analysis.protocol={analysis.protocol}: {closest(analysis.protocol, known)}")
+    protocols = folders.options("protocol")
+    if analysis.protocol not in protocols:
+        raise ConfigError(f"analysis.protocol={analysis.protocol}: {closest(analysis.protocol, protocols)}")
     protocol = evaluate_config(compose("evaluate", [f"protocol={analysis.protocol}"])).protocol
     names = [condition.name for condition in protocol.conditions]
     for name in analysis.conditions or []:

@@ -308,16 +308,15 @@ def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
         RunError: a path does not exist, or has no run.
     """
     runs: dict[Path, RunDirectory] = {}
-    for given in paths:
-        path = Path(given)
+    for path in map(Path, paths):
         if not path.exists():
             raise RunError(missing(path))
-        here = sorted(_walk(path))
-        if not here:
+        folders = sorted(_walk(path))
+        if not folders:
             raise RunError(
                 f"{path}: is not a run directory and contains none; name a run directory or a folder of runs"
             )
-        for run in here:
+        for run in folders:
             runs.setdefault(run.resolve(), RunDirectory(run))
     return [runs[key] for key in sorted(runs)]
 

@@ -116,15 +116,14 @@ def as_bytes(lines: Iterable[Line]) -> bytes:
     return "".join(f"{line.text}\n" for line in lines).encode()
 
 
-def deleted(lines: Iterable[Line], kept: Collection[str]) -> set[str]:
-    """Return the ids of runs that were trained or tested but are not in `kept`."""
-    known = set(kept)
+def deleted(lines: Iterable[Line], existing: Collection[str]) -> set[str]:
+    """Return the ids of runs that were trained or tested but are not in `existing`."""
     events = (STARTED, TESTED)
-    return {line.run for line in lines if line.event in events and line.run is not None} - known
+    return {line.run for line in lines if line.event in events and line.run is not None} - set(existing)
 
 
-def summary(lines: Collection[Line], kept: Collection[str]) -> str:
-    """Return the number of trainings and tests, and how many of them belong to runs that are not in `kept`.
+def summary(lines: Collection[Line], existing: Collection[str]) -> str:
+    """Return the number of trainings and tests, and how many of them belong to runs that are not in `existing`.
 
     >>> lines = [Line("2026", "running", "a"), Line("2026", "tested", "a"), Line("2026", "tested", "b")]
     >>> summary(lines, ["a"])
@@ -132,7 +131,7 @@ def summary(lines: Collection[Line], kept: Collection[str]) -> str:
     """
     started = {line.run for line in lines if line.event == STARTED}
     tested = [line.run for line in lines if line.event == TESTED]
-    gone = deleted(lines, kept)
+    gone = deleted(lines, existing)
 
     def counts(trainings: int, tests: int) -> str:
         return f"{_counted(trainings, 'training')} and {_counted(tests, 'test')}"
@@ -141,8 +140,8 @@ def summary(lines: Collection[Line], kept: Collection[str]) -> str:
     if not gone:
         return text
     of_gone = counts(len(started & gone), sum(run in gone for run in tested))
-    which = "run that is" if len(gone) == 1 else "runs that are"
-    return f"{text}; {of_gone} are of {len(gone)} {which} not here"
+    relation = "run that is" if len(gone) == 1 else "runs that are"
+    return f"{text}; {of_gone} are of {len(gone)} {relation} not here"
 
 
 def _counted(n: int, noun: str) -> str:

@@ -97,12 +97,12 @@ def check_sealed(value: Any, *versions: int) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise ValueError("it is not a JSON object")
     broken = broken_seal(value)
-    known = " and ".join(map(str, versions))
+    readable = " and ".join(map(str, versions))
     version_found = value.get("schema_version")
     # A flipped bit may also be in the version.
     if version_found not in versions and (SEAL not in value or not broken):
         raise VersionError(
-            f"schema_version {short(version_found, 40)}, but this auvbench reads {known}; use the "
+            f"schema_version {short(version_found, 40)}, but this auvbench reads {readable}; use the "
             "auvbench that wrote it"
         )
     if broken:

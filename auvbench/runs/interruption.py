@@ -115,12 +115,12 @@ def immediate() -> Iterator[Request]:
 
 def behind(error: BaseException) -> KeyboardInterrupt | None:
     """Return the interruption that caused an error, since a library may have caught it and raised its own error."""
-    seen: list[BaseException] = []
+    links: list[BaseException] = []
     link: BaseException | None = error
-    while link is not None and link not in seen:
+    while link is not None and link not in links:
         if isinstance(link, KeyboardInterrupt):
             return link
-        seen.append(link)
+        links.append(link)
         link = link.__cause__ or link.__context__
     return None
 

@@ -86,13 +86,13 @@ def freeze_all(plans: Sequence[Plan], command: str = "") -> list[RunDirectory]:
 
 def _declare(plans: Sequence[Plan]) -> dict[Path, str]:
     """Declare the runs that have an analysis; return the digests for their manifests."""
-    known: dict[str, declared.Declared] = {}
+    completed: dict[str, declared.Declared] = {}
     analyses: dict[Path, declared.Declared] = {}
     for item in plans:
         if (analysis := item.config.analysis) is not None:
-            if (key := repr(analysis)) not in known:
-                known[key] = declaring.completed(analysis)
-            analyses[item.run.path] = known[key]
+            if (key := repr(analysis)) not in completed:
+                completed[key] = declaring.completed(analysis)
+            analyses[item.run.path] = completed[key]
     configs = {item.run.path: item.values for item in plans}
     try:
         return declaring.declare_all(analyses, configs, now())

@@ -97,13 +97,13 @@ class Progress:
     @property
     def remaining(self) -> float | None:
         """Return the remaining seconds at the present rate; None while the rate is unknown."""
-        left = max(0, self.total_steps - self.steps)
-        return left / self.steps_per_s if self.steps_per_s > 0 else None
+        steps = max(0, self.total_steps - self.steps)
+        return steps / self.steps_per_s if self.steps_per_s > 0 else None
 
     def __str__(self) -> str:
         """Return the progress in one line, the most important number first."""
-        left = self.remaining
-        parts = ["estimating the time to go" if left is None else f"{duration(left)} left"]
+        seconds = self.remaining
+        parts = ["estimating the time to go" if seconds is None else f"{duration(seconds)} left"]
         if (rate := telling(self.success_rate, self.episodes)) is not None:
             parts.append(f"success {100 * rate:.0f} %")
         if self.steps_per_s > 0:
@@ -130,8 +130,8 @@ def duration(seconds: float) -> str:
     whole = max(0, round(seconds))
     for unit, size, below, part in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):
         if whole >= size:
-            rest = whole % size // part
-            return f"{whole // size} {unit}" + (f" {rest} {below}" if rest else "")
+            remainder = whole % size // part
+            return f"{whole // size} {unit}" + (f" {remainder} {below}" if remainder else "")
     return f"{whole} s"
 
 

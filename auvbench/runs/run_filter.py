@@ -37,7 +37,7 @@ class Term:
 
     def holds(self, value: Any) -> bool:
         """Return whether a run with this value of the key matches."""
-        return any(_equal(value, wanted) for wanted in self.values) is not self.negated
+        return any(_equal(value, pattern) for pattern in self.values) is not self.negated
 
 
 def parse(terms: Iterable[str]) -> tuple[Term, ...]:
@@ -73,23 +73,23 @@ def select(
     Raises:
         UserError: no item has the key or the value, or no item is left.
     """
-    known = [dict(facts(item)) for item in items]
+    rows = [dict(facts(item)) for item in items]
     indices = list(range(len(items)))
     for term in terms:
-        key = _resolve(term, known)
+        key = _resolve(term, rows)
         for value in term.values:
-            if not any(_equal(facts.get(key), value) for facts in known):
-                valid = {text(facts[key]) for facts in known if key in facts}
+            if not any(_equal(row.get(key), value) for row in rows):
+                valid = {text(row[key]) for row in rows if key in row}
                 raise UserError(f"--where {term.text}: no run has {key}={value}; {closest(value, valid)}")
-        indices = [index for index in indices if term.holds(known[index].get(key))]
+        indices = [index for index in indices if term.holds(rows[index].get(key))]
     if items and not indices:
         asked = " ".join(term.text for term in terms)
         raise UserError(f"--where {asked}: matches none of the {len(items)} runs")
     return [items[index] for index in indices]
 
 
-def _resolve(term: Term, known: Sequence[Mapping[str, Any]]) -> str:
-    keys: set[str] = set().union(*known) if known else set()
+def _resolve(term: Term, rows: Sequence[Mapping[str, Any]]) -> str:
+    keys: set[str] = set().union(*rows)
     for candidate in (term.key, f"{term.key}.name"):
         if candidate in keys:
             return candidate
@@ -131,11 +131,11 @@ def facts(run: RunDirectory) -> dict[str, Any]:
     from auvbench.runs import status
 
     try:
-        known = flat(run.config())
-        known["state"] = str(status.of(run).state)
+        values = flat(run.config())
+        values["state"] = str(status.of(run).state)
     except (RunError, RecursionError):
         return {}  # The command names the damage when it uses the run.
-    return known | {"id": run.id, "experiment": run.path.absolute().parent.name}
+    return values | {"id": run.id, "experiment": run.path.absolute().parent.name}
 
 
 def text(value: Any) -> str:
@@ -153,13 +153,13 @@ def text(value: Any) -> str:
     return str(value)
 
 
-def _equal(value: Any, wanted: str) -> bool:
+def _equal(value: Any, pattern: str) -> bool:
     shown = text(value)
-    if shown == wanted or fnmatch.fnmatchcase(shown, wanted):
+    if shown == pattern or fnmatch.fnmatchcase(shown, pattern):
         return True
     if isinstance(value, bool) or not isinstance(value, int | float):
-        return shown == wanted.replace(" ", "")
+        return shown == pattern.replace(" ", "")
     try:
-        return float(wanted) == value
+        return float(pattern) == value
     except ValueError:
         return False
