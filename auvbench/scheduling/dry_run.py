@@ -95,7 +95,7 @@ def _runs(output: Path) -> list[RunDirectory]:
         return []  # the first runs
 
 
-def _costs(output: Path, wanted: Container[Like]) -> dict[Like, list[Cost]]:
+def _costs(output: Path, kinds: Container[Like]) -> dict[Like, list[Cost]]:
     """Return the costs of the complete trainings of some kinds."""
     costs: dict[Like, list[Cost]] = {}
     for run in _runs(output):
@@ -103,7 +103,7 @@ def _costs(output: Path, wanted: Container[Like]) -> dict[Like, list[Cost]]:
             manifest, values = run.manifest(), run.config()
             if manifest["state"] != "complete" or not learns(values["algo"]):
                 continue
-            if (like := _like(values)) not in wanted:
+            if (like := _like(values)) not in kinds:
                 continue
         except (RunError, KeyError, TypeError):
             continue  # Another command names the damage.
@@ -121,17 +121,17 @@ def _estimates(todo: Sequence[Todo], output: Path) -> list[str]:
         return []
     costs, lines = _costs(output, learning), []
     seconds = size = 0.0
-    known = 0
+    n_runs = 0
     for like, entries in learning.items():
         what = f"{like[0]} on {like[1]}"
         if like not in costs:
             lines.append(f"{what}: cost unknown; it is known once one of its runs is complete")
             continue
-        known += len(costs[like])
+        n_runs += len(costs[like])
         seconds += median(cost.seconds_per_step for cost in costs[like]) * sum(e.steps for e in entries)
         size += median(cost.size for cost in costs[like]) * len(entries)
-    if known:
-        of = f"from {known} complete run{'s' if known != 1 else ''} here"
+    if n_runs:
+        of = f"from {n_runs} complete run{'s' if n_runs != 1 else ''} here"
         lines.insert(
             0, f"about {progress.duration(seconds)} of processor time and {size / 1e6:,.1f} MB, {of}"
         )

@@ -231,13 +231,13 @@ def backend(launcher: DictConfig, *, target: str = TARGET, learning: bool = True
     if not isinstance(options, LauncherConfig):
         own: Backend = resolve(code)(options, target, learning)  # imports what this launcher needs
         return own
-    who = owner("launcher", options)
-    with telling(who, "cannot be made"):
-        made: Backend = resolve(code)(options, target, learning)
+    owner_name = owner("launcher", options)
+    with telling(owner_name, "cannot be made"):
+        instance: Backend = resolve(code)(options, target, learning)
         needed = ("limit", "submit", "adopt", "wait", "close")
-        if lacking := [name for name in needed if not hasattr(made, name)]:
+        if lacking := [name for name in needed if not hasattr(instance, name)]:
             raise AgentError(
-                f"{who}: its result, a {type(made).__name__}, lacks {', '.join(lacking)} "
+                f"{owner_name}: its result, a {type(instance).__name__}, lacks {', '.join(lacking)} "
                 "(auvbench.scheduling.loop.Backend)"
             )
-    return made
+    return instance

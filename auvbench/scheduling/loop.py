@@ -134,7 +134,7 @@ class Result:
 
     def of(self, outcome: Outcome) -> dict[Path, str]:
         """Return the runs with this outcome, with their messages."""
-        return {run: message for run, (found, message) in self.outcomes.items() if found is outcome}
+        return {run: message for run, (result, message) in self.outcomes.items() if result is outcome}
 
     @property
     def exit_code(self) -> int:

@@ -153,21 +153,21 @@ class View:
     def remaining(self) -> float | None:
         """Return the seconds until the sweep's end, from the steps since its start; None before the first steps."""
         rows = [row for row in self.rows.values() if row.state in (WAITING, Phase.QUEUED, Phase.RUNNING)]
-        left = sum(max(0, row.total_steps - row.done) for row in rows)
+        remaining_steps = sum(max(0, row.total_steps - row.done) for row in rows)
         done = sum(row.done for row in self.rows.values()) - self._before
-        if left == 0 or done <= 0:
-            return None if left else 0.0
-        return (time.monotonic() - self._begun) * left / done
+        if remaining_steps == 0 or done <= 0:
+            return None if remaining_steps else 0.0
+        return (time.monotonic() - self._begun) * remaining_steps / done
 
     def counts(self) -> str:
         """Return `12 of 45 complete, 2 failed, 2 running · 3 h 10 min to go, until 17:05`."""
         count = Counter(str(row.state) for row in self.rows.values())
         parts = [f"{count.pop(Outcome.COMPLETE, 0)} of {len(self.rows)} complete"]
         parts += [f"{number} {state}" for state, number in sorted(count.items())]
-        left = self.remaining()
-        if left == 0:
+        seconds = self.remaining()
+        if seconds == 0:
             return ", ".join(parts)
-        return f"{', '.join(parts)} · {'estimating the time to go' if left is None else progress.to_go(left)}"
+        return f"{', '.join(parts)} · {'estimating the time to go' if seconds is None else progress.to_go(seconds)}"
 
     def summary(self) -> list[Text]:
         """Return the lines above the bars."""
