@@ -131,22 +131,22 @@ def crossed(
     return Crossed(mean, seeds, between, residual, covariance, episodes, values, seeds_df, rate, least, most)
 
 
-def _layout(x: FloatArray, there: BoolArray) -> tuple[float, FloatArray, float, float]:
+def _layout(x: FloatArray, present: BoolArray) -> tuple[float, FloatArray, float, float]:
     """Return the mean, the scenarios' means (E,), A and R of one agent's values (S, E)."""
-    filled = np.where(there, x, 0.0)
-    count = there.sum(axis=0)
+    filled = np.where(present, x, 0.0)
+    count = present.sum(axis=0)
     columns = np.divide(filled.sum(axis=0), count, out=np.full(x.shape[1], np.nan), where=count > 0)
     total = int(count.sum())
     mean = float(filled.sum() / total)
     S, E = len(x), int((count > 0).sum())
     if S == 1:
         return mean, columns, 0.0, 0.0
-    rows = filled.sum(axis=1) / there.sum(axis=1)
+    rows = filled.sum(axis=1) / present.sum(axis=1)
     between = float(rows.var(ddof=1) / S)
     if E == 1:
         return mean, columns, between, 0.0
-    left = np.where(there, x - rows[:, None] - columns[None, :] + mean, 0.0)
-    return mean, columns, between, float((left**2).sum() / ((S - 1) * (E - 1)) / total)
+    residuals = np.where(present, x - rows[:, None] - columns[None, :] + mean, 0.0)
+    return mean, columns, between, float((residuals**2).sum() / ((S - 1) * (E - 1)) / total)
 
 
 def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArray]:

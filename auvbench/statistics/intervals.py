@@ -86,13 +86,13 @@ class Spread:
         """Return the half width of the interval in standard errors."""
         over_seeds, over_scenarios = (quantile(confidence, df) for df in (self.seeds_df, self.scenarios_df))
         with np.errstate(divide="ignore", invalid="ignore"):
-            both = np.sqrt(
+            combined = np.sqrt(
                 (self.seeds * over_seeds**2 + self.scenarios * over_scenarios**2)
                 / (self.seeds + self.scenarios)
             )
         # With one source, or none, use that source's quantile; 0/0 would lose it.
-        both = np.where(self.scenarios == 0, over_seeds, both)
-        return np.where(self.seeds == 0, over_scenarios, both)
+        combined = np.where(self.scenarios == 0, over_seeds, combined)
+        return np.where(self.seeds == 0, over_scenarios, combined)
 
 
 def welch(parts: FloatArray, squares: FloatArray) -> FloatArray:

@@ -101,7 +101,7 @@ class SeedSpread:
     sd: float
     df: float
     """degrees of freedom: seeds beyond the first, summed over agents"""
-    seen: tuple[tuple[float, float, int], ...] = ()
+    variances: tuple[tuple[float, float, int], ...] = ()
     """for each agent, if known: variance of its seeds, part of it due to drawing episodes, degrees of freedom"""
 
     def upper(self, confidence: float = 0.9) -> float:
@@ -113,24 +113,24 @@ class SeedSpread:
         from scipy.stats import chi2  # imported late: takes half a second, and most commands do not need it
 
         quantile = float(chi2.ppf(1 - confidence, self.df))
-        if self.seen:
-            return float(np.sqrt(_profiled(self.seen, quantile)))
+        if self.variances:
+            return float(np.sqrt(_profiled(self.variances, quantile)))
         return float(self.sd * np.sqrt(self.df / quantile))
 
 
-def _profiled(seen: Sequence[tuple[float, float, int]], q: float) -> float:
+def _profiled(variances: Sequence[tuple[float, float, int]], q: float) -> float:
     """Return the variance between trainings, at least 0, at which the agents' variances, each over its own
     expectation, sum to `q`.
     """
 
     def excess(between: float) -> float:
-        return sum(df * variance / (noise + between) for variance, noise, df in seen) - q
+        return sum(df * variance / (noise + between) for variance, noise, df in variances) - q
 
     if excess(0.0) <= 0.0:
         return 0.0
     from scipy.optimize import brentq  # imported late: takes half a second, and most commands do not need it
 
-    return float(brentq(excess, 0.0, 1.0 + 2.0 * sum(df * variance for variance, _, df in seen) / q))
+    return float(brentq(excess, 0.0, 1.0 + 2.0 * sum(df * variance for variance, _, df in variances) / q))
 
 
 def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
@@ -146,7 +146,7 @@ def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
     Raises:
         ValueError: no agent has several seeds.
     """
-    seen: list[tuple[float, float, int]] = []
+    variances: list[tuple[float, float, int]] = []
     shares = []
     for x in data:
         S, E = x.shape
@@ -154,28 +154,28 @@ def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
             continue
         good = x.sum(axis=1) + 0.5
         bad = E - x.sum(axis=1) + 0.5
-        seen.append((float(np.log(good / bad).var(ddof=1)), float((1 / good + 1 / bad).mean()), S - 1))
+        variances.append((float(np.log(good / bad).var(ddof=1)), float((1 / good + 1 / bad).mean()), S - 1))
         p = float(x.mean())
         if E > 1 and 0.02 < p < 0.98:
             table = crossed([x], rate=True)
             shares.append((p, max(float(table.between_scenarios[0, 0] - table.residual[0]), 0.0) * E))
-    if not seen:
+    if not variances:
         raise ValueError("no agent has several seeds")
-    df = sum(freedom for *_, freedom in seen)
-    return SeedSpread(float(np.sqrt(_profiled(seen, df))), df, tuple(seen)), _scenario_sd(shares)
+    df = sum(freedom for *_, freedom in variances)
+    return SeedSpread(float(np.sqrt(_profiled(variances, df))), df, tuple(variances)), _scenario_sd(shares)
 
 
 def _scenario_sd(shares: Sequence[tuple[float, float]]) -> float:
     if not shares:
         return 1.0
-    seen = float(np.mean([variance for _, variance in shares]))
+    observed = float(np.mean([variance for _, variance in shares]))
 
     def excess(sd: float) -> float:
         model = 0.0
         for p, _ in shares:
             chance = ndtr(ndtri(p) * np.sqrt(1 + sd**2) + sd * _NODES)
             model += float(_WEIGHTS @ chance**2) - p**2
-        return model / len(shares) - seen
+        return model / len(shares) - observed
 
     if excess(0.01) >= 0:
         return 0.0
@@ -193,7 +193,7 @@ def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, floa
     Raises:
         ValueError: no agent has several seeds.
     """
-    seeds, scenarios, rest, df = 0.0, 0.0, 0.0, 0
+    seeds, scenarios, residuals, df = 0.0, 0.0, 0.0, 0
     for x in data:
         S, E = x.shape
         if S < 2 or E < 2 or not np.isfinite(x).all():
@@ -202,11 +202,11 @@ def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, floa
         residual = float(table.residual[0])
         seeds += (S - 1) * S * (float(table.between_seeds[0]) - residual)
         scenarios += (S - 1) * E * (float(table.between_scenarios[0, 0]) - residual)
-        rest += (S - 1) * S * E * residual
+        residuals += (S - 1) * S * E * residual
         df += S - 1
     if not df:
         raise ValueError("no agent has several seeds")
-    deviations = [float(np.sqrt(max(part / df, 0.0))) for part in (seeds, scenarios, rest)]
+    deviations = [float(np.sqrt(max(part / df, 0.0))) for part in (seeds, scenarios, residuals)]
     return SeedSpread(deviations[0], df), deviations[1], deviations[2]
 
 
@@ -309,8 +309,8 @@ def trainings_that_decide(
 
     def decided(S: int) -> float:
         rng = np.random.default_rng(S)
-        seen = [x if len(x) == 1 else rng.choice(x, (RESAMPLES, S)) for x in (gains, baseline)]
-        (l1, m1, u1), (l2, m2, u2) = (typical.median_interval(x, level) for x in seen)
+        samples = [x if len(x) == 1 else rng.choice(x, (RESAMPLES, S)) for x in (gains, baseline)]
+        (l1, m1, u1), (l2, m2, u2) = (typical.median_interval(x, level) for x in samples)
         value = m1 - m2 + error * rng.normal(size=RESAMPLES)
         low = value - typical.join(np.hypot(m1 - l1, u2 - m2), t * error)
         high = value + typical.join(np.hypot(u1 - m1, m2 - l2), t * error)
