@@ -75,7 +75,7 @@ class Session:
         if self.stop.signal is not None:
             self._asked_at = self._asked_at or time.monotonic()
             if not self.learner.exact_resume or time.monotonic() - self._asked_at > GRACE:
-                self._leave(self._kept())
+                self._leave(self._checkpoint_note())
         if transition.records:
             self.episodes.append(steps, transition.records)
             for record in transition.records:
@@ -103,7 +103,7 @@ class Session:
             if self.learner.exact_resume:
                 self.checkpointer.save(self.learner, steps)
                 self._leave(f"saved at step {steps:,}")
-            self._leave(self._kept())
+            self._leave(self._checkpoint_note())
         if self.learner.exact_resume and self.checkpointer.is_due(steps):
             self.checkpointer.save(self.learner, steps)
 
@@ -129,7 +129,7 @@ class Session:
         if self.validator is not None and self.validator.is_owed(self.steps, self.environment.n):
             self._test(self.validator)
 
-    def _kept(self) -> str:
+    def _checkpoint_note(self) -> str:
         if self.learner.exact_resume:
             return f"the last checkpoint is of step {self.checkpointer.saved_step:,}"
         return "which this learner cannot continue from: it begins anew"

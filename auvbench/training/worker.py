@@ -182,18 +182,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--requeue", action="store_true", help="on SIGUSR1 save and let SLURM requeue this job"
     )
     parser.add_argument("--parent", type=int, help="pid of the process with which this one must end")
-    given = parser.parse_args(arguments)
-    if given.parent is not None:
-        interruption.die_with_parent(given.parent)
+    options = parser.parse_args(arguments)
+    if options.parent is not None:
+        interruption.die_with_parent(options.parent)
     os.environ.update(ONE_THREAD)
-    requeue = Requeue() if given.requeue else None
+    requeue = Requeue() if options.requeue else None
     with isolation.restored():
         try:
             isolation.isolate()
         except AuvbenchError as error:
             print(f"auvbench: {error}", file=sys.stderr)
             return error.exit_code
-        code = work(given.run, target=given.target, log=given.log)
+        code = work(options.run, target=options.target, log=options.log)
     if requeue is not None:
         requeue.finish()
     return code

@@ -109,12 +109,12 @@ def has_begun(run: RunDirectory) -> bool:
     return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 
-def _check_schedule(run: RunDirectory, config: dict[str, Any], made: TrainConfig) -> None:
+def _check_schedule(run: RunDirectory, config: dict[str, Any], typed: TrainConfig) -> None:
     algo = config["algo"]
     if not learns(algo):
         raise RunError(f"{run.path}: {algo['name']} does not learn, so there is nothing to extend")
     # All of auvbench's own learners resume exactly.
-    if algo.get("package") and not learner_of(made, sheet.load(made.vehicle)).exact_resume:
+    if algo.get("package") and not learner_of(typed, sheet.load(typed.vehicle)).exact_resume:
         raise RunError(
             f"{run.path} cannot be extended: {algo['name']} does not resume exactly; train a new run"
         )

@@ -54,8 +54,8 @@ class ReplayStore:
         segments = []
         for start in range(oldest // length * length, rows, length):
             stop = min(start + length, rows)
-            known = self._written.get((start, stop))
-            segments.append(known or self._write(buffer, start, stop, rows))
+            segment = self._written.get((start, stop))
+            segments.append(segment or self._write(buffer, start, stop, rows))
         fsync(self.folder)
         return segments
 

@@ -196,9 +196,9 @@ class CheckpointStore:
                 self._remove(self.folder / str(step))
             if self.replay_folder.is_dir():
                 manifests = [_manifest(self.folder / str(step)) for step in steps[: self.keep]]
-                wanted = {segment.name for manifest in manifests for segment in manifest.replay}
+                names = {segment.name for manifest in manifests for segment in manifest.replay}
                 for path in self.replay_folder.iterdir():
-                    if path.name not in wanted:
+                    if path.name not in names:
                         path.unlink(missing_ok=True)
             self._remove_leftovers()  # left by a checkpoint that could be neither written nor removed
         except (OSError, ValueError) as error:
