@@ -68,10 +68,10 @@ class StudyView(View):
         text = f"{len(trials)} of {counted(max(len(trials), self.search.limit), 'trial')} begun: "
         text += f"{done} done, {running} running, {pruned - failed} pruned"
         text += f", {failed} failed" if failed else ""
-        here, left = self._finished() - self.finished_before, self.search.limit - self._finished()
-        if here < 1 or left < 1 or self.fresh:
+        finished, remaining = self._finished() - self.finished_before, self.search.limit - self._finished()
+        if finished < 1 or remaining < 1 or self.fresh:
             return text
-        return f"{text} · {to_go((time.monotonic() - self.begun) * left / here)}"
+        return f"{text} · {to_go((time.monotonic() - self.begun) * remaining / finished)}"
 
     def best(self) -> str:
         """Return the best trial so far with its interval; '' before the first result."""
@@ -109,7 +109,7 @@ TRIES = 3
 class TrialRuns:
     """Runs that belong together, with what to do when all are complete or one has failed."""
 
-    left: set[Path]
+    unfinished: set[Path]
     """incomplete runs"""
     done: Callable[[], None]
     failed: Callable[[str], None]
@@ -125,7 +125,7 @@ class Controller(Loop):
         self.study, self.search = study, search
         self.plan = search.plan
         self.jobs: list[TrialRuns] = []
-        self.held: dict[Path, float] = {}  # time since which each run has been locked
+        self.locked: dict[Path, float] = {}  # time since which each run has been locked
         self.started: dict[Path, int] = {}
         self.stopped = ""
         self.confirmed = False
@@ -135,9 +135,9 @@ class Controller(Loop):
         self._recheck_held()
         room = self.backend.limit or AT_ONCE
         while not self.signals and not self.stopped:
-            if len(self.active) + len(self.waiting) + len(self.held) >= room or not self._begin():
+            if len(self.active) + len(self.waiting) + len(self.locked) >= room or not self._begin():
                 break
-        return super().goes_on() or bool(self.held)
+        return super().goes_on() or bool(self.locked)
 
     def _begin(self) -> bool:
         """Begin the next step of the search, or the runs with fresh seeds; return whether anything was begun."""
@@ -172,8 +172,8 @@ class Controller(Loop):
         best = self.search.best
         if best is None or not self.plan.tune.fresh_seeds:
             return False
-        both = (self.search.algo(best), self.plan.base["algo"])
-        configs = [config for algo in both for config in runs.fresh(self.plan, self.study, algo)]
+        algos = (self.search.algo(best), self.plan.base["algo"])
+        configs = [config for algo in algos for config in runs.fresh(self.plan, self.study, algo)]
         frozen = [freeze(config, self.plan.command) for config in configs]
         self.view.confirming(best.number, len(frozen))
         self._enter(
@@ -183,18 +183,18 @@ class Controller(Loop):
         )
         return True
 
-    def _test(self, made: list[RunDirectory], protocol: schema.Protocol) -> None:
-        for run in made:
+    def _test(self, directories: list[RunDirectory], protocol: schema.Protocol) -> None:
+        for run in directories:
             runs.test(run, protocol)
 
     def _enter(
-        self, made: list[RunDirectory], done: Callable[[], None], failed: Callable[[str], None]
+        self, directories: list[RunDirectory], done: Callable[[], None], failed: Callable[[str], None]
     ) -> None:
         # Two trials with equal settings share their runs; a run may also outlive its failed trial.
-        claimed = {path for job in self.jobs for path in job.left} | self.held.keys()
+        claimed = {path for job in self.jobs for path in job.unfinished} | self.locked.keys()
         claimed |= {run.path for run in (*self.waiting, *self.active.values())}
-        fresh = {run.path: run for run in made if run.path not in claimed}
-        self.jobs.append(TrialRuns({run.path for run in made}, done, failed))
+        fresh = {run.path: run for run in directories if run.path not in claimed}
+        self.jobs.append(TrialRuns({run.path for run in directories}, done, failed))
         for run in fresh.values():
             if status.finished(run) and lock.living_holder(run.path) is None:
                 self._arrived(run.path)
@@ -202,9 +202,9 @@ class Controller(Loop):
                 self.waiting.append(run)
 
     def _arrived(self, path: Path) -> None:
-        for job in [job for job in self.jobs if path in job.left]:
-            job.left.discard(path)
-            if not job.left:
+        for job in [job for job in self.jobs if path in job.unfinished]:
+            job.unfinished.discard(path)
+            if not job.unfinished:
                 self.jobs.remove(job)
                 job.done()
 
@@ -212,7 +212,7 @@ class Controller(Loop):
         # The holder of a complete run is testing it.
         is_held = outcome is Outcome.HELD or lock.living_holder(run.path) is not None
         if is_held and outcome in (Outcome.HELD, Outcome.COMPLETE) and not self.signals:
-            self.held[run.path] = time.monotonic()
+            self.locked[run.path] = time.monotonic()
             return
         super()._settle(run, outcome, message)
         if outcome is Outcome.COMPLETE:
@@ -227,7 +227,7 @@ class Controller(Loop):
         error = run.manifest()["error"] or {}
         self.started[run.path] = self.started.get(run.path, 0) + 1
         if _is_divergence(str(error.get("type")), str(error.get("message"))):
-            for job in [job for job in self.jobs if run.path in job.left]:
+            for job in [job for job in self.jobs if run.path in job.unfinished]:
                 self.jobs.remove(job)
                 job.failed(f"{run.id}: {message}")
         elif error.get("type") == "WorkerDied" and self.started[run.path] < TRIES:
@@ -242,15 +242,15 @@ class Controller(Loop):
             self.stopped = why
             self.view.say(f"stopped: {why}")
         self.waiting.clear()
-        self.held.clear()
+        self.locked.clear()
 
     def _recheck_held(self) -> None:
         if self.signals:
-            self.held.clear()
-        for path, since in list(self.held.items()):
+            self.locked.clear()
+        for path, since in list(self.locked.items()):
             holder = lock.living_holder(path)
             if holder is None:
-                del self.held[path]
+                del self.locked[path]
                 self.waiting.append(RunDirectory(path))
             elif time.monotonic() - since > HELD_FOR:
                 self._stop(f"{path} is locked by {holder}")

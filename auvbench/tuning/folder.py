@@ -208,14 +208,14 @@ def of_run(run: Path) -> tuple[Plan, schema.Protocol]:
     return plan, plan.fresh_protocol if run.absolute().parent.name == FRESH else plan.protocol
 
 
-def refuse_change(folder: StudyFolder, there: Plan, here: Plan) -> None:
+def refuse_change(folder: StudyFolder, stored: Plan, typed: Plan) -> None:
     """Raise ConfigError for a command that would change the study in the folder.
 
     Raises:
         ConfigError: a value differs; the message names the changed values.
     """
-    searched = {**there.tune.space, **here.tune.space}
-    old, new = (_values(plan, searched) for plan in (there, here))
+    searched = {**stored.tune.space, **typed.tune.space}
+    old, new = (_values(plan, searched) for plan in (stored, typed))
     changed = [key for key in dict.fromkeys([*old, *new]) if old.get(key) != new.get(key)]
     if changed:
         shown = [

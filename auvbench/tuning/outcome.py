@@ -111,17 +111,17 @@ def read(folder: StudyFolder) -> Outcome:
     plan = folder.read()
     result = Outcome(plan, open_study(plan, folder.journal), folder)
     if result.best is not None and plan.tune.fresh_seeds:
-        both = {"tuned": result.algo(result.best), "untuned": plan.base["algo"]}
+        algos = {"tuned": result.algo(result.best), "untuned": plan.base["algo"]}
         run_directories = {
-            label: list(map(place, runs.fresh(plan, folder, algo))) for label, algo in both.items()
+            label: list(map(place, runs.fresh(plan, folder, algo))) for label, algo in algos.items()
         }
         result.gains, result.broken = _gains(result, run_directories), _broken(plan, run_directories)
     return result
 
 
-def _broken(plan: Plan, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[str, ...]:
+def _broken(plan: Plan, run_directories: Mapping[str, Sequence[RunDirectory]]) -> tuple[str, ...]:
     lines = []
-    for label, group in made.items():
+    for label, group in run_directories.items():
         for run, seed in zip(group, plan.tune.fresh_seeds, strict=False):
             manifest = run.manifest() if run.exists() else {}
             if manifest.get("state") == "failed":
@@ -130,13 +130,15 @@ def _broken(plan: Plan, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[str
     return tuple(lines)
 
 
-def _gains(of: Outcome, made: Mapping[str, Sequence[RunDirectory]]) -> tuple[Gain, ...]:
+def _gains(outcome: Outcome, run_directories: Mapping[str, Sequence[RunDirectory]]) -> tuple[Gain, ...]:
     try:
-        agents = [search.tested(group, of.plan.fresh_protocol.name) for group in made.values()]
+        agents = [
+            search.tested(group, outcome.plan.fresh_protocol.name) for group in run_directories.values()
+        ]
     except UserError:
         return ()
     gains = []
-    for m in dict.fromkeys((of.objective.measure, of.objective.then)):
+    for m in dict.fromkeys((outcome.objective.measure, outcome.objective.then)):
         typical = Typical(agents, m)
         tuned, untuned = (search.interval(agent, m) for agent in agents)
         reliable = reliability_of(agents, typical, 0, 1, 0.0, 0.95)
@@ -152,9 +154,9 @@ def name_of(plan: Plan) -> str:
     return f"{plan.name}_tuned" if plan.name == name else plan.name
 
 
-def write(found: Outcome, best: FrozenTrial, evidence: str) -> None:
+def write(outcome: Outcome, best: FrozenTrial, evidence: str) -> None:
     """Write the values of the best settings as a preset; `evidence` is a sentence about their gain."""
-    plan, path, algo, trials = found.plan, found.folder.best, found.algo(best), len(found.trials)
+    plan, path, algo, trials = outcome.plan, outcome.folder.best, outcome.algo(best), len(outcome.trials)
     today = datetime.now(UTC).date().isoformat()
     git = provenance.git()
     commit = f" (commit {git['commit'][:12]}{', modified' if git['dirty'] else ''})" if git["commit"] else ""
@@ -162,7 +164,7 @@ def write(found: Outcome, best: FrozenTrial, evidence: str) -> None:
     searched = [dimension.key.partition(".")[2] for dimension in plan.dimensions]
     head = [
         f"{name}: found by {plan.command or 'auvbench tune'}",
-        f"on {today} with auvbench {__version__}{commit}: {counted(trials, 'trial')}, {found.steps:,} environment steps of training, scenarios of",
+        f"on {today} with auvbench {__version__}{commit}: {counted(trials, 'trial')}, {outcome.steps:,} environment steps of training, scenarios of",
         f"protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes), none of a test.",
         evidence,
         f"Searched: {', '.join(searched)}.",
@@ -179,7 +181,7 @@ def write(found: Outcome, best: FrozenTrial, evidence: str) -> None:
             "scenarios": STREAM,
             "seed": plan.protocol.seed,
             "trials": trials,
-            "steps": found.steps,
+            "steps": outcome.steps,
             "version": __version__,
             "date": today,
         },

@@ -257,7 +257,7 @@ class Trials:
 
 def _check(study: Trials, trial: FrozenTrial) -> None:
     space = {dimension.key: dimension.distribution for dimension in study.plan.dimensions}
-    if any(space.get(key) != found for key, found in trial.distributions.items()):
+    if any(space.get(key) != distribution for key, distribution in trial.distributions.items()):
         raise ValueError(f"trial {trial.number} has parameters of another study")
     if tuple(trial.intermediate_values) != study.plan.budgets[: len(trial.intermediate_values)]:
         raise ValueError(f"trial {trial.number} has the rungs of another study")
@@ -275,8 +275,8 @@ class Search(Trials):
         self.limit = plan.tune.trials
         self.running: dict[int, Trial] = {}
         self.queue: deque[Step] = deque()
-        for found in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
-            trial = Trial(study, found._trial_id)
+        for frozen in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+            trial = Trial(study, frozen._trial_id)
             for dimension in plan.dimensions:  # A kill may have cut off the remaining parameters.
                 trial._suggest(dimension.key, dimension.distribution)
             self._advance(trial)

@@ -78,7 +78,7 @@ def keys_of(algo: Mapping[str, Any]) -> list[str]:
 
 
 def read(
-    written: Mapping[str, Any], typed: Mapping[str, str], fixed: Mapping[str, str], known: Sequence[str]
+    written: Mapping[str, Any], typed: Mapping[str, str], fixed: Mapping[str, str], keys: Sequence[str]
 ) -> list[Dimension]:
     """Return the dimensions of a study in the order in which they are written.
 
@@ -86,7 +86,7 @@ def read(
         written: ranges by key, from the search file.
         typed: ranges by key, from the command line.
         fixed: values by key, from the command line.
-        known: keys of the algorithm.
+        keys: keys of the algorithm.
 
     Raises:
         ConfigError: a key is unknown or not a setting, a range is invalid, a key is fixed and searched, or
@@ -97,7 +97,7 @@ def read(
             f"{key}: fixed by {key}={fixed[key]} and searched by {key}={typed[key]}; remove one"
         )
     texts = {**{str(key): text for key, text in written.items()}, **typed}
-    dimensions = [_dimension(key, text, known) for key, text in texts.items() if key not in fixed]
+    dimensions = [_dimension(key, text, keys) for key, text in texts.items() if key not in fixed]
     if not dimensions:
         why = f"; {', '.join(fixed)} fixed" if fixed else ""
         raise ConfigError(
@@ -107,11 +107,11 @@ def read(
     return dimensions
 
 
-def _dimension(key: str, text: Any, known: Sequence[str]) -> Dimension:
+def _dimension(key: str, text: Any, keys: Sequence[str]) -> Dimension:
     if key in IDENTITY or not key.startswith(GROUP):
         raise ConfigError(f"{key}: cannot be searched; only settings of the algorithm (algo.KEY) can")
-    if key not in known:
-        raise ConfigError(f"{key}: unknown key; {suggestions.unknown_key(key, known, 'auvbench tune')}")
+    if key not in keys:
+        raise ConfigError(f"{key}: unknown key; {suggestions.unknown_key(key, keys, 'auvbench tune')}")
     try:
         sweep = OverridesParser.create().parse_override(f"{key}={text}").value()
     except (HydraException, RecursionError, ValueError) as error:
