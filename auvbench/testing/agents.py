@@ -59,12 +59,12 @@ def fly(config: schema.TrainConfig, agent: base.Agent) -> Flight:
     agent.reset(np.arange(EPISODES))
     flight = Flight(config, [], [])
     for step in range(STEPS):
-        seen = observation.copy()
+        original = observation.copy()
         action = agent.act(observation)
         if fault := action_fault(action, EPISODES, len(batch.vehicle.actuators)):
             raise ConformanceError(f"step {step}: {fault}")
-        same(observation, seen, f"step {step}: act changes the observations that it is given")
-        flight.observations.append(seen)
+        same(observation, original, f"step {step}: act changes the observations that it is given")
+        flight.observations.append(original)
         flight.actions.append(np.array(action))
         observation = batch.step(np.asarray(action)).observation.copy()
     return flight
@@ -78,8 +78,8 @@ def replay(flight: Flight, agent: base.Agent, rows: Sequence[int], what: str) ->
     """
     chosen = np.asarray(rows)
     agent.reset(chosen.copy())
-    for step, (seen, done) in enumerate(zip(flight.observations, flight.actions, strict=True)):
-        action = np.asarray(agent.act(seen[chosen]))
+    for step, (observations, done) in enumerate(zip(flight.observations, flight.actions, strict=True)):
+        action = np.asarray(agent.act(observations[chosen]))
         same(action, done[chosen], f"{what}: step {step}: its actions")
 
 
@@ -134,7 +134,7 @@ class Trainings:
 
     overrides: tuple[str, ...]
     folder: Path
-    _made: dict[str, RunDirectory]
+    _runs: dict[str, RunDirectory]
 
     def run(self, name: str, *more: str) -> RunDirectory:
         """Return a run that has not started."""
@@ -143,12 +143,12 @@ class Trainings:
 
     def whole(self) -> RunDirectory:
         """Return the run of an uninterrupted training."""
-        if "whole" not in self._made:
+        if "whole" not in self._runs:
             draws.reseed_generators(3)
             run = self.run("whole")
             execute(run)
-            self._made["whole"] = run
-        return self._made["whole"]
+            self._runs["whole"] = run
+        return self._runs["whole"]
 
 
 def files(run: RunDirectory) -> dict[str, str]:
@@ -157,8 +157,8 @@ def files(run: RunDirectory) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
 
 
-def _compare(there: RunDirectory, here: RunDirectory, what: str) -> None:
-    first, second = files(there), files(here)
+def _compare(first_run: RunDirectory, second_run: RunDirectory, what: str) -> None:
+    first, second = files(first_run), files(second_run)
     wrong = [name for name in {**first, **second} if first.get(name) != second.get(name)]
     if wrong:
         raise ConformanceError(f"{what} ends with other bits: {', '.join(sorted(wrong))}")

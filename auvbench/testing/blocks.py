@@ -25,11 +25,11 @@ ROUNDING = 1e-6
 
 def play(batch: Batch, first: int = 0) -> NDArray[np.float32]:
     """Return the observations (steps + 1, n, size) of a play."""
-    seen = [batch.reset().copy()]
+    observations = [batch.reset().copy()]
     for step in range(STEPS):
         action = actions(step, batch.n, len(batch.vehicle.actuators), first)
-        seen.append(batch.step(action).observation.copy())
-    return np.array(seen)
+        observations.append(batch.step(action).observation.copy())
+    return np.array(observations)
 
 
 def interpreted(config: schema.TrainConfig, n: int) -> Batch:
@@ -42,13 +42,13 @@ def interpreted(config: schema.TrainConfig, n: int) -> Batch:
 def its_numbers_are_finite_and_within_bounds(config: schema.TrainConfig) -> None:
     """Check that numbers are finite and within the bounds that the block declares."""
     batch = Batch(config, N, seed=3)
-    seen = play(batch)
+    observations = play(batch)
     for name, block in batch.task.spec.blocks.items():
         most = np.asarray(block.bounds, dtype=np.float32)
-        good = np.abs(seen[..., batch.task.spec[name]]) <= most
+        good = np.abs(observations[..., batch.task.spec[name]]) <= most
         if not good.all():
             step, row, column = np.argwhere(~good)[0]
-            value = seen[step, row, batch.task.spec[name]][column]
+            value = observations[step, row, batch.task.spec[name]][column]
             raise ConformanceError(
                 f"{block.labels[column]}={value:g} after step {step}; it must be within [{-most[column]:g}, {most[column]:g}]"
             )
@@ -109,13 +109,15 @@ def a_pilot_observes_it(config: schema.TrainConfig) -> None:
     pose, velocity = batch.simulator.pose[0], batch.simulator.velocity[0]
     yaw = float(task.episodes[0].reference_yaw) if isinstance(config.task, tasks.Tracked) else None
     try:
-        seen = observation.observe(
+        values = observation.observe(
             spec, pose, velocity, task.reference[0], task.previous[0], yaw=yaw, depth=depth
         )
     except Exception as error:
         raise ConformanceError(f"a pilot cannot call it: {type(error).__name__}: {error}") from error
-    if not (np.abs(seen) <= spec.bounds).all():
-        raise ConformanceError(f"a pilot observes {seen.tolist()}, beyond the bounds {spec.bounds.tolist()}")
+    if not (np.abs(values) <= spec.bounds).all():
+        raise ConformanceError(
+            f"a pilot observes {values.tolist()}, beyond the bounds {spec.bounds.tolist()}"
+        )
 
 
 BLOCK_CHECKS: tuple[Callable[[schema.TrainConfig], None], ...] = (

@@ -29,11 +29,11 @@ def called(*words: str) -> tuple[int, str, str]:
         try:
             with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
                 code = cli.main(list(words))
-            left = [path.name for path in Path(folder).iterdir()]
+            files = [path.name for path in Path(folder).iterdir()]
         finally:
             os.chdir(before)
-    if left:
-        raise ConformanceError(f"auvbench {' '.join(words)} writes {left[0]}")
+    if files:
+        raise ConformanceError(f"auvbench {' '.join(words)} writes {files[0]}")
     return code, out.getvalue(), err.getvalue()
 
 
@@ -73,10 +73,10 @@ def importing_it_does_nothing(name: str) -> None:
             text=True,
             check=False,
         )
-        left = [path.name for path in Path(folder).iterdir()]
-    said = (done.stdout + done.stderr).strip()
-    if done.returncode != 0 or said or left:
-        what = f"writes {left[0]}" if left else f"says {said[-200:]!r}"
+        files = [path.name for path in Path(folder).iterdir()]
+    output = (done.stdout + done.stderr).strip()
+    if done.returncode != 0 or output or files:
+        what = f"writes {files[0]}" if files else f"says {output[-200:]!r}"
         raise ConformanceError(f"importing {module} {what}")
 
 

@@ -29,26 +29,30 @@ from auvbench.testing.tasks import (
 def it_changes_the_motion_or_the_readings(config: schema.TrainConfig) -> None:
     """Check that an environment with the disturbance differs from one without."""
     without = train_config(compose("train", ["algo=pid", "disturbance=none"])).disturbance
-    seen = []
+    observations = []
     for disturbance in (config.disturbance, without):
         batch = Batch(replace(config, disturbance=disturbance), N, seed=3)
         batch.reset()
-        seen.append(play(batch, range(STEPS))[0]["observation"])
-    if np.array_equal(seen[0], seen[1]):
+        observations.append(play(batch, range(STEPS))[0]["observation"])
+    if np.array_equal(observations[0], observations[1]):
         raise ConformanceError(f"{STEPS} steps have the same observations without the disturbance")
 
 
 def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
     """Check that an episode is the same, whatever ran before it and in any environment of a batch."""
 
-    def seen(*episodes: int) -> Any:
+    def observations(*episodes: int) -> Any:
         batch = Batch(config, len(episodes), seed=3, test=True, autoreset=False)
         batch.task.assign(np.array(episodes))
         batch.reset()
         action = np.full((len(episodes), len(batch.vehicle.actuators)), 0.3)
         return np.array([batch.step(action).observation.copy() for _ in range(STEPS)])
 
-    same(seen(4)[:, 0], seen(7, 2, 4)[:, 2], "the observations of episode 4 by itself and in a batch")
+    same(
+        observations(4)[:, 0],
+        observations(7, 2, 4)[:, 2],
+        "the observations of episode 4 by itself and in a batch",
+    )
 
 
 def its_water_stays_within_its_bound(config: schema.TrainConfig) -> None:

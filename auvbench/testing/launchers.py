@@ -28,7 +28,7 @@ class Launches:
 
     overrides: tuple[str, ...]
     folder: Path
-    _made: list[Backend] = field(default_factory=list)
+    _backends: list[Backend] = field(default_factory=list)
 
     def config(self, name: str, *more: str) -> DictConfig:
         words = ["algo=pid", *self.overrides, *more, f"output={self.folder}", f"name={name}"]
@@ -39,13 +39,13 @@ class Launches:
         return prepare(self.config(name, *more))
 
     def backend(self) -> Backend:
-        made = backend(self.config("any").launcher, learning=False)
-        self._made.append(made)
-        return made
+        instance = backend(self.config("any").launcher, learning=False)
+        self._backends.append(instance)
+        return instance
 
     def close(self) -> None:
-        for made in self._made:
-            made.close()
+        for instance in self._backends:
+            instance.close()
 
 
 def until_ended(place: Backend, job: Job) -> Status:

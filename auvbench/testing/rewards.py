@@ -29,14 +29,16 @@ def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
     together = Batch(config, N, seed=3)
     together.reset()
     with untouched("the reward"):
-        seen, _ = play(together, range(STEPS))
-    if not np.isfinite(seen["reward"]).all():
-        raise ConformanceError(f"a reward is {seen['reward'][~np.isfinite(seen['reward'])][0]:g}")
+        results, _ = play(together, range(STEPS))
+    if not np.isfinite(results["reward"]).all():
+        raise ConformanceError(f"a reward is {results['reward'][~np.isfinite(results['reward'])][0]:g}")
     for row in (0, N - 1):
         alone = Batch(config, row + 1, seed=3)
         alone.reset()
         own, _ = play(alone, range(STEPS))
-        same(own["reward"][:, row], seen["reward"][:, row], f"rewards of row {row} in a batch of {row + 1}")
+        same(
+            own["reward"][:, row], results["reward"][:, row], f"rewards of row {row} in a batch of {row + 1}"
+        )
 
 
 def it_pays_every_end(config: schema.TrainConfig) -> None:
@@ -80,10 +82,10 @@ def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
             batch.reset()
         for step in range(3):
             action = actions(step, 2, len(plain.vehicle.actuators))
-            one, other = (batch.step(action).reward.copy() for batch in (compiled, plain))
-            if not np.allclose(one, other, rtol=1e-9, atol=1e-9):
+            by_compiled, by_python = (batch.step(action).reward.copy() for batch in (compiled, plain))
+            if not np.allclose(by_compiled, by_python, rtol=1e-9, atol=1e-9):
                 raise ConformanceError(
-                    f"compiled it gives {one.tolist()}, as Python {other.tolist()}, in step {step}"
+                    f"compiled it gives {by_compiled.tolist()}, as Python {by_python.tolist()}, in step {step}"
                 )
     except (AgentError, IndexError) as error:
         raise ConformanceError(f"run as Python: {error}") from error

@@ -37,17 +37,17 @@ def start(simulator: Simulator, first: int = 0, **options: Any) -> None:
 
 def fly(simulator: Simulator, steps: range = range(STEPS), first: int = 0) -> dict[str, NDArray[np.float64]]:
     """Apply commands for some steps; return the states after each, (steps, n, ...)."""
-    found: dict[str, list[NDArray[np.float64]]] = {name: [] for name in STATE}
+    states: dict[str, list[NDArray[np.float64]]] = {name: [] for name in STATE}
     for step in steps:
         simulator.step(draws.actions(step, simulator.n, len(simulator.vehicle.actuators), first), DURATION)
         for name in STATE:
-            found[name].append(np.array(getattr(simulator, name), dtype=np.float64))
-    return {name: np.asarray(values) for name, values in found.items()}
+            states[name].append(np.array(getattr(simulator, name), dtype=np.float64))
+    return {name: np.asarray(values) for name, values in states.items()}
 
 
-def compare(one: dict[str, Any], other: dict[str, Any], what: str) -> None:
-    for name in one:
-        same(one[name], other[name], f"{what}: {name}")
+def compare(first: dict[str, Any], second: dict[str, Any], what: str) -> None:
+    for name in first:
+        same(first[name], second[name], f"{what}: {name}")
 
 
 def its_arrays_are_what_they_should(make: Make) -> None:
@@ -73,14 +73,14 @@ def reset_puts_vehicles_where_it_says(make: Make) -> None:
     simulator = make(N)
     start(simulator)
     fly(simulator)
-    others = simulator.pose[[0, 2]].copy()
+    other_poses = simulator.pose[[0, 2]].copy()
     pose = np.array([[5.0, -4.0, -30.0, np.cos(0.4), 0.0, 0.0, np.sin(0.4)]])
     simulator.reset(np.array([1]), pose, np.zeros((1, 6)))
     if np.abs(simulator.pose[1] - pose[0]).max() > 1e-9:
         raise ConformanceError(f"reset to {pose[0]} leaves the vehicle at {simulator.pose[1]}")
     if np.abs(simulator.velocity[1]).max() > 1e-9:
         raise ConformanceError(f"reset at rest leaves the vehicle a velocity of {simulator.velocity[1]}")
-    same(simulator.pose[[0, 2]], others, "reset of vehicle 1 moves others")
+    same(simulator.pose[[0, 2]], other_poses, "reset of vehicle 1 moves others")
 
 
 def motion_does_not_depend_on_the_batch(make: Make) -> None:
@@ -123,13 +123,13 @@ def motion_is_deterministic(make: Make) -> None:
 
 def commands_are_clipped(make: Make) -> None:
     """A command beyond [-1, 1] is one at its end."""
-    found = []
+    forces = []
     for size in (1.0, 3.0):
         simulator = make(1)
         start(simulator)
         simulator.step(np.full((1, len(simulator.vehicle.actuators)), size), DURATION)
-        found.append(np.array(simulator.command_force))
-    same(found[0], found[1], "commands of 1 and of 3")
+        forces.append(np.array(simulator.command_force))
+    same(forces[0], forces[1], "commands of 1 and of 3")
 
 
 def its_state_comes_back(make: Make) -> None:

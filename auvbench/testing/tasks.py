@@ -25,27 +25,32 @@ N, STEPS = 5, 40
 
 def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
     """Step a batch; return observations and rewards (steps, n, ...), and the records of the episodes that ended."""
-    seen: dict[str, list[NDArray[Any]]] = {"observation": [], "reward": [], "terminated": [], "truncated": []}
+    series: dict[str, list[NDArray[Any]]] = {
+        "observation": [],
+        "reward": [],
+        "terminated": [],
+        "truncated": [],
+    }
     records: list[dict[str, Any]] = []
     for step in steps:
         result = batch.step(actions(step, batch.n, len(batch.vehicle.actuators), first))
-        for name, values in seen.items():
+        for name, values in series.items():
             values.append(np.array(getattr(result, name)))
         records += result.records
-    return {name: np.asarray(values) for name, values in seen.items()}, records
+    return {name: np.asarray(values) for name, values in series.items()}, records
 
 
 def its_rows_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
     """Check that an episode gives the same floats in any batch."""
     together = Batch(config, N, seed=3)
     first = together.reset().copy()
-    seen, _ = play(together, range(STEPS))
+    results, _ = play(together, range(STEPS))
     for row in (0, N - 1):
         alone = Batch(config, row + 1, seed=3)
         same(alone.reset()[row], first[row], f"the first observation of row {row}")
         own, _ = play(alone, range(STEPS))
         for name, values in own.items():
-            same(values[:, row], seen[name][:, row], f"{name} of row {row} in a batch of {row + 1}")
+            same(values[:, row], results[name][:, row], f"{name} of row {row} in a batch of {row + 1}")
 
 
 def it_resumes_in_mid_episode(config: schema.TrainConfig) -> None:
@@ -54,14 +59,14 @@ def it_resumes_in_mid_episode(config: schema.TrainConfig) -> None:
     whole.reset()
     play(whole, range(STEPS // 2))
     state = whole.state_dict()
-    rest, records = play(whole, range(STEPS // 2, STEPS))
+    expected, records = play(whole, range(STEPS // 2, STEPS))
     fresh = Batch(config, N, seed=8)
     fresh.reset()
     fresh.load_state_dict(state)
-    again, others = play(fresh, range(STEPS // 2, STEPS))
-    for name, values in rest.items():
-        same(again[name], values, f"{name} after a resume")
-    if records != others:
+    resumed, resumed_records = play(fresh, range(STEPS // 2, STEPS))
+    for name, values in expected.items():
+        same(resumed[name], values, f"{name} after a resume")
+    if records != resumed_records:
         raise ConformanceError("the records of episodes differ after a resume")
 
 
@@ -91,22 +96,22 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
     short = replace(config, task=replace(config.task, max_steps=limit, time_limit=None))
     batch = Batch(short, N, seed=3)
     batch.reset()
-    seen, records = play(batch, range(limit))
+    results, records = play(batch, range(limit))
     if len(records) < N:
         raise ConformanceError(f"only {len(records)} of {N} episodes have ended after {limit} steps")
     for name in ("observation", "reward"):
-        if not np.isfinite(seen[name]).all():
+        if not np.isfinite(results[name]).all():
             raise ConformanceError(f"{name}: not finite everywhere")
-    if (np.abs(seen["observation"]) > batch.task.spec.bounds).any():
+    if (np.abs(results["observation"]) > batch.task.spec.bounds).any():
         raise ConformanceError("an observation lies outside the bounds that its specification names")
     ranges = {metric.name: (metric.low, metric.high) for metric in metrics.registered()}
-    known = TASKS[batch.task.name].outcomes
+    outcomes = TASKS[batch.task.name].outcomes
     for record in records:
         if tuple(record) != schema.columns_of(batch.config):
             raise ConformanceError(f"a record has the columns {', '.join(record)}")
-        if record["outcome"] not in known or record["outcome"] not in OUTCOMES:
+        if record["outcome"] not in outcomes or record["outcome"] not in OUTCOMES:
             raise ConformanceError(
-                f"an episode ended by {record['outcome']}; the task declares {', '.join(known)}"
+                f"an episode ended by {record['outcome']}; the task declares {', '.join(outcomes)}"
             )
         for name, value in record.items():
             if isinstance(value, str) or name in ("episode", "environment"):
