@@ -141,9 +141,9 @@ def _values(name: str, values: pd.Series, column: Column) -> pd.Series:
         what = f"a finite number up to ±{LARGEST:g}{_from(column)}" + ("" if column.gaps else " in every row")
     if numbers.dtype.kind not in "iuf":
         raise ValueError(f"{name} is not {what}")
-    known = np.isnan(numbers) if numbers.dtype.kind == "f" else np.zeros(len(numbers), dtype=bool)
-    present = numbers[~known]
-    if (known.any() and not column.gaps) or _impossible(present, column):
+    gaps = np.isnan(numbers) if numbers.dtype.kind == "f" else np.zeros(len(numbers), dtype=bool)
+    present = numbers[~gaps]
+    if (gaps.any() and not column.gaps) or _impossible(present, column):
         raise ValueError(f"{name} is not {what}")
     if column.kind == "whole" and not column.gaps:
         return values.astype(np.int64)

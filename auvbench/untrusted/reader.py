@@ -226,8 +226,8 @@ def policy(channel: socket.socket, data: bytes) -> None:
         data, options, providers=["CPUExecutionProvider"], enable_fallback=0
     )
     ports = {
-        kind: [[port.name, port.type, list(port.shape)] for port in found[:20]]
-        for kind, found in (("inputs", session.get_inputs()), ("outputs", session.get_outputs()))
+        kind: [[port.name, port.type, list(port.shape)] for port in arguments[:20]]
+        for kind, arguments in (("inputs", session.get_inputs()), ("outputs", session.get_outputs()))
     }
     send(channel, ports)
     while True:

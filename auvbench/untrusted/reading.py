@@ -211,12 +211,12 @@ def _reader() -> Any:
 
     class Reader(_loader()):  # type: ignore[misc]
         def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-            seen: set[str] = set()
+            keys: set[str] = set()
             for key in (key for key, _ in node.value if isinstance(key, yaml.ScalarNode)):
-                if key.value in seen:
+                if key.value in keys:
                     why = f"found duplicate key {key.value}"
                     raise yaml.constructor.ConstructorError(None, None, why, key.start_mark)
-                seen.add(key.value)
+                keys.add(key.value)
             return dict(super().construct_mapping(node, deep))
 
     number, date = "tag:yaml.org,2002:float", "tag:yaml.org,2002:timestamp"

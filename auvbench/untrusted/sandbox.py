@@ -105,7 +105,7 @@ class Child:
             ValueError: the file cannot be read, or the process has ended; the message is one line.
         """
         try:
-            note, arrays = reader.receive(self._timed, self._left)  # type: ignore[arg-type]
+            note, arrays = reader.receive(self._timed, self._remaining)  # type: ignore[arg-type]
         except (EOFError, ConnectionError):
             raise self._died() from None
         except TimeoutError:
@@ -117,7 +117,7 @@ class Child:
         except BaseException:  # an interruption in the middle of a message
             self._end(KILL, "reading it was interrupted")
             raise
-        self._left -= sum(array.nbytes for array in arrays.values())
+        self._remaining -= sum(array.nbytes for array in arrays.values())
         if not isinstance(note, dict):
             raise self._end(KILL, "the process that reads it gave an invalid answer")
         if note.get("error") == "memory":
@@ -127,7 +127,7 @@ class Child:
         return note, arrays
 
     def _renew(self) -> None:
-        self._left = self._memory
+        self._remaining = self._memory
         self._timed = _Timed(self._channel, PATIENCE * self._seconds)
 
     def _send(self, note: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:

@@ -30,8 +30,8 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
     """
     import pandas as pd
 
-    wanted = None if only is None else (lambda name: name in only)
-    options: dict[str, Any] = {"usecols": wanted, "engine": "c", "low_memory": False}
+    usecols = None if only is None else (lambda name: name in only)
+    options: dict[str, Any] = {"usecols": usecols, "engine": "c", "low_memory": False}
     if words:
         options |= {"dtype": dict.fromkeys(words, str), "na_values": MISSING, "keep_default_na": False}
     try:
@@ -56,9 +56,9 @@ def read_parquet(data: bytes, columns: Collection[str] | None = None) -> tuple[p
     """
     import pandas as pd
 
-    wanted = None if columns is None else sorted(columns)
+    names = None if columns is None else sorted(columns)
     columns_read: dict[str, Any] = {}
-    with sandbox.Child(sandbox.TABLE, data, columns=wanted, most=COLUMNS) as child:
+    with sandbox.Child(sandbox.TABLE, data, columns=names, most=COLUMNS) as child:
         while "end" not in (answer := child.answer())[0]:
             name = typed_json.convert(answer[0].get("column"), str)
             if name in columns_read or len(columns_read) == COLUMNS:

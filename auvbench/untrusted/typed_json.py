@@ -75,21 +75,21 @@ def convert(value: object, schema: type[T]) -> T:
     Traceback (most recent call last):
     ValueError: a[1] is -1, must be a whole number >= 0
     """
-    found: T = _convert(schema, value, "")
-    return found
+    converted: T = _convert(schema, value, "")
+    return converted
 
 
 def _convert(kind: Any, value: Any, where: str) -> Any:
     origin, arguments = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType) and NoneType in arguments:
-        (option,) = (one for one in arguments if one is not NoneType)
+        (option,) = (argument for argument in arguments if argument is not NoneType)
         return None if value is None else _convert(option, value, where)
     if origin is Annotated:
-        found = _convert(arguments[0], value, where)
-        size = len(found) if isinstance(found, str) else found
+        converted = _convert(arguments[0], value, where)
+        size = len(converted) if isinstance(converted, str) else converted
         if not arguments[1].low <= size <= arguments[1].high:
             raise _wrong(kind, value, where)
-        return found
+        return converted
     if not _fits(kind, origin, arguments, value):
         raise _wrong(kind, value, where)
     if is_dataclass(kind):
