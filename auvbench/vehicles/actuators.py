@@ -112,10 +112,10 @@ class Thruster(Actuator):
                 document.number((*at, "power", "force_scale"), "1", above=0.0),
                 document.number((*at, "power", "power_scale"), "1", low=0.0),
             )
-        given = [key for key in aim if key in section]
-        if len(given) != 1:
+        keys = [key for key in aim if key in section]
+        if len(keys) != 1:
             document.fail(at, f"give exactly one of {', '.join(aim)}, which say where the thrusters push")
-        placed = _placed(document, at, given[0], "thrusters")
+        placed = _placed(document, at, keys[0], "thrusters")
         gains = _gains(document, at, [name for name, _, _ in placed]) if "gain" in section else {}
         return [
             cls(

@@ -58,22 +58,22 @@ def changed(values: Mapping[str, Any], changes: Changes) -> dict[str, Any]:
     """
     if not changes:
         return dict(values)
-    found = copy.deepcopy(dict(values))
-    found["sources"] = {**found["sources"], SOURCE: {"title": "changed for a test"}}
-    _scale(found, changes.scale)
+    content = copy.deepcopy(dict(values))
+    content["sources"] = {**content["sources"], SOURCE: {"title": "changed for a test"}}
+    _scale(content, changes.scale)
     if changes.net_buoyancy is not None:
-        _float(found, changes.net_buoyancy)
+        _float(content, changes.net_buoyancy)
     elif "mass" in changes.scale:
         before = sheet.load(values)
-        _float(found, before.buoyancy - before.weight)
+        _float(content, before.buoyancy - before.weight)
     if changes.payload:
-        _load(found, changes)
-    _thrust(found, changes)
-    sheet.load(found)
-    return found
+        _load(content, changes)
+    _thrust(content, changes)
+    sheet.load(content)
+    return content
 
 
-def _scale(found: dict[str, Any], scale: Mapping[str, float]) -> None:
+def _scale(content: dict[str, Any], scale: Mapping[str, float]) -> None:
     places = {
         "mass": [("rigid_body", "mass"), ("rigid_body", "weight")],
         "inertia": [("rigid_body", "inertia")],
@@ -83,23 +83,22 @@ def _scale(found: dict[str, Any], scale: Mapping[str, float]) -> None:
     }
     for name, factor in scale.items():
         for section, key in places.get(name, []):
-            quantity = found[section].get(key)
+            quantity = content[section].get(key)
             if quantity is not None:
                 value = factor * np.array(quantity["value"], dtype=np.float64)
-                rest = {
-                    name: part for name, part in quantity.items() if name != "range"
-                }  # the unchanged sheet's
-                found[section][key] = {**rest, "value": value.tolist()}
+                # The range is for the unchanged sheet.
+                entries = {name: entry for name, entry in quantity.items() if name != "range"}
+                content[section][key] = {**entries, "value": value.tolist()}
 
 
-def _float(found: dict[str, Any], net: float) -> None:
+def _float(content: dict[str, Any], net: float) -> None:
     """Set the net buoyancy in N."""
-    found["buoyancy"] = {"center": found["buoyancy"]["center"], "net": _quantity(net, "N")}
+    content["buoyancy"] = {"center": content["buoyancy"]["center"], "net": _quantity(net, "N")}
 
 
-def _load(found: dict[str, Any], changes: Changes) -> None:
+def _load(content: dict[str, Any], changes: Changes) -> None:
     """Add a point mass without changing the volume."""
-    vehicle = sheet.load(found)
+    vehicle = sheet.load(content)
     body, payload = vehicle.mass, changes.payload
     at = np.array(changes.payload_at, dtype=np.float64)
     whole = body + payload
@@ -108,27 +107,27 @@ def _load(found: dict[str, Any], changes: Changes) -> None:
     for mass, place in ((body, vehicle.center_of_gravity), (payload, at)):
         arm = place - center
         inertia += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    turn = np.array([1.0, -1.0, -1.0]) if found["frame"] == "ned" else np.ones(3)
-    found["rigid_body"] = {
+    turn = np.array([1.0, -1.0, -1.0]) if content["frame"] == "ned" else np.ones(3)
+    content["rigid_body"] = {
         "mass": _quantity(whole, "kg"),
         "center_of_gravity": _quantity((center * turn).tolist(), "m"),
         "inertia": _quantity((inertia * np.outer(turn, turn)).tolist(), "kg m2"),
         "weight": _quantity(vehicle.weight + payload * vehicle.gravity, "N"),
     }
-    found["buoyancy"] = {"center": found["buoyancy"]["center"], "force": _quantity(vehicle.buoyancy, "N")}
+    content["buoyancy"] = {"center": content["buoyancy"]["center"], "force": _quantity(vehicle.buoyancy, "N")}
 
 
-def _thrust(found: dict[str, Any], changes: Changes) -> None:
+def _thrust(content: dict[str, Any], changes: Changes) -> None:
     """Set lag and gain of the thrusters."""
     factor = changes.scale.get("thrust", 1.0)
-    numbers = dict(enumerate(_thrusters(found), start=1))
+    numbers = dict(enumerate(_thrusters(content), start=1))
     for number in changes.shares:
         if number not in numbers:
             raise VehicleError(
-                f"vehicle {found['name']}: has no thruster {number}; it has {len(numbers)} thrusters"
+                f"vehicle {content['name']}: has no thruster {number}; it has {len(numbers)} thrusters"
             )
     gains = {name: factor * changes.shares.get(number, 1.0) for number, name in numbers.items()}
-    for group in found["actuators"].values():
+    for group in content["actuators"].values():
         if group["type"] != "thruster":
             continue
         if changes.lag is not None:
@@ -140,8 +139,8 @@ def _thrust(found: dict[str, Any], changes: Changes) -> None:
             group["gain"] = _quantity({name: gains[name] * own.get(name, 1.0) for name in names}, "1")
 
 
-def _thrusters(found: Mapping[str, Any]) -> list[str]:
-    groups = [group for group in found["actuators"].values() if group["type"] == "thruster"]
+def _thrusters(content: Mapping[str, Any]) -> list[str]:
+    groups = [group for group in content["actuators"].values() if group["type"] == "thruster"]
     return [str(name) for group in groups for name in group["positions"]["value"]]
 
 

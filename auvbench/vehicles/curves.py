@@ -125,8 +125,8 @@ class Lag:
         den = np.asarray(denominator, dtype=np.float64)
         order = den.size - 1
         num = np.zeros(order)
-        given = np.asarray(numerator, dtype=np.float64)
-        num[order - given.size :] = given
+        coefficients = np.asarray(numerator, dtype=np.float64)
+        num[order - coefficients.size :] = coefficients
         num, den = num / den[0], den / den[0]
         scale = abs(float(den[-1])) ** (1.0 / order)
         A = np.diag(np.full(order - 1, scale), 1)

@@ -48,7 +48,7 @@ class PhysicalCommands:
         self._rotors = np.zeros(len(units))
         for a, thruster in self.model.thrusters:
             self._rotors[a] = thruster.rotor_constant
-        self._which = np.flatnonzero(self._rotors)
+        self._rotating = np.flatnonzero(self._rotors)
         self._values: FloatArray = np.array(limits)
         self.limits: FloatArray = self.quantities(self._values.T).T
         self.neutral: FloatArray = self.of_action(np.zeros(len(units)))
@@ -56,9 +56,9 @@ class PhysicalCommands:
     def __call__(self, quantities: FloatArray) -> FloatArray:
         """Return commands (n, n_u) of `model` for quantities (n, n_u), clipped to the sheet's limits."""
         values = quantities
-        if self._which.size:
+        if self._rotating.size:
             values = quantities.copy()
-            for a in self._which:
+            for a in self._rotating:
                 values[:, a] = _speed(quantities[:, a], self._rotors[a])
         return np.asarray(np.clip(values, self._values[:, 0], self._values[:, 1]) / self._factors)
 
@@ -75,7 +75,7 @@ class PhysicalCommands:
         precision each conversion is rounded once, and the conversion back gives the speed to the last bit.
         """
         out = np.array(values, dtype=np.float64)
-        for a in self._which:
+        for a in self._rotating:
             speed = out[:, a].astype(np.longdouble)
             out[:, a] = np.longdouble(self._rotors[a]) * speed * np.abs(speed)
         return out

@@ -77,10 +77,10 @@ def _read(source: str | Path | Mapping[str, Any]) -> Document:
             )
         return _compose(path, str(path))
     name = str(source)
-    known = sheets()
-    if name not in known:
-        raise VehicleError(f"vehicle {name!r} is not known; {closest(name, known)}")
-    return _compose(known[name], f"conf/vehicle/{name}.yaml")
+    known_sheets = sheets()
+    if name not in known_sheets:
+        raise VehicleError(f"vehicle {name!r} is not known; {closest(name, known_sheets)}")
+    return _compose(known_sheets[name], f"conf/vehicle/{name}.yaml")
 
 
 def _compose(entry: Traversable, label: str, heirs: tuple[str, ...] = ()) -> Document:
@@ -103,14 +103,14 @@ def _compose(entry: Traversable, label: str, heirs: tuple[str, ...] = ()) -> Doc
 
 def _parent(name: str, heir: Document, heirs: tuple[str, ...]) -> Document:
     """Return the sheet `name`, from which `heir` inherits."""
-    known = sheets()
-    if name not in known:
-        heir.fail(("defaults",), f"vehicle {name!r} is not known; {closest(name, known)}")
+    known_sheets = sheets()
+    if name not in known_sheets:
+        heir.fail(("defaults",), f"vehicle {name!r} is not known; {closest(name, known_sheets)}")
     label = f"conf/vehicle/{name}.yaml"
     if label in heirs:
         loop = " -> ".join((*heirs[heirs.index(label) :], label))
         heir.fail(("defaults",), f"{name!r} inherits from itself ({loop}); name another sheet")
-    return _compose(known[name], label, heirs)
+    return _compose(known_sheets[name], label, heirs)
 
 
 def _parse(entry: Traversable, label: str) -> dict[str, Any]:
@@ -280,10 +280,10 @@ class Document:
     def source(self, path: Keys) -> None:
         """Check that every source named at `path` is listed in `sources`."""
         named = self.get(path)
-        known = self.mapping(("sources",))
+        listed = self.mapping(("sources",))
         for key in named if isinstance(named, (list, tuple)) else [named]:
-            if not isinstance(key, str) or key not in known:
-                self.fail(path, f"source {key!r} is not listed in 'sources'; {closest(str(key), known)}")
+            if not isinstance(key, str) or key not in listed:
+                self.fail(path, f"source {key!r} is not listed in 'sources'; {closest(str(key), listed)}")
             self.used.add(key)
 
     def sequence(self, path: Keys, unit: str) -> FloatArray:
@@ -304,8 +304,8 @@ class Document:
         except (TypeError, ValueError):
             self.fail(path, f"{value!r} is not a number or a regular list of numbers")
         if isinstance(value, bool) or (array.shape not in shapes):
-            wanted = " or ".join("x".join(map(str, shape)) or "one number" for shape in shapes)
-            self.fail(path, f"{value!r} has the wrong shape: expected {wanted}")
+            expected = " or ".join("x".join(map(str, shape)) or "one number" for shape in shapes)
+            self.fail(path, f"{value!r} has the wrong shape: expected {expected}")
         if not np.all(np.isfinite(array)):
             self.fail(path, f"{value!r} contains a number that is not finite")
         if np.any(np.abs(array) > LARGEST):

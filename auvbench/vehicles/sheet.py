@@ -145,15 +145,15 @@ def _buoyancy(
 ) -> tuple[float, FloatArray]:
     at = ("buoyancy",)
     section = document.section(at, ("center",), _BUOYANCY)
-    given = [key for key in _BUOYANCY if key in section]
-    if len(given) != 1:
+    keys = [key for key in _BUOYANCY if key in section]
+    if len(keys) != 1:
         document.fail(
             at,
-            f"give exactly one of 'volume' in m3, 'force' in N, 'net' (force minus weight) in N; got {given}",
+            f"give exactly one of 'volume' in m3, 'force' in N, 'net' (force minus weight) in N; got {keys}",
         )
-    if given == ["volume"]:
+    if keys == ["volume"]:
         force = density * gravity * document.number((*at, "volume"), "m3", low=0.0)
-    elif given == ["force"]:
+    elif keys == ["force"]:
         force = document.number((*at, "force"), "N", low=0.0)
     else:
         force = weight + document.number((*at, "net"), "N", low=-weight)

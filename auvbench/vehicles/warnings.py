@@ -63,14 +63,14 @@ def _and(names: list[str]) -> str:
 
 def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
     own = independent_axes(vehicle)
-    others = vehicle.others
+    names_of_others = vehicle.others
     missing = [axis for axis in range(6) if axis not in own]
     texts = []
     if missing:
         names = _and([AXES[axis] for axis in missing])
         verb = "is" if len(missing) == 1 else "are"
         text = f"rank {len(own)}: {names} {verb} not independently actuated by the thrusters"
-        text += f"; besides them act {', '.join(others)}" if others else ""
+        text += f"; besides them act {', '.join(names_of_others)}" if names_of_others else ""
         texts.append(text)
     # actuators of one kind mostly share their curve, so its warning is printed once
     first: dict[str, str] = {}
