@@ -117,10 +117,10 @@ def sphere_span(o: Vector, d: Vector, radius: float) -> Pair:
     """Return the part of the ray o + t d, with d of length 1, in a sphere."""
     middle = -dot(o, d)
     nearest = add(o, scale(middle, d))
-    rest = radius * radius - dot(nearest, nearest)
-    if rest < 0.0:
+    squared = radius * radius - dot(nearest, nearest)
+    if squared < 0.0:
         return MISS
-    half = math.sqrt(rest)
+    half = math.sqrt(squared)
     return middle - half, middle + half
 
 
@@ -133,10 +133,10 @@ def tube_span(o: Vector, d: Vector, radius: float) -> Pair:
         return EVERYWHERE if x * x + y * y <= radius * radius else MISS
     middle = -(x * dx + y * dy) / across
     near_x, near_y = x + middle * dx, y + middle * dy
-    rest = radius * radius - (near_x * near_x + near_y * near_y)
-    if rest < 0.0:
+    squared = radius * radius - (near_x * near_x + near_y * near_y)
+    if squared < 0.0:
         return MISS
-    half = math.sqrt(rest / across)
+    half = math.sqrt(squared / across)
     return middle - half, middle + half
 
 

@@ -57,9 +57,9 @@ def clipped(segments: Segments, low: Floats, high: Floats) -> Segments:
         within = (start[:, axis] >= low[axis]) & (start[:, axis] <= high[axis])
         first = np.maximum(first, np.where(moves, np.minimum(a, b), np.where(within, 0.0, 2.0)))
         last = np.minimum(last, np.where(moves, np.maximum(a, b), 1.0))
-    kept = first < last
-    ends = np.stack([first[kept], last[kept]], axis=1)
-    return np.asarray(start[kept, None] + ends[:, :, None] * way[kept, None])
+    inside = first < last
+    ends = np.stack([first[inside], last[inside]], axis=1)
+    return np.asarray(start[inside, None] + ends[:, :, None] * way[inside, None])
 
 
 def _axes(solid: Any) -> Floats:
@@ -121,15 +121,15 @@ def _plane(solid: Any, low: Floats, high: Floats) -> Segments:
     # The axis that is nearest to the normal follows from the two others.
     k = int(np.abs(normal).argmax())
     i, j = (k + 1) % 3, (k + 2) % 3
-    found = []
+    lines = []
     for fixed, free in ((i, j), (j, i)):
         for value in np.linspace(low[fixed], high[fixed], LINES):
             ends = np.zeros((2, 3))
             ends[:, fixed], ends[:, free] = value, (low[free], high[free])
             off = (ends - solid["position"]) @ normal - (ends[:, k] - solid["position"][k]) * normal[k]
             ends[:, k] = solid["position"][k] - off / normal[k]
-            found.append(ends)
-    return np.array(found)
+            lines.append(ends)
+    return np.array(lines)
 
 
 def _terrain(solid: Any, heights: Floats, low: Floats, high: Floats) -> Segments:

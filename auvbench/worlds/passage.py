@@ -56,9 +56,9 @@ def scatter(
     seed, stream, episode, environment = key
     (distance, margin), (low, high) = arena, radii
     discs = np.empty((count, 3))
-    found = 0
+    placed = 0
     for dart in range(DARTS * count):
-        if found == count:
+        if placed == count:
             break
         u, v, w, _ = uniform4(seed, stream, dart, attempt, episode, environment)
         x, y, radius = (
@@ -69,14 +69,14 @@ def scatter(
         if min(apart(x, y), apart(x - distance, y)) < radius + free:
             continue
         has_room = True
-        for k in range(found):
+        for k in range(placed):
             if apart(x - discs[k, 0], y - discs[k, 1]) < radius + discs[k, 2] + gap:
                 has_room = False
                 break
         if has_room:
-            discs[found, 0], discs[found, 1], discs[found, 2] = x, y, radius
-            found += 1
-    return discs[:found].copy()
+            discs[placed, 0], discs[placed, 1], discs[placed, 2] = x, y, radius
+            placed += 1
+    return discs[:placed].copy()
 
 
 @njit(nogil=True)

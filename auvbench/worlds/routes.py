@@ -26,10 +26,10 @@ LEVEL = 0.5
 
 
 @njit(nogil=True)
-def visible(room: Floats, columns: int, one: int, other: int, least: float) -> bool:
+def visible(room: Floats, columns: int, first: int, second: int, least: float) -> bool:
     """Return whether the straight line between two cells leads through free cells only."""
-    row, column = one // columns, one % columns
-    up, right = other // columns - row, other % columns - column
+    row, column = first // columns, first % columns
+    up, right = second // columns - row, second % columns - column
     steps = 2 * max(abs(up), abs(right))
     for k in range(1, steps):
         share = k / steps
@@ -41,15 +41,15 @@ def visible(room: Floats, columns: int, one: int, other: int, least: float) -> b
 @njit(nogil=True)
 def pulled(cells: Any, room: Floats, columns: int, least: float) -> Any:
     """Return the cells of a way at which a string that is pulled tight has corners, with both ends."""
-    kept = [cells[0]]
+    corners = [cells[0]]
     at = 0
     while at < len(cells) - 1:
-        seen = len(cells) - 1
-        while seen > at + 1 and not visible(room, columns, cells[at], cells[seen], least):
-            seen -= 1
-        kept.append(cells[seen])
-        at = seen
-    return kept
+        farthest = len(cells) - 1
+        while farthest > at + 1 and not visible(room, columns, cells[at], cells[farthest], least):
+            farthest -= 1
+        corners.append(cells[farthest])
+        at = farthest
+    return corners
 
 
 @compiled("dynamics")
