@@ -214,9 +214,9 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
     """Return the agent of `config.algo` for a vehicle; a learner is untrained."""
     name = config.algo.agent
     if name not in AGENTS.own:
-        from auvbench.agents import plugins
+        from auvbench.agents import installed
 
-        return plugins.make(config, vehicle)
+        return installed.make(config, vehicle)
     agent: Agent = resolve(AGENTS[name].code)(config, vehicle)
     return agent
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from auvbench.agents.plugins import PluginAgent
+from auvbench.agents.installed import PluginAgent
 from auvbench.errors import AgentError
 from auvbench.evaluation.rollout import counted
 
