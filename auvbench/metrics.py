@@ -117,8 +117,10 @@ class Metric:
 
     def is_of(self, task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False) -> bool:
         """Return whether a task has the metric, in a kind of world and with a kind of navigation, with or without a filter of commands."""
-        here = (not self.tasks or task in self.tasks) and (not self.worlds or world in self.worlds)
-        return here and (not self.navigation or navigation in self.navigation) and filtered >= self.filtered
+        in_place = (not self.tasks or task in self.tasks) and (not self.worlds or world in self.worlds)
+        return (
+            in_place and (not self.navigation or navigation in self.navigation) and filtered >= self.filtered
+        )
 
     @property
     def conditional(self) -> bool:

@@ -35,8 +35,8 @@ def measured() -> tuple[str, ...]:
 def _of(
     task: str, world: str, navigation: str, filtered: bool
 ) -> dict[str, Callable[[Totals], float | int | str]]:
-    here = task, world, navigation, filtered
-    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(*here)}
+    context = task, world, navigation, filtered
+    return {m.name: m.value for m in registered() if m.value is not None and m.is_of(*context)}
 
 
 def record_columns(

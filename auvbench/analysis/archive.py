@@ -144,9 +144,9 @@ class Archive:
         episodes = frame["episode"].to_numpy()
         values = {name: frame[name].to_numpy(dtype=np.float64) * unit for name, unit in SCALE.items()}
         for episode in dict.fromkeys(episodes.tolist()):
-            mine = episodes == episode
-            position = np.stack([values[name][mine] for name in ("x_mm", "y_mm", "z_mm")], axis=1)
-            yield int(episode), position, values["t_ms"][mine]
+            in_episode = episodes == episode
+            position = np.stack([values[name][in_episode] for name in ("x_mm", "y_mm", "z_mm")], axis=1)
+            yield int(episode), position, values["t_ms"][in_episode]
 
     def has_training(self, run: str) -> bool:
         """Return whether the study stores training episodes of a run."""

@@ -224,23 +224,23 @@ def sac4_is_best(e: Evidence) -> list[Part]:
 
 
 def _first_of_its_kind(agents: Sequence[Agent], levels: tuple[float, float]) -> Part:
-    mine = [agent for agent in agents if cell(agent) == thesis.CELLS["4"]]
-    several = [agent for agent in agents if len(agent.outcome) > 1]
-    ids = run_ids(mine)
-    if len(mine) != 1 or mine[0] not in several or len(several) < 2:
+    of_cell = [agent for agent in agents if cell(agent) == thesis.CELLS["4"]]
+    replicated = [agent for agent in agents if len(agent.outcome) > 1]
+    ids = run_ids(of_cell)
+    if len(of_cell) != 1 or of_cell[0] not in replicated or len(replicated) < 2:
         needed = "several training seeds of SAC with K=1 at 25 Hz and in other cells"
         return Part(OPEN, missing=needed, run_ids=ids)
-    if len({budget_of(run) for agent in several for run in agent.runs}) > 1:
-        return Part(OPEN, missing="equal training budgets of the SAC agents", run_ids=run_ids(several))
-    tests = all_pairs(several, measure("success_rate"), np.ones(len(several), dtype=bool), levels[0])
-    place, value = several.index(mine[0]), tests.typical.value
+    if len({budget_of(run) for agent in replicated for run in agent.runs}) > 1:
+        return Part(OPEN, missing="equal training budgets of the SAC agents", run_ids=run_ids(replicated))
+    tests = all_pairs(replicated, measure("success_rate"), np.ones(len(replicated), dtype=bool), levels[0])
+    place, value = replicated.index(of_cell[0]), tests.typical.value
     first, last = rank_intervals(value, tests.resolved)[place]
     ahead = rank_intervals(value, tests.adjusted < 1 - levels[1])[place][0]
     rank = 1 + int((value > value[place]).sum())
-    statistic = f"{mine[0].label} has rank {rank} of {len(several)}, interval {first} to {last}"
+    statistic = f"{of_cell[0].label} has rank {rank} of {len(replicated)}, interval {first} to {last}"
     if ahead > 1:
         return Part(FAILS, statistic, run_ids=ids)
-    absent = sorted({thesis.CELLS[i] for i in "01234567"} - {cell(agent) for agent in several})
+    absent = sorted({thesis.CELLS[i] for i in "01234567"} - {cell(agent) for agent in replicated})
     if last == 1 and not absent:
         return Part(HOLDS, statistic, run_ids=ids)
     cells = listed([f"K={k:g} {f:g} Hz" for k, f in absent], 8)

@@ -149,12 +149,12 @@ def _condition(
     confidence: float,
     bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> Condition:
-    here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
-    measured = {label: m.measured for label, m in here.items() if m.measured is not None}
+    met_here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
+    measured = {label: m.measured for label, m in met_here.items() if m.measured is not None}
     # If a seed lacks one of the two conditions, its agent has no change.
     pairs = {
         label: (m, still)
-        for label, m in here.items()
+        for label, m in met_here.items()
         if name != UNDISTURBED
         and (still := met[label].get(UNDISTURBED))
         and m.success.shape == still.success.shape
@@ -163,7 +163,7 @@ def _condition(
     steps = {label: m.par1 - still.par1 for label, (m, still) in pairs.items() if m.time == still.time}
     return Condition(
         name,
-        success=_means({label: m.success for label, m in here.items()}, confidence, rate=True),
+        success=_means({label: m.success for label, m in met_here.items()}, confidence, rate=True),
         success_change=_changes(successes, confidence, rate=True),
         par1_change=_changes(steps, confidence),
         measured=_means(measured, confidence, bounds=bounds),

@@ -138,8 +138,8 @@ def _is_partial(frame: pd.DataFrame) -> bool:
     if not len(frame) or not frame[last].isna().iloc[-1]:
         return False
     conditional = any(m.name == last and m.conditional for m in metrics.registered())
-    same = frame["condition"] == frame["condition"].iloc[-1]
-    return not conditional or bool(frame.loc[same, last].notna().any())
+    in_condition = frame["condition"] == frame["condition"].iloc[-1]
+    return not conditional or bool(frame.loc[in_condition, last].notna().any())
 
 
 def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:

@@ -176,8 +176,8 @@ class Evidence:
         """Return the training records of SAC, tested or not; reading long trainings takes a while."""
         names = {str(run.config.get("algo.name")) for run in self.runs}
         name = "sac_thesis" if "sac_thesis" in names else "sac"
-        mine = [r for r in self.runs if r.state == "complete" and r.config.get("algo.name") == name]
-        trainings = (learning(run) for run in sorted(mine, key=lambda run: run.id))
+        runs = [r for r in self.runs if r.state == "complete" and r.config.get("algo.name") == name]
+        trainings = (learning(run) for run in sorted(runs, key=lambda run: run.id))
         return [training for training in trainings if training is not None]
 
     def levels(self, parts: int) -> tuple[float, float]:
@@ -234,11 +234,11 @@ def together(text: str, parts: Sequence[Part]) -> ClaimVerdict:
     verdict = FAILS if FAILS in verdicts else OPEN if OPEN in verdicts else HOLDS
     statistics, missing = [], []
     for letter, part in zip("abc", parts, strict=False):
-        several = len(parts) > 1
+        lettered = len(parts) > 1
         if part.statistic:
-            statistics.append(f"({letter}) {part.verdict}: {part.statistic}" if several else part.statistic)
+            statistics.append(f"({letter}) {part.verdict}: {part.statistic}" if lettered else part.statistic)
         if part.missing:
-            missing.append(f"({letter}) {part.missing}" if several else part.missing)
+            missing.append(f"({letter}) {part.missing}" if lettered else part.missing)
     runs = tuple(dict.fromkeys(run for part in parts for run in part.run_ids))
     return ClaimVerdict(text, verdict, _sentence(statistics), _sentence(missing), runs)
 

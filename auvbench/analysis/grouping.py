@@ -115,9 +115,9 @@ def _rows(
     rows, problems = {}, list[Problem]()
     for run in evaluated:
         frame = run.evaluations[protocol].episodes
-        here = frame["condition"].to_numpy() == condition
-        if here.any():
-            part_of = frame if here.all() else frame[here]
+        in_condition = frame["condition"].to_numpy() == condition
+        if in_condition.any():
+            part_of = frame if in_condition.all() else frame[in_condition]
             in_order = part_of["episode"].is_monotonic_increasing
             rows[run.id] = part_of if in_order else part_of.sort_values("episode", kind="stable")
         else:
@@ -160,19 +160,19 @@ def _agent(
     limit: float,
 ) -> Agent:
     tested = [i for i, run in enumerate(group) if run.id in rows]
-    some = next(iter(rows.values()))
+    example = next(iter(rows.values()))
     table = pd.concat(
-        [rows[group[i].id] for i in tested] or [some.iloc[:0]], join="inner", ignore_index=True
+        [rows[group[i].id] for i in tested] or [example.iloc[:0]], join="inner", ignore_index=True
     )  # at once: adding the columns one by one is slow
     words = table["outcome"].to_numpy()
     codes = np.select([words == name for name in OUTCOMES], list(range(len(OUTCOMES)))).astype(np.int8)
-    outcome = np.full((len(group), len(some)), NO_POLICY, dtype=np.int8)
-    outcome[tested] = codes.reshape(len(tested), len(some))
+    outcome = np.full((len(group), len(example)), NO_POLICY, dtype=np.int8)
+    outcome[tested] = codes.reshape(len(tested), len(example))
     metrics = {}
     for column, dtype in table.dtypes.items():
         if column not in NOT_METRICS and pd.api.types.is_numeric_dtype(dtype):
             metrics[str(column)] = values = np.full(outcome.shape, np.nan)
-            values[tested] = np.array(table[column], dtype=np.float64).reshape(len(tested), len(some))
+            values[tested] = np.array(table[column], dtype=np.float64).reshape(len(tested), len(example))
     _count_failures(str(group[0].config.get("task.name")), outcome, metrics, limit)
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
     for column in of_the_scenario():  # A failed training gets the columns of all agents.
@@ -334,11 +334,14 @@ def _section(
     protocol: str,
 ) -> Section:
     subject, fingerprint = cell
-    alone = [other for other in cells if other[0] == subject] == [cell]
+    is_only_cell = [other for other in cells if other[0] == subject] == [cell]
     # If there are other tasks, the title also names the waypoint task.
     named = subject if TASK in subject or not any(TASK in s for s, _ in cells) else f"{subject}{TASK}waypoint"
-    title = f"vehicle {named}" if alone else f"vehicle {named}, scenarios {fingerprint[:8]}"
-    folder = re.sub(r"[^\w.-]+", "_", subject if alone else f"{subject}-{fingerprint[:8]}").lstrip(".") or "_"
+    title = f"vehicle {named}" if is_only_cell else f"vehicle {named}, scenarios {fingerprint[:8]}"
+    folder = (
+        re.sub(r"[^\w.-]+", "_", subject if is_only_cell else f"{subject}-{fingerprint[:8]}").lstrip(".")
+        or "_"
+    )
     expected = cell == home or protocol == OWN
     problems = () if expected else (_other_scenarios(cell, home, cells, protocol),)
     return Section(title, folder, subject, fingerprint, tuple(sorted(members, key=lambda r: r.id)), problems)

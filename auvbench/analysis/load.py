@@ -183,16 +183,16 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
             path = path.parent
         count = 0
         for folder, folders, files in os.walk(path):
-            here = Path(folder)
-            if is_archive(here) or "manifest.json" in files:
+            directory = Path(folder)
+            if is_archive(directory) or "manifest.json" in files:
                 folders.clear()  # folders below a run are not runs
                 count += 1
-                if (real := here.resolve()) not in resolved:
+                if (real := directory.resolve()) not in resolved:
                     resolved.add(real)
-                    yield here
-            elif "config.yaml" in files and here != path:
+                    yield directory
+            elif "config.yaml" in files and directory != path:
                 folders.clear()
-                problems.append(Problem(str(here), "damaged", "config.yaml without a manifest.json"))
+                problems.append(Problem(str(directory), "damaged", "config.yaml without a manifest.json"))
             else:
                 folders[:] = sorted(f for f in folders if f != "report" and not f.startswith("."))
         if not count:

@@ -48,7 +48,9 @@ def with_names(labels: Sequence[str], agents: Sequence[Sequence[RunRecord]]) -> 
     names = [{run.name for run in runs} for runs in agents]
     named = [next(iter(own)) if len(own) == 1 else "" for own in names]
     for name in filter(None, named):
-        same = [label for label, own in zip(labels, named, strict=True) if own == name]
-        if len(same) > 1:
-            raise ReportError(f"names: {name} fits {listed(same, 4)}; add a term that only one of them has")
+        matches = [label for label, own in zip(labels, named, strict=True) if own == name]
+        if len(matches) > 1:
+            raise ReportError(
+                f"names: {name} fits {listed(matches, 4)}; add a term that only one of them has"
+            )
     return [name or label for label, name in zip(labels, named, strict=True)]

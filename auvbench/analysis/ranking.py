@@ -174,10 +174,14 @@ def _listed(compared: BoolArray) -> list[tuple[int, int]]:
     With up to `ALL_PAIRS` compared agents these are all pairs; with more, each agent with the next, and the
     first with all.
     """
-    here = [int(i) for i in np.flatnonzero(compared)]
-    if len(here) <= ALL_PAIRS:
-        return list(combinations(here, 2))
-    return [(i, j) for i, j in combinations(here, 2) if i == here[0] or here.index(j) == here.index(i) + 1]
+    indices = [int(i) for i in np.flatnonzero(compared)]
+    if len(indices) <= ALL_PAIRS:
+        return list(combinations(indices, 2))
+    return [
+        (i, j)
+        for i, j in combinations(indices, 2)
+        if i == indices[0] or indices.index(j) == indices.index(i) + 1
+    ]
 
 
 def _without_values(agents: Sequence[Agent], measures: Sequence[Measure]) -> list[Problem]:

@@ -109,8 +109,8 @@ def compare(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[Comparis
     ours = {metric: _estimates(metric, agents, confidence) for metric in TABLE}
     rows = []
     for name in AGENTS:
-        mine = [a.label for a in of_family(labelled, name[:3].lower()) if cell(a) == CELLS[name[3:]]]
-        label = mine[0] if len(mine) == 1 else ""
+        labels = [a.label for a in of_family(labelled, name[:3].lower()) if cell(a) == CELLS[name[3:]]]
+        label = labels[0] if len(labels) == 1 else ""
         rows += [
             ComparisonRow(name, label, metric, row[name], ours[metric].get(label))
             for metric, row in TABLE.items()

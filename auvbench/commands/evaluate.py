@@ -137,7 +137,7 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
                 if result.error and request.signal is not None:
                     break
                 if result.error:
-                    ends["held" if result.held else "failed"] += 1
+                    ends["locked" if result.locked else "failed"] += 1
                     tell.line(f"auvbench: {result.error}", error=True)
                 elif result.summary is None:
                     ends["already"] += 1
@@ -166,12 +166,12 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
     if unfinished:
         print(f"auvbench: {_left_out(unfinished)}", file=sys.stderr)
     if not ends["tested"] and not done_before:
-        if ends["held"]:
+        if ends["locked"]:
             return 1
         raise UserError("no run could be evaluated")
     argument = "" if protocol.name == "test" else f" --protocol {protocol.name}"
     print(f"next: auvbench report {as_words([run.path for run in ready], alone=0)}{argument}")
-    return 1 if ends["failed"] or ends["held"] else 0
+    return 1 if ends["failed"] or ends["locked"] else 0
 
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunStatus]]:

@@ -166,14 +166,14 @@ def _stored(options: Options) -> Declared:
         planned = None if declared is None else declared.seeds
         return Declared(options.rank_by, options.baseline, options.margin, planned, report=report)
     first = [options.condition] if options.condition else []
-    others = [name for name in declared.conditions if name not in first]
+    remaining = [name for name in declared.conditions if name not in first]
     return replace(
         declared,
         measure=options.rank_by,
         baseline=options.baseline,
         margin=options.margin,
         protocol=options.protocol,
-        conditions=(*first, *others),
+        conditions=(*first, *remaining),
         report=report,
     )
 

@@ -62,8 +62,8 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
     """
     from auvbench.runs import status
 
-    now = status.of(run, deep=True)
-    if now.state is status.State.COMPLETE:
+    run_status = status.of(run, deep=True)
+    if run_status.state is status.State.COMPLETE:
         print(
             f"{run.path}: complete already, nothing to do (auvbench resume RUN train.total_steps=N extends it)"
         )
@@ -79,10 +79,10 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
     if shown is None:
         shown = load_config(run).train.progress
     trained = learns(run.config()["algo"])
-    steps, total = now.manifest["steps"], now.manifest["total_steps"]
-    lost = f"{now.lost}: its training goes on from its last checkpoint, " if now.lost else ""
+    steps, total = run_status.manifest["steps"], run_status.manifest["total_steps"]
+    lost = f"{run_status.lost}: its training goes on from its last checkpoint, " if run_status.lost else ""
     budget = f", {steps:,} of {total:,} steps" if trained else ""
-    print(f"{run.path}: {lost}{now.state}{budget}", flush=True)
+    print(f"{run.path}: {lost}{run_status.state}{budget}", flush=True)
     bar = Bar(total, now="compiling, first episodes") if shown else None
     with bar or nullcontext():
         worker.carry_out(run, lambda run: execute(run, bar.watch if bar else None))

@@ -127,7 +127,7 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
     with _LOCK:
         Plugins.instance()  # Creating the plug-ins stores their schemas, once; these schemas must stay.
         store, base = ConfigStore.instance(), version.VersionBase.instance()
-        theirs, repository = base.version_base, store.repo
+        version_base, repository = base.version_base, store.repo
         store.repo = _copied(repository)
         try:
             version.setbase("1.3")
@@ -137,7 +137,7 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
             loader.repository = _Repository(path)
             yield loader
         finally:
-            store.repo, base.version_base = repository, theirs
+            store.repo, base.version_base = repository, version_base
 
 
 def _schemas(kind: Kind[Any]) -> dict[str, type]:

@@ -207,12 +207,12 @@ def check_across(config: schema.TrainConfig) -> None:
     config.world.check()
     tasks.check_solids(task, config.world.name if not config.world.solid else "")
     navigation.check(config)
-    alone = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
+    vehicles_free = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
     what = (
         f"be 0 with simulator={config.simulator.name}: a validation during training would take the "
         "server's vehicles from its episodes"
     )
-    require(alone, "train.evaluate_every", config.train.evaluate_every, what)
+    require(vehicles_free, "train.evaluate_every", config.train.evaluate_every, what)
     config.algo.check()
 
 

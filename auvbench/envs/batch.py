@@ -129,9 +129,9 @@ class Batch:
         return State(simulator.pose, task.reference, distance, force, task.reference_key)
 
     def _state(self, indices: NDArray[np.int64]) -> State:
-        now = self.state
-        pose, reference, distance = now.pose[indices], now.reference[indices], now.distance[indices]
-        return State(pose, reference, distance, now.force[indices], now.key)
+        state = self.state
+        pose, reference, distance = state.pose[indices], state.reference[indices], state.distance[indices]
+        return State(pose, reference, distance, state.force[indices], state.key)
 
     def reseed(self, seed: int, indices: NDArray[np.int64] | None = None) -> None:
         """Start again at episode 0 with another seed, in all or some environments; `reset` must follow.

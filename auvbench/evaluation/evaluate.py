@@ -74,11 +74,11 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         return "the run's model has changed since the test"
     played = as_played(resolve_conditions(protocol, run.check()), summary.get("clocks") or {})
     with _named_packages(run):
-        here = fingerprint_parts(protocol, played)
+        current = fingerprint_parts(protocol, played)
     recorded = summary["fingerprint_parts"]
-    if recorded["scenarios"] != here["scenarios"]:
+    if recorded["scenarios"] != current["scenarios"]:
         return "its scenarios differ: the protocol, the vehicle or the code that draws scenarios has changed since"
-    if recorded["outcomes"] != here["outcomes"]:
+    if recorded["outcomes"] != current["outcomes"]:
         return "the same commands now have other outcomes: the simulator or the task has changed since"
     return ""
 

@@ -308,9 +308,9 @@ def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
 
 def _check_rows(policy: Policy, rows: Observations) -> None:
     """Compare the outputs with those for the observations in another order, and one at a time."""
-    together, turned = policy.act(rows), policy.act(rows[::-1])[::-1]
-    alone = np.concatenate([policy.act(row[None]) for row in rows[:8]])
-    differs = max(float(np.abs(together - turned).max()), float(np.abs(together[:8] - alone).max()))
+    batched, reversed_order = policy.act(rows), policy.act(rows[::-1])[::-1]
+    single = np.concatenate([policy.act(row[None]) for row in rows[:8]])
+    differs = max(float(np.abs(batched - reversed_order).max()), float(np.abs(batched[:8] - single).max()))
     if differs > SLACK:
         raise PolicyError(
             f"{policy.where}: its action for an observation depends on the other rows of the batch (it differs by "

@@ -33,7 +33,7 @@ class Result:
     summary: dict[str, Any] | None = None
     """summary of the test; None: the test was done before, or failed"""
     error: str = ""
-    held: bool = False
+    locked: bool = False
     """whether the error is that another process is testing the run"""
     why: str = ""
     """reason why the run was tested again"""
@@ -72,12 +72,12 @@ def evaluate_all(
         else:
             waiting[run.path], why[run.path] = run, reason or ""
     # Only one test at a time can use the vehicles of a ROS 2 server.
-    alone = pool.workers == 1 or any(_on_a_server(run, protocol) for run in waiting.values())
+    sequential = pool.workers == 1 or any(_on_a_server(run, protocol) for run in waiting.values())
     shared = [
-        path for path, run in waiting.items() if not alone and protocol.episodes > 1 and _row_by_row(run)
+        path for path, run in waiting.items() if not sequential and protocol.episodes > 1 and _row_by_row(run)
     ]
     whole = {path: (run, protocol, not force) for path, run in waiting.items() if path not in shared}
-    if not alone and len(whole) > 1:
+    if not sequential and len(whole) > 1:
         for path, outcome in pool.results(_test, whole, "test"):
             if isinstance(outcome, WorkerDiedError):
                 outcome = Result(waiting[path], error=str(outcome))
@@ -122,7 +122,7 @@ def _test(
     try:
         return Result(run, evaluate(run, protocol, report, unless_done=unless_done, roll=roll))
     except AuvbenchError as error:
-        return Result(run, error=naming_traceback(error), held=isinstance(error, RunHeldError))
+        return Result(run, error=naming_traceback(error), locked=isinstance(error, RunHeldError))
 
 
 def _on_all(pool: Pool) -> Roll:
@@ -143,7 +143,7 @@ def _on_all(pool: Pool) -> Roll:
     return roll
 
 
-_made: tuple[tuple[Path, float], Agent] | None = None
+_cached: tuple[tuple[Path, float], Agent] | None = None
 """Agent of the last episode in this process; building an agent may take half as long as an episode."""
 
 
@@ -151,9 +151,9 @@ def _episode(
     run: RunDirectory, protocol: schema.Protocol, condition: ResolvedCondition, episode: int
 ) -> Rollout:
     """Reset the agent and roll out one episode of a condition."""
-    global _made
+    global _cached
     key = run.path, condition.config.step.frequency
-    if _made is None or _made[0] != key:
-        _made = key, make_agent(run, condition.config.step.frequency)
+    if _cached is None or _cached[0] != key:
+        _cached = key, make_agent(run, condition.config.step.frequency)
     path = episode < protocol.trajectories
-    return one_episode(condition.config, _made[1], protocol, episode, path=path)
+    return one_episode(condition.config, _cached[1], protocol, episode, path=path)

@@ -121,7 +121,7 @@ def read(path: Path) -> Protocol:
     try:
         data = reading.content(path)
         document = reading.json_value(data)
-        _known(document)
+        _check_keys(document)
         content = typed_json.convert(document, Content)
     except FileNotFoundError:
         raise ConfigError(f"protocol={path}: no such file") from None
@@ -167,7 +167,7 @@ def read(path: Path) -> Protocol:
     return protocol
 
 
-def _known(document: Any) -> None:
+def _check_keys(document: Any) -> None:
     """Raise ValueError for an unknown key of the file."""
     if not isinstance(document, dict):
         raise ValueError("it is not a JSON object")

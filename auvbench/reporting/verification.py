@@ -123,13 +123,14 @@ def compare(
             raise ReportError(f"{entry.name}: {result.error}")
     submitted, problems = load([folder], entry.protocol)
     require(submitted, problems, entry.protocol)
-    again = {run.id: run for run in load([run.path for run in runs], entry.protocol)[0]}
+    retested = {run.id: run for run in load([run.path for run in runs], entry.protocol)[0]}
     ids = {run.id for run in submitted}
     different = []
     for run in submitted:
         if run.state != "complete":
             continue
-        submitted_rows, other = run.evaluations.get(entry.protocol), again[run.id].evaluations[entry.protocol]
+        submitted_rows = run.evaluations.get(entry.protocol)
+        other = retested[run.id].evaluations[entry.protocol]
         if submitted_rows is None or submitted_rows.fingerprint != other.fingerprint:
             raise ReportError(
                 f"{entry.name}: this version of auvbench draws different scenarios for {run.id}; verify "

@@ -142,15 +142,15 @@ class Pool:
                 ended = wait(running, return_when=FIRST_COMPLETED).done
                 if any(isinstance(future.exception(), BrokenProcessPool) for future in ended):
                     ended = wait(running).done  # A broken pool ends all jobs.
-                again = {}
+                lost = {}
                 for future in ended:
                     key = running.pop(future)
                     try:
                         yield key, future.result()
                     except BrokenProcessPool:
-                        again[key] = jobs[key]
-                if again:
-                    yield from self._again(function, again, what)
+                        lost[key] = jobs[key]
+                if lost:
+                    yield from self._again(function, lost, what)
         finally:
             for future in running:
                 future.cancel()

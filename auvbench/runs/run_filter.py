@@ -83,8 +83,8 @@ def select(
                 raise UserError(f"--where {term.text}: no run has {key}={value}; {closest(value, valid)}")
         indices = [index for index in indices if term.holds(rows[index].get(key))]
     if items and not indices:
-        asked = " ".join(term.text for term in terms)
-        raise UserError(f"--where {asked}: matches none of the {len(items)} runs")
+        typed = " ".join(term.text for term in terms)
+        raise UserError(f"--where {typed}: matches none of the {len(items)} runs")
     return [items[index] for index in indices]
 
 

@@ -570,8 +570,8 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, *
         ConfigError: the vehicle cannot do the task.
     """
     check_vehicle(config.task, vehicle)
-    theirs = isinstance(config.task, tasks.TaskConfig) or isinstance(config.reward, rewards.RewardConfig)
-    if theirs or config.task.block_packages:
+    has_package = isinstance(config.task, tasks.TaskConfig) or config.task.block_packages
+    if has_package or isinstance(config.reward, rewards.RewardConfig):
         from auvbench.tasks import installed
 
         return installed.make(config, vehicle, n, seed, **stream)

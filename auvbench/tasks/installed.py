@@ -86,12 +86,12 @@ def _guard_functions(task: Task, task_owner: str, reward_owner: str) -> None:
             task_owner if reward_owner == task_owner else f"{task_owner}, {reward_owner}", "step fails"
         ):
             ended = step_rows(start, stop, *motion)
-        pose, rows, mine = motion[0], np.arange(start, stop), slice(start, stop)
-        if not np.isfinite(pose[mine]).all():
+        pose, rows, span = motion[0], np.arange(start, stop), slice(start, stop)
+        if not np.isfinite(pose[span]).all():
             return ended  # the simulation is to blame
-        _refuse(task, reward_owner, rows, np.isfinite(task.reward[mine]), "the reward is not finite")
+        _refuse(task, reward_owner, rows, np.isfinite(task.reward[span]), "the reward is not finite")
         check_finite(rows, "step")
-        outcome = task.outcome[mine]
+        outcome = task.outcome[span]
         is_valid = (outcome >= -1) & (outcome < len(OUTCOMES))
         _refuse(task, task_owner, rows, is_valid, "step returns an unknown outcome")
         return ended

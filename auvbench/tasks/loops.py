@@ -279,9 +279,11 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
         if spec.name not in BLOCKS.own:
             lines.append("    out[:] = nan")  # what its function leaves out is found
             module = spec.write.__globals__
-            theirs = {} if module is vars(blocks) else {id(vars(blocks)[name]): own[name] for name in own}
+            replacements = (
+                {} if module is vars(blocks) else {id(vars(blocks)[name]): own[name] for name in own}
+            )
             noise = {id(blocks.normals): compile_row(_noise_of(spec))}
-            namespace = _with_compiled(module, theirs | noise, compile_row)
+            namespace = _with_compiled(module, replacements | noise, compile_row)
         lines.append(f"    block_{code}(m, e, p, out)")
         named[f"block_{code}"] = namespace[spec.write.__name__]
     shared = {

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents import base
-from auvbench.agents.plugins import PluginAgent, action_fault
+from auvbench.agents.installed import PluginAgent, action_fault
 from auvbench.config import schema
 from auvbench.config.algorithms import learns
 from auvbench.config.compose import compose
@@ -167,9 +167,9 @@ def _compare(first_run: RunDirectory, second_run: RunDirectory, what: str) -> No
 def training_is_deterministic(trainings: Trainings) -> None:
     """Check that the same configuration gives the same bits, even after other random draws."""
     draws.reseed_generators(4)
-    again = trainings.run("again")
-    execute(again)
-    _compare(trainings.whole(), again, "the same training")
+    repeated = trainings.run("again")
+    execute(repeated)
+    _compare(trainings.whole(), repeated, "the same training")
 
 
 def tests_on_the_way_change_nothing(trainings: Trainings) -> None:

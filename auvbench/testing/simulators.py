@@ -88,9 +88,9 @@ def motion_does_not_depend_on_the_batch(make: Make) -> None:
     simulator = make(N)
     start(simulator)
     together = fly(simulator)
-    alone = make(1)
-    start(alone, first=1)
-    single = fly(alone, first=1)
+    simulator_of_one = make(1)
+    start(simulator_of_one, first=1)
+    single = fly(simulator_of_one, first=1)
     if simulator.capabilities.deterministic:
         second = {name: values[:, 1:2] for name, values in together.items()}
         compare(second, single, "alone instead of among three")
@@ -102,9 +102,9 @@ def nothing_outlives_a_reset(make: Make) -> None:
     start(simulator)
     first = fly(simulator)
     start(simulator)
-    again = fly(simulator)
+    second = fly(simulator)
     if simulator.capabilities.deterministic:
-        compare(first, again, "after a reset")
+        compare(first, second, "after a reset")
 
 
 def motion_is_deterministic(make: Make) -> None:
@@ -115,10 +115,10 @@ def motion_is_deterministic(make: Make) -> None:
     with draws.untouched("stepping"):
         first = fly(simulator)
     draws.reseed_generators(2)
-    again = make(N)
-    start(again)
+    repeated = make(N)
+    start(repeated)
     if simulator.capabilities.deterministic:
-        compare(first, fly(again), "made a second time")
+        compare(first, fly(repeated), "made a second time")
 
 
 def commands_are_clipped(make: Make) -> None:

@@ -157,9 +157,9 @@ def check_step(observations: NDArray[Any], rewards: NDArray[Any], step: int) -> 
     for what, values in (("observation", observations), ("reward", rewards)):
         fine = np.isfinite(values)
         if not fine.all():
-            bad = ~fine
-            environment = int(np.nonzero(bad)[0][0])
-            value = values[bad][0]
+            invalid = ~fine
+            environment = int(np.nonzero(invalid)[0][0])
+            value = values[invalid][0]
             raise TrainingError(f"step {step}: the {what} of environment {environment} is {value}")
 
 

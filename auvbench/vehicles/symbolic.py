@@ -92,10 +92,10 @@ def symbolic(vehicle: VehicleModel) -> SymbolicModel:
     ca = require()
     lags = [_first_order(unit.lag) for unit in vehicle.units]
     thrusters = [unit for _, unit in vehicle.thrusters if unit.rate == 0.0]
-    others = [unit.name for unit in vehicle.units if unit not in thrusters]
-    if others:
+    unsupported = [unit.name for unit in vehicle.units if unit not in thrusters]
+    if unsupported:
         raise ConfigError(
-            f"vehicle={vehicle.name}: the symbolic equations cover thrusters with linear lags, not {', '.join(others)}"
+            f"vehicle={vehicle.name}: the symbolic equations cover thrusters with linear lags, not {', '.join(unsupported)}"
         )
     n_u = len(vehicle.units)
     n_a = sum(lag.order for lag in lags)

@@ -92,11 +92,11 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
         if primary.having(verdict)
     ]
     figure.legend(handles=handles, loc="outside upper right", ncols=len(handles), handlelength=2.2)
-    some = any(math.isfinite(c.difference.low) for c in primary.comparisons)
+    has_intervals = any(math.isfinite(c.difference.low) for c in primary.comparisons)
     covers = f"with intervals that hold together with {100 * primary.confidence:g} %"
-    covers = covers if some else "of too few trainings for intervals"
+    covers = covers if has_intervals else "of too few trainings for intervals"
     caption = f"Differences in {name(m)} from {primary.baseline} {covers}.{_of_learners(primary)}"
-    if margin and not some:
+    if margin and not has_intervals:
         caption += f" Grey: the margin, ±{size(primary.margin, m)}."
     elif margin:
         caption += (

@@ -94,9 +94,11 @@ class Scene:
 
     def tested(self, agent: Agent, protocol: str) -> tuple[Condition, ...]:
         """Return an agent's results by condition, for the seeds with the same scenarios as the first."""
-        evaluations = [here for run in agent.runs if (here := self._evaluation(run, protocol))]
-        same = [here for here in evaluations if here.fingerprint == evaluations[0].fingerprint]
-        return of_evaluations({agent.label: same}, self.ranking.confidence)
+        evaluations = [evaluation for run in agent.runs if (evaluation := self._evaluation(run, protocol))]
+        comparable = [
+            evaluation for evaluation in evaluations if evaluation.fingerprint == evaluations[0].fingerprint
+        ]
+        return of_evaluations({agent.label: comparable}, self.ranking.confidence)
 
     def _evaluation(self, run: RunRecord, protocol: str) -> Evaluation | None:
         if protocol in run.evaluations:

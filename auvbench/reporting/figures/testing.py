@@ -99,12 +99,12 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
         names = list(dict.fromkeys(name for curve in lines.values() for name in curve))
         # The vehicle that all agents were trained on equals the undisturbed condition.
         own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in lines}
-        again = {f"vehicle={vehicle}" for vehicle in own if len(own) == 1 and UNDISTURBED in names}
-        new = [name for name in names if name not in again and name not in conditions]
+        duplicates = {f"vehicle={vehicle}" for vehicle in own if len(own) == 1 and UNDISTURBED in names}
+        new = [name for name in names if name not in duplicates and name not in conditions]
         conditions += new
         for label, curve in lines.items():
-            here = {name: 100 * curve[name].value for name in new if name in curve}
-            values[label] = values.get(label, {}) | here
+            success = {name: 100 * curve[name].value for name in new if name in curve}
+            values[label] = values.get(label, {}) | success
     tested = [agent for agent in scene.agents if agent.label in values][:MOST_AGENTS]
     if not tested or len(conditions) < 2:
         return None

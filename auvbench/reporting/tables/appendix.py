@@ -106,10 +106,10 @@ def comparison_table(rows: Sequence[ComparisonRow]) -> Table | None:
     titles = [Heading(thesis.TITLES[name], weight=1) for name in measures]
     lines = []
     for agent in thesis.AGENTS:
-        mine = {row.measure: row for row in rows if row.agent == agent}
+        row_of = {row.measure: row for row in rows if row.agent == agent}
         k, frequency = thesis.CELLS[agent[3:]]
-        label = next((row.label for row in mine.values()), "") or f"K={k:g} {frequency:g} Hz, not run"
-        cells = [_theirs_and_ours(mine.get(name)) for name in measures]
+        label = next((row.label for row in row_of.values()), "") or f"K={k:g} {frequency:g} Hz, not run"
+        cells = [_theirs_and_ours(row_of.get(name)) for name in measures]
         lines.append(Line((Cell(f"{agent} ({label})"), *cells)))
     note = (
         "The original study (200 episodes, one training seed) / ours with its interval. r: restored from the row's sums; text: "

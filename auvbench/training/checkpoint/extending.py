@@ -39,15 +39,15 @@ def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
         RunError: `target` contains a link.
     """
     path_safety.refuse_links(target)
-    source_store, here = CheckpointStore(source), CheckpointStore(target)
+    source_store, target_store = CheckpointStore(source), CheckpointStore(target)
     with storage(f"cannot copy the checkpoint of step {checkpoint.step} to {target}"):
         for name, mark in checkpoint.logs.items():
             write_atomic(child(target, name), child(source, name).read_bytes()[: mark.bytes])
         for segment in checkpoint.segments:
             data = (source_store.replay_folder / segment.name).read_bytes()
-            write_atomic(here.replay_folder / segment.name, data)
+            write_atomic(target_store.replay_folder / segment.name, data)
         files = {path.name: path.read_bytes() for path in checkpoint.path.iterdir()}
-        replace_folder(here.folder / str(checkpoint.step), files)
+        replace_folder(target_store.folder / str(checkpoint.step), files)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +87,9 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
             f"train.total_steps={total_steps}: must be more than the {config_typed.train.total_steps} of {run.path}"
         )
     _check_schedule(run, config, config_typed)
-    now = status.of(run)
-    if now.holder is not None:
-        raise RunError(f"{run.path} is locked by {now.holder}; extend it when it has ended")
+    run_status = status.of(run)
+    if run_status.holder is not None:
+        raise RunError(f"{run.path} is locked by {run_status.holder}; extend it when it has ended")
     larger = copy.deepcopy(config)
     larger["train"]["total_steps"] = total_steps
     # The run's folder may have been moved; neither key is part of the identity.

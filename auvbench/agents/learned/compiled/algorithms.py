@@ -247,9 +247,9 @@ class CrossQ(Compiled, sb3_contrib.CrossQ):
         n = len(action)
         drawn = self._actor.sample(following)
         # One pass for both, so that both count in the statistics of the batch.
-        now = np.concatenate([observation, action], axis=1)
-        then = np.concatenate([following, drawn.action], axis=1)
-        gradient, q = self._critic.forward(np.concatenate([now, then]), training=True)
+        inputs = np.concatenate([observation, action], axis=1)
+        next_inputs = np.concatenate([following, drawn.action], axis=1)
+        gradient, q = self._critic.forward(np.concatenate([inputs, next_inputs]), training=True)
         value = q[:, n:].min(axis=0) - np.float32(temperature) * drawn.density[:, None]
         loss, slope = squared_error(q[:, :n], reward + discount * value, 0.5)
         gradient(np.concatenate([slope, np.zeros_like(slope)], axis=1), True)
