@@ -49,7 +49,7 @@ def record_columns(
 def record_of(
     totals: Totals, task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False
 ) -> Record:
-    """Return the record of an episode; the arguments are those of `record_columns`."""
+    """Return the record of an episode; the arguments are the same as for `record_columns`."""
     return {name: value(totals) for name, value in _of(task, world, navigation, filtered).items()}
 
 

@@ -1,6 +1,6 @@
-"""The registry of everything that is chosen by name: auvbench's own, and that of installed packages.
+"""The registry of everything that is chosen by name: auvbench's own parts, and parts of installed packages.
 
-A kind of thing (agents, tasks, ...) has lines `name = module:object`. auvbench's own lines are the tables below; those of a
+A kind of thing (agents, tasks, ...) has lines `name = module:object`. auvbench's own lines are the tables below; the lines of a
 package are the entry points of one group. The object is a spec, which says all that auvbench must know of the thing without
 importing its code: name, title, the schema of its configuration, and `module:object` of the code.
 
@@ -125,13 +125,13 @@ def load(point: Declared) -> Any:
 
 
 class Kind(Mapping[str, S], Generic[S]):
-    """All things of one kind as a mapping from names to specs: auvbench's own, then those of packages that were entered.
+    """All things of one kind as a mapping from names to specs: auvbench's own, then the entered specs of packages.
 
     Args:
-        group: of the entry points of packages.
-        key: of the configuration, or word of the command line, that names one.
+        group: group of the entry points of packages.
+        key: key of the configuration, or word of the command line, that names a thing.
         spec: `module:class` of the specs.
-        own: those of auvbench's core, `module:spec` by name; its integrations are auvbench's own as well.
+        own: `module:spec` by name, of auvbench's core; its integrations are auvbench's own as well.
     """
 
     def __init__(self, group: str, key: str, spec: str, own: Mapping[str, str]) -> None:
@@ -198,11 +198,11 @@ class Kind(Mapping[str, S], Generic[S]):
         )
 
     def choose(self, name: str, release: str | None = None) -> S:
-        """Return the spec of a name; that of a package enters.
+        """Return the spec of a name; enter it if it is a package's.
 
         Args:
             name: auvbench's own, or an entry point's.
-            release: of the package that must have it; None: any.
+            release: release of the package that must have it; None: any.
 
         Raises:
             ConfigError: the package is not installed, not in this release, or its spec cannot be used.
@@ -226,7 +226,9 @@ class Kind(Mapping[str, S], Generic[S]):
         if not isinstance(thing, kind):
             raise point.error(f"is a {type(thing).__name__}; it must be an auvbench.plugin.{kind.__name__}")
         if thing.name != point.name:
-            raise point.error(f"has the name {short(repr(thing.name))}; it must be that of its entry point")
+            raise point.error(
+                f"has the name {short(repr(thing.name))}; it must have the name of its entry point"
+            )
         if self.entered.get(thing.name) is not thing:
             if fault := schema_fault(thing.schema, kind.base) or thing.fault():
                 raise point.error(fault)

@@ -147,7 +147,7 @@ def _rows(
 
 
 def failed_training(run: RunRecord) -> bool:
-    """Return whether a training ended without a policy, e.g. by divergence; interrupted ones have not ended."""
+    """Return whether a training ended without a policy, for example by divergence. An interrupted training has not ended."""
     return run.state == "failed" and run_learns(run)
 
 

@@ -154,7 +154,7 @@ def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Est
 
 def _oriented(typical: Typical) -> FloatArray:
     """Return (n,) typical values, signed so that higher is better; an agent without a value is last."""
-    # Rounded so that two agents with the same successes are equal, whatever the order of summation.
+    # Rounded so that two agents with the same successes are equal in any order of summation.
     values = (typical.measure.sign * typical.value).round(12)
     return np.where(np.isnan(values), -np.inf, values)
 

@@ -188,7 +188,7 @@ class Comparison:
     verdict: str = "undecided"
     """verdict on the first agent: better | worse | undecided"""
     trainings: int = 0
-    """trainings of the learner that has fewer; 0 for two controllers"""
+    """Number of trainings of the learner with fewer trainings; 0 for two controllers"""
     needed: int = 0
     """trainings from which a verdict needs no assumption about their distribution"""
     first_reliability: Reliability | None = None
@@ -222,7 +222,7 @@ class Against:
     needed: Needed | None = None
     """what would decide an open comparison; None if it cannot be planned"""
     trainings: int = 0
-    """trainings of the learner that has fewer; 0 for two controllers"""
+    """Number of trainings of the learner with fewer trainings; 0 for two controllers"""
     enough: int = 0
     """trainings from which a verdict needs no assumption about their distribution"""
     reliability: Reliability | None = None

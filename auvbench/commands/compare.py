@@ -100,7 +100,7 @@ def _notes(differences: Sequence[Difference], confidence: float) -> list[str]:
     trainings = max((difference.trainings for difference in differences), default=0)
     if trainings:
         lines.append(
-            "The difference is that of typical trainings (half of all trainings are better, half worse), the others are means. "
+            "The difference compares typical trainings (half of all trainings are better, half worse); the other columns are means. "
             "Not behind: trainings that are no worse than the other agent's typical one, on these scenarios."
         )
     if 1 < trainings < FEWEST:

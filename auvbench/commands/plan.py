@@ -93,7 +93,7 @@ def parser() -> Parser:
         "--agents",
         type=whole(2, 1000),
         metavar="N",
-        help="agents in the table (default: those of PATH, else 2)",
+        help="number of agents in the table (default: the agents of PATH, else 2)",
     )
     add(
         "--episodes",

@@ -53,7 +53,7 @@ class Options:
     declared_in: Path | None = None
     """Folder of the declared analysis"""
     usual: Options | None = None
-    """Options without the command line's: those of the declared analysis"""
+    """Options before the command line's: the defaults and the declared analysis"""
     undecided: str = ""
     """Reason why none of several declared analyses is used"""
 

@@ -16,7 +16,7 @@ BUDGET = "train.total_steps"
 
 _EPILOG = """examples:
   auvbench resume outputs                                  finish every interrupted, failed or pending run
-  auvbench resume outputs --where algo=ppo                 finish those of PPO
+  auvbench resume outputs --where algo=ppo                 finish the runs of PPO
   auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6  finish this one
   auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6 train.total_steps=2000000
                                                            go on to a larger budget, in a run of its own

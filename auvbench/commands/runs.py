@@ -71,7 +71,7 @@ def parser() -> Parser:
     add(
         "--history",
         action="store_true",
-        help="print each training and test of the experiments, also those of deleted runs, as JSON lines",
+        help="print each training and test of the experiments, also of deleted runs, as JSON lines",
     )
     return parser
 

@@ -1,4 +1,4 @@
-"""Find the folders with Hydra's options: auvbench's `conf/`, those of installed packages, and `./conf`."""
+"""Find the folders with Hydra's options: auvbench's `conf/`, folders of installed packages, and `./conf`."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ def check_world(simulator: Simulator, world: World) -> None:
 
 
 def check_filter(simulator: Simulator, chosen: Filter) -> None:
-    """Raise ConfigError for a filter of commands in a simulator without solids, of which the filter would have no map."""
+    """Raise ConfigError for a filter of commands if the simulator has no solids, which the filter needs as its map."""
     if chosen.acts and not capabilities(simulator).solids:
         able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
         raise ConfigError(

@@ -34,7 +34,7 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short forms of the overrides in
             `settings.KEYS`.
 
-    With the same seed and actions all floats equal those of environment 0 of `AuvVectorEnv`.
+    With the same seed and actions, it gives the same floats as environment 0 of `AuvVectorEnv`.
     `auvbench.envs.info` describes `info`.
 
     Raises:

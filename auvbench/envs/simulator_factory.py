@@ -13,7 +13,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def at_once(config: schema.TrainConfig, vehicles: int) -> int:
-    """Return how many of `wanted` vehicles the simulator can have: all of them, or those of the ROS 2 server.
+    """Return how many of `vehicles` the simulator can have: all, or as many as the ROS 2 server has.
 
     Raises:
         ConfigError: the server does not exist.

@@ -109,7 +109,7 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Begin an episode in all environments, or in those of `options["reset_mask"]`.
+        """Begin an episode in all environments, or only where `options["reset_mask"]` is true.
 
         Args:
             seed: one seed, with which environment i draws from (seed, i); or one seed for each environment, which

@@ -127,7 +127,7 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
     return Export(run, target, card_path, count, difference)
 
 
-NO_NETWORK = "{name} cannot be exported: its actions are not those of a network that answers each observation by itself"
+NO_NETWORK = "{name} cannot be exported: it is not a network that answers each observation by itself"
 
 
 def why_no_network(name: str, agent: str, learner: bool) -> str:

@@ -113,7 +113,7 @@ def left_out(
     for condition in protocol.conditions:
         if condition.name in met or not isinstance(condition, sealed.Condition):
             continue
-        reason = "its actuators are not those of the run's vehicle"
+        reason = "its actuators differ from the actuators of the run's vehicle"
         try:
             _changed(protocol, condition, config, condition.name)
         except (ConfigError, VehicleError) as error:

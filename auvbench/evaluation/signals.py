@@ -44,7 +44,7 @@ class Signals:
     """Signals of an episode of T steps."""
 
     table: pd.DataFrame
-    """(T + 1) rows, one for each end of a step, and the start. Names without a dot are those of a log of `auvbench identify`."""
+    """(T + 1) rows, one for each end of a step, and the start. Columns without a dot have the names that logs of `auvbench identify` use."""
     motion: tuple[Panel, ...]
     """position to power, and what acted on the vehicle"""
     observed: tuple[Panel, ...]

@@ -76,13 +76,13 @@ def parameters_table(fit: Fit) -> Table:
         Heading("unit", words=True),
         Heading("sheet"),
         Heading("logs"),
-        Heading("uncertainty left", "%", hint="standard deviation after the logs over that of the prior"),
+        Heading("uncertainty left", "%", hint="standard deviation after the logs over the prior's"),
         Heading("", words=True),
     )
     notes = (
         f"95 % intervals from a bootstrap of {fit.blocks} blocks of the logs"
         + ("; so few blocks make them rough" if fit.blocks < 10 else ""),
-        "the uncertainty left counts that of the numbers that stay; the sheet has the joint covariance",
+        "the uncertainty left includes the uncertainty of the numbers that stay; the sheet has the joint covariance",
         *(f"{e.parameter.name} stays: {e.kept}" for e in fit.estimates if e.kept),
     )
     return Table(headings, tuple(lines), "numbers of the sheet before and after", notes)

@@ -33,7 +33,7 @@ _REASONS = {
 }
 
 FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
-"""errors of the disk itself, whatever the directory"""
+"""Errors of the disk itself, the same in every directory"""
 
 
 def storage_error(error: OSError, what: str) -> TrainingError:

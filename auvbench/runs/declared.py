@@ -99,7 +99,7 @@ class Declared:
         return None
 
     def ids(self, subject: str | None = None) -> set[str]:
-        """Return the ids of all declared runs, or only those of one `subject`."""
+        """Return the ids of all declared runs, or only the runs of one `subject`."""
         return {
             id
             for stage in self.rows

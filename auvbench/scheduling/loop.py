@@ -237,7 +237,7 @@ class Loop:
             job.cancel(force=force)
             if force and job.mark is not None:  # a cluster may take minutes to report that the job has ended
                 del self.active[job]
-                self._settle(run, Outcome.INTERRUPTED, f"{job} is told to end")
+                self._settle(run, Outcome.INTERRUPTED, f"{job} gets the signal to end")
 
     def _note(self, number: int, _frame: FrameType | None) -> None:
         self.signals += 1

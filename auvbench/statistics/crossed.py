@@ -90,10 +90,10 @@ def crossed(
 ) -> Crossed:
     """Decompose the arrays (S_i, E), one per agent, whose columns are the same E scenarios.
 
-    NaN means "no value": means are over the available values (with few missing values, the parts of the
-    variance are those of the unweighted means). `rate` says that the values are 0 or 1. An agent at exactly 0
-    or 1 then gets the variance of the rate (x + 1)/(n + 2), between seeds if there are several, because no
-    failure in n trials does not prove a failure rate of zero. Without `paired` the covariances between agents
+    NaN means "no value": means are over the available values; the parts of the variance are for unweighted
+    means, which is close if few values are missing. `rate` says that the values are 0 or 1. An agent at
+    exactly 0 or 1 then gets the variance of the rate (x + 1)/(n + 2), between seeds if there are several,
+    because no failure in n trials does not prove a failure rate of zero. Without `paired` the covariances between agents
     are left out (NaN); `means` does not need them. `bounds` are the smallest and the largest possible value,
     for all agents or (n,); for a rate they are 0 and 1.
     """

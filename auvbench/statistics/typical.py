@@ -8,7 +8,7 @@ measure of training s in scenario e, and y[e] the measure of a controller,
     theta    = median of delta(s) over all trainings of the configuration: the typical training
 
 Two independent errors separate the sample's median m from theta. Trainings are few: [l, u] is an interval of
-a median from order statistics, whatever the shape of its tails. Scenarios are few and shared by all
+a median from order statistics, for any shape of the tails. Scenarios are few and shared by all
 trainings: s = t g, with g the paired standard error over scenarios of the middle half of the trainings. With
 d the difference of the medians,
 

@@ -70,8 +70,8 @@ class Task:
     """
 
     draw: ClassVar[Callable[..., float]]
-    """`draw(e, p, stream) -> yaw`: begins the episode e, whose own fields are 0: writes its reference and `e.start`,
-    and returns the yaw of the start"""
+    """`draw(e, p, stream) -> yaw`: begins the episode e: writes its reference and `e.start`, and returns the yaw of
+    the start. The task's own fields of e are 0 before"""
     step: ClassVar[Callable[..., int]]
     """`step(e, v, p) -> outcome`: adds a step to the episode's fields, and returns the outcome or GOES_ON.
     `e.distance` and, if the reference has its own yaw, `e.yaw_error` have their present values"""
@@ -117,7 +117,7 @@ class Task:
         self.noise_scale = _command_noise_scale(config.noise, vehicle)
         n_u = len(vehicle.actuators)
         self.spec: ObservationSpec = bounded_spec(config, vehicle)
-        """of the observation"""
+        """Specification of the observation"""
         self.reach = start_bounds(config, vehicle)
         """(3,) m, largest position errors at the start of an episode"""
         self.limits = _limits(config)
@@ -144,7 +144,7 @@ class Task:
         self.world = surroundings.make(config, vehicle, n)
         """what is in the water; None in open water"""
         self.filter = barrier.make(config, vehicle, self.spec, n)
-        """of the agent's commands; None without any"""
+        """Filter of the agent's commands; None without one"""
         self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
         """fields of an episode in addition to `records.EPISODE`"""
         self.episodes = records.table(n, self.own_fields, owner_name)
@@ -158,7 +158,7 @@ class Task:
         """(n,) episodes as an estimator believes them to be, which observations read; None: the true ones"""
         self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))
         self.estimated: Callable[[int], dict[str, float]] | None = None
-        """columns of the record of environment i that its estimator measures"""
+        """Function that returns the columns that the estimator of environment i adds to the record"""
         self._reward = functions.function_of(config.reward)
         self._take(interpreted=False)
         self.seed = int(seed)

@@ -1,8 +1,8 @@
 """Docking: enter a dock from the front (docs/task.md).
 
 If the vehicle is near the axis in front of the dock, the reference is the dock; otherwise it is a point in front of
-the dock. For a vehicle beside or behind the dock, the point is on a circle round the dock, so that the path to the
-reference never leads through the dock.
+the dock. For a vehicle at the side of the dock or behind it, the point is on a circle round the dock, so that the
+path to the reference never leads through the dock.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ from auvbench.tasks.rows import (
 )
 
 ALIGNED = 1.0 / 3.0
-"""share of the cone within which the reference is the dock"""
+"""Share of the cone's angle up to which the reference is the dock"""
 TURNED = 2.0
-"""share of the cone outside which the reference leads round the dock"""
+"""Share of the cone's angle from which on the reference leads round the dock"""
 
 
 @row

@@ -55,7 +55,7 @@ def _class(name: str, owner: str) -> Callable[..., Task]:
 
 
 def guard(task: Task) -> None:
-    """From now on check the results of packages' functions: those of the task, its reward and its blocks."""
+    """From now on check the results of packages' functions: of the task, its reward and its blocks."""
     if task.owners:
         _guard_functions(task, *task.owners)
     if task.block_owners:

@@ -23,7 +23,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 def observation_spec(
     task: tasks.Task, actuators: Sequence[str], position_bounds: Sequence[float] = (math.inf,) * 3
 ) -> ObservationSpec:
-    """Return the observation of a task: its blocks in their order, then those of earlier steps (`task.history`).
+    """Return the observation of a task: its blocks in their order, then its blocks of earlier steps (`task.history`).
 
     Args:
         task: task with the names of the blocks (`observation`) and the frame of the position error
@@ -54,7 +54,7 @@ def owner_of_block(name: str, task: tasks.Task) -> str:
 
 
 def _described(name: str, setting: Setting, task: tasks.Task) -> Block:
-    """Return labels, unit and bounds of a block; those of a package's block are checked.
+    """Return labels, unit and bounds of a block; check them if the block is a package's.
 
     Raises:
         AgentError: a package's block describes itself wrongly.

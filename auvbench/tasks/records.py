@@ -154,7 +154,7 @@ class Table(np.ndarray[Any, Any]):
 
 
 def table(n: int, fields: Fields, owner: str) -> Any:
-    """Return n episodes (n,), all zero, with the fields of every task and those of one.
+    """Return n episodes (n,), all zero, with the fields of every task and this task's own.
 
     Args:
         n: number of episodes.
@@ -177,7 +177,7 @@ def state(n: int, fields: Fields, owner: str) -> Any:
 
 
 def one_row(own: Mapping[str, Any], shared: Mapping[str, float], owner: str) -> Any:
-    """Return parameters (1,): those of every task, then the task's or the reward's own.
+    """Return parameters (1,): the parameters of every task, then the task's or the reward's own.
 
     Args:
         own: numbers or sequences of numbers by name.

@@ -113,7 +113,7 @@ def marinegym_hover(e: Record, v: Vehicle, p: Record) -> float:
     for j in range(v.action.shape[0]):
         thrust += v.action[j]
     w, x, y, z = v.attitude
-    # The bow's direction, and that of the reference.
+    # The directions of the bow and of the reference.
     hx = math.cos(e.reference_yaw) - (1.0 - 2.0 * (y * y + z * z))
     hy = math.sin(e.reference_yaw) - 2.0 * (x * y + w * z)
     hz = -2.0 * (x * z - w * y)

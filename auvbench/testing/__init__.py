@@ -42,7 +42,7 @@ NAMED: dict[str, tuple[tuple[Callable[[Any], None], ...], Callable[..., None]]] 
     "train.log=": (TRACKER_CHECKS, check_tracker),
     "command=": (COMMAND_CHECKS, check_command),
 }
-"""The same for kinds of which a name is all that there is to choose."""
+"""The same for kinds that are chosen by a name only."""
 
 __all__ = [
     "AGENT_CHECKS",

@@ -1,4 +1,4 @@
-"""What every simulator must do (`auvbench.simulators.base.Simulator`), as checks for auvbench's own and those of packages."""
+"""What every simulator must do (`auvbench.simulators.base.Simulator`), as checks for auvbench's own simulators and those that packages add."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ TRACKER_CHECKS: tuple[Callable[[Service], None], ...] = (
 
 
 def check_tracker(name: str, only: Callable[[Any], None] | None = None) -> None:
-    """Check a tracker against its contract (`auvbench.tracking.Service`); it logs to wherever its client's settings say.
+    """Check a tracker against its contract (`auvbench.tracking.Service`); it logs to the destination in its client's settings.
 
     Args:
         name: value of `train.log`.

@@ -1,10 +1,10 @@
 """Check paths that another person may have chosen: names in files, and links inside folders that auvbench
 writes.
 
-A folder from another person may contain links: `checkpoints` may lead to a folder of photographs, which a
-clean-up would delete, or `train/log.txt` to a shell's start-up file, which would grow. A file in the folder
-may name `../../.bashrc`. So each name from a file passes `child`, and a run is searched for links before
-anything is written into it. Links above the folder that the user typed are the user's own.
+A folder from another person may contain links. If `checkpoints` leads to a folder of photographs, a clean-up
+would delete them; if `train/log.txt` leads to a shell's start-up file, a training would append to it. A file in
+the folder may name `../../.bashrc`. So each name from a file passes `child`, and a run is searched for links
+before anything is written into it. Links above the folder that the user typed are the user's own.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def child(folder: Path | str, name: object) -> Path:
 
 
 def is_plain(name: str) -> bool:
-    """Return whether a name is that of one file or folder, with only printable characters."""
+    """Return whether a text names one file or folder, with only printable characters."""
     return (
         name not in ("", ".", "..")
         and "/" not in name

@@ -31,8 +31,8 @@ Keys = tuple[str, ...]
 
 
 def sheets() -> dict[str, Traversable]:
-    """Return the vehicle sheets by name: auvbench's, those of installed packages, and those in `conf/vehicle`
-    of the working directory.
+    """Return the vehicle sheets by name: auvbench's sheets, sheets of installed packages, and sheets in
+    `conf/vehicle` of the working directory.
 
     The sheets in the working directory take precedence, as in Hydra's search path.
     """
@@ -189,8 +189,8 @@ class Document:
         raise VehicleError(": ".join([self.label, *([".".join(path)] if path else []), rule]))
 
     def section(self, path: Keys, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
-        """Return the mapping at `path`, which must have the `required` and may have the `optional` keys, but
-        no others.
+        """Return the mapping at `path`. It must have all `required` keys, may have `optional` keys, and no
+        other key.
         """
         node = self.mapping(path)
         valid = (*required, *optional)

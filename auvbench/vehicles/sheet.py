@@ -193,7 +193,7 @@ def _hydrodynamics(
     if smallest < -_ASYMMETRY * float(np.max(np.abs(M_A))):
         document.fail(
             (*at, "added_mass", "value"),
-            f"the added-mass matrix is indefinite (smallest eigenvalue {smallest:g}): entries are those of the matrix "
+            f"the added-mass matrix is indefinite (smallest eigenvalue {smallest:g}): entries have the sign of the matrix "
             "M_A; Fossen's derivatives have the opposite sign",
         )
     coriolis, release = _coriolis(document, section, M_A)
@@ -204,7 +204,7 @@ def _hydrodynamics(
             index = int(np.argmax(values < 0.0))
             document.fail(
                 (*at, key, "value"),
-                f"negative damping {values[index]:g} in {AXES[index]}: entries are those of the matrix "
+                f"negative damping {values[index]:g} in {AXES[index]}: entries have the sign of the matrix "
                 "D, which takes energy out; Fossen's derivatives have the opposite sign",
             )
         damping.append(values)
@@ -223,7 +223,7 @@ def _coriolis(document: Document, section: Mapping[str, Any], M_A: FloatArray) -
     if value not in RELEASES:
         document.fail(at, f"{value!r} must be true, false or {' or '.join(RELEASES)}")
     if np.any(np.diag(np.diag(M_A)) != M_A):
-        document.fail(at, f"{value}: the plugin's term is that of a diagonal added mass")
+        document.fail(at, f"{value}: the plugin's term needs a diagonal added mass")
     return True, str(value)
 
 

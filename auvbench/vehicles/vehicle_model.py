@@ -17,8 +17,8 @@ FloatArray = NDArray[np.float64]
 class VehicleModel:
     """Parameters of a vehicle; built and checked by `auvbench.vehicles.sheet.load`.
 
-    Matrices are at the body origin CO with axes forward, port, up. Entries are those of the matrices M_A and
-    D; Fossen's derivatives have the opposite sign.
+    Matrices are at the body origin CO with axes forward, port, up. Entries have the sign of the matrices M_A
+    and D; Fossen's derivatives have the opposite sign.
     """
 
     name: str
@@ -40,7 +40,7 @@ class VehicleModel:
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
     own_hull: tuple[float, float] | None = None  # m, radius and length of its hull, if the sheet has one
-    plugin: str = ""  # release in `rigid_body.RELEASES` if C_A is that of Gazebo's plugin instead of Fossen's
+    plugin: str = ""  # release in `rigid_body.RELEASES` if C_A follows Gazebo's plugin instead of Fossen
 
     @property
     def hull(self) -> tuple[float, float]:

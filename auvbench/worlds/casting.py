@@ -136,7 +136,7 @@ def nearest_along(
         heights: (m,) m, of all terrain.
         origin: m, world axes.
         rotation: from the axes of the rays to the world's.
-        rays: (k, 3) directions of length 1, of which first .. stop - 1 count.
+        rays: (k, 3) directions of length 1; first .. stop - 1 are used.
         first: index of the first ray.
         stop: index after the last ray.
         longest: m, finite.
@@ -159,7 +159,7 @@ def nearest_surface(
     solids: Any, heights: Floats, time: float, point: Vector, longest: float
 ) -> tuple[float, int, Vector]:
     """Return the signed distance in m to the nearest solid, its index, and the gradient of the distance; `longest`, NOTHING and 0 if
-    none is nearer. Arguments as those of `first_hit`.
+    none is nearer. Arguments: see `first_hit`.
     """
     nearest, index, gradient = longest, NOTHING, ZERO
     for k in range(solids.shape[0]):

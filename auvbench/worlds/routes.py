@@ -1,6 +1,6 @@
 """The shortest way past the solids of a known map, on the grid of `passage`, as a line with few corners.
 
-The arena is that of `passage`: x runs from the start to the goal. A way is free at all depths between start and goal.
+The arena is the same as in `passage`: x runs from the start to the goal. A way is free at all depths between start and goal.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from auvbench.worlds.passage import CELL, grid_of, place_of, search
 MARGIN = 0.5
 """m between the vehicle and solids on a way; where no way has it, half of it, then none"""
 CORNERS = 64
-"""points of a way, at most"""
+"""Largest number of points of a way"""
 LEVEL = 0.5
 """m between the depths at which a way must be free"""
 

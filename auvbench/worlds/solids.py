@@ -78,7 +78,7 @@ def cylinder(
 def box(
     centre: ArrayLike, sides: ArrayLike, axes: ArrayLike | None = None, velocity: ArrayLike = STILL
 ) -> Solids:
-    """Return a box (1,); `axes` (3, 3) has the directions of its sides in m as rows, None: those of the world."""
+    """Return a box (1,); `axes` (3, 3) has the directions of its sides in m as rows; None: the world's axes."""
     half = 0.5 * np.asarray(sides, dtype=np.float64)
     return _solid(
         BOX,
@@ -155,7 +155,7 @@ def _solid(
 
 
 def _with_third(axis: ArrayLike) -> Floats:
-    """Return three unit vectors (3, 3), of which the third is along an axis."""
+    """Return three unit vectors (3, 3); the third is along an axis."""
     third = np.asarray(axis, dtype=np.float64)
     third = third / np.linalg.norm(third)
     other = np.eye(3)[np.argmin(np.abs(third))]

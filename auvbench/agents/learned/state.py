@@ -219,7 +219,7 @@ def _restore_normalisation(normalize: VecNormalize, arrays: Arrays) -> None:
 
 
 def _statistics(normalize: VecNormalize) -> dict[str, RunningMeanStd]:
-    """Return the running statistics by name; those of observations only with `norm_obs`."""
+    """Return the running statistics by name; statistics of observations only with `norm_obs`."""
     observations = getattr(normalize, "obs_rms", None)
     named = {"obs_rms": observations, "ret_rms": normalize.ret_rms}
     return {name: rms for name, rms in named.items() if isinstance(rms, RunningMeanStd)}

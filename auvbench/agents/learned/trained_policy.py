@@ -109,9 +109,9 @@ Network = tuple[BasePolicy, Scaling | None]
 
 
 class FrozenPolicy:
-    """Present policy in a test: deterministic, with frozen statistics of its observations.
+    """Policy as it is tested: deterministic, with frozen statistics of its observations.
 
-    Draws no random number and does not change the policy, so that a policy in training can be tested.
+    It draws no random number and does not change the policy, so a policy can be tested during its training.
     """
 
     def __init__(
@@ -215,9 +215,7 @@ def _read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str,
         if not wrong and name.endswith("ra_var") and bool((weights[name] < 0.0).any()):
             wrong = "contains a negative number"
         if wrong:
-            raise RunError(
-                f"{path}: {name} {wrong}; the weights are not those of this run's network, or damaged"
-            )
+            raise RunError(f"{path}: {name} {wrong}; the weights are damaged or of another network")
     return dict(weights)
 
 

@@ -34,7 +34,7 @@ class TrajectoryTracking(Tracked):
         feasible.at_most("start_radius", self, "bounds")
 
     def check_length(self, frequency: float) -> None:
-        """Reject depth limits between which a curve does not fit."""
+        """Reject depth limits that are too narrow for the curve."""
         steps, length = feasible.length(self, frequency)
         seconds = steps / frequency
         height = RANDOM_HEIGHT * self.size_high if self.curve in ("random", "any") else 0.0

@@ -81,7 +81,7 @@ def residuals(fit: Fit) -> Drawing:
 
 
 def parameters(fit: Fit) -> Drawing:
-    """Draw the fitted numbers over those of the sheet, with their 95 % intervals."""
+    """Draw the ratio of each fitted number to the sheet's, with its 95 % interval."""
     shown = [e for e in fit.estimates if e.parameter.log]
     with style.styled():
         canvas = style.canvas(8.0, 0.24 * max(len(shown), 3) + 1.0)
@@ -100,7 +100,7 @@ def parameters(fit: Fit) -> Drawing:
         ax.set_xticks([], minor=True)
         ax.set_yticks(range(len(shown)), [e.parameter.name for e in shown])
         ax.invert_yaxis()
-        ax.set_xlabel("number over that of the sheet")
+        ax.set_xlabel("fitted number / sheet's number")
     return Drawing(
         canvas,
         "Numbers of the sheet before and after",

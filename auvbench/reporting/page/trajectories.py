@@ -106,7 +106,8 @@ def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any
 
 
 def _worlds(tracks: Sequence[Track]) -> dict[int, dict[str, Any]]:
-    """Return the solids of each episode in a world: of the paths in one episode, those of the path that passes most.
+    """Return the solids of each episode in a world. Of several paths in one episode, the path that passes most solids
+    supplies them.
 
     `outlines` is base64 of int16 (k, 2, 3) counts of `outlines_unit` metres: the ends of k segments.
     """

@@ -71,7 +71,7 @@ def write(
         title=title_of(runs) + (f", {report.section.title}" if several else ""),
         headline=headline(ranking),
         above="../index.html" if several else "",
-        # the table's colours are those of verdicts
+        # the table's colours mean verdicts
         table=of_page.of_agents(main_table(ranking), ranking, {}, links),
         conditions=[linked(table) for table in conditions_tables(ranking)],
         further=linked(of_page.metrics_table(ranking)),

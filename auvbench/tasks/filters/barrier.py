@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MOMENT = 10.0
-"""cost of a changed moment over that of changed forces, so that a filter brakes without turning the vehicle"""
+"""Cost of a changed moment relative to changed forces: a filter brakes without turning the vehicle"""
 YAW = 5
 
 
@@ -213,8 +213,10 @@ def _force_tables(vehicle: VehicleModel, strongest: Floats) -> tuple[Floats, Flo
 
 
 def _water(vehicle: VehicleModel, current: float) -> dict[str, Floats]:
-    """Return the largest accelerations by water that moves at a speed in m/s: `push` (3,) of a vehicle at rest, and `drag` (3,) per m/s
-    of its own speed.
+    """Return the largest accelerations that water moving at `current` m/s causes.
+
+    Returns:
+        `push` (3,): acceleration of a vehicle at rest; `drag` (3,): further acceleration per m/s of the vehicle's speed.
     """
     mass = np.diag(vehicle.M)[:3]
     linear, quadratic = vehicle.linear_damping[:3], vehicle.quadratic_damping[:3]

@@ -72,7 +72,7 @@ class Echoes:
     def see(
         self, pose: Floats, observation: NDArray[np.float32], steps: Integers, start: int, stop: int
     ) -> None:
-        """Remember what the vehicles start .. stop - 1 observe at poses (n, 7), in episodes of which some steps (n,) have passed."""
+        """Remember what the vehicles start .. stop - 1 observe at poses (n, 7) after `steps` (n,) of their episodes."""
         close = observation[start:stop, self.columns].astype(np.float64)
         R = frames.rotation(pose[start:stop, 3:])
         # Term by term, since a matrix product may round differently in a batch of another size.

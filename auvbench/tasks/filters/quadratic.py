@@ -21,9 +21,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 PENALTY = 1e6
-"""of the squared slack; costs of x are about 1"""
+"""Cost of the squared slack; costs of x are about 1"""
 TOLERANCE = 1e-9
-"""of a constraint, in units of its own scale"""
+"""Tolerance of a constraint, in units of its own scale"""
 MOST_STEPS = 200
 """changes of the active set, against a cycle by rounding"""
 
@@ -65,7 +65,7 @@ def nearest(
     """Write the solution to x (n,); return the largest slack, infinite if the method did not end.
 
     Args:
-        A: (m, n), of which the first `count` rows are constraints.
+        A: (m, n); its first `count` rows are constraints.
         b: (m,).
         count: number of constraints.
         inverse: (n, n), of H.

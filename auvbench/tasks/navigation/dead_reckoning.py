@@ -1,6 +1,6 @@
 """Dead reckoning: the sum of the DVL's velocities along the heading.
 
-The attitude is that of the gyros, which accelerometers (roll and pitch) and compass (yaw) correct with a time constant. Height is the last
+The gyros give the attitude; accelerometers (roll and pitch) and compass (yaw) correct it with a time constant. Height is the last
 depth. Without bottom lock the last velocity, in body axes, stays.
 """
 
@@ -22,7 +22,7 @@ def advance(d: Record, p: Record, before: Vector, force: Vector, seconds: float)
     """Correct what the IMU made of the estimate in an interval: roll and pitch by the specific force, velocity by the DVL.
 
     Args:
-        d: its attitude is that of the gyros.
+        d: its attitude comes from the gyros.
         p: parameters.
         before: m, position before the interval.
         force: m/s2, specific force, world axes.

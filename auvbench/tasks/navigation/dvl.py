@@ -1,4 +1,4 @@
-"""DVL: four beams to the bottom, of which at least three must return.
+"""DVL: four beams to the bottom; at least three must return.
 
 Beam i points along b_i = (sin t cos a_i, sin t sin a_i, -cos t), with the tilt t and azimuths a_i of 45, 135, 225 and 315 degrees, in
 body axes (forward, port, up). It measures b_i . (v + w x l). The velocity is the least-squares solution of the valid beams, so that with
@@ -46,7 +46,7 @@ def beam(p: Record, i: int) -> Vector:
 
 @row
 def beam_sd(d: Record, p: Record) -> float:
-    """Return the standard deviation of a beam in m/s: the figure of merit is that of a horizontal velocity."""
+    """Return the standard deviation of a beam in m/s: the figure of merit is for a horizontal velocity."""
     return float(d.merit * math.sqrt(2.0) * p.dvl_sine)
 
 
@@ -68,7 +68,7 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def period(p: Record, altitude: float) -> float:
-    """Return the time in s between pings at an altitude in m; without an altitude (0), that of the slowest mode."""
+    """Return the time in s between pings at an altitude in m; without an altitude (0), the time of the slowest mode."""
     last = len(p.dvl_altitudes) - 1
     if altitude <= 0.0:
         slowest = 0.0

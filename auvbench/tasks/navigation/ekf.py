@@ -131,7 +131,7 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
         x, v, a = three(P, 0, j), three(P, VELOCITY, j), three(P, ATTITUDE, j)
         errors = carried(T, R, C, x, v, a, three(P, ACCELERATION_BIAS, j), three(P, RATE_BIAS, j))
         (P[0, j], P[1, j], P[2, j]), (P[3, j], P[4, j], P[5, j]), (P[6, j], P[7, j], P[8, j]) = errors
-    for i in range(MOVING):  # (F P) F^T, whose columns of the biases are those of F P
+    for i in range(MOVING):  # (F P) F^T: its columns of the biases equal the columns of F P
         row = P[i]
         x, v, a = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
         errors = carried(T, R, C, x, v, a, (row[9], row[10], row[11]), (row[12], row[13], row[14]))

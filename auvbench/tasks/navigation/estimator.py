@@ -41,7 +41,7 @@ class Navigation:
 
     Args:
         config: with an estimator and its sensors.
-        vehicle: of all episodes.
+        vehicle: vehicle of all episodes.
         task: whose episodes they are.
     """
 
@@ -59,7 +59,7 @@ class Navigation:
         """the vehicle's sheet, for an estimator that knows it"""
         states = MODEL_STATES if has_model else STATES
         self.covariance: Floats = np.zeros((task.n, states, states))
-        """of the filter's errors (`ekf`)"""
+        """Covariance of the filter's errors (`ekf`)"""
         self.pose: Floats = np.zeros((task.n, 7))
         """estimates, m and unit quaternion"""
         self.velocity: Floats = np.zeros((task.n, 6))

@@ -1,7 +1,7 @@
 """The vehicle's sheet as a reading of its velocity through the water, which lasts when the DVL is lost.
 
-The sheet's equations are integrated with the commands of the agent, beside the estimate, whose attitude and rates they take; their velocity
-is their own, so that its errors are not those of the estimate (Hegrenaes and Hallingstad, "Model-aided INS with sea current estimation for
+The sheet's equations are integrated with the commands of the agent. They take attitude and rates from the estimate, but have a velocity of
+their own, so that its errors are independent of the estimate's (Hegrenaes and Hallingstad, "Model-aided INS with sea current estimation for
 robust underwater navigation", IEEE Journal of Oceanic Engineering 36, 2011). A DVL measures over ground, the sheet through the water: their
 difference is the current, two states of the filter.
 """

@@ -17,9 +17,9 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row
 
 STATES = 15
-"""of the filter: errors of position, velocity, attitude (all in world axes), accelerometer bias and gyro bias (body axes)"""
+"""States of the filter: errors of position, velocity, attitude (all in world axes), accelerometer bias and gyro bias (body axes)"""
 MODEL_STATES = 17
-"""of the filter with the vehicle's sheet: also errors of a horizontal current (world axes)"""
+"""States of the filter with the vehicle's sheet: also errors of a horizontal current (world axes)"""
 VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS, CURRENT = 3, 6, 9, 12, 15
 """first index of each group of states; position is at 0"""
 DVL, DEPTH, HEADING, MODEL = 0, 1, 2, 3
@@ -113,7 +113,7 @@ GATED = 20
 
 
 def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
-    """Return the parameters `p` by name; those of sensors that the vehicle does not have are 0."""
+    """Return the parameters `p` by name; parameters of sensors that the vehicle does not have are 0."""
     sensors, navigation = config.sensors, config.navigation
     imu, dvl, depth, heading = sensors.imu, sensors.dvl, sensors.depth, sensors.heading
     assert imu

@@ -54,7 +54,7 @@ def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: 
     Args:
         scene: what is there.
         rotation: from the axes of the rays to the world's.
-        rays: (k, 3) unit vectors, of which first .. stop - 1 count.
+        rays: (k, 3) unit vectors; first .. stop - 1 are used.
         first: index of the first ray.
         stop: index after the last ray.
         longest: m.
@@ -127,16 +127,16 @@ class RangeSensor:
     """One sensor of N episodes.
 
     Args:
-        name: of the block.
+        name: name of the block.
         settings: of the schema of its spec.
         n: number of episodes.
-        frequency: of the agent's steps, Hz.
+        frequency: frequency of the agent's steps, Hz.
         shared: parameters of every task, by name.
     """
 
     sense: ClassVar[Callable[..., None]]
-    """`sense(e, d, memory, p, rays, scene, out)`: writes the numbers of the block for the episode e, of which the sensor remembers d and
-    the floats `memory`, with the parameters p"""
+    """`sense(e, d, memory, p, rays, scene, out)`: writes the numbers of the block for the episode e, with the parameters p. The
+    sensor remembers d and the floats `memory` of the episode"""
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
     """what an episode remembers in addition to `memory`: (name, type)"""
 

@@ -1,8 +1,8 @@
 """A Ping1D echo sounder: the nearest echo in a cone, with a confidence.
 
-Confidence, noise and jumps are those of 15 Hz recordings of the Seattle Aquarium's vehicle: 6 % of the pings have confidence 0, 14 % one
-below 50 % and 81 % one of 100 %; the noise is 2 mm; 1.2 % of the pings jump by more than 1 m, of those with a confidence of at least
-80 % 0.2 %. The recordings do not say where a jump leads: here, anywhere from the shortest range to twice the distance, the second echo.
+Confidence, noise and jumps come from 15 Hz recordings of the Seattle Aquarium's vehicle. 6 % of the pings have confidence 0, 14 % a confidence
+below 50 % and 81 % a confidence of 100 %. The noise is 2 mm. 1.2 % of the pings jump by more than 1 m; with a confidence of at least 80 %,
+0.2 % do. The recordings do not say where a jump leads: here, anywhere from the shortest range to twice the distance, the second echo.
 """
 
 from __future__ import annotations

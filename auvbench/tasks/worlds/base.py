@@ -72,7 +72,7 @@ class World:
 
 
 def key_of(seed: int | None, own: Key) -> Key:
-    """Return the key of a world's draws: the episode's own, or that of a seed for all episodes."""
+    """Return the key of a world's draws: the episode's own, or the key of one seed for all episodes."""
     if seed is not None:
         return seed, WORLD, 0, 0
     seed, stream, episode, environment = own

@@ -19,7 +19,7 @@ MOST = 256
 TRIES = 20
 """fields that are drawn until one can be passed"""
 SIZES = 10_000
-"""block of the draws of kinds and heights; blocks below it are those of places"""
+"""Block of the draws of kinds and heights; the blocks below it draw places"""
 
 
 class FieldWorld(World):
@@ -70,7 +70,7 @@ class FieldWorld(World):
             return cylinder([east, north, 0.5 * self.depth_low], [0.0, 0.0, 1.0], -self.depth_low, radius)
         if kind < 2.0 / 3.0:
             return sphere([east, north, z], radius)
-        # A box whose diagonal, as seen from above, is that of its disc.
+        # Seen from above, the diagonal of the box is the diameter of its disc.
         angle, yaw = (0.15 + 0.7 * shape) * 0.5 * math.pi, 2.0 * math.pi * turn
         sides = [2.0 * radius * math.cos(angle), 2.0 * radius * math.sin(angle), 2.0 * radius]
         axes = [[math.cos(yaw), math.sin(yaw), 0.0], [-math.sin(yaw), math.cos(yaw), 0.0], [0.0, 0.0, 1.0]]

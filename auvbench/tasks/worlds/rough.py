@@ -15,7 +15,7 @@ from auvbench.worlds.solids import laid, terrain
 
 
 class RoughWorld(World):
-    """The grid is that of `world.seed`, or of seed 0."""
+    """The grid is drawn with `world.seed`, by default 0."""
 
     def __init__(self, settings: Any, depth_low: float, radius: float) -> None:
         super().__init__(settings, depth_low, radius)

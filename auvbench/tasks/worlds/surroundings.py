@@ -57,7 +57,7 @@ class Surroundings:
         self.radius = float(self.hull["radius"][0] - self.hull["first"][0])
         self.world: World = kind(self.settings, config.task.depth_low, self.radius)
         self.solids = np.zeros((n, self.world.most), SOLID)
-        """(n, most) records, of which each episode has its first `solids`"""
+        """(n, most) records; an episode has the first `solids` of its row"""
         self.heights = self.world.heights
         self.has_ways = "way" in tasks.blocks(config.task)
         """whether the observation shows the shortest way"""

@@ -92,7 +92,7 @@ class GrowingLog:
         self._named = False
 
     def mark(self) -> LogMark:
-        """Fsync the file and its name and return its mark; the writer must have flushed its buffer first."""
+        """Sync the file and its folder entry to disk and return its mark. The writer must have flushed its buffer."""
         if not self.path.exists():
             return LogMark(0, hashlib.sha256().hexdigest())
         with self.path.open("rb") as file:

@@ -195,7 +195,7 @@ def test_what_is_more_than_a_network_is_not_exported(
 ) -> None:
     run = trained(tmp_path, f"algo={algo}")
     assert cli.main(["export", str(run.path)]) == 2
-    assert f"{algo} cannot be exported: its actions are not those of a network" in capsys.readouterr().err
+    assert f"{algo} cannot be exported: it is not a network" in capsys.readouterr().err
     assert exporting.why_no_network(algo, run.config()["algo"]["agent"], True)
 
 

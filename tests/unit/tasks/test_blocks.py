@@ -192,7 +192,7 @@ def test_what_it_reads_a_task_must_have(
     ("change", "message"),
     [
         (('SPEC = BlockSpec("doppler", write, describe', 'SPEC = dict(a=1'), "is a dict; it must be an auvbench.plugin.BlockSpec"),
-        (('BlockSpec("doppler"', 'BlockSpec("log"'), "has the name 'log'; it must be that of its entry point"),
+        (('BlockSpec("doppler"', 'BlockSpec("log"'), "has the name 'log'; it must have the name of its entry point"),
         (('reads=("velocity",)', 'reads=("speed",)'), "reads 'speed'; did you mean 'preview'? valid: action, goal, navigation, pose, preview, solids, task, velocity"),
         (("def write(m, e, p, out)", "def write(m, e, out)"), "has a write that is not a function of 4 arguments"),
         (('"doppler", write,', '"doppler", lambda m, e, p, out: None,'), "has a write that is not a function of its module"),

@@ -128,7 +128,7 @@ def test_what_is_typed_wrong_is_one_line(
     ("change", "message"),
     [
         (("SPEC = TaskSpec(", "SPEC = dict("), "is a dict; it must be an auvbench.plugin.TaskSpec"),
-        (('name="circling"', 'name="round"'), "has the name 'round'; it must be that of its entry point"),
+        (('name="circling"', 'name="round"'), "has the name 'round'; it must have the name of its entry point"),
         (("schema=CirclingConfig", "schema=int"), "has a schema that is no dataclass below auvbench.plugin.TaskConfig"),
         (("blocks=ERRORS", 'blocks=("yaw",)'), "declares the block 'yaw'"),
         (('"timeout", "out_of', '"late", "out_of'), "declares the outcome 'late'"),

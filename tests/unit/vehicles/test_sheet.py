@@ -193,7 +193,7 @@ BROKEN = {
         "  added_mass:\n    value: [5.5, 12.7, 14.57, 0.12, 0.12, 0.12]",
         "  added_mass_coriolis: gz-sim-8.12\n  added_mass:\n    value: [[9, 1, 0, 0, 0, 0], [1, 9, 0, 0, 0, 0], "
         "[0, 0, 9, 0, 0, 0], [0, 0, 0, 1, 0, 0], [0, 0, 0, 0, 1, 0], [0, 0, 0, 0, 0, 1]]",
-        "gz-sim-8.12: the plugin's term is that of a diagonal added mass",
+        "gz-sim-8.12: the plugin's term needs a diagonal added mass",
     ),
     "indefinite added mass": ("value: [5.5, 12.7", "value: [-55.5, 12.7", "indefinite"),
     "asymmetric added mass": (

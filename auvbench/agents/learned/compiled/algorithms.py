@@ -97,7 +97,7 @@ class Sample:
 
 
 class Compiled:
-    """Algorithm whose `train`, which overrides that of SB3's class, calls `_update`.
+    """Algorithm whose `train` overrides the method of SB3's class and calls `_update`.
 
     `_update(step, observation, action, following, reward, discount)` updates once with a batch and returns
     its losses by name; `step` counts within a call of `train`.
