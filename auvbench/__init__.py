@@ -16,7 +16,7 @@ __version__ = "0.1.0"
 ID = "auvbench/Waypoint-v1"
 
 ORIGINAL: dict[str, object] = {"vehicle": "bluerov2", "task": "waypoint"}
-"""of version 0: the original study's vehicle and observation"""
+"""Choices of version 0: the original study's vehicle and observation"""
 
 
 def register() -> None:

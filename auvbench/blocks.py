@@ -47,7 +47,7 @@ class Reading(NamedTuple):
     rates: Any  # (3,) rad/s, body axes
     error: Any  # (3,) m, reference less position, in the axes of the task's vectors
     yaw_error: float  # rad
-    cosine: float  # of the yaw, for vectors in levelled body axes
+    cosine: float  # cosine of the yaw, for vectors in levelled body axes
     sine: float
     previous: Any  # (n_u,) action of the last step
     preview: Any  # (points, 3) m, the reference in the time to come, world axes
@@ -60,11 +60,11 @@ class Setting:
 
     to: str  # what the reference is called
     has_yaw: bool  # whether the reference has a yaw of its own
-    axes: str  # of the position error: WORLD or BODY
+    axes: str  # axes of the position error: WORLD or BODY
     bounds: tuple[float, ...]  # (3,) m, largest position errors
     depths: tuple[float, float]  # lowest and highest z in m
     actuators: Sequence[str]
-    points: int  # of the preview
+    points: int  # number of points of the preview
     interval: float  # s, between them
     sensor: Any = None  # keys of the block's range sensor
 

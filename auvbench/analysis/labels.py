@@ -21,7 +21,7 @@ OWN = "own"
 """protocol that tests each run with its own task, noise and disturbances"""
 OBSERVATION = "task.observation"
 FREQUENCY = "step.frequency"
-"""key of the step frequency; the test fixes it unless each run keeps its own frequency"""
+"""Key of the step frequency. A test uses one frequency for all runs, or each run's own"""
 
 
 def is_fixed(key: str, frequency_fixed: bool) -> bool:

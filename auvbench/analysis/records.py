@@ -220,7 +220,7 @@ class Against:
     verdict: str
     """verdict: ahead | equivalent | behind | open"""
     needed: Needed | None = None
-    """what would decide an open comparison; None if it cannot be planned"""
+    """Number of trainings or episodes that would decide an open comparison; None if it cannot be planned"""
     trainings: int = 0
     """Number of trainings of the learner with fewer trainings; 0 for two controllers"""
     enough: int = 0

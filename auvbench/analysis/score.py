@@ -73,7 +73,7 @@ class Scores:
     protocol: str
     confidence: float
     notes: tuple[str, ...] = ()
-    """what is left out, or why there is no score"""
+    """Omissions, or the reason why there is no score"""
 
 
 def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int = 0) -> Scores | None:

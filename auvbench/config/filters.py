@@ -48,7 +48,7 @@ class FilterSpec(Spec):
 
     name: str
     title: str
-    """what the filter is, for help and tables"""
+    """Short description for help and tables"""
     factory: str
     """`module:class`; empty for no filter"""
     schema: type

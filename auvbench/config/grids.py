@@ -35,7 +35,7 @@ Grid = dict[str, Axis]
 
 
 Load = Callable[[tuple[str, ...], RunMode], DictConfig]
-"""what Hydra loads for some overrides, with the node `hydra`; not to be changed"""
+"""Function that returns Hydra's configuration of some overrides, with the node `hydra`; the result must not be changed"""
 
 
 def compose(

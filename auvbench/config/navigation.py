@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 TRUTH = "truth"
 NONE = "none"
 READS = "navigation"
-"""what a block reads that only an estimator gives (`BlockSpec.reads`)"""
+"""Name in `BlockSpec.reads` of a block that only an estimator supplies"""
 FASTEST = 1000.0
 """Hz, of any sensor"""
 

@@ -37,7 +37,7 @@ class Sensor:
         """Check rules that span several keys.
 
         Args:
-            prefix: of the keys, for messages.
+            prefix: prefix of the keys in messages.
 
         Raises:
             ConfigError: a value contradicts another.

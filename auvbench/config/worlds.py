@@ -129,7 +129,7 @@ class WorldSpec(Spec):
 
     name: str
     title: str
-    """what it is, for help and tables"""
+    """Short description for help and tables"""
     factory: str
     """`module:class`, a class below `auvbench.tasks.worlds.base.World`; empty for open water"""
     schema: type

@@ -39,7 +39,7 @@ class State:
     reference: Floats  # (k, 3) the waypoint of the waypoint task
     distance: Floats  # (k,)
     force: Floats  # (k, n_u) N, of the actuators in the last step
-    key: str  # of the reference in `info`
+    key: str  # name of the reference in `info`
 
 
 @dataclass(slots=True)
@@ -52,7 +52,7 @@ class Transition:
     truncated: Booleans  # (n,) the time is up
     ended: NDArray[np.int64]  # indices of the episodes that ended
     final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
-    final_state: State  # of len(ended) vehicles, at the end of their episodes
+    final_state: State  # state of len(ended) vehicles at the end of their episodes
     records: list[Record]  # a row for each of them
 
 

@@ -49,7 +49,7 @@ KEYS = {
 """Override of each keyword argument of an environment."""
 
 OPTIONS = ("pose", "waypoint", "distance")
-"""of `reset`"""
+"""Options of `reset`"""
 
 
 def configuration(

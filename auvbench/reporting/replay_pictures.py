@@ -69,9 +69,9 @@ class Moving:
 
     episode: Replay
     space: list[Any]
-    """in space: path, nose and position of the reference"""
+    """Lines in space: path, nose and position of the reference"""
     above: list[Any]
-    """seen from above: path, nose and position of the reference"""
+    """Lines seen from above: path, nose and position of the reference"""
     distance: Any
     commands: list[Any]
     """command of each actuator; empty with several episodes"""

@@ -102,7 +102,7 @@ class SeedSpread:
     df: float
     """degrees of freedom: seeds beyond the first, summed over agents"""
     variances: tuple[tuple[float, float, int], ...] = ()
-    """for each agent, if known: variance of its seeds, part of it due to drawing episodes, degrees of freedom"""
+    """One entry per agent, if known: variance of its seeds, the part due to drawing episodes, degrees of freedom"""
 
     def upper(self, confidence: float = 0.9) -> float:
         """Return the upper confidence limit of the standard deviation (chi-squared; for a normal spread).

@@ -142,7 +142,7 @@ class Task:
         self.duration = float(self.parameters[0].duration)
         """duration of an agent step, simulated s"""
         self.world = surroundings.make(config, vehicle, n)
-        """what is in the water; None in open water"""
+        """World with the solids in the water; None in open water"""
         self.filter = barrier.make(config, vehicle, self.spec, n)
         """Filter of the agent's commands; None without one"""
         self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
@@ -212,12 +212,12 @@ class Task:
         self.shown = () if self.believed is None else tuple(np.asarray(believed[name]) for name, *_ in BELIEF)
         """arrays (n, 3) that blocks of the estimate read, in the order of BELIEF"""
         self._sensed: tuple[Any, ...] = ()
-        """what the loop that observes takes for range sensors"""
+        """Arguments of the observing loop for range sensors"""
         if self.sensors and self.world:
             counts, scenery = np.asarray(self.episodes["solids"]), self.world.loops[:2]
             self._sensed = counts, *scenery, *self.sensors.tables(interpreted)
         self._filtered: tuple[Any, ...] = () if self.filter is None else self.filter.around(self)
-        """what the filter takes of the task"""
+        """Arguments that the filter takes from the task"""
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave out the attributes that `__setstate__` creates: NumPy would copy a view as a separate array, which no
@@ -374,7 +374,7 @@ class Task:
         Args:
             pose: (n, 7)
             velocity: (n, 6)
-            indices: of environments; None: all.
+            indices: indices of environments; None: all.
             seats: (n, 7) poses from which range sensors look; None: the measured ones.
         """
         rows = self._all if indices is None else indices

@@ -18,7 +18,7 @@ from auvbench.registry import COMMANDS
 from auvbench.testing.draws import ConformanceError, run_checks
 
 LONGEST = 100
-"""characters of a title at most, so that a line of `auvbench --help` stays a line"""
+"""Largest number of characters of a title: each command fits one line of `auvbench --help`"""
 
 
 def called(*words: str) -> tuple[int, str, str]:

@@ -255,7 +255,7 @@ JOBS: dict[bytes, tuple[tuple[str, ...], Callable[..., None]]] = {
     b"A": (("zipfile", "encodings.cp437", "encodings.latin_1"), paths),
     b"P": (("onnxruntime",), policy),
 }
-"""by letter: modules that the server imports once, and the function that a child calls"""
+"""Jobs by letter: modules that the server imports once, and the function that a child calls"""
 
 
 # The server.

@@ -104,7 +104,7 @@ def first_hit(
         heights: (m,) m, of all terrain.
         time: s, for solids that move.
         origin: m, world axes.
-        direction: of length 1.
+        direction: direction of length 1.
         longest: m, finite.
     """
     nearest, index = longest, NOTHING

@@ -45,7 +45,7 @@ def scatter(
     """Return discs (k, 3), x, y and radius in m, with k at most `count`: darts are thrown until each has room (Poisson-disc sampling).
 
     Args:
-        key: of the draws.
+        key: key of the draws.
         attempt: number of the attempt with this key.
         count: discs.
         arena: distance from start to goal and margin on all sides, m.
@@ -112,8 +112,8 @@ def search(
 
     Args:
         room: (rows columns,) m.
-        rows: of the map.
-        columns: of the map.
+        rows: rows of the map.
+        columns: columns of the map.
         start: cell.
         goal: cell.
         least: m, room of a cell that is free.

@@ -141,7 +141,7 @@ class TaskSpec(Spec):
     failures: tuple[str, ...] = ("collision", "out_of_bounds")
     """outcomes of a failed episode, in which every error counts as its bound (`Metric.failed`)"""
     goal: str = "goal"
-    """what the reference at the end is called in sentences and pictures"""
+    """Name of the final reference in sentences and pictures"""
     reached: str = ""
     """plural of what a successful agent reaches, for sentences; empty: it succeeds in episodes"""
     fixed_start: bool = False

@@ -46,8 +46,8 @@ class BarrierFilter:
 
     Args:
         config: with `filter=cbf`.
-        vehicle: of all episodes.
-        spec: of the observation.
+        vehicle: vehicle of all episodes.
+        spec: specification of the observation.
         n: number of episodes.
 
     Raises:
@@ -60,7 +60,7 @@ class BarrierFilter:
         settings = config.filter
         assert isinstance(settings, Barrier)
         self.echoes = Echoes(config, spec, n) if settings.knows == "ranges" else None
-        """what the filter knows of solids in place of the map; None: the map"""
+        """Echoes by which the filter knows the solids; None if it knows the map"""
         water = _water(vehicle, settings.current)
         brake = settings.braking * braking(vehicle, water["push"], settings)
         limits = _thrust_limits(vehicle)
@@ -131,7 +131,7 @@ class BarrierFilter:
             velocity: (n, 6), as measured.
             action: (n, n_u) in [-1, 1], changed.
             observation: (n, n_obs) of the same moment.
-            around: of `around`.
+            around: result of `around`.
             start: first vehicle.
             stop: after the last vehicle.
         """
@@ -160,7 +160,7 @@ def braking(vehicle: VehicleModel, push: Floats, settings: Barrier) -> float:
     Along each axis, the largest force without a yaw moment; in between, the force on the octahedron through these.
 
     Args:
-        vehicle: of all episodes.
+        vehicle: vehicle of all episodes.
         push: (3,) m/s2, largest acceleration by moving water along each axis.
         settings: with the keys for messages.
 

@@ -36,7 +36,7 @@ class Echoes:
 
     Args:
         config: with `filter.knows=ranges`.
-        spec: of the observation.
+        spec: specification of the observation.
         n: number of episodes.
 
     Raises:

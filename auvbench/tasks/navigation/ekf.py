@@ -194,7 +194,7 @@ def update(
         P: covariance.
         work: its row CHANGE gets the change of the states.
         sensor: DVL, DEPTH, HEADING or MODEL.
-        part: of the reading: axis or beam of a DVL, which the gate judges apart; 0 for the others.
+        part: axis or beam of a DVL's reading, which the gate judges separately; 0 for other sensors.
         innovation: reading less prediction.
         sd: standard deviation of the reading.
         first: first state that the reading depends on.

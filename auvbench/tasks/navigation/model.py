@@ -36,7 +36,7 @@ class Sheet:
     """The sheets of N vehicles: never the drawn properties, faults, currents or waves of the vehicles that are simulated.
 
     Args:
-        vehicle: of the sheet.
+        vehicle: model of the sheet.
         n: number of vehicles.
         max_step: s, longest step of the integration.
     """

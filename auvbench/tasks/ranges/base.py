@@ -128,7 +128,7 @@ class RangeSensor:
 
     Args:
         name: name of the block.
-        settings: of the schema of its spec.
+        settings: configuration, of the schema of its spec.
         n: number of episodes.
         frequency: frequency of the agent's steps, Hz.
         shared: parameters of every task, by name.
@@ -138,7 +138,7 @@ class RangeSensor:
     """`sense(e, d, memory, p, rays, scene, out)`: writes the numbers of the block for the episode e, with the parameters p. The
     sensor remembers d and the floats `memory` of the episode"""
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
-    """what an episode remembers in addition to `memory`: (name, type)"""
+    """Fields that an episode stores in addition to `memory`: (name, type)"""
 
     def __init__(
         self, name: str, settings: Any, n: int, frequency: float, shared: Mapping[str, float]

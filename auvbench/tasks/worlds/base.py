@@ -19,7 +19,7 @@ class Episode(NamedTuple):
 
     start: Floats  # (3,) m
     goal: Floats  # (3,) m
-    key: Key  # of its draws
+    key: Key  # key of its draws
 
     def draws(self, block: int) -> tuple[float, float, float, float]:
         """Return four numbers in (0, 1); each `block` has its own."""
@@ -31,7 +31,7 @@ class World:
     """One world.
 
     Args:
-        settings: of the schema of its spec.
+        settings: configuration, of the schema of its spec.
         depth_low: m, the lower depth limit of the task, a negative number.
         radius: m, of the vehicle's hull.
     """

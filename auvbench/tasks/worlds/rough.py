@@ -38,7 +38,7 @@ def fractal(seed: int, size: int, hurst: float, height: float) -> Floats:
     1988, section 2.4).
 
     Args:
-        seed: of the phases.
+        seed: seed of the phases.
         size: vertices along each side.
         hurst: 0 rough .. 1 smooth.
         height: standard deviation, m.

@@ -44,7 +44,7 @@ class Surroundings:
 
     Args:
         config: with a world that has solids.
-        vehicle: of all episodes.
+        vehicle: vehicle of all episodes.
         n: number of episodes.
     """
 
@@ -63,7 +63,7 @@ class Surroundings:
         """whether the observation shows the shortest way"""
         own = ((name, "f8") for name in self.world.fields)
         self.fields = (*FIELDS, *own, *(WAY if self.has_ways else ()))
-        """that an episode has in addition"""
+        """Fields that an episode has in addition"""
 
     @property
     def loops(self) -> tuple[Any, ...]:
