@@ -46,11 +46,13 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
     Of several such agents the finding names the least successful; the interval counts all of them
     (Bonferroni).
     """
-    whole = [a for a in agents if learns(a) and np.isfinite(a.metrics.get("return", np.array(np.nan))).all()]
-    if not whole:
+    with_return = [
+        a for a in agents if learns(a) and np.isfinite(a.metrics.get("return", np.array(np.nan))).all()
+    ]
+    if not with_return:
         return None
-    good = max(whole, key=_typical_success)
-    richer = [a for a in whole if _typical_return(a) > _typical_return(good)]
+    good = max(with_return, key=_typical_success)
+    richer = [a for a in with_return if _typical_return(a) > _typical_return(good)]
     if not richer:
         return None
     rich = min(richer, key=_typical_success)

@@ -84,7 +84,7 @@ def find_agent(
     return matches[0]
 
 
-def told_apart(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
+def with_distinct_labels(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
     """Return two agents with different labels; equal labels get the names of their folders.
 
     Raises:

@@ -69,11 +69,11 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.runs.atomic_io import storage
 
     names = (options.first, options.second)
-    agents_found = [
+    agents = [
         side_by_side.find_agent(name, options.folder, options.protocol, options.condition, options.where)
         for name in names
     ]
-    pair = side_by_side.told_apart(agents_found, names)
+    pair = side_by_side.with_distinct_labels(agents, names)
     differences = side_by_side.differences(pair, options.confidence, options.every)
     console = Console(highlight=False)
     console.print(TableView(_measures(pair, differences, options.confidence)))

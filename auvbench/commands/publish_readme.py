@@ -61,7 +61,7 @@ def _further(options: Options, protocol: str) -> Options:
 def _blocks(study: Study, options: Options) -> list[str]:
     from auvbench.reporting import best_policies
 
-    policies = study.policies or best_policies.any_there(study.folder)
+    policies = study.policies or best_policies.has_policies(study.folder)
     chosen = {"figures": bool(study.pictures), "claims": bool(options.study), "policies": policies}
     return [
         name

@@ -133,8 +133,8 @@ def _declared_rows(
     if options.declared is None or options.declared_in is None or options.usual is None:
         return None
     folder = options.declared_in
-    whole = not options.where and all(path.resolve() == folder for path in paths)
-    return declared_rows(options.declared, folder, options.usual.protocol, runs if whole else None)
+    uses_all_runs = not options.where and all(path.resolve() == folder for path in paths)
+    return declared_rows(options.declared, folder, options.usual.protocol, runs if uses_all_runs else None)
 
 
 def _declaration(

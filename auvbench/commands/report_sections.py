@@ -96,20 +96,20 @@ def write_sections(
     from auvbench.reporting import write as files
     from auvbench.reporting.page.writer import write_overview
 
-    whole, below = [], []
+    sections, below = [], []
     for report in reports:
         folder = out / report.section.folder
         path_safety.check_output(folder, ("figures",))
         section, written = write(report, options, command, folder, several=True)
-        whole.append(section)
+        sections.append(section)
         below += written
     above = []
     if "html" in options.format:
-        above.append(write_overview(out / "index.html", whole, command, score))
+        above.append(write_overview(out / "index.html", sections, command, score))
     if "md" in options.format:
-        above.append(files.text(out / "report.md", files.sections_markdown(whole, score)))
+        above.append(files.text(out / "report.md", files.sections_markdown(sections, score)))
     if "csv" in options.format:
-        above.append(files.text(out / "table.csv", rows(whole, tables.csv)))
+        above.append(files.text(out / "table.csv", rows(sections, tables.csv)))
     files.clear(out)
     if "tex" in options.format:
         above += files.if_any(
@@ -117,7 +117,7 @@ def write_sections(
         )
     if "csv" in options.format:
         above += files.if_any(out / "score.csv", tables.score_csv(score) if score else "")
-    return whole, above + [path for path in below if path.suffix not in {p.suffix for p in above}]
+    return sections, above + [path for path in below if path.suffix not in {p.suffix for p in above}]
 
 
 def rows(reports: Sequence[Report], draw: Callable[[Ranking], str]) -> str:

@@ -227,8 +227,8 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
     from auvbench.tuning.search import Search, open_study
     from auvbench.tuning.search import objective as objective_of
 
-    whole = {**plan.base, "name": plan.name, "output": str(study.path), "seed": plan.seed}
-    search = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(whole)))
+    values = {**plan.base, "name": plan.name, "output": str(study.path), "seed": plan.seed}
+    search = Search(plan, open_study(plan, study.journal), typed(OmegaConf.create(values)))
     objective = objective_of(plan.tune.objective, plan.tune.then)
     shown = StudyView(search, objective, Console())
     rungs = " / ".join(f"{budget:,}" for budget in plan.budgets)

@@ -102,6 +102,6 @@ def table(ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.
 
 
 def _spread(n: int, rows: NDArray[np.int64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    whole = np.zeros((n, *values.shape[1:]))
-    whole[rows] = values
-    return whole
+    filled = np.zeros((n, *values.shape[1:]))
+    filled[rows] = values
+    return filled

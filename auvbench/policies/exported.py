@@ -225,7 +225,7 @@ class Policy:
                 raise ValueError(f"its input {self.input} leaves the length of an observation open")
             self._rows = fixed or rows
             tried = np.random.default_rng(0).normal(size=(self._rows, width)).astype(self.input.type)
-            first, second = self._asked(tried), self._asked(tried)
+            first, second = self._query(tried), self._query(tried)
             answer = replace(self.output, shape=(None, *first.shape[1:]))
             _fits("output", answer, actions, card.actuators if card else None)
             if not np.array_equal(first, second, equal_nan=True):
@@ -264,7 +264,7 @@ class Policy:
         if not len(rows):
             return np.zeros((0, self.n_actions), dtype=np.float32)
         try:
-            action = self._asked(rows)
+            action = self._query(rows)
         except ValueError as error:
             raise PolicyError(f"{self.where}: {error}") from error
         if action.shape != (len(rows), self.n_actions):
@@ -274,7 +274,7 @@ class Policy:
         self._refuse(rows, action)
         return np.clip(action, -1.0, 1.0)
 
-    def _asked(self, rows: NDArray[np.floating]) -> Floats:
+    def _query(self, rows: NDArray[np.floating]) -> Floats:
         """Return the unchecked answer (n, ...) to observations (n, n_obs).
 
         Raises:

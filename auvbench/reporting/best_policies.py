@@ -122,7 +122,7 @@ def _remove(folder: Path, runs: Collection[str]) -> None:
             print(f"removed {file}: no longer the best of its algorithm")
 
 
-def any_there(folder: Path) -> bool:
+def has_policies(folder: Path) -> bool:
     """Return whether a study has policies."""
     return any((folder / FOLDER).glob("*.onnx"))
 

@@ -113,7 +113,7 @@ def immediate() -> Iterator[Request]:
         yield request
 
 
-def behind(error: BaseException) -> KeyboardInterrupt | None:
+def cause(error: BaseException) -> KeyboardInterrupt | None:
     """Return the interruption that caused an error, since a library may have caught it and raised its own error."""
     links: list[BaseException] = []
     link: BaseException | None = error

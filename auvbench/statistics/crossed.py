@@ -117,8 +117,8 @@ def crossed(
     covariance, episodes = _covariance(columns, paired)
     if rate:
         # With one scenario the variance between scenarios is unknown; `limits` counts it as one trial instead.
-        alone = np.flatnonzero((episodes == 1) & (seeds > 1))
-        covariance[alone, alone] = 0.0
+        single = np.flatnonzero((episodes == 1) & (seeds > 1))
+        covariance[single, single] = 0.0
         for edge in np.flatnonzero((mean == 0.0) | (mean == 1.0)):
             i = int(edge)
             shrunk = (mean[i] * values[i] + 1) / (values[i] + 2)

@@ -115,7 +115,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
         except LockLostError:
             raise  # the run and its manifest belong to another process now
         except (KeyboardInterrupt, Exception) as error:
-            interrupted = interruption.behind(error)  # a library may have caught it on the way
+            interrupted = interruption.cause(error)  # a library may have caught it on the way
             if interrupted is not None:
                 with suppress(OSError):
                     close("interrupted")

@@ -55,7 +55,7 @@ class Session:
     """finished environment steps"""
     began_at: float | None = None
     """start of training by the monotonic clock; None before `begin`"""
-    _asked_at: float | None = None
+    _stop_time: float | None = None
 
     def begin(self) -> int:
         """See `Callbacks.begin`."""
@@ -73,8 +73,8 @@ class Session:
         self.steps = steps
         check_step(transition.observation, transition.reward, steps)
         if self.stop.signal is not None:
-            self._asked_at = self._asked_at or time.monotonic()
-            if not self.learner.exact_resume or time.monotonic() - self._asked_at > GRACE:
+            self._stop_time = self._stop_time or time.monotonic()
+            if not self.learner.exact_resume or time.monotonic() - self._stop_time > GRACE:
                 self._leave(self._checkpoint_note())
         if transition.records:
             self.episodes.append(steps, transition.records)

@@ -94,7 +94,7 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
         except lock.LockLostError:
             raise  # the manifest belongs to another process now
         except BaseException as error:
-            interrupted = interruption.behind(error)
+            interrupted = interruption.cause(error)
             if interrupted is None and request is not None and request.signal is not None:
                 interrupted = Interrupted(request.signal)
             if interrupted is not None:

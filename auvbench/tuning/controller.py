@@ -132,7 +132,7 @@ class Controller(Loop):
 
     def goes_on(self) -> bool:
         """Start as many runs as there is room for; return whether anything is left to do."""
-        self._recheck_held()
+        self._recheck_locked()
         room = self.backend.limit or AT_ONCE
         while not self.signals and not self.stopped:
             if len(self.active) + len(self.waiting) + len(self.locked) >= room or not self._begin():
@@ -210,8 +210,8 @@ class Controller(Loop):
 
     def _settle(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
         # The holder of a complete run is testing it.
-        is_held = outcome is Outcome.HELD or lock.living_holder(run.path) is not None
-        if is_held and outcome in (Outcome.HELD, Outcome.COMPLETE) and not self.signals:
+        is_locked = outcome is Outcome.HELD or lock.living_holder(run.path) is not None
+        if is_locked and outcome in (Outcome.HELD, Outcome.COMPLETE) and not self.signals:
             self.locked[run.path] = time.monotonic()
             return
         super()._settle(run, outcome, message)
@@ -244,7 +244,7 @@ class Controller(Loop):
         self.waiting.clear()
         self.locked.clear()
 
-    def _recheck_held(self) -> None:
+    def _recheck_locked(self) -> None:
         if self.signals:
             self.locked.clear()
         for path, since in list(self.locked.items()):

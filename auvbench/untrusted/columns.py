@@ -91,9 +91,9 @@ def of_study() -> Schema:
     """Return the schema of episodes.parquet, which has the episodes of tests and of trainings."""
     rows = {**of_test(), "step": COUNT}
     columns = {name: replace(column, needed=False, gaps=True) for name, column in rows.items()}
-    whole = {name: replace(rows[name], needed=True) for name in ("outcome", "steps")}
+    required = {name: replace(rows[name], needed=True) for name in ("outcome", "steps")}
     parts = {name: replace(columns[name], needed=True) for name in ("condition", "episode")}
-    return {"run": TEXT, "protocol": TEXT, **columns, **whole, **parts}
+    return {"run": TEXT, "protocol": TEXT, **columns, **required, **parts}
 
 
 RUNS: Schema = dict.fromkeys(("run", "config", "manifest", "evaluations", "validation"), TEXT)

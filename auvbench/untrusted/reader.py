@@ -181,13 +181,13 @@ def _is_number(kind: Any) -> bool:
 
 def _texts(values: Any) -> Arrays:
     """Return a column of texts as codes, -1 for a missing one, and the concatenated texts in UTF-8."""
-    whole = values.unify_dictionaries().combine_chunks()
-    if not hasattr(whole, "indices"):  # a chunked array, if pyarrow keeps it so
-        whole = whole.chunk(0) if whole.num_chunks else None
-    if whole is None:
+    encoded = values.unify_dictionaries().combine_chunks()
+    if not hasattr(encoded, "indices"):  # a chunked array, if pyarrow keeps it so
+        encoded = encoded.chunk(0) if encoded.num_chunks else None
+    if encoded is None:
         return {"codes": np.empty(0, np.int32), "ends": np.empty(0, np.int64), "text": np.empty(0, np.uint8)}
-    words = [word.encode() for word in whole.dictionary.to_pylist()]
-    codes = whole.indices.to_numpy(zero_copy_only=False)  # floats, if a code is missing
+    words = [word.encode() for word in encoded.dictionary.to_pylist()]
+    codes = encoded.indices.to_numpy(zero_copy_only=False)  # floats, if a code is missing
     return {
         "codes": np.where(np.isfinite(codes), codes, -1).astype(np.int32),
         "ends": np.cumsum([len(word) for word in words], dtype=np.int64),

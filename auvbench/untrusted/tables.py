@@ -84,8 +84,8 @@ def _column(arrays: Mapping[str, np.ndarray[Any, Any]]) -> Any:
         raise ValueError(f"it has more than {TEXTS:,} different texts in a column")
     if ends.dtype.kind != "i" or (np.diff(ends, prepend=0, append=len(text)) < 0).any():
         raise ValueError("the process that reads it sent texts without lengths")
-    whole, starts = text.tobytes(), [0, *ends[:-1].tolist()]
-    words = [whole[start:end].decode() for start, end in zip(starts, ends.tolist(), strict=True)]
+    encoded, starts = text.tobytes(), [0, *ends[:-1].tolist()]
+    words = [encoded[start:end].decode() for start, end in zip(starts, ends.tolist(), strict=True)]
     return pd.Categorical.from_codes(codes, categories=pd.Index(words, dtype="str"))
 
 

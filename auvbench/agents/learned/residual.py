@@ -99,10 +99,10 @@ class ResidualVecEnv(VecEnvWrapper):
     """Environments as the learner of a residual sees them."""
 
     def __init__(self, face: AuvVecEnv, base: Base) -> None:
-        whole = face.observation_space
-        assert isinstance(whole, spaces.Box)
+        space = face.observation_space
+        assert isinstance(space, spaces.Box)
         assert face.action_space.shape is not None
-        high = np.concatenate([whole.high, np.ones(face.action_space.shape, dtype=np.float32)])
+        high = np.concatenate([space.high, np.ones(face.action_space.shape, dtype=np.float32)])
         super().__init__(face, spaces.Box(-high, high, dtype=np.float32))
         self.base = base
         self._face = face

@@ -256,10 +256,10 @@ def _check_reads(task: Task, name: str) -> None:
         ("task", name in own, ""),
     ):
         if what in reads and not able:
-            thing = f"fields that only other tasks have, not task={task.name}" if what == "task" else ""
+            lacking = f"fields that only other tasks have, not task={task.name}" if what == "task" else ""
             raise ConfigError(
                 f"task.observation: {name} of {task.block_packages[name]} reads "
-                f"{thing or f'the {what}, which task={task.name} does not have here'}{hint}"
+                f"{lacking or f'the {what}, which task={task.name} does not have here'}{hint}"
             )
 
 

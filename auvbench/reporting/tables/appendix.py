@@ -91,8 +91,8 @@ def conditions_tables(ranking: Ranking) -> list[Table]:
             )
             for row in ranking.rows
         ]
-        whole = f"{title} under each condition of protocol {ranking.protocol}"
-        tables.append(Table(tuple(headings), tuple(lines), whole, tuple(notes)))
+        caption = f"{title} under each condition of protocol {ranking.protocol}"
+        tables.append(Table(tuple(headings), tuple(lines), caption, tuple(notes)))
     return tables
 
 

@@ -291,13 +291,13 @@ def _reliability(primary: Primary, m: Measure) -> str:
     """Return the notes on the share of failing trainings that the seeds exclude, and that would change a mean."""
     margin = primary.margin if primary.margin == primary.margin else 0.0
     reliabilities = [(c.agent, c.reliability) for c in primary.comparisons if c.reliability]
-    whole = {r.trainings: r.excluded for _, r in reliabilities if r.count == r.trainings}
+    limits = {r.trainings: r.excluded for _, r in reliabilities if r.count == r.trainings}
     text = (
         f"Not behind: trainings at most {size(margin, m)} worse than {primary.baseline} on these scenarios; brackets: "
         f"{100 * primary.confidence:g} % interval of the share of all trainings, in per cent."
     )
-    if whole:
-        shares = [f"{n} trainings, none of them behind, {100 * whole[n]:.0f} %" for n in sorted(whole)]
+    if limits:
+        shares = [f"{n} trainings, none of them behind, {100 * limits[n]:.0f} %" for n in sorted(limits)]
         text += (
             f" Upper limit of the share of all trainings that are behind ({100 * primary.confidence:g} %, one-sided): "
             f"{'; '.join(shares)}."

@@ -60,7 +60,7 @@ def test_runs_that_differ_in_the_seed_alone_are_told_apart_by_their_paths(
 ) -> None:
     first, second = sorted(path.name for path in folder.glob("ppo-*"))[:2]
     names = [str(folder / first), str(folder / second)]
-    pair = side_by_side.told_apart([found(folder, name) for name in names], names)
+    pair = side_by_side.with_distinct_labels([found(folder, name) for name in names], names)
     assert [agent.label for agent in pair] == [f"PPO ({first})", f"PPO ({second})"]
     assert side_by_side.settings(pair) == []
     assert cli.main(["compare", *names, "--out", str(folder / "compare")]) == 0

@@ -49,11 +49,11 @@ def test_an_error_of_the_runs_own_is_a_failure(tmp_path: Path) -> None:
 
 def test_the_interruption_behind_an_error_is_found() -> None:
     error = ValueError("x")
-    assert interruption.behind(error) is None
+    assert interruption.cause(error) is None
     error.__context__ = RuntimeError()
     error.__context__.__context__ = first = Interrupted(signal.SIGINT)
     first.__context__ = error  # a circle
-    assert interruption.behind(error) is first
+    assert interruption.cause(error) is first
 
 
 def test_ctrl_c_while_composing_is_no_mistake_of_the_users() -> None:
