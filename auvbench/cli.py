@@ -30,7 +30,7 @@ from auvbench.errors import (
 from auvbench.registry import COMMANDS, resolve, telling
 from auvbench.untrusted.text import forgiving, message, present, say, short, silence
 
-MEANT = {
+CORRECTIONS = {
     **dict.fromkeys(("list", "ls", "status", "ps"), "runs"),
     **dict.fromkeys(("test", "eval", "benchmark"), "evaluate"),
     **dict.fromkeys(("rank", "table", "plot", "show"), "report"),
@@ -96,7 +96,11 @@ def _dispatch(arguments: Sequence[str]) -> int:
     name, remaining = arguments[0], arguments[1:]
     point = None if name in COMMANDS.own else COMMANDS.find(name)
     if point is None and name not in COMMANDS.own:
-        hint = f"did you mean {MEANT[name]!r}?" if name in MEANT else closest(short(name), COMMANDS.names())
+        hint = (
+            f"did you mean {CORRECTIONS[name]!r}?"
+            if name in CORRECTIONS
+            else closest(short(name), COMMANDS.names())
+        )
         raise UserError(f"unknown command {short(name)!r}; {hint}")
     try:
         os.getcwd()

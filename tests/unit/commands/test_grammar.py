@@ -183,8 +183,8 @@ def test_a_path_that_is_like_no_other_names_none(folder: Path, capsys: pytest.Ca
 
 
 def test_a_command_of_another_program_names_ours(capsys: pytest.CaptureFixture[str]) -> None:
-    assert set(cli.MEANT.values()) <= cli.COMMANDS.keys()
-    assert not cli.MEANT.keys() & cli.COMMANDS.keys()
+    assert set(cli.CORRECTIONS.values()) <= cli.COMMANDS.keys()
+    assert not cli.CORRECTIONS.keys() & cli.COMMANDS.keys()
     assert "did you mean 'runs'?" in told(capsys, "list")
 
 
