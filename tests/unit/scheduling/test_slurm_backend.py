@@ -306,7 +306,7 @@ def test_a_second_signal_leaves_at_once(cluster: Cluster, run: RunDirectory) -> 
         found._obey()
     assert cluster.asked[-1] == ["scancel", job.number]
     assert not found.goes_on()
-    assert found.result.of(loop.Outcome.INTERRUPTED) == {run.path: f"{adopted} is told to end"}
+    assert found.result.of(loop.Outcome.INTERRUPTED) == {run.path: f"{adopted} gets the signal to end"}
     assert found.result.exit_code == 130
 
 
