@@ -325,7 +325,7 @@ def test_a_controller_is_trained_and_tested_on_estimates(tmp_path: Path) -> None
     run("evaluate", folder, "protocol=navigation", "protocol.episodes=2", "protocol.trajectories=0")
     (file,) = tmp_path.rglob("evaluations/*/episodes.csv")
     rows = pd.read_csv(file)
-    assert rows.condition.nunique() == 5
+    assert rows.condition.nunique() == 8
     true, dead = rows.condition == "truth", rows.condition == "dead-reckoning"
     assert rows.navigation_drift[true].isna().all()
     assert (rows.navigation_drift[~true] > 0.0).all()
