@@ -397,6 +397,7 @@ DISTURBANCES: Kind[DisturbanceSpec] = Kind(
     {
         **_lines(_DISTURBANCES, "current", "waves", "fault", "delay", "sensor", "randomisation"),
         "tether": "auvbench.tasks.disturbances.tether:tether",
+        "identified": "auvbench.tasks.disturbances.identified:identified",
     },
 )
 

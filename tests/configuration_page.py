@@ -48,11 +48,14 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("Step", "step/default.yaml", "step.", schema.Step),
     ("Noise", "noise/thesis.yaml", "noise.", schema.Noise),
     ("Disturbance", "disturbance/none.yaml", "disturbance.", schema.Disturbance),
-    (
-        "`disturbance=tether`",
-        "disturbance/tether.yaml",
-        "disturbance.",
-        schema.with_disturbances((("tether", DISTURBANCES["tether"].keys),)),
+    *(
+        (
+            f"`disturbance={name}`",
+            f"disturbance/{name}.yaml",
+            "disturbance.",
+            schema.with_disturbances(((name, DISTURBANCES[name].keys),)),
+        )
+        for name in ("tether", "identified")
     ),
     ("Training", "train/default.yaml", "train.", schema.Train),
     *(

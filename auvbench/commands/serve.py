@@ -141,9 +141,8 @@ def _server(given: argparse.Namespace) -> Server:
             )
     vehicle = sheet.load(config.vehicle)
     physical = PhysicalCommands(vehicle)
-    drawn = config.disturbance.randomisation
     namespaces = interface.namespaces(given.namespace or vehicle.name, given.vehicles)
-    simulator = make_simulator(config.simulator, vehicle, given.vehicles, drawn, physical.model)
+    simulator = make_simulator(config.simulator, vehicle, given.vehicles, config.disturbance, physical.model)
     server = Server(
         simulator,
         physical,

@@ -33,6 +33,8 @@ class Capabilities:
     """largest kind of current that `set_current` takes, one of `CURRENTS`"""
     waves: bool = False
     """whether it has `set_waves`"""
+    vehicles: bool = False
+    """whether it has `set_vehicles`"""
     forces: bool = False
     """whether it has `current` and `external_wrench` (`simulators.base.VehicleBatch`)"""
     solids: bool = False
@@ -107,6 +109,7 @@ fossen = SimulatorSpec(
         scales=True,
         currents="sheared",
         waves=True,
+        vehicles=True,
         forces=True,
         solids=True,
     ),

@@ -5,7 +5,8 @@ substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor
 -> effectiveness -> wrench [e; r x e] per newton (tau = T f, Fossen 2011, section 12.3).
 
 Tables (n_u, LANES) have a row for each actuator: `value`, the static curve's value for the command; `output`, after the
-dynamics; `thrust`, effectiveness times thrust scale. `inner` (states, LANES) are the states of all dynamics.
+dynamics; `thrust`, effectiveness times thrust scale; `kept` and `moved`, A and B of lags of which each vehicle has its own.
+`inner` (states, LANES) are the states of all dynamics.
 """
 
 from __future__ import annotations
@@ -149,6 +150,9 @@ def hold_commands(
     output: FloatArray,
     thrust: FloatArray,
     inner: FloatArray,
+    kept: FloatArray,
+    moved: FloatArray,
+    own_lags: bool,
 ) -> None:
     """Start a step: static curves, commanded forces and power, present outputs, first wrench."""
     last = command.shape[0] - 1
@@ -171,6 +175,8 @@ def hold_commands(
                 if value[a, lane] > 0.5:
                     inner[first, lane] = 1.0
     report(block * LANES, actuators, tables, value, force, power)
+    if own_lags:
+        _discretise_lags(ws, actuators, discrete, kept, moved)
     _outputs(actuators, discrete, value, output, inner)
     apply_thrust(ws, actuators, output, thrust)
 
@@ -194,6 +200,29 @@ def _outputs(
                 output[a, lane] += c * inner[first + j, lane]
 
 
+@inline
+def _scaled_lag(actuator: Record) -> bool:
+    """Return whether a vehicle's factor on lags applies to an actuator: a thruster with a first-order lag."""
+    return bool(actuator.kind == THRUSTER and actuator.order == 1 and actuator.rate == 0.0)
+
+
+@njit(nogil=True)
+def _discretise_lags(
+    ws: Record, actuators: Record, discrete: Record, kept: FloatArray, moved: FloatArray
+) -> None:
+    """Write A and B (n_u, LANES) of first-order lags whose time constants are the sheet's times each vehicle's factor.
+
+    A = exp(-h / T) becomes A^(1 / factor), and B keeps the static gain; a factor of 1 keeps all bits.
+    """
+    for a in range(actuators.shape[0]):
+        if not _scaled_lag(actuators[a]):
+            continue
+        A, B, _ = order_1(discrete[a])
+        for lane in range(LANES):
+            kept[a, lane] = A ** (1.0 / ws.vehicle.lag_factor[lane])
+            moved[a, lane] = B * ((1.0 - kept[a, lane]) / (1.0 - A))
+
+
 # One function for each order of x' = A x + B u, y = C x: in loops over the order the state would go through memory. Each takes
 # whole tables and an index, because a view costs more than the arithmetic, and reads the coefficients before the loop, so that the
 # compiler knows that no store can change them.
@@ -206,6 +235,25 @@ def _advance_first(
     A, B, C = order_1(D[a])
     for lane in range(LANES):
         x = A * inner[first, lane] + B * value[a, lane]
+        inner[first, lane] = x
+        output[a, lane] = C * x
+
+
+@njit(nogil=True)
+def _advance_own(
+    a: int,
+    first: int,
+    D: Record,
+    kept: FloatArray,
+    moved: FloatArray,
+    value: FloatArray,
+    output: FloatArray,
+    inner: FloatArray,
+) -> None:
+    """Advance first-order lags with each vehicle's own A and B (n_u, LANES)."""
+    _, _, C = order_1(D[a])
+    for lane in range(LANES):
+        x = kept[a, lane] * inner[first, lane] + moved[a, lane] * value[a, lane]
         inner[first, lane] = x
         output[a, lane] = C * x
 
@@ -247,6 +295,9 @@ def advance_actuators(
     output: FloatArray,
     thrust: FloatArray,
     inner: FloatArray,
+    kept: FloatArray,
+    moved: FloatArray,
+    own_lags: bool,
 ) -> None:
     """Advance the actuator states exactly by half a substep, and compute the new wrench."""
     for a in range(actuators.shape[0]):
@@ -261,6 +312,8 @@ def advance_actuators(
                 output[a, lane] = inner[first, lane]
         elif actuator.kind == DROP_WEIGHT:
             continue
+        elif own_lags and _scaled_lag(actuator):
+            _advance_own(a, first, discrete, kept, moved, value, output, inner)
         elif order == 1:
             _advance_first(a, first, discrete, value, output, inner)
         elif order == 2:

@@ -132,14 +132,15 @@ def advance(
     actuators: FloatArray,  # records of ACTUATOR (n_u,)
     discrete: FloatArray,  # records of DISCRETE (n_u,) for half a substep
     tables: FloatArray,  # (k, points)
-    # Off-diagonal added mass, actuators with dynamics, actuators that are not thrusters, C_A of Gazebo's early plugin.
-    flags: tuple[bool, bool, bool, bool],
+    # Off-diagonal added mass, actuators with dynamics, actuators that are not thrusters, C_A of Gazebo's early plugin, lags
+    # that differ between vehicles.
+    flags: tuple[bool, bool, bool, bool, bool],
     blocks: tuple[int, int],  # first block, one past the last
     substeps: int,
     h: float,
 ) -> None:
     """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
-    off_diagonal, dynamic, appendages, early_plugin = flags
+    off_diagonal, dynamic, appendages, early_plugin, own_lags = flags
     components, rays, time = waves
     wavy = components.shape[0] > 0
     n_u, count = command.shape[1], states.shape[1]
@@ -147,7 +148,7 @@ def advance(
     poses, velocities = pose.view(POSE)[:, 0], velocity.view(VELOCITY)[:, 0]
     currents, externals = current.view(CURRENT)[:, 0], external.view(WRENCH)[:, 0]
     # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
-    rows = ROWS + 3 * n_u + count
+    rows = ROWS + 5 * n_u + count
     memory = np.empty((rows + 1) * LANES)
     skip = (-memory.ctypes.data % 64) // 8
     table = memory[skip : skip + rows * LANES].reshape((rows, LANES))
@@ -156,7 +157,11 @@ def advance(
     value = table[ROWS : ROWS + n_u]  # static curve of the command
     output = table[ROWS + n_u : ROWS + 2 * n_u]  # after the dynamics
     thrust = table[ROWS + 2 * n_u : ROWS + 3 * n_u]  # effectiveness times thrust scale
-    inner = table[ROWS + 3 * n_u :]
+    inner = table[ROWS + 3 * n_u : ROWS + 3 * n_u + count]
+    kept = table[
+        ROWS + 3 * n_u + count : ROWS + 4 * n_u + count
+    ]  # A and B of lags that differ between vehicles
+    moved = table[ROWS + 4 * n_u + count :]
     clear_momenta(ws)
     first, end = blocks
     for block in range(first, end):
@@ -166,7 +171,7 @@ def advance(
                 workspace[j] = parameters[row, j]
         _gather(ws, block, poses, velocities, currents, externals)
         hold_commands(ws, block, states, command, effectiveness, force, power, units, lags,
-                      tables, value, output, thrust, inner)  # fmt: skip
+                      tables, value, output, thrust, inner, kept, moved, own_lags)  # fmt: skip
         for step in range(substeps):
             if wavy:
                 move_water(ws, block, currents, components, rays, time, step * h, h / 2.0)
@@ -175,7 +180,7 @@ def advance(
             for stage in range(4):
                 share, ahead = h / PARTS[stage], h * AHEAD[stage]
                 if dynamic and (stage == 1 or stage == 3):
-                    advance_actuators(ws, units, lags, value, output, thrust, inner)
+                    advance_actuators(ws, units, lags, value, output, thrust, inner, kept, moved, own_lags)
                 if not (off_diagonal or appendages or early_plugin or wavy):
                     # With the constant the compiler drops the terms of the off-diagonal added mass, so that
                     # vehicles without it do not pay for it.

@@ -75,10 +75,33 @@ VEHICLE = record(
     B_r_b_minus_W_r_g=(3,),  # N m
     M_inverse=SYMMETRIC_6,  # (M_RB + M_A)^-1
     thrust_factor=(),  # on all thrust
+    lag_factor=(),  # on the time constant of thrusters with a first-order lag
     displaced=(),  # mass of the displaced water rho V, kg
     displaced_r_b=(3,),  # rho V r_b, kg m
 )
 PARAMETER_ROWS = VEHICLE.itemsize // 8
+# How a vehicle differs from its sheet. Factors by axis, unless a field says otherwise.
+CHANGE = record(
+    mass=(),  # the net buoyancy stays
+    inertia=(3,),  # about the centre of gravity
+    added_mass=(6,),
+    linear_damping=(6,),
+    quadratic_damping=(6,),
+    lag=(),  # on the time constant of thrusters with a first-order lag
+    net_buoyancy=(),  # N, added
+    center_of_buoyancy_z=(),  # m, added
+)
+ADDED = "net_buoyancy", "center_of_buoyancy_z"
+"""Fields of `CHANGE` that are added; all others are factors."""
+
+
+def unchanged(n: int) -> NDArray[Any]:
+    """Return changes (n,) of `CHANGE` that change nothing."""
+    changes = np.zeros(n, CHANGE)
+    for name in CHANGE.names or ():
+        changes[name] = 0.0 if name in ADDED else 1.0
+    return changes
+
 
 # --- A block of vehicles ----------------------------------------------------------------------------------------------------------
 WORKSPACE = side_by_side(

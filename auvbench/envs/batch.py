@@ -81,8 +81,7 @@ class Batch:
         self.config = config
         self.n = int(config.algo.n_envs if n is None else n)
         self.vehicle = sheet.load(config.vehicle)
-        drawn = config.disturbance.randomisation
-        self.simulator = make_simulator(config.simulator, self.vehicle, self.n, drawn)
+        self.simulator = make_simulator(config.simulator, self.vehicle, self.n, config.disturbance)
         self.task = tasks.make(
             config,
             self.vehicle,

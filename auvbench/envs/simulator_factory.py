@@ -7,6 +7,7 @@ import dataclasses
 from auvbench.config import schema, simulators
 from auvbench.registry import SIMULATORS, owner, resolve, telling
 from auvbench.simulators.base import Simulator
+from auvbench.tasks.disturbances.identified import extreme
 from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -28,7 +29,7 @@ def make_simulator(
     config: simulators.Simulator,
     vehicle: VehicleModel,
     n: int,
-    drawn: schema.Randomisation | None = None,
+    disturbance: schema.Disturbance | None = None,
     stand_in: VehicleModel | None = None,
 ) -> Simulator:
     """Return the simulator that the configuration names.
@@ -38,11 +39,11 @@ def make_simulator(
     only.
 
     Args:
-        drawn: ranges of drawn vehicles; None if all vehicles are the sheet's.
+        disturbance: draws vehicles; None if all vehicles are the sheet's.
         stand_in: model that is simulated instead of the vehicle, with the vehicle's step: the same vehicle with other
             commands.
     """
-    limit = _shortest_time_constant(vehicle, drawn)
+    limit = _shortest_time_constant(vehicle, disturbance)
     sheet.refuse_stiff_vehicle(vehicle.name, limit)
     vehicle = stand_in or vehicle
     spec = SIMULATORS[config.name]
@@ -57,9 +58,11 @@ def make_simulator(
     return guard.checked(instance, owner_name)
 
 
-def _shortest_time_constant(vehicle: VehicleModel, drawn: schema.Randomisation | None) -> float:
-    if drawn is None:
+def _shortest_time_constant(vehicle: VehicleModel, disturbance: schema.Disturbance | None) -> float:
+    if disturbance is None:
         return shortest_time_constant(vehicle)
+    drawn = disturbance.randomisation
+    vehicle = extreme(vehicle, disturbance, 1.0)
     return shortest_drawn_time_constant(vehicle, drawn.ranges(), keep_trim=drawn.keep_trim)
 
 

@@ -74,6 +74,15 @@ class WavySimulator(Simulator, Protocol):
         """Set the waves. The caller keeps the arrays; a step of T seconds adds T to `waves.time`."""
 
 
+class DrawnSimulator(Simulator, Protocol):
+    """A simulator with `capabilities.vehicles`."""
+
+    def set_vehicles(self, indices: IntArray, changes: NDArray[Any]) -> None:
+        """Set how vehicles `indices` (k,) differ from the sheet: records (k,) of `layout.CHANGE`. They stay until the next call, and
+        `reset` multiplies them by its scales.
+        """
+
+
 class VehicleBatch:
     """Common arrays of the simulators in this process (`Simulator`), and their substeps.
 

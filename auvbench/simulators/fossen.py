@@ -77,6 +77,7 @@ class FossenSimulator(VehicleBatch):
             any(unit.rest.size > 0 for unit in vehicle.units),
             bool(vehicle.others),
             vehicle.added_mass_coriolis and vehicle.plugin == GZ_SIM_8_11,
+            False,
         )
         self._plans: dict[float, tuple[int, float, NDArray[Any]]] = {}
         """by duration of a step in s: substeps, their length in s, and the actuators' discretisation for half
@@ -94,6 +95,8 @@ class FossenSimulator(VehicleBatch):
         rows = parameter_rows(vehicle, np.ones((1, len(SCALES))))
         self._parameters = np.repeat(rows.T, layout.LANES, axis=1).reshape(1, -1)
         self._scaled = False
+        self.changes: NDArray[Any] | None = None
+        """(n,) records of `layout.CHANGE`; None: all vehicles are the sheet's, up to their scales."""
 
     def load_bodies(self, vehicles: Sequence[VehicleModel]) -> None:
         """Give equal groups of blocks the masses, damping and buoyancy of `vehicles`, whose actuators stay this simulator's.
@@ -111,9 +114,17 @@ class FossenSimulator(VehicleBatch):
     ) -> None:
         """Put vehicles `indices` (k,) at `pose` (k, 7) with `velocity` (k, 6); see `Simulator.reset`."""
         self._place(indices, pose, velocity)
-        if scales is not None or self._scaled:
+        if scales is not None or np.any(self.scales[indices] != 1.0):
             self.scales[indices] = 1.0 if scales is None else scales
             self._load_parameters(np.asarray(indices))
+
+    def set_vehicles(self, indices: IntArray, changes: NDArray[Any]) -> None:
+        """Set how vehicles `indices` (k,) differ from the sheet; see `DrawnSimulator.set_vehicles`."""
+        if self.changes is None:
+            self.changes = layout.unchanged(self.n)
+        self.changes[indices] = changes
+        self._flags = (*self._flags[:-1], bool(np.any(self.changes["lag"] != 1.0)))
+        self._load_parameters(np.asarray(indices))
 
     def set_waves(self, waves: Waves) -> None:
         """Set the waves of all vehicles; see `WavySimulator.set_waves`."""
@@ -172,12 +183,18 @@ class FossenSimulator(VehicleBatch):
 
     def state_dict(self) -> dict[str, FloatArray]:
         """Return copies of all arrays that an exact resume needs."""
-        return {name: getattr(self, name).copy() for name in _STATE}
+        state = {name: getattr(self, name).copy() for name in _STATE}
+        if self.changes is not None:
+            state["changes"] = self.changes.view(np.float64).reshape(self.n, -1).copy()
+        return state
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
         """Restore a state from `state_dict`."""
         for name in _STATE:
             getattr(self, name)[...] = state[name]
+        if "changes" in state:
+            changes = np.ascontiguousarray(state["changes"]).view(layout.CHANGE)[:, 0]
+            self.set_vehicles(np.arange(self.n), changes)
         if self._scaled or np.any(self.scales != 1.0):
             self._load_parameters(np.arange(self.n))
 
@@ -187,7 +204,8 @@ class FossenSimulator(VehicleBatch):
             self._scaled = True
             self._parameters = np.repeat(self._parameters, self._n_blocks, axis=0)
         blocks = self._parameters.reshape(self._n_blocks, layout.PARAMETER_ROWS, layout.LANES)
-        rows = parameter_rows(self.vehicle, self.scales[lanes])
+        changes = None if self.changes is None else self.changes[lanes]
+        rows = parameter_rows(self.vehicle, self.scales[lanes], changes)
         blocks[lanes // layout.LANES, :, lanes % layout.LANES] = rows
 
 
@@ -196,15 +214,22 @@ def make(settings: simulators.Fossen, vehicle: VehicleModel, n: int, longest: fl
     return FossenSimulator(vehicle, n, min(settings.max_step, longest), settings.threads)
 
 
-def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
-    """Return parameters (k, PARAMETER_ROWS) of vehicles with properties scaled by `scales` (k, 6)."""
+def parameter_rows(
+    vehicle: VehicleModel, scales: FloatArray, changes: NDArray[Any] | None = None
+) -> FloatArray:
+    """Return parameters (k, PARAMETER_ROWS) of vehicles that differ from the sheet by `changes` (k,), if any, with properties
+    scaled by `scales` (k, 6).
+    """
     mass, buoyancy, inertia, added, damping, thrust = (scales[:, j, None] for j in range(6))
+    own = layout.unchanged(len(scales)) if changes is None else changes
+    mass = mass * own["mass"][:, None]
     r_g = vehicle.center_of_gravity
     no_inertia = np.zeros((3, 3))
     M_mass = rigid_body_mass(vehicle.mass, r_g, no_inertia)
-    M_inertia = rigid_body_mass(0.0, r_g, vehicle.inertia)
+    M_inertia = np.tile(rigid_body_mass(0.0, r_g, vehicle.inertia), (len(scales), 1, 1))
+    M_inertia[:, 3:, 3:] *= _rows_and_columns(own["inertia"])
     M_RB = mass[..., None] * M_mass + inertia[..., None] * M_inertia
-    M_A = added[..., None] * vehicle.M_A
+    M_A = added[..., None] * (vehicle.M_A * _rows_and_columns(own["added_mass"]))
     rows = np.zeros(scales.shape[0], layout.VEHICLE)
     rows["m"] = M_RB[:, 0, 0]
     rows["m_r_g"] = mass * (vehicle.mass * r_g)
@@ -212,16 +237,31 @@ def parameter_rows(vehicle: VehicleModel, scales: FloatArray) -> FloatArray:
     _put_symmetric_6(rows["M_A"], M_A)
     _put_symmetric_6(rows["M_A_coriolis"], vehicle.coriolis_sign * M_A)
     _put_symmetric_6(rows["M_inverse"], np.linalg.inv(M_RB + M_A))
-    for name, coefficients in (("D", vehicle.linear_damping), ("D_n", vehicle.quadratic_damping)):
+    for name, coefficients in (
+        ("D", own["linear_damping"] * vehicle.linear_damping),
+        ("D_n", own["quadratic_damping"] * vehicle.quadratic_damping),
+    ):
         rows[name]["linear"], rows[name]["angular"] = np.split(damping * coefficients, 2, axis=1)
-    weight, lift = mass * vehicle.weight, buoyancy * vehicle.buoyancy
+    # The mass of `changes` keeps the net buoyancy.
+    sheet = vehicle.buoyancy + ((own["mass"] - 1.0) * vehicle.weight + own["net_buoyancy"])
+    weight, lift = mass * vehicle.weight, buoyancy * np.maximum(sheet, 0.0)[:, None]
+    r_b = np.tile(vehicle.center_of_buoyancy, (len(scales), 1))
+    if changes is not None:  # -0.0 + 0.0 would change a bit
+        r_b[:, 2] += own["center_of_buoyancy_z"]
     rows["B_minus_W"] = (lift - weight)[:, 0]
-    rows["B_r_b_minus_W_r_g"] = lift * vehicle.center_of_buoyancy - weight * r_g
+    rows["B_r_b_minus_W_r_g"] = lift * r_b - weight * r_g
     rows["thrust_factor"] = thrust[:, 0]
+    rows["lag_factor"] = own["lag"]
     displaced = lift / vehicle.gravity
     rows["displaced"] = displaced[:, 0]
-    rows["displaced_r_b"] = displaced * vehicle.center_of_buoyancy
+    rows["displaced_r_b"] = displaced * r_b
     return rows.view(np.float64).reshape(-1, layout.PARAMETER_ROWS)
+
+
+def _rows_and_columns(factors: FloatArray) -> FloatArray:
+    """Return factors (k, n, n) of matrices whose diagonals change by `factors` (k, n), and that stay positive definite."""
+    root = np.sqrt(factors)
+    return np.asarray(root[:, :, None] * root[:, None, :])
 
 
 def _symmetric(M: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:

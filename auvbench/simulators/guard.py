@@ -32,10 +32,8 @@ def checked(made: Any, who: str) -> Simulator:
     Raises:
         AgentError: a method, an array or the capabilities are missing or of another kind.
     """
-    needed = (
-        *_METHODS,
-        *(["set_waves"] if getattr(getattr(made, "capabilities", None), "waves", False) else []),
-    )
+    can = getattr(made, "capabilities", None)
+    needed = (*_METHODS, *(f"set_{name}" for name in ("waves", "vehicles") if getattr(can, name, False)))
     lacking = [name for name in needed if not callable(getattr(made, name, None))]
     lacking += [
         name for name in ("vehicle", "n", "capabilities", "actuators", *_ARRAYS) if not hasattr(made, name)

@@ -14,6 +14,7 @@ from auvbench.config.navigation import is_estimated
 from auvbench.config.schema import step_limit
 from auvbench.observation import ObservationSpec
 from auvbench.tasks.disturbances.base import misreading, water_speed
+from auvbench.tasks.disturbances.identified import extreme
 from auvbench.tasks.navigation.state import LOST
 from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
@@ -60,6 +61,7 @@ def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
     infinite if an axis has no damping.
     """
     drawn = disturbance.randomisation
+    vehicle = extreme(vehicle, disturbance, -1.0)
     force = np.abs(vehicle.allocation[:3]) @ np.abs(vehicle.force_limits).max(axis=1, initial=0.0)
     force = force * drawn.thrust.high
     heavier = vehicle.weight * (drawn.mass.high - drawn.mass.low)

@@ -207,6 +207,6 @@ def check_simulator(*overrides: str, only: Callable[[Make], None] | None = None)
     vehicle = sheet.load(config.vehicle)
 
     def make(n: int) -> Simulator:
-        return make_simulator(config.simulator, vehicle, n, config.disturbance.randomisation)
+        return make_simulator(config.simulator, vehicle, n, config.disturbance)
 
     draws.run_checks(SIMULATOR_CHECKS, only, overrides, lambda check: check(make))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +39,23 @@ class Identified:
     def values(self, x: FloatArray) -> FloatArray:
         """Return the numbers (..., n_p) of normalised values (..., n_p)."""
         return np.where(self.logarithmic, self.prior * np.exp(self.sd * x), self.prior + self.sd * x)
+
+    def root(self, held: Collection[str] = ()) -> FloatArray:
+        """Return L (n_p, n_p), with which `fitted` + L z has the joint distribution for z standard normal.
+
+        Args:
+            held: parameters that stay at their estimate; the others have their distribution under this condition.
+        """
+        # The first columns of a Cholesky factor belong to the first parameters: without them, these stay.
+        order = sorted(range(len(self.parameters)), key=lambda j: self.parameters[j] not in held)
+        L = np.zeros_like(self.covariance)
+        for k, j in enumerate(order):
+            rest = self.covariance[order[k:], j] - L[order[k:], :k] @ L[j, :k]
+            # A pivot of 0: the parameters before it determine this one.
+            if rest[0] > 1e-12 * max(1.0, self.covariance[j, j]):
+                L[order[k:], k] = rest / np.sqrt(rest[0])
+        L[:, : sum(name in held for name in self.parameters)] = 0.0
+        return L
 
     def draws(self, count: int, generator: np.random.Generator) -> list[dict[str, float]]:
         """Return vehicles drawn from the joint distribution: numbers by the parameters' names."""

@@ -65,7 +65,6 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
     M_A, coriolis, release, linear, quadratic = _hydrodynamics(document, turn)
     _check_mass(document, rigid_body_mass(mass, r_g, inertia), M_A)
     units = read_actuators(document, turn)
-    identified.of(document)
     vehicle = VehicleModel(
         name=document.text(("name",)),
         title=document.text(("title",)),
@@ -85,6 +84,7 @@ def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
         units=units,
         controllable=_controllable(document),
         own_hull=_hull(document),
+        identified=identified.of(document),
         sources=_sources(document),
         remarks=document.texts("remarks"),
     )

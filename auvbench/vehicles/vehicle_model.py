@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.dynamics.rigid_body import rigid_body_mass
 from auvbench.vehicles.actuators import Actuator, Thruster
+from auvbench.vehicles.identified import Identified
 
 FloatArray = NDArray[np.float64]
 
@@ -40,6 +41,7 @@ class VehicleModel:
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
     own_hull: tuple[float, float] | None = None  # m, radius and length of its hull, if the sheet has one
+    identified: Identified | None = None  # what logs said about it, with the joint covariance
     plugin: str = ""  # release in `rigid_body.RELEASES` if C_A follows Gazebo's plugin instead of Fossen
 
     @property

@@ -68,10 +68,9 @@ class Physics:
             _check_t200(self.motors)
         self.voltage = voltage
         physical = PhysicalCommands(self.vehicle)
-        drawn = config.disturbance.randomisation
         if not isinstance(config.simulator, simulators.Fossen):
             raise ConfigError(f"simulator={config.simulator.name}: ArduSub needs simulator=fossen")
-        simulator = make_simulator(config.simulator, self.vehicle, 1, drawn, physical.model)
+        simulator = make_simulator(config.simulator, self.vehicle, 1, config.disturbance, physical.model)
         self.simulator = cast(FossenSimulator, simulator)
         self._start = np.array([[*config.task.start, *NORTH]])
         self._task = tasks.make(config, self.vehicle, 1, config.seed)

@@ -54,7 +54,8 @@ def act(e: Record, d: Record, p: Record, command: Any, effectiveness: Any) -> No
         command[a] = 0.0
         effectiveness[a] = 0.0
     elif d.mode == WEAK:
-        effectiveness[a] = p.factor
+        if d.begun == 0:
+            effectiveness[a] *= p.factor
     elif d.begun == 0:
         d.held = command[a]
     else:

@@ -72,6 +72,7 @@ OPTIONS = {
     "sensor": "sensor",
     "randomisation": "randomised",
     "tether": "tether",
+    "identified": "identified",
 }
 """an option of `disturbance` with each of auvbench's own"""
 
@@ -79,7 +80,8 @@ OPTIONS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DISTURBANCES.own)
 def test_every_disturbance_keeps_the_contract(name):
-    check_disturbance(f"disturbance={OPTIONS[name]}", "task.start=[0,0,-5]")
+    vehicle = ["vehicle=bolt"] if name == "identified" else []
+    check_disturbance(f"disturbance={OPTIONS[name]}", "task.start=[0,0,-5]", *vehicle)
 
 
 # --- off ------------------------------------------------------------------------------------------------
