@@ -61,7 +61,7 @@ def read(path: Path, frame: str = "ned") -> list[Log]:
         raise LogError(
             f"{path}: has no RCOU messages, the outputs of the thrusters; set LOG_BITMASK to log RC output"
         )
-    return [csv_log.parse(_table(rows), str(path), digest, "ned")]
+    return [csv_log.parse(log_table(rows), str(path), digest, "ned")]
 
 
 def _rows(log: Any) -> list[dict[str, float]]:
@@ -80,7 +80,7 @@ def _rows(log: Any) -> list[dict[str, float]]:
     return rows
 
 
-def _table(rows: list[dict[str, float]]) -> pd.DataFrame:
+def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     """Return the table of `csv_log`: one row per time, inputs held, from the first output on."""
     table = pd.DataFrame(rows).groupby("t_s", as_index=False).first().sort_values("t_s")
     outputs = [name for name in FIELDS["RCOU"].values() if name in table]
@@ -96,7 +96,9 @@ def _table(rows: list[dict[str, float]]) -> pd.DataFrame:
         there = table["yaw_deg"].notna()
         table.loc[there, "yaw_deg"] = np.degrees(np.unwrap(np.radians(table.loc[there, "yaw_deg"])))
     if "x_m" in table:
-        table = _with_body_velocity(table).drop(columns="altitude", errors="ignore")
+        table = (_with_body_velocity(table) if "vn" in table else table).drop(
+            columns="altitude", errors="ignore"
+        )
     elif "altitude" in table:
         table["depth_m"] = -table.pop("altitude")
     return table

@@ -21,9 +21,19 @@ def _dataflash(path: Path, frame: str) -> list[Log]:
     return dataflash.read(path)
 
 
-READERS: dict[str, Callable[[Path, str], list[Log]]] = {".csv": _csv, ".bin": _dataflash}
+def _telemetry(path: Path, frame: str) -> list[Log]:
+    from auvbench.identification import tlog
+
+    return tlog.read(path)
+
+
+READERS: dict[str, Callable[[Path, str], list[Log]]] = {
+    ".csv": _csv,
+    ".bin": _dataflash,
+    ".tlog": _telemetry,
+}
 """Readers by the ending of a file: path and axes to logs."""
-SAID = ".csv, .BIN (ArduSub), and auvbench's own records (.npz, or a folder of missions)"
+SAID = ".csv, .BIN and .tlog (ArduSub), and auvbench's own records (.npz, or a folder of missions)"
 
 
 def read(paths: Sequence[str], frame: str = "enu") -> list[Log]:
