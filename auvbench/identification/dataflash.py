@@ -6,7 +6,9 @@ core; CTUN altitude where there is no XKF1; BAT voltage of the first battery. Ax
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -21,6 +23,8 @@ from auvbench.identification.log import Log, LogError
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
 
+HEAD = b"\xa3\x95\x80"
+"""First bytes of a file: a message that describes messages."""
 CHANNELS = 14
 """Number of outputs of RCOU."""
 FIELDS: Mapping[str, Mapping[str, str]] = {
@@ -51,8 +55,13 @@ def read(path: Path, frame: str = "ned") -> list[Log]:
     except ImportError:
         raise MissingExtraError("pymavlink", extra="mavlink", purpose="DataFlash logs") from None
     try:
-        digest = sha256(reading.content(path, reading.DATA)).hexdigest()
-        rows = _rows(DFReader.DFReader_binary(str(path), zero_time_base=True))
+        data = reading.content(path, reading.DATA)
+        if not data.startswith(HEAD):
+            raise ValueError(f"it begins with {data[:3].hex() or 'nothing'}, not with {HEAD.hex()}")
+        digest = sha256(data).hexdigest()
+        # pymavlink prints a line for each damaged byte.
+        with open(os.devnull, "w") as nowhere, redirect_stderr(nowhere), redirect_stdout(nowhere):
+            rows = _rows(DFReader.DFReader_binary(str(path), zero_time_base=True))
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror}") from None
     except Exception as error:  # pymavlink raises exceptions of all kinds on damaged files

@@ -1,4 +1,4 @@
-"""ArduSub's DataFlash logs, of a file that is written here byte by byte."""
+"""DataFlash logs of ArduSub, written as ArduPilot's AP_Logger does: packets that begin with A3 95 and a number of their format."""
 
 from __future__ import annotations
 
@@ -8,85 +8,85 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from auvbench.identification import inputs, readers
-from auvbench.identification.log import LogError
-from auvbench.vehicles import sheet
+from auvbench.cli import main
+from auvbench.identification import readers
+from auvbench.identification.log import CHANNELS
 
 pytest.importorskip("pymavlink")
 
-MESSAGES = {  # name: type, formats, columns
-    "RCOU": (130, "Q" + "H" * 8, "TimeUS,C1,C2,C3,C4,C5,C6,C7,C8"),
-    "ATT": (131, "Qfff", "TimeUS,Roll,Pitch,Yaw"),
-    "IMU": (132, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
-    "XKF1": (133, "QBffffff", "TimeUS,C,VN,VE,VD,PN,PE,PD"),
-    "BAT": (134, "QBf", "TimeUS,Inst,Volt"),
+TIME = 0.05 * np.arange(101)
+FORMATS = {
+    "RCOU": (1, "QHHHHHH", "TimeUS,C1,C2,C3,C4,C5,C6"),
+    "ATT": (2, "Qfff", "TimeUS,Roll,Pitch,Yaw"),
+    "IMU": (3, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+    "CTUN": (4, "Qf", "TimeUS,Alt"),
+    "BAT": (5, "QBf", "TimeUS,Inst,Volt"),
 }
-HEAD = b"\xa3\x95"
+"""number, types and labels of messages"""
 
 
-def formats(names: tuple[str, ...]) -> bytes:
+def packet(name: str, *values: float) -> bytes:
+    number, types, _ = FORMATS[name]
+    whole = (int(v) if kind in "QBH" else v for v, kind in zip(values, types, strict=True))
+    return bytes((0xA3, 0x95, number)) + struct.pack(f"<{types}", *whole)
+
+
+def written(without: str = "") -> bytes:
+    """Return a file in which yaw turns, and each message but `without` comes."""
     data = b""
-    described = {"FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"), **MESSAGES}
-    for name in ("FMT", *names):
-        kind, types, columns = described[name]
-        length = 89 if name == "FMT" else 3 + struct.calcsize("<" + types)
-        fields = kind, length, name.encode(), types.encode(), columns.encode()
-        data += HEAD + bytes([128]) + struct.pack("<BB4s16s64s", *fields)
+    for name, (number, types, labels) in {
+        "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
+        **FORMATS,
+    }.items():
+        size = 89 if name == "FMT" else 3 + struct.calcsize(f"<{types}")
+        texts = (name.encode(), types.encode(), labels.encode())
+        data += b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, size, *texts)
+    for t in TIME:
+        us = 1e6 * t + 1e6
+        pulse = 1600 if t % 2.0 < 1.0 else 1400
+        rows = {
+            "RCOU": (us, *[pulse] * 6),
+            "ATT": (us, 0.0, 0.0, (170.0 + np.degrees(0.5 * np.sin(t)) + 180.0) % 360.0 - 180.0),
+            "CTUN": (us, -0.1 * t),
+            "BAT": (us, 0, 15.5),
+        }
+        data += b"".join(packet(name, *row) for name, row in rows.items() if name != without)
+        for sensor, rate in ((0, 0.5 * np.cos(t)), (1, 9.0)):
+            data += packet("IMU", us, sensor, 0.0, 0.0, rate, 0.0, 0.0, -9.8)
     return data
 
 
-def message(name: str, *values: float) -> bytes:
-    kind, types, _ = MESSAGES[name]
-    return HEAD + bytes([kind]) + struct.pack("<" + types, *values)
-
-
-def write(path: Path, names: tuple[str, ...] = tuple(MESSAGES), seconds: float = 5.0) -> None:
-    """Write a log of a vehicle that heads east and goes ahead at 0.5 m/s, nose up by 10 degrees."""
-    data = formats(names)
-    for k in range(round(50 * seconds)):
-        us = 1_000_000 + 20_000 * k
-        pulses = [1500 + 10 * n + (k // 25 % 2) for n in range(1, 7)]
-        rows = {
-            "RCOU": [us, *pulses, 1100, 0],
-            "ATT": [us, 1.0 + 1e-3 * k, 10.0 + 1e-3 * k, (359.0 + k) % 360.0],
-            "IMU": [us, 0, 0.1, 0.2, np.radians(50.0), 0.0, 0.0, -9.81],
-            "XKF1": [us, 0, 0.0, 0.5, 0.0, 1.0 + 1e-4 * k, 0.01 * k, 2.0 + 0.001 * k],
-            "BAT": [us, 0, 15.5],
-        }
-        for name in names:
-            data += message(name, *rows[name])
-            if name in ("IMU", "XKF1"):  # The second sensor is not read.
-                data += message(name, us, 1, *([9.0] * 6))
-    path.write_bytes(data)
-
-
-def test_messages_become_channels_in_auvbenchs_axes(tmp_path: Path) -> None:
-    write(tmp_path / "dive.BIN")
-    (log,) = readers.read([str(tmp_path / "dive.BIN")])
+def test_messages_become_columns(tmp_path: Path) -> None:
+    file = tmp_path / "dive.BIN"
+    file.write_bytes(written())
+    [log] = readers.read([str(file)])
+    np.testing.assert_allclose(log.time, TIME, atol=1e-6)
     assert log.kind == "pwm"
-    assert log.duration == pytest.approx(4.98)
-    row = log.measured[0]
-    np.testing.assert_allclose(row[:3], [1.0, 0.0, -2.0], atol=1e-6)
-    np.testing.assert_allclose(row[3:5], np.radians([1.0, -10.0]), atol=1e-6)
-    assert log.measured[-1, 5] - row[5] == pytest.approx(-np.radians(249.0), abs=1e-4)
-    heading_east = log.measured[91]  # 359 + 91 degrees
-    assert heading_east[6] == pytest.approx(0.5 * np.cos(np.radians(10.0)), abs=1e-3)
-    assert heading_east[8] == pytest.approx(-0.5 * np.sin(np.radians(10.0)), abs=0.02)
+    np.testing.assert_array_equal(log.inputs[:, 5], np.where(TIME % 2.0 < 1.0, 1600.0, 1400.0))
+    np.testing.assert_allclose(log.measured[:, CHANNELS.index("z")], -0.1 * TIME, atol=1e-5)
+    np.testing.assert_allclose(log.measured[:, CHANNELS.index("r")], -0.5 * np.cos(TIME), atol=1e-6)
+    yaw = log.measured[:, CHANNELS.index("yaw")]
+    np.testing.assert_allclose(yaw - yaw[0], -0.5 * np.sin(TIME), atol=1e-4)
     assert log.voltage is not None
-    assert log.voltage[0] == pytest.approx(15.5)
-    vehicle = sheet.load("bluerov2_2026")
-    # Output 7 is constant, output 8 is not in use: the vehicle has six thrusters.
-    assert inputs.quantities(log, vehicle).shape == (250, 6)
+    assert np.all(log.voltage == 15.5)
 
 
-def test_a_log_without_outputs_says_what_to_set(tmp_path: Path) -> None:
-    write(tmp_path / "dive.BIN", ("ATT", "IMU"))
-    with pytest.raises(LogError, match="has no RCOU messages, the outputs of the thrusters; set LOG_BITMASK"):
-        readers.read([str(tmp_path / "dive.BIN")])
-
-
-@pytest.mark.parametrize("content", [b"", b"hello", b"\xa3\x95" * 1000])
-def test_another_file_is_refused(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / "dive.BIN").write_bytes(content)
-    with pytest.raises(LogError):
-        readers.read([str(tmp_path / "dive.BIN")])
+def test_damaged_files_get_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "dive.bin"
+    for data, message in (
+        (b"", "it begins with nothing"),
+        (bytes(range(256)) * 20, "it begins with 000102"),
+        (b"\xa3\x95\x80" + bytes(2000), "has no RCOU messages"),
+        (written("RCOU"), "has no RCOU messages"),
+    ):
+        file.write_bytes(data)
+        assert main(["identify", str(file), "vehicle=bluerov2_2026"]) == 2
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1, error
+    # What is damaged in the middle is skipped.
+    good = written()
+    file.write_bytes(good[:3000] + bytes(50) + good[3050:])
+    [log] = readers.read([str(file)])
+    assert log.time.size > 90
+    assert capsys.readouterr().err == ""
