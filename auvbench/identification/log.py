@@ -27,6 +27,8 @@ SHORTEST = 2.0
 """Shortest log in s."""
 FEWEST = 8
 """Smallest number of rows of a log, and of measurements of a channel."""
+SLOWEST = 2.0
+"""Longest median time in s between two rows; thrusters and vehicles change faster."""
 GAP = 10.0
 """A pause of this many median steps, and of at least a second, ends a segment."""
 FASTEST = (20.0,) * 3 + (35.0,) * 3
@@ -138,6 +140,12 @@ def _check_time(log: Log) -> None:
             f"{log.name}: time goes from {log.time[row - 1]:.9g} s to {log.time[row]:.9g} s in row {row + 1}; it must"
             " increase from row to row: sort the rows and drop repeated ones"
         )
+    step = float(np.median(np.diff(log.time)))
+    if step > SLOWEST:
+        raise LogError(
+            f"{log.name}: its rows are {step:.4g} s apart at the median; a log needs a row every {SLOWEST:g} s or more often: is the"
+            " time in ms or us? Then name it t_ms or t_us"
+        )
 
 
 STEEP = 1.2
@@ -230,6 +238,11 @@ def _check_units(log: Log) -> None:
                     f"{log.name}: {CHANNELS[rate]} is {slope:.3g} times the derivative of {CHANNELS[angle]}; {what}: name"
                     " columns in degrees _deg and _degps"
                 )
+    slope = _slope(log, 2, 8)
+    if slope is not None and not 0.1 < slope < 10.0:
+        raise LogError(
+            f"{log.name}: w is {slope:.3g} times the derivative of z; give positions in m and velocities in m/s"
+        )
     if log.acceleration is not None:
         norm = float(np.nanmedian(np.linalg.norm(log.acceleration, axis=1)))
         if not GRAVITY[0] <= norm <= GRAVITY[1]:
@@ -240,7 +253,7 @@ def _check_units(log: Log) -> None:
 
 
 def _slope(log: Log, angle: int, rate: int) -> float | None:
-    """Return the factor from an angle's derivative to a rate near level attitude; None where the log does not show it."""
+    """Return the factor from the derivative of an angle or of z to a rate or to w, near level attitude; None where the log does not show it."""
     rows = np.flatnonzero(np.isfinite(log.measured[:, angle]) & np.isfinite(log.measured[:, rate]))
     if rows.size < 5 * FEWEST:
         return None

@@ -108,6 +108,9 @@ def test_a_channel_that_never_changes_was_not_measured() -> None:
     [
         ({"t_s": None}, "has no time; it needs a column t_s"),
         ({"t_s": 0.1 * np.arange(ROWS)[::-1]}, "it must increase from row to row"),
+        ({"t_s": 100.0 * np.arange(ROWS)}, "its rows are 100 s apart at the median; a log needs a row every 2 s or more often: is the time in ms"),
+        ({"z_m": np.sin(0.1 * np.arange(ROWS)), "w_mps": 15.0 * np.cos(0.1 * np.arange(ROWS))}, "w is 15 times the derivative of z; give positions in m"),
+        ({"z_m": np.sin(0.1 * np.arange(ROWS)), "w_mps": 1e-3 * np.cos(0.1 * np.arange(ROWS))}, "times the derivative of z; give positions in m and velocities in m"),
         ({"thruster1_cmd": None, "thruster2_cmd": None}, "has no inputs; record what the thrusters were commanded"),
         ({"thruster1_cmd": 0.0, "thruster2_cmd": 0.0}, "all inputs are neutral"),
         ({"thruster1_cmd": 1600.0}, "commands in [-1, 1] are from -1 to 1"),
