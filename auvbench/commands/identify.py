@@ -6,7 +6,7 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,9 +15,10 @@ from auvbench.errors import ConfigError, UserError, closest
 from auvbench.identification.columns import DESCRIBED
 
 if TYPE_CHECKING:
-    from auvbench.identification.log import Log
+    from auvbench.identification.log import Log, Motors
+    from auvbench.vehicles.vehicle_model import VehicleModel
 
-KEYS = ("vehicle", "parameters", "name", "frame", "window", "replicates", "gate", "output")
+KEYS = ("vehicle", "parameters", "name", "frame", "motors", "window", "replicates", "gate", "output")
 OUTPUT = "outputs/identify"
 FRAMES = ("enu", "ned")
 
@@ -38,7 +39,7 @@ def parser() -> Parser:
         metavar="LOG|KEY=VALUE",
         help="logs (.csv, ArduSub's .BIN and .tlog, or auvbench's own records); vehicle=NAME: sheet of the prior; parameters=A,B: numbers to fit"
         " (default: added mass, damping, net buoyancy, centre of buoyancy, lag, delay); name=NAME of the new sheet;"
-        f" frame=ned for tables with z down; window=SECONDS; replicates=N of the bootstrap; gate=off: also fit axes that"
+        f" frame=ned for tables with z down; motors=A,-B,...: thrusters of ArduSub's motors 1, 2, ..., if no frame fits; window=SECONDS; replicates=N of the bootstrap; gate=off: also fit axes that"
         f" look closed loop; output=DIR (default: {OUTPUT}/NAME)",
     )
     return parser
@@ -59,7 +60,7 @@ def main(arguments: Sequence[str]) -> int:
     command = shlex.join(["auvbench", "identify", *arguments])
     from auvbench.identification import readers
 
-    logs = readers.read(paths, frame)
+    logs = readers.read(paths, frame, motors(given))
     names = [part for part in given.get("parameters", "").split(",") if part]
     return _identify(logs, base, names, name, folder, command, gated, window, replicates)
 
@@ -121,6 +122,21 @@ def _identify(
     )
     print(os.path.relpath(index))
     return 0
+
+
+def motors(given: dict[str, str]) -> Callable[[VehicleModel], Motors]:
+    """Return the function that matches a vehicle's thrusters to ArduSub's motors, by `motors=` or by a frame."""
+    names = given["motors"].split(",") if "motors" in given else None
+
+    def of(vehicle: VehicleModel) -> Motors:
+        from auvbench.integrations.ardusub.frames import motors_of
+
+        try:
+            return motors_of(vehicle, names)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace("--motors", "motors")) from None
+
+    return of
 
 
 def logs_and_keys(

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from auvbench.commands.grammar import Parser
-from auvbench.commands.identify import FRAMES, choice, logs_and_keys
+from auvbench.commands.identify import FRAMES, choice, logs_and_keys, motors
 
-KEYS = ("vehicle", "frame", "output")
+KEYS = ("vehicle", "frame", "motors", "output")
 OUTPUT = "outputs/validate"
 
 
@@ -28,7 +28,7 @@ def parser() -> Parser:
         nargs="*",
         metavar="LOG|KEY=VALUE",
         help="logs (.csv, ArduSub's .BIN and .tlog, or auvbench's own records); vehicle=A,B,C: names or files of sheets; frame=ned for tables with z"
-        f" down; output=DIR (default: {OUTPUT})",
+        f" down; motors=A,-B,...: thrusters of ArduSub's motors; output=DIR (default: {OUTPUT})",
     )
     return parser
 
@@ -45,7 +45,7 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.vehicles import identified, reader, sheet
 
     check_writable(folder / "index.html", f"output={folder}")
-    logs = readers.read(paths, frame)
+    logs = readers.read(paths, frame, motors(given))
     entries = []
     for name in dict.fromkeys(part for part in given["vehicle"].split(",") if part):
         vehicle = sheet.load(name)

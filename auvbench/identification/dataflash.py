@@ -18,7 +18,7 @@ import pandas as pd
 
 from auvbench.dynamics import frames
 from auvbench.errors import MissingExtraError
-from auvbench.identification import csv_log
+from auvbench.identification import csv_log, inputs
 from auvbench.identification.log import Log, LogError
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
@@ -95,6 +95,9 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     outputs = [name for name in FIELDS["RCOU"].values() if name in table]
     # An output that is always 0 is not in use.
     table = table.drop(columns=[name for name in outputs if not table[name].fillna(0.0).any()])
+    # An output without a pulse drives nothing.
+    outputs = [name for name in outputs if name in table]
+    table[outputs] = table[outputs].replace(0.0, inputs.NEUTRAL)
     held = [name for name in (*outputs, "voltage_V") if name in table]
     table[held] = table[held].ffill()
     if "voltage_V" in table:

@@ -22,12 +22,20 @@ _NUMBERED = re.compile(r"(?:pwm|motor|servo|thruster|c|m|t)?_?(\d+)", re.IGNOREC
 
 
 def columns(log: Log, vehicle: VehicleModel) -> list[int]:
-    """Return the column of the log for each actuator of a vehicle, by name or by number.
+    """Return the column of the log for each actuator of a vehicle, by the autopilot's motors, by name or by number.
 
     Raises:
         LogError: an actuator has no column, or a column has no actuator.
     """
     names = vehicle.actuators
+    if log.motors is not None:
+        order = log.motors(vehicle).order
+        outputs = [f"C{motor + 1}" for motor in range(len(order))]
+        if missing := [name for name in outputs if name not in log.actuators]:
+            raise LogError(
+                f"{log.name}: has no output {missing[0]}; {vehicle.name} has {len(names)} thrusters, as motors C1 to {outputs[-1]}"
+            )
+        return [log.actuators.index(outputs[order.index(a)]) for a in range(len(names))]
     by_name = {name.casefold(): index for index, name in enumerate(names)}
     place: dict[int, int] = {}
     for column, given in enumerate(log.actuators):
@@ -78,6 +86,9 @@ def quantities(log: Log, vehicle: VehicleModel, voltage: float | None = None) ->
             values[:, index] = factor * at_voltage(inputs[:, index], supply)
         else:
             values[:, index] = unit.curve(inputs[:, index])
+    if log.motors is not None:
+        motors = log.motors(vehicle)
+        values[:, motors.order] *= np.array(motors.signs)
     return values
 
 

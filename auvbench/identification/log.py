@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.errors import UserError
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
 
@@ -41,6 +44,18 @@ class LogError(UserError):
     """A log cannot be used; the message names the file, the value and what to record instead."""
 
 
+class Motors(Protocol):
+    """Thrusters of a vehicle as an autopilot's motors 1, 2, ..."""
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """Return the index (motors,) of each motor's thruster among the vehicle's actuators."""
+
+    @property
+    def signs(self) -> tuple[float, ...]:
+        """Return 1 (motors,) where a longer pulse pushes along the sheet's direction, else -1."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
     """What one vehicle did under known inputs.
@@ -63,6 +78,8 @@ class Log:
     """(T, 12) of `CHANNELS`."""
     acceleration: FloatArray | None = None
     """(T, 3) specific force in body FLU, m/s2."""
+    motors: Callable[[VehicleModel], Motors] | None = None
+    """Thrusters of a vehicle that the columns C1, C2, ... of an autopilot drive; None: by name or number."""
     voltage: FloatArray | None = None
     """(T,) supply of the thrusters, V."""
     segments: tuple[tuple[int, int], ...] = ()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from auvbench.identification import records
-from auvbench.identification.log import Log, LogError
+from auvbench.identification.log import Log, LogError, Motors
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def _csv(path: Path, frame: str) -> list[Log]:
@@ -33,15 +35,20 @@ READERS: dict[str, Callable[[Path, str], list[Log]]] = {
     ".tlog": _telemetry,
 }
 """Readers by the ending of a file: path and axes to logs."""
+AUTOPILOT = (".bin", ".tlog")
+"""Endings of files whose inputs are the outputs of an autopilot."""
 SAID = ".csv, .BIN and .tlog (ArduSub), and auvbench's own records (.npz, or a folder of missions)"
 
 
-def read(paths: Sequence[str], frame: str = "enu") -> list[Log]:
+def read(
+    paths: Sequence[str], frame: str = "enu", motors: Callable[[VehicleModel], Motors] | None = None
+) -> list[Log]:
     """Return the logs of files and folders.
 
     Args:
         paths: files or folders.
         frame: axes of tables, "enu" or "ned"; other formats know theirs.
+        motors: thrusters of a vehicle that an autopilot drives, for logs of autopilots.
 
     Raises:
         LogError: a file cannot be read, or a log cannot be used.
@@ -54,7 +61,8 @@ def read(paths: Sequence[str], frame: str = "enu") -> list[Log]:
         if records.is_record(path):
             logs += records.read(path)
         elif reader := READERS.get(path.suffix.lower()):
-            logs += reader(path, frame)
+            own = reader(path, frame)
+            logs += [replace(log, motors=motors) for log in own] if path.suffix.lower() in AUTOPILOT else own
         else:
             raise LogError(f"{text}: not a log that auvbench reads; valid: {SAID}")
     return logs

@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 from auvbench.cli import main
-from auvbench.identification import readers
-from auvbench.identification.log import CHANNELS
+from auvbench.commands.identify import motors
+from auvbench.errors import ConfigError
+from auvbench.identification import inputs, readers
+from auvbench.identification.log import CHANNELS, LogError
+from auvbench.vehicles import sheet
 
 pytest.importorskip("pymavlink")
 
@@ -69,6 +72,23 @@ def test_messages_become_columns(tmp_path: Path) -> None:
     np.testing.assert_allclose(yaw - yaw[0], -0.5 * np.sin(TIME), atol=1e-4)
     assert log.voltage is not None
     assert np.all(log.voltage == 15.5)
+
+
+def test_outputs_drive_the_motors_of_a_frame(tmp_path: Path) -> None:
+    file = tmp_path / "dive.BIN"
+    file.write_bytes(written())
+    for given in ({}, {"motors": "-thruster1,-thruster2,thruster3,thruster4,-thruster5,thruster6"}):
+        [log] = readers.read([str(file)], motors=motors(given))
+        vehicle = sheet.load("bluerov2_2026")
+        values = inputs.quantities(log, vehicle)
+        # As ArduSub's frame "vectored" drives them: motors 1, 2 and 5 push against the sheet's directions.
+        force = inputs.at_voltage((log.inputs[:, 0] - 1500.0) / 400.0, 15.5)
+        np.testing.assert_allclose(values, np.outer(force, (-1, -1, 1, 1, -1, 1)), rtol=1e-6)
+    [log] = readers.read([str(file)], motors=motors({}))
+    with pytest.raises(ConfigError, match=r"name them in the order of ArduSub's motors .*: motors=thruster"):
+        inputs.quantities(log, sheet.load("rexrov"))
+    with pytest.raises(LogError, match="has no output C7; bluerov2_heavy_2026 has 8 thrusters"):
+        inputs.quantities(log, sheet.load("bluerov2_heavy_2026"))
 
 
 def test_damaged_files_get_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
