@@ -13,7 +13,7 @@ from auvbench.config.compose import compose, run
 from auvbench.registry import COMMANDS
 from tests.docs_blocks import MISTAKES, PAGES, steps
 
-MADE_BY_THE_READER = re.compile(r"polyu|pursuit|my_agent|circling|mine\.onnx|\.\.\.")
+MADE_BY_THE_READER = re.compile(r"polyu|pursuit|my_agent|circling|mine\.onnx|train .*vehicle=mine|\.\.\.")
 COMPOSED = ("train", "tune", "simulate")
 
 
