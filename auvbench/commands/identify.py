@@ -37,7 +37,7 @@ def parser() -> Parser:
         "words",
         nargs="*",
         metavar="LOG|KEY=VALUE",
-        help="logs (.csv, ArduSub's .BIN and .tlog, or auvbench's own records); vehicle=NAME: sheet of the prior; parameters=A,B: numbers to fit"
+        help="logs (.csv, ArduSub's .BIN and .tlog, folders of ROS 2 bags, or auvbench's own records); vehicle=NAME: sheet of the prior; parameters=A,B: numbers to fit"
         " (default: added mass, damping, net buoyancy, centre of buoyancy, lag, delay); name=NAME of the new sheet;"
         f" frame=ned for tables with z down; motors=A,-B,...: thrusters of ArduSub's motors 1, 2, ..., if no frame fits; window=SECONDS; replicates=N of the bootstrap; gate=off: also fit axes that"
         f" look closed loop; output=DIR (default: {OUTPUT}/NAME)",

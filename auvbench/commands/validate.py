@@ -27,7 +27,7 @@ def parser() -> Parser:
         "words",
         nargs="*",
         metavar="LOG|KEY=VALUE",
-        help="logs (.csv, ArduSub's .BIN and .tlog, or auvbench's own records); vehicle=A,B,C: names or files of sheets; frame=ned for tables with z"
+        help="logs (.csv, ArduSub's .BIN and .tlog, folders of ROS 2 bags, or auvbench's own records); vehicle=A,B,C: names or files of sheets; frame=ned for tables with z"
         f" down; motors=A,-B,...: thrusters of ArduSub's motors; output=DIR (default: {OUTPUT})",
     )
     return parser

@@ -29,6 +29,12 @@ def _telemetry(path: Path, frame: str) -> list[Log]:
     return tlog.read(path)
 
 
+def _bag(path: Path) -> list[Log]:
+    from auvbench.identification import bags
+
+    return bags.read(path)
+
+
 READERS: dict[str, Callable[[Path, str], list[Log]]] = {
     ".csv": _csv,
     ".bin": _dataflash,
@@ -37,7 +43,7 @@ READERS: dict[str, Callable[[Path, str], list[Log]]] = {
 """Readers by the ending of a file: path and axes to logs."""
 AUTOPILOT = (".bin", ".tlog")
 """Endings of files whose inputs are the outputs of an autopilot."""
-SAID = ".csv, .BIN and .tlog (ArduSub), and auvbench's own records (.npz, or a folder of missions)"
+SAID = ".csv, .BIN and .tlog (ArduSub), folders of ROS 2 bags, and auvbench's own records (.npz, or a folder of missions)"
 
 
 def read(
@@ -60,6 +66,8 @@ def read(
             raise LogError(f"{text}: does not exist")
         if records.is_record(path):
             logs += records.read(path)
+        elif (path / "metadata.yaml").is_file():
+            logs += _bag(path)
         elif reader := READERS.get(path.suffix.lower()):
             own = reader(path, frame)
             logs += [replace(log, motors=motors) for log in own] if path.suffix.lower() in AUTOPILOT else own
