@@ -312,9 +312,10 @@ def advance_actuators(
                 output[a, lane] = inner[first, lane]
         elif actuator.kind == DROP_WEIGHT:
             continue
-        elif own_lags and _scaled_lag(actuator):
-            _advance_own(a, first, discrete, kept, moved, value, output, inner)
         elif order == 1:
+            if own_lags and actuator.kind == THRUSTER:
+                _advance_own(a, first, discrete, kept, moved, value, output, inner)
+                continue
             _advance_first(a, first, discrete, value, output, inner)
         elif order == 2:
             _advance_second(a, first, discrete, value, output, inner)
