@@ -41,12 +41,13 @@ OVERRIDES: dict[str, tuple[str, ...]] = {
     "smc": (),
     "adrc": (),
     "mpc": (),
+    "mppi": ("algo.samples=32",),
     "random": (),
     "onnx": (),  # and a file, made below
 }
 """Of each agent, what makes it small enough to be checked in seconds."""
 
-EXTRAS = {"mpc": "casadi", "onnx": "onnxruntime"}
+EXTRAS = {"mpc": "casadi", "mppi": "casadi", "onnx": "onnxruntime"}
 """what an agent needs that may be missing"""
 
 STEPS = 192

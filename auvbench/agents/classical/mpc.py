@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.observer import Observer
 from auvbench.agents.classical.shooting import Program
-from auvbench.config import schema, tasks
+from auvbench.config import schema
 from auvbench.config.algorithms.mpc import MPC
 from auvbench.registry import TASKS
 from auvbench.vehicles.curves import Lag
@@ -74,13 +74,7 @@ class MPCController:
         task = config.task
         prompt = model.n_x > RIGID and all(unit.lag.delay < PROMPT * self.dt for unit in vehicle.units)
         self.program = Program(symbolic(without_lags(vehicle)) if prompt else model, algo)
-        # If the task fixes the depth at the start, the first reading gives the depth of the waypoint. Otherwise the
-        # depth is unknown.
-        start, far = (task.start[2], 0.0) if TASKS[task.name].fixed_start else (0.0, math.inf)
-        low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far
-        self.room = np.array([low, high]) - start
-        self.ahead = task.preview.interval if isinstance(task, tasks.Tracked) else 0.0
-        """s between points of a preview"""
+        self.room = room(task)
         self.turns = TASKS[task.name].has_yaw
         self.solves = self.failed = self.late = 0
         self.reset(np.empty(0, dtype=np.int64))
@@ -119,7 +113,7 @@ class MPCController:
                 plan.depth[:] = self.room + self.observer.state[i, 2]
             else:
                 plan.advance(self.dt / self.program.interval)
-            plan.reference = self._reference(int(i))
+            plan.reference = self.observer.reference(int(i), self.program.interval, self.program.N)
             plan.yaw = self.observer.yaw_target[i] if self.turns else None
             for _ in range(FIRST_ITERATIONS if first[i] else 1):
                 if first[i]:
@@ -131,23 +125,21 @@ class MPCController:
             self.solves += 1
         return action
 
-    def _reference(self, i: int) -> Floats:
-        """Return the future positions (N, 3) in m of row i's reference at the plan's nodes: previewed, then
-        straight on.
-        """
-        points, velocity = self.observer.ahead[i], self.observer.target[i]
-        times = self.program.interval * np.arange(1, self.program.N + 1)
-        known = self.ahead * np.arange(len(points))
-        if len(points) > 1:
-            velocity = (points[-1] - points[-2]) / self.ahead
-        seen = np.stack([np.interp(times, known, axis) for axis in points.T], axis=1)
-        return seen + np.outer(np.maximum(times - known[-1], 0.0), velocity)
-
     def notes(self) -> dict[str, int]:
         """Return counters since the creation: steps, failed solves, and steps whose solve took longer than
         the agent's step.
         """
         return {"solves": self.solves, "failed_solves": self.failed, "late_solves": self.late}
+
+
+def room(task: Any) -> Floats:
+    """Return how far plans may go down (negative) and up from the start, (2,) m; infinite if the depth is unknown.
+
+    If the task fixes the depth at the start, the first reading gives the depth of the waypoint.
+    """
+    start, far = (task.start[2], 0.0) if TASKS[task.name].fixed_start else (0.0, math.inf)
+    low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far
+    return np.array([low, high]) - start
 
 
 def without_lags(vehicle: VehicleModel) -> VehicleModel:

@@ -95,6 +95,17 @@ class Observer:
             self._update_row(int(i), observation[i])
             self.first[i] = False
 
+    def reference(self, i: int, interval: float, count: int) -> Floats:
+        """Return the positions (count, 3) in m of row i's reference, one after each interval in s: previewed, then straight on."""
+        times = interval * np.arange(1, count + 1)
+        points, velocity = self.ahead[i], self.target[i]
+        apart = 0.0 if self._preview is None else self._preview.interval
+        known = apart * np.arange(len(points))
+        if len(points) > 1:
+            velocity = (points[-1] - points[-2]) / apart
+        seen = np.stack([np.interp(times, known, axis) for axis in points.T], axis=1)
+        return seen + np.outer(np.maximum(times - known[-1], 0.0), velocity)
+
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that the observer carries from reading to reading, by name, with a row for each
         vehicle.

@@ -8,13 +8,14 @@ from auvbench.config.algorithms import AgentSpec, Algorithm
 from auvbench.config.algorithms.alos import ALOS
 from auvbench.config.algorithms.lqr import LQR
 from auvbench.config.algorithms.mpc import MPC
+from auvbench.config.algorithms.mppi import MPPI
 from auvbench.config.algorithms.pid import PID
 from auvbench.config.algorithms.sb3 import PPO, SAC
 from auvbench.config.algorithms.smc import SMC
 from auvbench.config.fields import require
 from auvbench.config.schema import number
 
-BASES = ("pid", "lqr", "smc", "mpc", "alos")
+BASES = ("pid", "lqr", "smc", "mpc", "mppi", "alos")
 """Controllers whose action a residual learner may correct"""
 
 
@@ -27,6 +28,7 @@ class Residual:
     lqr: LQR | None = None
     smc: SMC | None = None
     mpc: MPC | None = None
+    mppi: MPPI | None = None
     alos: ALOS | None = None
 
     def check(self) -> None:

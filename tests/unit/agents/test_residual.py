@@ -172,7 +172,7 @@ def test_gains_of_pid_are_those_of_its_preset_and_may_be_changed() -> None:
 
 
 @pytest.mark.parametrize("learner", ["ppo", "sac"])
-@pytest.mark.parametrize("base", ["lqr", "smc", "mpc", "alos"])
+@pytest.mark.parametrize("base", ["lqr", "smc", "mpc", "mppi", "alos"])
 def test_other_controllers_may_be_the_base(learner: str, base: str) -> None:
     config = configs.training(f"algo={learner}_residual", f"algo.base={base}")
     assert config.algo.residual.base == configs.training(f"algo={base}").algo
@@ -194,7 +194,7 @@ def test_ids_of_runs_with_pid_stay(learner: str) -> None:
     plain = configs.plain(f"algo={learner}_residual", *updates)
     before = copy.deepcopy(plain)
     before["algo"].pop("updates", None)
-    for name in ("lqr", "smc", "mpc", "alos"):
+    for name in ("lqr", "smc", "mpc", "mppi", "alos"):
         del before["algo"]["residual"][name]
     known = {"ppo": "ppo_residual-k1-f10-s42-f88b5426", "sac": "sac_residual-k1-f10-s42-2cee29a6"}
     assert run_id(before) == run_id(plain) == known[learner]
@@ -217,11 +217,12 @@ PATH = ("task=path_following", "vehicle=bluerov2_heavy", "task.time_limit=4", "d
         ("alos", (*PATH, "vehicle=lrauv")),
         ("pid", (*PATH, "vehicle=lrauv")),
         pytest.param("mpc", (*PATH, "task.time_limit=1"), marks=pytest.mark.slow),
+        ("mppi", (*PATH, "task.time_limit=1", "algo.residual.mppi.samples=32")),
     ],
 )
 def test_every_base_goes_on_with_the_same_bits(base: str, overrides: tuple[str, ...]) -> None:
     """Restored in mid-episode into fresh environments, over ends of episodes at different times."""
-    if base == "mpc":
+    if base in ("mpc", "mppi"):
         pytest.importorskip("casadi")
     config = configured(f"algo.base={base}", *overrides)
     limit = round(config.task.time_limit * config.step.frequency)

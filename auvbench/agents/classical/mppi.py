@@ -1,0 +1,151 @@
+"""Control by model predictive path integral control (MPPI) with the simulator's own equations.
+
+At each step the plan of the previous step, advanced in time, is replaced by the weighted mean of simulated samples about it
+(Williams et al. 2018, "Information-theoretic model predictive control: theory and applications to autonomous driving", IEEE Transactions
+on Robotics 34(6), algorithm 2). The cost of a sample is that of `mpc.py`:
+
+    sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + t |tilt_k|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
+
+with a price per metre beyond the depth limits. Where the task observes the shortest way (`way`), the target is its point. `sampling` has
+the draws, the cost and the weights. The model is the sheet's vehicle; the state and the current come from `observer.Observer`, that is, from
+the noisy readings. The states of the thrusters' lags follow from the observed actions.
+
+The draws are a function of the run's seed, the episode and the step. If no sample has a finite cost, the plan stays, and the failure is
+counted. So are steps that took longer than the agent's step (a simulation waits for them; a vehicle would not).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.agents.classical.mpc import room
+from auvbench.agents.classical.observer import Observer, turned
+from auvbench.agents.classical.sampling import AIM, NODES, Sampler
+from auvbench.config import schema
+from auvbench.config.algorithms.mppi import MPPI
+from auvbench.dynamics import frames
+from auvbench.registry import TASKS
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.tasks.observation import observation_spec
+from auvbench.vehicles.symbolic import RIGID, symbolic
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+# Iterations at the beginning of an episode, from a plan without thrust; later steps take one iteration each.
+FIRST_ITERATIONS = 8
+
+
+class MPPIController:
+    """Controller of position, and of yaw if the task has its own yaw, for vehicles with only thrusters.
+
+    Attributes:
+        row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
+
+    Raises:
+        ConfigError: the vehicle has other actuators than thrusters.
+        MissingExtraError: CasADi, which the filter needs, is not installed.
+    """
+
+    row_by_row = True
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        algo = config.algo
+        assert isinstance(algo, MPPI)
+        self.vehicle = vehicle
+        self.seed = config.seed
+        self.observer = Observer(symbolic(vehicle), config)
+        self.dt = 1.0 / config.step.frequency
+        self.turns = TASKS[config.task.name].has_yaw
+        self.sampler = Sampler(vehicle, algo, self.turns)
+        self.lags = FossenSimulator(vehicle, 1, max_step=self.dt)
+        """one vehicle, whose actuators follow the observed actions"""
+        self.room = room(config.task)
+        spec = observation_spec(config.task, vehicle.actuators)
+        self._previous, self._way = spec["previous_action"], spec["way"] if "way" in spec.blocks else None
+        self.plans_made = self.failed = self.late = 0
+        self.reset(np.empty(0, dtype=np.int64))
+
+    def reset(self, episodes: Integers) -> None:
+        n, n_u = len(episodes), len(self.vehicle.units)
+        self.observer.reset(n)
+        self.episodes: Integers = np.array(episodes, dtype=np.int64)
+        self.steps = np.zeros(n, dtype=np.int64)
+        self.plans: Floats = np.zeros((n, NODES, n_u))
+        """(n, NODES, n_u) thrusts in N"""
+        self.actuators: Floats = np.zeros((n, self.lags.actuators.shape[1]))
+        """(n, n_actuator_states)"""
+        self.depth: Floats = np.zeros((n, 2))
+        """(n, 2) allowed range of z, in m above the waypoint"""
+        self.running = np.arange(n)
+
+    def memory(self) -> dict[str, NDArray[Any]]:
+        """Return `Observer.memory` with the plans and what their draws depend on."""
+        carried = ("episodes", "steps", "plans", "actuators", "depth")
+        return {**self.observer.memory(), **{name: getattr(self, name) for name in carried}}
+
+    def ended(self, rows: NDArray[np.intp]) -> None:
+        """Stop computing actions for episodes that have ended."""
+        self.running = np.setdiff1d(self.running, rows)
+
+    def act(self, observation: Observations) -> Actions:
+        readings = observation.astype(np.float64)
+        first = self.observer.first.copy()
+        self.observer.update(readings, self.running)
+        action = np.zeros((len(observation), len(self.vehicle.units)))
+        for i in self.running:
+            begun = time.perf_counter()
+            action[i] = self._plan(int(i), bool(first[i]), readings[i])
+            self.late += time.perf_counter() - begun > self.dt
+            self.plans_made += 1
+        return action
+
+    def _plan(self, i: int, first: bool, reading: Floats) -> Floats:
+        """Improve row i's plan, and return its first action (n_u,)."""
+        plan, state, previous = self.plans[i], self.observer.state[i, :RIGID], reading[self._previous]
+        if first:
+            self.depth[i] = self.room + state[2]
+        else:
+            share = min(self.dt / self.sampler.interval, 1.0)
+            plan[:-1] += share * (plan[1:] - plan[:-1])
+        self._follow_lags(i, first, previous)
+        key, applied = (self.seed, int(self.episodes[i]), int(self.steps[i])), self.vehicle.force(previous)
+        start = state, self.actuators[i], self.observer.current[i], applied, self._aims(i, reading)
+        for iteration in range(FIRST_ITERATIONS if first else 1):
+            self.failed += not self.sampler.improve(plan, *start, (*key, iteration))
+        self.steps[i] += 1
+        return self.vehicle.action(plan[0])
+
+    def _follow_lags(self, i: int, first: bool, previous: Floats) -> None:
+        """Move row i's actuators by a step with the previous action (n_u,)."""
+        lags = self.lags
+        lags.reset(np.array([0]), [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], np.zeros(6))
+        if not first:
+            lags.actuators[0] = self.actuators[i]
+            lags.step(previous[None], self.dt)
+        self.actuators[i] = lags.actuators[0]
+
+    def _aims(self, i: int, reading: Floats) -> Floats:
+        """Return where row i's vehicle should be at the nodes, (NODES, 7) records of `sampling.AIM`."""
+        observer = self.observer
+        aims = np.zeros(NODES, AIM)
+        if self._way is None:
+            aims["position"] = observer.reference(i, self.sampler.interval, NODES)
+        else:
+            state = observer.state[i]
+            aims["position"] = state[:3] + turned(reading[self._way], float(frames.yaw(state[3:7])))
+        yaw = observer.yaw_target[i]
+        aims["course"] = np.cos(yaw), np.sin(yaw)
+        aims["low"], aims["high"] = self.depth[i]
+        return aims.view(np.float64).reshape(NODES, -1)
+
+    def notes(self) -> dict[str, int]:
+        """Return counters since the creation: steps, plans without a finite sample, and steps whose plan took longer
+        than the agent's step.
+        """
+        return {"plans": self.plans_made, "failed_plans": self.failed, "late_plans": self.late}

@@ -1,0 +1,290 @@
+"""Sample, simulate and weigh plans for `mppi.py`.
+
+A plan has a command for each of `NODES` intervals of the horizon. Samples are the plan with correlated noise. The simulator's own batch
+(`simulators.fossen`) moves one vehicle for each sample, so that the model has the simulator's equations, thruster curves and lags.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config.algorithms.mppi import MPPI
+from auvbench.dynamics.actuation import interpolated
+from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.lanes import quaternion, vector
+from auvbench.dynamics.layout import POSE, VELOCITY, record
+from auvbench.dynamics.random import normal4
+from auvbench.dynamics.vectors import dot, rotation_matrix, subtract
+from auvbench.simulators.fossen import FossenSimulator
+from auvbench.vehicles.inspect import shortest_time_constant
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+NODES = 24
+"""commands of a plan"""
+SAMPLES = 0x81
+"""stream of the noise, in addition to those in dynamics/random.py; 0x80 is that of `random.py`"""
+LONGEST_SUBSTEP = 0.1
+"""s; RK4 is then right to a centimetre over the horizon"""
+STABLE = 2.0
+"""longest substep over the shortest time constant of the vehicle; RK4 is stable up to 2.78"""
+POINTS = 513
+"""points of the tables of commands over thrust"""
+SERVED = 0.99
+"""share of a wrench along one axis that thrusters must give, so that the axis has noise of its own"""
+DEPTH_PRICE = 1e3
+"""cost per m beyond the depth limits"""
+YAW_WEIGHT = 1.0
+"""m2 per rad2: cost of a yaw error if the task has its own yaw"""
+TILT_WEIGHT = 5.0
+"""m2 per squared sine of the tilt: cost of roll and pitch if the task has its own yaw"""
+
+PRICES = record(
+    position=(),  # of the distance in m, squared below 1 m
+    spin=(),  # s2 m, of squared roll and pitch rates
+    turn=(),  # s2 m, of the squared yaw rate
+    effort=(),  # of squared thrust as a share of the range
+    change=(),  # of its squared change
+    yaw=(),  # m2
+    tilt=(),  # m2
+    depth=(),  # 1/m
+)
+"""weights of a cost"""
+AIM = record(
+    position=(3,),  # m
+    course=(2,),  # cosine and sine of the yaw
+    low=(),  # m, lower depth limit
+    high=(),  # m
+)
+"""where a vehicle should be at a node"""
+
+
+@compiled("dynamics")
+def draw(
+    seed: int,
+    episode: int,
+    step: int,
+    iteration: int,
+    plan: Floats,  # (nodes, n_u) N
+    shape: Floats,  # (m, nodes) plan in standard deviations of the noise along each axis
+    mix: Floats,  # (n_u, m) N, standard deviations of the thrusts by the noise along each axis
+    keep: float,
+    limits: Floats,  # (n_u, 2) N
+    table: Floats,  # (n_u, points) commands at equally spaced thrusts from the least to the largest
+    thrusts: Floats,  # (nodes, n, n_u) out, N
+    commands: Floats,  # (nodes, n, n_u) out
+    control: Floats,  # (n,) out: u' Sigma^-1 (v - u)
+) -> None:
+    """Write n samples of a plan: first the plan itself, then pairs, the plan plus and minus noise.
+
+    The noise along an axis is e_k = keep e_(k-1) + sqrt(1 - keep^2) w_k with standard normal w. Sigma is its covariance.
+    """
+    nodes, n, n_u = commands.shape
+    m, points = mix.shape[1], table.shape[1]
+    fresh = math.sqrt(1.0 - keep * keep)
+    w, e, per_newton = np.zeros((m, 4)), np.zeros(m), np.zeros(n_u)
+    for a in range(n_u):
+        per_newton[a] = (points - 1) / (limits[a, 1] - limits[a, 0])
+    for first in range(-1, n, 2):
+        # The first pair is the plan without noise; its first half has no place.
+        second = first + 1
+        total = 0.0
+        e[:] = 0.0
+        for k in range(nodes):
+            if first > 0:
+                if k % 4 == 0:
+                    for j in range(m):
+                        channel = (first * m + j) * nodes + k
+                        w[j, 0], w[j, 1], w[j, 2], w[j, 3] = normal4(
+                            seed, SAMPLES, channel, step, episode, iteration
+                        )
+                for j in range(m):
+                    new = w[j, k % 4]
+                    if k == 0:
+                        e[j] = new
+                        total += shape[j, 0] * new
+                    else:
+                        e[j] = keep * e[j] + fresh * new
+                        total += (shape[j, k] - keep * shape[j, k - 1]) / fresh * new
+            for a in range(n_u):
+                low, high = limits[a, 0], limits[a, 1]
+                noise = 0.0
+                for j in range(m):
+                    noise += mix[a, j] * e[j]
+                for sample in range(max(first, 0), min(second + 1, n)):
+                    u = min(max(plan[k, a] + (noise if sample == first else -noise), low), high)
+                    thrusts[k, sample, a] = u
+                    commands[k, sample, a] = interpolated(table, a, points, (u - low) * per_newton[a])
+        if first > 0:
+            control[first] = total
+        if second < n:
+            control[second] = -total
+
+
+@compiled("dynamics")
+def charge(
+    pose: Floats,  # (n, 7)
+    velocity: Floats,  # (n, 6)
+    force: Floats,  # (n, n_u) N, of the last command
+    shares: Floats,  # (n_u,) 1/N, of the thrusters' ranges
+    before: Floats,  # (n, n_u) in and out: force as a share of the range
+    # Seen as floats: numba compares the types of records anew in each call.
+    aims: Floats,  # record of AIM
+    weights: Floats,  # record of PRICES
+    cost: Floats,  # (n,) in and out
+) -> None:
+    """Add the cost of the states and forces at a node."""
+    aim, prices = aims.view(AIM)[0], weights.view(PRICES)[0]
+    poses, velocities = pose.view(POSE)[:, 0], velocity.view(VELOCITY)[:, 0]
+    target = vector(aim.position)
+    for i in range(cost.shape[0]):
+        position = vector(poses[i].position)
+        away = subtract(position, target)
+        distance = math.sqrt(dot(away, away))
+        # Distance instead of its square: far and near waypoints have the same pull.
+        total = prices.position * distance * min(distance, 1.0)
+        p, q, r = vector(velocities[i].angular)
+        total += prices.spin * (p * p + q * q) + prices.turn * (r * r)
+        z = position[2]
+        total += prices.depth * (max(aim.low - z, 0.0) + max(z - aim.high, 0.0))
+        if prices.yaw > 0.0:
+            R = rotation_matrix(quaternion(poses[i].attitude))
+            c, s = aim.course[0], aim.course[1]
+            off = math.atan2(R[1][0] * c - R[0][0] * s, R[0][0] * c + R[1][0] * s)
+            total += prices.yaw * (off * off) + prices.tilt * (R[0][2] * R[0][2] + R[1][2] * R[1][2])
+        for a in range(force.shape[1]):
+            share = force[i, a] * shares[a]
+            step = share - before[i, a]
+            total += prices.effort * (share * share) + prices.change * (step * step)
+            before[i, a] = share
+        cost[i] += total
+
+
+def weights(cost: Floats, control: Floats, temperature: float, control_cost: float) -> Floats | None:
+    """Return the weights (n,) of samples, exp(-(S - min S) / lambda - control_cost u' Sigma^-1 (v - u)), with sum 1.
+
+    Williams et al. 2018, eq. 29 and algorithm 2, where gamma = control_cost lambda. Lambda is `temperature` times the distance from the least
+    to the median cost, so that the same temperature suits costs of any size. Samples without a finite cost have weight 0.
+
+    Args:
+        cost: (n,) S.
+        control: (n,) u' Sigma^-1 (v - u).
+        temperature: lambda over the distance from the least to the median cost.
+        control_cost: gamma / lambda.
+
+    Returns:
+        None if no sample has a finite cost.
+    """
+    finite = np.isfinite(cost)
+    if not finite.any():
+        return None
+    least = cost[finite].min()
+    scale = max(temperature * (np.median(cost[finite]) - least), np.finfo(np.float64).tiny)
+    exponent = np.where(finite, -(cost - least) / scale - control_cost * control, -np.inf)
+    weight = np.exp(exponent - exponent.max())
+    return np.asarray(weight / weight.sum())
+
+
+def axes(allocation: Floats, shares: Floats) -> Floats:
+    """Return thrusts (n_u, 6) in N that push and turn a vehicle along each of its axes, scaled so that the thruster that works hardest has
+    its whole range; zeros for an axis that the thrusters cannot serve alone.
+
+    Args:
+        allocation: (6, n_u) wrench per newton of each thruster.
+        shares: (n_u,) 1/N, of the thrusters' ranges.
+    """
+    inverse = np.linalg.pinv(allocation, rcond=1e-6)
+    served = np.diag(allocation @ inverse) > SERVED
+    largest = np.abs(inverse * shares[:, None]).max(axis=0)
+    return np.where(served, inverse / np.maximum(largest, 1e-12), 0.0)
+
+
+class Sampler:
+    """Improve plans of one vehicle by simulated samples."""
+
+    def __init__(self, vehicle: VehicleModel, algo: MPPI, turns: bool) -> None:
+        self.algo = algo
+        self.interval = algo.horizon / NODES
+        step = min(LONGEST_SUBSTEP, STABLE * shortest_time_constant(vehicle))
+        self.model = FossenSimulator(vehicle, algo.samples, max_step=step)
+        self.limits = vehicle.force_limits * algo.effort
+        self.table = np.ascontiguousarray(
+            vehicle.action(np.linspace(self.limits[:, 0], self.limits[:, 1], POINTS)).T
+        )
+        """(n_u, POINTS) commands at equally spaced thrusts"""
+        self.shares = 1.0 / np.abs(self.limits).max(axis=1)
+        self.mix = axes(vehicle.allocation, self.shares) * np.repeat([algo.noise, algo.turn_noise], 3)
+        self.mix = np.ascontiguousarray(self.mix[:, np.abs(self.mix).max(axis=0) > 0.0])
+        self.unmix = np.linalg.pinv(self.mix)
+        self.keep = math.exp(-self.interval / algo.correlation) if algo.correlation > 0.0 else 0.0
+        prices = np.zeros(2, PRICES)
+        prices["position"] = 1.0, algo.terminal_weight
+        prices["spin"], prices["turn"] = algo.spin_weight, 0.0 if turns else algo.spin_weight
+        prices["effort"], prices["change"] = algo.effort_weight, algo.change_weight
+        prices["yaw"], prices["tilt"] = (YAW_WEIGHT, TILT_WEIGHT) if turns else (0.0, 0.0)
+        prices["depth"] = DEPTH_PRICE
+        self.prices = prices.view(np.float64).reshape(2, -1)
+        """weights before the end of the horizon, and at its end"""
+        self.thrusts, self.commands = np.zeros((2, NODES, algo.samples, len(vehicle.units)))
+        self.cost, self.control = np.zeros(algo.samples), np.zeros(algo.samples)
+        self.before = np.zeros(self.model.command_force.shape)
+
+    def improve(
+        self, plan: Floats, state: Floats, actuators: Floats, current: Floats, applied: Floats, aims: Floats,
+        key: tuple[int, int, int, int],
+    ) -> bool:  # fmt: skip
+        """Replace a plan (NODES, n_u) of thrusts in N by the weighted mean of samples about it.
+
+        Args:
+            plan: changed in place.
+            state: (13,) pose and velocity at the start.
+            actuators: (n_actuator_states,) at the start.
+            current: (3,) m/s, world axes.
+            applied: (n_u,) N, force of the last step.
+            aims: (NODES, 7) records of AIM.
+            key: seed, episode, step and iteration of the draws.
+
+        Returns:
+            Whether a sample has a finite cost; otherwise the plan is unchanged.
+        """
+        algo = self.algo
+        self.draw(plan, key)
+        self.roll_out(state, actuators, current, applied, aims)
+        weight = weights(self.cost, self.control, algo.temperature, algo.control_cost)
+        if weight is None:
+            return False
+        plan[:] = np.einsum("i,kia->ka", weight, self.thrusts)
+        return True
+
+    def draw(self, plan: Floats, key: tuple[int, int, int, int]) -> None:
+        """Write `thrusts`, `commands` and `control` of samples about a plan; the arguments are those of `improve`."""
+        shape = self.unmix @ plan.T
+        draw(
+            *key, plan, shape, self.mix, self.keep, self.limits, self.table, self.thrusts, self.commands, self.control
+        )  # fmt: skip
+
+    def roll_out(
+        self, state: Floats, actuators: Floats, current: Floats, applied: Floats, aims: Floats
+    ) -> None:
+        """Simulate `commands` from one state, and add up `cost`; the arguments are those of `improve`."""
+        model = self.model
+        model.pose[:], model.velocity[:], model.actuators[:] = state[:7], state[7:], actuators
+        model.set_current(current)
+        self.before[:] = applied * self.shares
+        self.cost[:] = 0.0
+        for k in range(NODES):
+            model.step(self.commands[k], self.interval)
+            charge(
+                model.pose,
+                model.velocity,
+                model.command_force,
+                self.shares,
+                self.before,
+                aims[k],
+                self.prices[int(k == NODES - 1)],
+                self.cost,
+            )
