@@ -94,12 +94,19 @@ def test_curves_are_as_wide_as_the_page_says() -> None:
 
 
 @pytest.mark.slow
-def test_mpc_knows_depth_limits_in_the_waypoint_task_only() -> None:
-    assert found("controllers.md", r"in the waypoint task the depth limits are (soft constraints)")
-    for task in ("waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"):
+def test_mpc_knows_depth_limits_in_waypoint_and_transit_only() -> None:
+    assert found("controllers.md", r"in `waypoint` and `transit` the depth limits are (soft constraints)")
+    for task in (
+        "waypoint",
+        "transit",
+        "station_keeping",
+        "trajectory_tracking",
+        "path_following",
+        "docking",
+    ):
         config = configs.training(f"task={task}", "algo=mpc", "vehicle=bluerov2_heavy")
         room = MPCController(config, sheet.load("bluerov2_heavy")).room
-        assert np.isfinite(room).all() == (task == "waypoint"), task
+        assert np.isfinite(room).all() == (task in ("waypoint", "transit")), task
 
 
 def test_the_page_names_each_kind_of_learner_that_cannot_be_exported() -> None:

@@ -51,7 +51,7 @@ def test_the_examples_in_the_documentation(module: object) -> None:
         ("vehicle=/path/x.yaml", "put the file into conf/vehicle/x.yaml, then vehicle=x"),
         ("experiment=mine.yml", "put the file into conf/experiment/mine.yaml, then experiment=mine"),
         ("step=10", "no such option; valid: default, or set one of step.frequency"),
-        ("algo=null", "no such option; valid: alos, "),
+        ("algo=null", "no such option; valid: adrc, "),
         ("algo=[ppo,sac]", "takes one name; for several (a grid) type auvbench train -m algo=ppo,sac"),
         ("experiment=[quickstart,nope]", "experiment=nope: no such option"),
         ("analysis=3", "an analysis is declared in the file of an experiment"),
