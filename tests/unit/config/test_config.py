@@ -121,7 +121,10 @@ def test_every_file_begins_with_a_comment_that_says_what_it_is() -> None:
             r"analysis.measure=success: an analysis is declared in the file of an experiment",
         ),
         ("rewards=thesis", r"rewards: unknown key; did you mean reward\?"),
-        ("algo=dqn", "algo=dqn: no such option; .*valid: alos, apf, ardusub, crossq, .*ddpg, .*pid, .*ppo"),
+        (
+            "algo=dqn",
+            "algo=dqn: no such option; .*valid: adrc, .*alos, apf, ardusub, crossq, .*ddpg, .*pid, .*ppo",
+        ),
         ("reward=thesiss", "reward=thesiss: no such option; did you mean 'thesis'"),
         ("step.frequency=0", "step.frequency=0: must be more than 0 and at most 1000"),
         ("seed=abc", "seed: 'abc' is not a whole number"),
