@@ -6,17 +6,16 @@ import os
 import re
 import shlex
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from auvbench.commands.grammar import Parser, number, paths_and_overrides, whole
 from auvbench.errors import ConfigError, UserError, closest
-from auvbench.identification.columns import DESCRIBED
+from auvbench.identification.columns import DESCRIBED, READABLE
 
 if TYPE_CHECKING:
-    from auvbench.identification.log import Log, Motors
-    from auvbench.vehicles.vehicle_model import VehicleModel
+    from auvbench.identification.log import Log
 
 KEYS = ("vehicle", "parameters", "name", "frame", "motors", "window", "replicates", "gate", "output")
 OUTPUT = "outputs/identify"
@@ -37,9 +36,9 @@ def parser() -> Parser:
         "words",
         nargs="*",
         metavar="LOG|KEY=VALUE",
-        help="logs (.csv, ArduSub's .BIN and .tlog, folders of ROS 2 bags, or auvbench's own records); vehicle=NAME: sheet of the prior; parameters=A,B: numbers to fit"
+        help=f"logs ({READABLE}, or auvbench's own records); vehicle=NAME: sheet of the prior; parameters=A,B: numbers to fit"
         " (default: added mass, damping, net buoyancy, centre of buoyancy, lag, delay); name=NAME of the new sheet;"
-        f" frame=ned for tables with z down; motors=A,-B,...: thrusters of ArduSub's motors 1, 2, ..., if no frame fits; window=SECONDS; replicates=N of the bootstrap; gate=off: also fit axes that"
+        f" frame=ned for tables with z down; motors=A,-B,...: thrusters in the order of the autopilot's motors, if no frame of it fits; window=SECONDS; replicates=N of the bootstrap; gate=off: also fit axes that"
         f" look closed loop; output=DIR (default: {OUTPUT}/NAME)",
     )
     return parser
@@ -124,19 +123,9 @@ def _identify(
     return 0
 
 
-def motors(given: dict[str, str]) -> Callable[[VehicleModel], Motors]:
-    """Return the function that matches a vehicle's thrusters to ArduSub's motors, by `motors=` or by a frame."""
-    names = given["motors"].split(",") if "motors" in given else None
-
-    def of(vehicle: VehicleModel) -> Motors:
-        from auvbench.integrations.ardusub.frames import motors_of
-
-        try:
-            return motors_of(vehicle, names)
-        except ConfigError as error:
-            raise ConfigError(str(error).replace("--motors", "motors")) from None
-
-    return of
+def motors(given: dict[str, str]) -> list[str] | None:
+    """Return the names of `motors=`; None without it."""
+    return given["motors"].split(",") if "motors" in given else None
 
 
 def logs_and_keys(

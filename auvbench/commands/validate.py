@@ -10,6 +10,7 @@ from pathlib import Path
 
 from auvbench.commands.grammar import Parser
 from auvbench.commands.identify import FRAMES, choice, logs_and_keys, motors
+from auvbench.identification.columns import READABLE
 
 KEYS = ("vehicle", "frame", "motors", "output")
 OUTPUT = "outputs/validate"
@@ -27,8 +28,8 @@ def parser() -> Parser:
         "words",
         nargs="*",
         metavar="LOG|KEY=VALUE",
-        help="logs (.csv, ArduSub's .BIN and .tlog, folders of ROS 2 bags, or auvbench's own records); vehicle=A,B,C: names or files of sheets; frame=ned for tables with z"
-        f" down; motors=A,-B,...: thrusters of ArduSub's motors; output=DIR (default: {OUTPUT})",
+        help=f"logs ({READABLE}, or auvbench's own records); vehicle=A,B,C: names or files of sheets; frame=ned for tables with z"
+        f" down; motors=A,-B,...: thrusters in the order of the autopilot's motors; output=DIR (default: {OUTPUT})",
     )
     return parser
 

@@ -1,5 +1,9 @@
-"""Describe the columns of a log; `csv_log` reads them. Importing this module imports no array."""
+"""Describe logs for help and errors: what can be read, and the columns that `csv_log` reads. Importing this module imports no array."""
 
+from auvbench import integrations
+
+READABLE = ", ".join([".csv", *(title for title, _ in integrations.LOGS.values())])
+"""Logs that can be read, apart from auvbench's own records."""
 DESCRIBED = (
     (("t_s", "t_ms", "t_us"), "time, increasing (one of the three)"),
     (

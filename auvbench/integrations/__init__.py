@@ -20,5 +20,13 @@ REGISTERED: dict[str, dict[str, str]] = {
     },
 }
 """Names of the integrations' specs by kind, as in `auvbench.registry`."""
+LOGS: dict[str, tuple[str, str]] = {
+    ".bin": ("ArduSub's .BIN", f"{_HERE}.mavlink.dataflash:read"),
+    ".tlog": (".tlog", f"{_HERE}.mavlink.tlog:read"),
+    "metadata.yaml": ("folders of ROS 2 bags", f"{_HERE}.ros2.bags:read"),
+}
+"""Logs by the ending of a file, or by a file that the log's folder contains: what help calls them, and the reader, which takes the path
+and the names of the thrusters in the order of an autopilot's motors.
+"""
 USED = (f"{_HERE}.gazebo.bindings", f"{_HERE}.ros2.simulator", f"{_HERE}.ardusub.radio")
 """Modules whose function `used` returns the versions of the foreign programs that this process uses."""

@@ -213,6 +213,10 @@ def test_a_mistake_is_one_line(
         (["log.csv", "vehicle=bluerov"], "did you mean 'bluerov2'?"),
         (["log.csv", "vehicle=bluerov2"], "has no input for thruster3"),
         (["log.csv", "vehicle=bluerov2", "frame=nwu"], "frame=nwu: "),
+        (
+            ["log.csv", "vehicle=bluerov2", "motors=thruster1"],
+            "motors=thruster1: log.csv names its thrusters",
+        ),
         (["log.csv", "vehcle=bluerov2"], "did you mean 'vehicle'?"),
         (["log.csv", "vehicle="], "has no value"),
     ):

@@ -10,6 +10,7 @@ Messages are decoded by the definitions of these types that come with rosbags. T
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -34,8 +35,12 @@ _NAMED = re.compile(r".*/cmd_(?!thrust$)(\w+)|.*/(\w+?)(?:_joint)?/cmd_thrust")
 """Topics of thrusters' commands."""
 
 
-def read(path: Path) -> list[Log]:
+def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
     """Return the log of a folder.
+
+    Args:
+        path: a folder.
+        motors: unused, because commands name their thrusters.
 
     Raises:
         LogError: the folder cannot be read, has no commands of thrusters, or a check fails.

@@ -7,8 +7,9 @@ core; CTUN altitude where there is no XKF1; BAT voltage of the first battery. Ax
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,13 @@ import numpy as np
 import pandas as pd
 
 from auvbench.dynamics import frames
-from auvbench.errors import MissingExtraError
+from auvbench.errors import ConfigError, MissingExtraError
 from auvbench.identification import csv_log, inputs
-from auvbench.identification.log import Log, LogError
+from auvbench.identification.log import Log, LogError, Motors
+from auvbench.integrations.ardusub.frames import motors_of
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
+from auvbench.vehicles.vehicle_model import VehicleModel
 
 HEAD = b"\xa3\x95\x80"
 """First bytes of a file: a message that describes messages."""
@@ -43,8 +46,12 @@ INSTANCE = ("I", "Instance", "Inst", "C")
 """Fields with the number of a sensor or core; only number 0 is read."""
 
 
-def read(path: Path, frame: str = "ned") -> list[Log]:
+def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
     """Return the log of a file, whose axes are known.
+
+    Args:
+        path: a file.
+        motors: see `driven`.
 
     Raises:
         LogError: the file cannot be read, has no outputs of thrusters, or a check fails.
@@ -70,7 +77,24 @@ def read(path: Path, frame: str = "ned") -> list[Log]:
         raise LogError(
             f"{path}: has no RCOU messages, the outputs of the thrusters; set LOG_BITMASK to log RC output"
         )
-    return [csv_log.parse(log_table(rows), str(path), digest, "ned")]
+    return [driven(csv_log.parse(log_table(rows), str(path), digest, "ned"), motors)]
+
+
+def driven(log: Log, names: Sequence[str] | None) -> Log:
+    """Return a log whose columns C1, C2, ... are ArduSub's motors.
+
+    Args:
+        log: log of an ArduSub.
+        names: names of the thrusters in the order of the motors, with `-` before a reversed one; None: the frame with the same directions.
+    """
+
+    def motors(vehicle: VehicleModel) -> Motors:
+        try:
+            return motors_of(vehicle, names)
+        except ConfigError as error:
+            raise ConfigError(str(error).replace("--motors", "motors")) from None
+
+    return replace(log, motors=motors)
 
 
 def _rows(log: Any) -> list[dict[str, float]]:

@@ -10,7 +10,7 @@ A file has packets of MAVLink, each after eight bytes with the time at which the
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 
 from auvbench.errors import MissingExtraError
-from auvbench.identification import csv_log, dataflash
+from auvbench.identification import csv_log
 from auvbench.identification.log import Log, LogError
+from auvbench.integrations.mavlink import dataflash
 from auvbench.untrusted import reading
 
 MILLI_G = 9.80665e-3
@@ -55,8 +56,12 @@ _WRAP = 2.0**32 * 1e-6
 _NO_VOLTAGE = 65535
 
 
-def read(path: Path) -> list[Log]:
+def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
     """Return the log of a file, whose axes are known.
+
+    Args:
+        path: a file.
+        motors: see `dataflash.driven`.
 
     Raises:
         LogError: the file cannot be read, has no outputs of thrusters, or a check fails.
@@ -81,7 +86,7 @@ def read(path: Path) -> list[Log]:
             f"{path}: has no SERVO_OUTPUT_RAW messages, the outputs of the thrusters; set SR0_RC_CHAN=20 and record again"
         )
     log = csv_log.parse(dataflash.log_table(rows), str(path), sha256(data).hexdigest(), "ned")
-    return [_with_remark(log, rows)]
+    return [dataflash.driven(_with_remark(log, rows), motors)]
 
 
 def _messages(data: bytes, mavlink: Any) -> Iterator[tuple[float, Any]]:
