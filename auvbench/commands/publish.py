@@ -14,6 +14,7 @@ from auvbench.commands.publish_readme import Study
 from auvbench.commands.report_options import Options, read
 from auvbench.commands.report_options import parser as report_parser
 from auvbench.errors import ReportError, UserError, closest
+from auvbench.runs import declared
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
@@ -80,6 +81,11 @@ def main(argv: Sequence[str]) -> int:
     path_safety.check_output(study.folder)
     if study.folder.exists() and not study.folder.is_dir():
         raise UserError(f"--to {study.folder}: is a file; name a folder")
+    if options.undecided and (study.folder / declared.FILE).is_file():
+        raise UserError(
+            f"--to {study.folder}: its declared analysis would be lost: {options.undecided}. If its {declared.FILE} declares"
+            " all runs, cp it to the other folders"
+        )
     if study.policies:
         export.require()
     from auvbench.runs.atomic_io import storage

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 from auvbench import cli
+from auvbench.runs import declared
 from tests.numbers import assert_same_numbers
 from tests.synthetic import set_state, write_experiment
 
@@ -43,6 +44,21 @@ def table(*folders: str) -> str:
     out = "some-report"
     assert cli.main(["report", *folders, "--format", "csv", "--no-figures", "--out", out]) == 0
     return (Path(out) / "table.csv").read_text()
+
+
+@pytest.mark.slow
+def test_a_study_keeps_its_declared_analysis(first, capsys):
+    declared.write(Path("first/outputs/grid"), declared.Declared("success_rate", "pid"))
+    assert publish("first/outputs") == 0
+    machine("second", ("sac",), (2, 3))
+    declared.write(Path("second/outputs/grid"), declared.Declared("success_rate", "ppo"))
+    before = files(TO)
+    assert publish(TO, "second/outputs") == 2
+    assert "its declared analysis would be lost: several analyses are declared" in capsys.readouterr().err
+    assert files(TO) == before
+    shutil.copy(f"{TO}/{declared.FILE}", "second/outputs/grid")
+    assert publish(TO, "second/outputs") == 0
+    assert files(TO)[f"{TO}/{declared.FILE}"] == before[f"{TO}/{declared.FILE}"]
 
 
 @pytest.mark.slow
