@@ -24,14 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Integers
-from auvbench.agents.classical.cascade import HEAVE, YAW, Cascade
+from auvbench.agents.classical.cascade import CONTROLLED, HEAVE, Cascade
 from auvbench.config import schema
 from auvbench.config.algorithms.adrc import ADRC
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
-
-AXES = [0, 1, 2, YAW]
 
 
 class ADRCController(Cascade):
@@ -47,7 +45,7 @@ class ADRCController(Cascade):
         pole = math.exp(-gains.observer_bandwidth * self.dt)
         self.correction = (1.0 - pole**2, (1.0 - pole) ** 2 / self.dt)
         """gains of the observer for velocity (-) and disturbance (1/s)"""
-        self.inertias = self.mass[AXES]
+        self.inertias = self.mass[CONTROLLED]
 
     def reset(self, episodes: Integers) -> None:
         super().reset(episodes)
@@ -67,8 +65,8 @@ class ADRCController(Cascade):
         commanded = np.column_stack([wanted, turn])
         wrench = np.zeros((len(wanted), 6))
         push = self.inertias * (g.bandwidth * (commanded - self.velocity) - self.rest)
-        wrench[:, AXES] = push + self._damping(commanded) * commanded
-        self._wrench = wrench[:, AXES]
+        wrench[:, CONTROLLED] = push + self._damping(commanded, CONTROLLED) * commanded
+        self._wrench = wrench[:, CONTROLLED]
         return wrench
 
     def after(self, miss: Floats, scale: Floats) -> None:
@@ -78,12 +76,4 @@ class ADRCController(Cascade):
         applied = (self._wrench - carried) * scale[:, None] + carried
         # Implicit in the damping, which may act faster than a step.
         gained = self.velocity + self.dt * (applied / self.inertias + self.rest)
-        self.velocity = gained / (1.0 + self.dt * self._damping(self.velocity) / self.inertias)
-
-    def _damping(self, velocity: Floats) -> Floats:
-        """Return the damping (n, 4) in N s/m and N m s/rad at velocities (n, 4)."""
-        vehicle = self.vehicle
-        return np.asarray(
-            vehicle.linear_damping[AXES] + vehicle.quadratic_damping[AXES] * np.abs(velocity),
-            dtype=np.float64,
-        )
+        self.velocity = gained / (1.0 + self.dt * self._damping(self.velocity, CONTROLLED) / self.inertias)

@@ -32,6 +32,8 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 HEAVE, ROLL, PITCH, YAW = 2, 3, 4, 5
+CONTROLLED = [0, 1, 2, YAW]
+"""Axes that every vehicle of these controllers can be pushed along or turned about."""
 
 # Share of the thrust for steady motion; the rest is for control.
 CRUISE_SHARE = 0.85
@@ -277,10 +279,12 @@ class Cascade:
 
     def _drag(self, velocity: Floats) -> Floats:
         """Return the drag (n, 3) in N at a velocity (n, 3) along the body's axes."""
+        return np.asarray(self._damping(velocity, CONTROLLED[:3]) * velocity)
+
+    def _damping(self, velocity: Floats, axes: list[int]) -> Floats:
+        """Return the damping (n, k) in N s/m and N m s/rad at velocities (n, k) along and about k axes."""
         vehicle = self.vehicle
-        return np.asarray(
-            (vehicle.linear_damping[:3] + vehicle.quadratic_damping[:3] * np.abs(velocity)) * velocity
-        )
+        return np.asarray(vehicle.linear_damping[axes] + vehicle.quadratic_damping[axes] * np.abs(velocity))
 
     def _munk(self, velocity: Floats) -> Floats:
         """Return the moments (n, 3) in N m that balance those of the motion itself: v x p + w x L (Kirchhoff)."""
@@ -323,7 +327,7 @@ def _product(rows: Floats, matrix: Floats) -> Floats:
 def _controlled(allocation: Floats) -> Floats:
     """Return the controlled rows of the allocation: surge, sway, heave, yaw, and roll and pitch if spanned."""
     rows = allocation.copy()
-    axes = [0, 1, 2, YAW]
+    axes = [*CONTROLLED]
     for row in (ROLL, PITCH):
         if np.linalg.matrix_rank(allocation[[*axes, row]], tol=1e-6) == len(axes) + 1:
             axes.append(row)

@@ -14,15 +14,13 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_are
 
 from auvbench.agents.base import Integers
-from auvbench.agents.classical.cascade import YAW, Cascade
+from auvbench.agents.classical.cascade import CONTROLLED, Cascade
 from auvbench.config import schema
 from auvbench.config.algorithms.lqr import LQR
 from auvbench.dynamics.rigid_body import GZ_SIM_8_11, coriolis, early
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
-
-CONTROLLED = [0, 1, 2, YAW]
 
 
 class LQRController(Cascade):

@@ -16,64 +16,44 @@ counted. So are steps that took longer than the agent's step (a simulation waits
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.agents.base import Actions, Integers, Observations
-from auvbench.agents.classical.mpc import room
-from auvbench.agents.classical.observer import Observer, turned
+from auvbench.agents.base import Integers
+from auvbench.agents.classical.observer import turned
+from auvbench.agents.classical.planner import FIRST_ITERATIONS, Planner
 from auvbench.agents.classical.sampling import AIM, NODES, Sampler
 from auvbench.config import schema
 from auvbench.config.algorithms.mppi import MPPI
 from auvbench.dynamics import frames
-from auvbench.registry import TASKS
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks.observation import observation_spec
-from auvbench.vehicles.symbolic import RIGID, symbolic
+from auvbench.vehicles.symbolic import RIGID
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-# Iterations at the beginning of an episode, from a plan without thrust; later steps take one iteration each.
-FIRST_ITERATIONS = 8
 
-
-class MPPIController:
-    """Controller of position, and of yaw if the task has its own yaw, for vehicles with only thrusters.
-
-    Attributes:
-        row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
-
-    Raises:
-        ConfigError: the vehicle has other actuators than thrusters.
-        MissingExtraError: CasADi, which the filter needs, is not installed.
-    """
-
-    row_by_row = True
+class MPPIController(Planner):
+    """Controller by model predictive path integral control; see `Planner`."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo
         assert isinstance(algo, MPPI)
-        self.vehicle = vehicle
+        super().__init__(config, vehicle)
         self.seed = config.seed
-        self.observer = Observer(symbolic(vehicle), config)
-        self.dt = 1.0 / config.step.frequency
-        self.turns = TASKS[config.task.name].has_yaw
         self.sampler = Sampler(vehicle, algo, self.turns)
         self.lags = FossenSimulator(vehicle, 1, max_step=self.dt)
         """one vehicle, whose actuators follow the observed actions"""
-        self.room = room(config.task)
         spec = observation_spec(config.task, vehicle.actuators)
         self._previous, self._way = spec["previous_action"], spec["way"] if "way" in spec.blocks else None
-        self.plans_made = self.failed = self.late = 0
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:
+        super().reset(episodes)
         n, n_u = len(episodes), len(self.vehicle.units)
-        self.observer.reset(n)
         self.episodes: Integers = np.array(episodes, dtype=np.int64)
         self.steps = np.zeros(n, dtype=np.int64)
         self.plans: Floats = np.zeros((n, NODES, n_u))
@@ -82,31 +62,13 @@ class MPPIController:
         """(n, n_actuator_states)"""
         self.depth: Floats = np.zeros((n, 2))
         """(n, 2) allowed range of z, in m above the waypoint"""
-        self.running = np.arange(n)
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return `Observer.memory` with the plans and what their draws depend on."""
         carried = ("episodes", "steps", "plans", "actuators", "depth")
         return {**self.observer.memory(), **{name: getattr(self, name) for name in carried}}
 
-    def ended(self, rows: NDArray[np.intp]) -> None:
-        """Stop computing actions for episodes that have ended."""
-        self.running = np.setdiff1d(self.running, rows)
-
-    def act(self, observation: Observations) -> Actions:
-        readings = observation.astype(np.float64)
-        first = self.observer.first.copy()
-        self.observer.update(readings, self.running)
-        action = np.zeros((len(observation), len(self.vehicle.units)))
-        for i in self.running:
-            begun = time.perf_counter()
-            action[i] = self._plan(int(i), bool(first[i]), readings[i])
-            self.late += time.perf_counter() - begun > self.dt
-            self.plans_made += 1
-        return action
-
-    def _plan(self, i: int, first: bool, reading: Floats) -> Floats:
-        """Improve row i's plan, and return its first action (n_u,)."""
+    def plan(self, i: int, first: bool, reading: Floats) -> Floats:
         plan, state, previous = self.plans[i], self.observer.state[i, :RIGID], reading[self._previous]
         if first:
             self.depth[i] = self.room + state[2]
@@ -148,4 +110,4 @@ class MPPIController:
         """Return counters since the creation: steps, plans without a finite sample, and steps whose plan took longer
         than the agent's step.
         """
-        return {"plans": self.plans_made, "failed_plans": self.failed, "late_plans": self.late}
+        return {"plans": self.planned, "failed_plans": self.failed, "late_plans": self.late}

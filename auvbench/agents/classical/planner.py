@@ -1,0 +1,89 @@
+"""Share the loop of the controllers that improve a plan for each vehicle at each step."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents.base import Actions, Integers, Observations
+from auvbench.agents.classical.observer import Observer
+from auvbench.config import schema
+from auvbench.registry import TASKS
+from auvbench.vehicles.symbolic import symbolic
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+# distance in m between a plan and the depth limits
+DEPTH_MARGIN = 0.7
+# Iterations at the beginning of an episode, from a plan without thrust; later steps take one iteration each.
+FIRST_ITERATIONS = 8
+
+
+class Planner:
+    """Controller of position, and of yaw if the task has its own yaw, for vehicles with only thrusters.
+
+    A class below it has the plans, and improves one of them in `plan`.
+
+    Attributes:
+        row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
+
+    Raises:
+        ConfigError: the vehicle has other actuators than thrusters.
+        MissingExtraError: CasADi, which the filter needs, is not installed.
+    """
+
+    row_by_row = True
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        self.vehicle = vehicle
+        self.observer = Observer(symbolic(vehicle), config)
+        self.dt = 1.0 / config.step.frequency
+        self.turns = TASKS[config.task.name].has_yaw
+        self.room = room(config.task)
+        self.planned = self.failed = self.late = 0
+        """steps, plans that were not improved, and steps that took longer than the agent's step, since the creation"""
+
+    def reset(self, episodes: Integers) -> None:
+        self.observer.reset(len(episodes))
+        self.running = np.arange(len(episodes))
+
+    def ended(self, rows: NDArray[np.intp]) -> None:
+        """Stop computing actions for episodes that have ended."""
+        self.running = np.setdiff1d(self.running, rows)
+
+    def act(self, observation: Observations) -> Actions:
+        readings = observation.astype(np.float64)
+        first = self.observer.first.copy()
+        self.observer.update(readings, self.running)
+        action = np.zeros((len(observation), len(self.vehicle.units)))
+        for i in self.running:
+            begun = time.perf_counter()
+            action[i] = self.plan(int(i), bool(first[i]), readings[i])
+            self.late += time.perf_counter() - begun > self.dt
+            self.planned += 1
+        return action
+
+    def plan(self, i: int, first: bool, reading: Floats) -> Floats:
+        """Improve row i's plan, and return its first action (n_u,).
+
+        Args:
+            i: row of the batch.
+            first: whether this is the first step of the episode.
+            reading: (n_obs,) observation, which the observer has already.
+        """
+        raise NotImplementedError
+
+
+def room(task: Any) -> Floats:
+    """Return how far plans may go down (negative) and up from the start, (2,) m; infinite if the depth is unknown.
+
+    If the task fixes the depth at the start, the first reading gives the depth of the waypoint.
+    """
+    start, far = (task.start[2], 0.0) if TASKS[task.name].fixed_start else (0.0, math.inf)
+    low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far
+    return np.array([low, high]) - start
