@@ -18,7 +18,7 @@ import numpy as np
 from auvbench.identification import manoeuvres, parameters
 from auvbench.identification.fit import fit
 from auvbench.identification.log import LogError
-from auvbench.vehicles import sheet
+from auvbench.vehicles import sheet, signals
 
 LOGS, SECONDS, REPLICATES = 100, 120.0, 200
 VEHICLE = "bluerov2_2026"
@@ -54,8 +54,8 @@ def study(number: int, replicates: int = REPLICATES, seconds: float = SECONDS) -
     chosen = parameters.choose(vehicle, (), False)
     x = np.clip(generator.standard_normal(len(chosen)), -LARGEST, LARGEST)
     truth = parameters.values_of(chosen, x)
-    truth["delay"] = manoeuvres.INTERVAL * round(abs(truth["delay"]) / manoeuvres.INTERVAL)
-    command = manoeuvres.telegraph(vehicle, AXES, seconds, AMPLITUDE, generator)
+    truth["delay"] = signals.INTERVAL * round(abs(truth["delay"]) / signals.INTERVAL)
+    command = signals.telegraph(vehicle, AXES, seconds, AMPLITUDE, generator)
     try:
         log = manoeuvres.fly(
             parameters.with_values(vehicle, truth),

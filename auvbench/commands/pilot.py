@@ -21,14 +21,16 @@ from typing import TYPE_CHECKING, Any
 from auvbench import registry
 from auvbench.commands.grammar import Parser, number
 from auvbench.errors import ConfigError, UserError, closest
+from auvbench.pilot import excite
 from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.untrusted.text import short
+from auvbench.vehicles.inspect import AXES
 
 if TYPE_CHECKING:
     from auvbench.config import tasks
     from auvbench.observation import ObservationSpec
     from auvbench.pilot.loop import Pilot
-    from auvbench.pilot.steering import Steering
+    from auvbench.pilot.steering import Limits, Steering
     from auvbench.policies.exported import Card
     from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -47,10 +49,14 @@ _EPILOG = """examples:
   auvbench pilot lqr --task station_keeping --goal 0 0 -10 --yaw 90
   ros2 service call /bluerov2_2026/pilot/arm std_srvs/srv/SetBool '{data: true}'
   auvbench pilot policy.onnx --mavlink udp:127.0.0.1:14550 --goal 5 3 -12 --arm
+  auvbench pilot excite --axis yaw heave --mavlink udp:127.0.0.1:14550 --depth -8 -1 --arm
 
 It starts disarmed, and steers to the waypoint on /goal_pose, or keeps station at it. It commands zero thrust while the pose is too old, outside
 the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink also on Enter. If the pilot dies or sends nothing
 for 1 s (or --pose-timeout, if longer), its supervisor commands zero thrust. Topics and rules: docs/ros2.md; ArduSub: docs/mavlink.md.
+
+excite pushes to and fro along --axis without a controller, from where the vehicle is armed, for a log that auvbench identify reads
+(docs/identify-your-vehicle.md). It needs room: --reach, the depth limits and Ctrl-C end it early.
 """
 
 
@@ -61,7 +67,9 @@ def parser() -> Parser:
         epilog=_EPILOG,
     )
     parser.add_argument(
-        "controller", metavar="POLICY.onnx", help=f"an exported policy, or one of {', '.join(CONTROLLERS)}"
+        "controller",
+        metavar="POLICY.onnx",
+        help=f"an exported policy, or one of {', '.join((*CONTROLLERS, excite.NAME))}",
     )
     parser.add_argument("--vehicle", help="vehicle sheet (default: the policy's; else bluerov2_2026)")
     parser.add_argument("--namespace", help="namespace of the topics (default: the vehicle's name)")
@@ -102,6 +110,28 @@ def parser() -> Parser:
         default=0.5,
         help="oldest pose in s that the pilot steers by; zero thrust after it (default: 0.5)",
     )
+    parser.add_argument(
+        "--axis",
+        nargs="+",
+        choices=AXES,
+        metavar="AXIS",
+        help=f"with excite: the axes, one after another: {', '.join(AXES)}",
+    )
+    parser.add_argument(
+        "--amplitude",
+        type=number(0.01, 1.0),
+        help=f"with excite: largest share of the force along an axis (default: {excite.AMPLITUDE:g})",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=number(1.0, 3600.0),
+        help=f"with excite: s for each axis (default: {excite.SECONDS:g})",
+    )
+    parser.add_argument(
+        "--reach",
+        type=number(0.1, 1000.0),
+        help=f"with excite: largest distance in m from where it was armed; disarms beyond (default: {excite.REACH:g})",
+    )
     parser.add_argument("--record", type=Path, metavar="DIR", help="record missions in a new folder")
     parser.add_argument(
         "--sim-time",
@@ -141,7 +171,7 @@ def main(arguments: Sequence[str]) -> int:
             if given.goal is not None:
                 pilot.steer_to(given.goal, yaw=math.radians(given.yaw))
             begin()
-            pilot.run(lambda: request.signal is None and not stopped())
+            pilot.run(lambda: request.signal is None and not pilot.finished and not stopped())
         finally:
             pilot.close("the pilot was ended")
     if given.record is not None:
@@ -158,7 +188,16 @@ def _check(given: argparse.Namespace) -> None:
         raise UserError("--arm: needs --mavlink; over ROS 2 arm with the service pilot/arm")
     if given.mavlink is not None and given.namespace is not None:
         raise UserError(f"--namespace {given.namespace}: is for ROS 2, not for --mavlink; leave it out")
-    if given.mavlink is not None and given.goal is None:
+    exciting = given.controller == excite.NAME
+    own = ("axis", "amplitude", "seconds", "reach")
+    for flag in own if not exciting else ("goal", "task", "goal_radius"):
+        if getattr(given, flag) is not None:
+            raise UserError(
+                f"--{flag.replace('_', '-')}: is {'not ' if exciting else ''}for {excite.NAME}; leave it out"
+            )
+    if exciting and given.axis is None:
+        raise UserError(f"{excite.NAME}: needs --axis; valid: {', '.join(AXES)}")
+    if given.mavlink is not None and given.goal is None and not exciting:
         raise UserError("--mavlink: needs --goal X Y Z, the waypoint or station")
 
 
@@ -203,10 +242,12 @@ def _over_mavlink(given: argparse.Namespace, setup: Steering, options: dict[str,
 
 
 def _setup(given: argparse.Namespace) -> Steering:
-    from auvbench.pilot.steering import Limits, Steering
+    from auvbench.pilot.steering import Steering
     from auvbench.vehicles import sheet
 
     word = str(given.controller)
+    if word == excite.NAME:
+        return _excitation(given)
     if word.endswith(".onnx"):
         from auvbench.policies import exported
 
@@ -236,19 +277,52 @@ def _setup(given: argparse.Namespace) -> Steering:
         task = task_of(given.task or DEFAULT_TASK, "--task")
         name, spec = word, observation_spec(task, vehicle.actuators)
         controller = classical(word, vehicle, frequency, task)
-    low, high = given.depth or (task.depth_low, task.depth_high)
     radius = getattr(task, "goal_radius", getattr(task, "tolerance", 0.0))
-    limits = Limits(
-        depth_low=float(low),
-        depth_high=float(high),
+    limits = _limits(
+        given,
+        task,
         goal_radius=float(given.goal_radius or radius),
         max_steps=int(task.max_steps),
-        pose_timeout=given.pose_timeout,
-        lost_after=max(5.0, 2.0 * given.pose_timeout),
-        patience=max(1.0, given.pose_timeout),
         holds=registry.TASKS[task.name].holds,
     )
     return Steering(controller, vehicle, frequency, spec, limits, name)
+
+
+def _excitation(given: argparse.Namespace) -> Steering:
+    """Return what flies a manoeuvre for identification once, from where the vehicle is armed."""
+    from auvbench.pilot.steering import Steering
+    from auvbench.tasks.observation import observation_spec
+    from auvbench.vehicles import sheet
+
+    vehicle = sheet.load(given.vehicle or sheet.DEFAULT)
+    frequency = given.frequency or excite.FREQUENCY
+    controller = excite.Excite(
+        vehicle,
+        given.axis,
+        given.amplitude or excite.AMPLITUDE,
+        given.seconds or excite.SECONDS,
+        frequency,
+    )
+    task = task_of(DEFAULT_TASK, "--task")
+    limits = _limits(
+        given, task, goal_radius=0.0, max_steps=controller.steps, reach=given.reach or excite.REACH
+    )
+    spec = observation_spec(task, vehicle.actuators)
+    return Steering(controller, vehicle, frequency, spec, limits, excite.NAME, once=True)
+
+
+def _limits(given: argparse.Namespace, task: tasks.Task, **options: Any) -> Limits:
+    from auvbench.pilot.steering import Limits
+
+    low, high = given.depth or (task.depth_low, task.depth_high)
+    return Limits(
+        depth_low=float(low),
+        depth_high=float(high),
+        pose_timeout=given.pose_timeout,
+        lost_after=max(5.0, 2.0 * given.pose_timeout),
+        patience=max(1.0, given.pose_timeout),
+        **options,
+    )
 
 
 def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Task | None = None) -> Any:
@@ -261,7 +335,9 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
     from auvbench.registry import AGENTS, resolve
 
     if name not in CONTROLLERS:
-        raise ConfigError(f"{name}: is neither a POLICY.onnx nor a controller; {closest(name, CONTROLLERS)}")
+        raise ConfigError(
+            f"{name}: is neither a POLICY.onnx nor a controller; {closest(name, (*CONTROLLERS, excite.NAME))}"
+        )
     spec = AGENTS[name]
     gains = spec.schema(**defaults("algo", name))
     step = SimpleNamespace(frequency=frequency)

@@ -12,6 +12,7 @@ from auvbench.identification.fit import Fit, information
 from auvbench.identification.inputs import has_voltage
 from auvbench.identification.log import LogError
 from auvbench.identification.parameters import with_values
+from auvbench.vehicles import signals
 from auvbench.vehicles.inspect import AXES
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +38,8 @@ class Advice:
         return (
             f"Fly a telegraph signal in {self.axis} for a minute without a controller: the thrusters push to and fro with"
             f" {100 * self.amplitude:.0f} % and {40 * self.amplitude:.0f} % of their largest force along this axis, and"
-            f" each level lasts {manoeuvres.SHORT:g} to {manoeuvres.LONG:g} s."
+            f" each level lasts {signals.SHORT:g} to {signals.LONG:g} s"
+            f" (auvbench pilot excite --axis {self.axis} --amplitude {self.amplitude:g})."
         )
 
 
@@ -62,7 +64,7 @@ def advise(result: Fit) -> list[Advice]:
     for axis in (name for name in AXES if name in vehicle.controllable):
         for amplitude in AMPLITUDES:
             generator = np.random.default_rng(0)
-            command = manoeuvres.telegraph(vehicle, [axis], SECONDS, amplitude, generator)
+            command = signals.telegraph(vehicle, [axis], SECONDS, amplitude, generator)
             try:
                 log = manoeuvres.fly(vehicle, command, generator, noise=noise, every=5, name=axis)
             except LogError:  # The vehicle would turn over, or be faster than any vehicle.

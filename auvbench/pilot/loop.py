@@ -68,6 +68,8 @@ class Pilot(ABC):
         self._due = 0.0
         self._closed = False
         self._unsaid: Exception | None = None
+        self.finished = False
+        """whether a mission that is flown once is over"""
 
     # The network.
 
@@ -190,6 +192,8 @@ class Pilot(ABC):
         if obstacle := self._take_over():
             self.guard.release()
             return obstacle
+        if self.steering.once:
+            self.steer_to(self.pose[:3].tolist())
         self.armed = True
         self._set_state("armed")
         return ""
@@ -240,6 +244,10 @@ class Pilot(ABC):
         if not self.may_steer():
             return
         outcome = self.steering.advance(self.pose)
+        if outcome and self.steering.once:
+            self.finished = True
+            self.disarm("the manoeuvre is over")
+            return
         if outcome:
             self.steering.waypoint = None
             self.steering.end(outcome)
@@ -262,6 +270,9 @@ class Pilot(ABC):
         elif not self.limits.within(self.pose[2]):
             self.steering.advance(self.pose)
             self.disarm(self._depth())
+        elif (distance := self.steering.distance(self.pose)) > self.limits.reach:
+            self.steering.advance(self.pose)
+            self.disarm(f"{distance:.1f} m from where it was armed, more than {self.limits.reach:g} m")
         else:
             return True
         return False
@@ -285,7 +296,10 @@ class Pilot(ABC):
             if self._slow in (1, 10, 100):
                 self._report(f"the controller takes longer than its step of {self.period:g} s")
         self._command(self.physical.of_action(action))
-        self._set_state(f"steering to ({waypoint[0]:.1f}, {waypoint[1]:.1f}, {waypoint[2]:.1f})")
+        x, y, z = waypoint
+        self._set_state(
+            "flying the manoeuvre" if self.steering.once else f"steering to ({x:.1f}, {y:.1f}, {z:.1f})"
+        )
 
     def _failed(self, error: Exception) -> AuvbenchError:
         """Disarm, and return the error that ends the command."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -39,6 +40,7 @@ class Limits:
     patience: float = 1.0  # s, longest silence of a pilot; its supervisor disarms after it
     # whether to keep station: no arrival ends it, and every `max_steps` steps are a mission of the logbook
     holds: bool = False
+    reach: float = math.inf  # m, largest distance from the waypoint; the pilot disarms beyond
 
     @property
     def depths(self) -> str:
@@ -69,6 +71,8 @@ class Steering:
     """(3,) waypoint or station, m"""
     yaw: float = 0.0
     """yaw to keep at a station, rad"""
+    once: bool = False
+    """whether the waypoint is where the vehicle is armed, and the pilot ends after the first mission"""
     mission: Mission | None = field(default=None, init=False)
     """present mission; begins with the first action towards a waypoint"""
     action_time: float = field(default=0.0, init=False)
@@ -77,6 +81,10 @@ class Steering:
     """missions that `write` has not written yet, with the reason of their end"""
     _action: Floats | None = field(default=None, init=False)
     """action since the last step"""
+
+    def distance(self, pose: Floats) -> float:
+        """Return the distance in m of a pose (7,) from the waypoint; 0 without one."""
+        return 0.0 if self.waypoint is None else math.dist(pose[:3], self.waypoint)
 
     def advance(self, pose: Floats) -> str:
         """Record the step that ended at `pose` (7,); return the mission's outcome if the step ended it."""

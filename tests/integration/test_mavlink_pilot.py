@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from auvbench.errors import RunError
 from auvbench.integrations.ardusub.radio import dialect
 from auvbench.integrations.mavlink import autopilot
 from auvbench.integrations.mavlink.link import Link
+from auvbench.pilot.excite import Excite
 from auvbench.pilot.steering import Limits
 from tests import dds
 from tests.bridge import NEUTRAL, Bridge, Clock
@@ -91,6 +93,40 @@ def test_armed_elsewhere_in_another_mode_it_is_left_alone(bridge):
     assert not bridge.pilot.armed
     assert bridge.vehicle.sticks == []
     assert bridge.vehicle.armed
+
+
+def excited(bridge, **limits):
+    vehicle = bridge.pilot.steering.vehicle
+    manoeuvre = Excite(vehicle, ["surge"], 0.3, 6.0, 10.0)
+    bridge.pilot.steering = replace(
+        bridge.pilot.steering,
+        controller=manoeuvre,
+        once=True,
+        limits=replace(bridge.limits, goal_radius=0.0, max_steps=manoeuvre.steps, **limits),
+    )
+    bridge.pilot.limits = bridge.pilot.steering.limits
+    bridge.until(lambda: bridge.pilot.age < 0.5)
+    assert bridge.pilot.arm() == ""
+    return bridge.pilot
+
+
+def test_a_manoeuvre_pushes_to_and_fro_once_and_disarms(bridge):
+    pilot = excited(bridge)
+    bridge.until(lambda: pilot.finished, step=0.02)
+    assert "disarmed: the manoeuvre is over" in bridge.said
+    surges = {stick[0] for stick in bridge.vehicle.sticks}
+    assert min(surges) < 0 < max(surges)
+    until(lambda: not bridge.vehicle.armed)
+    assert bridge.vehicle.sticks[-1] == NEUTRAL
+
+
+def test_a_manoeuvre_ends_where_it_leaves_its_room(bridge):
+    pilot = excited(bridge, reach=0.01)
+    bridge.until(lambda: not pilot.armed, step=0.02)
+    assert any("m from where it was armed, more than 0.01 m" in text for text in bridge.said)
+    assert not pilot.finished
+    until(lambda: not bridge.vehicle.armed)
+    assert bridge.vehicle.sticks[-1] == NEUTRAL
 
 
 def test_stale_telemetry_is_neutral_and_in_the_end_disarmed(bridge):

@@ -12,7 +12,7 @@ from auvbench.identification import gate, manoeuvres, parameters
 from auvbench.identification.fit import Fit, fit
 from auvbench.identification.log import CHANNELS, Log
 from auvbench.identification.windows import Held, Predictor, cut
-from auvbench.vehicles import sheet
+from auvbench.vehicles import sheet, signals
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 NOISE = {"yaw": 0.005, "r": 0.005}
@@ -30,7 +30,7 @@ def flown(
 ) -> tuple[VehicleModel, Log]:
     vehicle = sheet.load("bluerov2_2026")
     generator = np.random.default_rng(seed)
-    command = manoeuvres.telegraph(vehicle, axes, seconds, amplitude, generator)
+    command = signals.telegraph(vehicle, axes, seconds, amplitude, generator)
     other = parameters.with_values(vehicle, dict(truth))
     return vehicle, manoeuvres.fly(
         other, command, generator, noise=noise, every=3, delay=truth.get("delay", 0.0)
@@ -143,7 +143,7 @@ def closed_loop(vehicle: VehicleModel) -> Log:
     generator = np.random.default_rng(0)
     simulator = FossenSimulator(vehicle, 1, 0.005)
     simulator.pose[:, 2] = -10.0
-    push = manoeuvres.direction(vehicle, "yaw")
+    push = signals.direction(vehicle, "yaw")
     limits = vehicle.force(np.ones(6))
     rows, commands, moment = [], [], 0.0
     for _ in range(2000):

@@ -17,6 +17,7 @@ from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, RunError, UserError
 from auvbench.evaluation.replay import read_mission
+from auvbench.pilot.excite import Excite
 from auvbench.pilot.mission import Logbook, Mission
 from auvbench.pilot.observation import observe, supplied
 from auvbench.pilot.steering import Limits, Steering
@@ -293,3 +294,41 @@ print(sorted({name.partition(".")[0] for name in sys.modules} & set(sys.argv[1].
         timeout=LIMIT,
     )
     assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+def test_a_manoeuvre_is_the_telegraph_signal_of_its_axis_and_ends_at_rest():
+    vehicle = load("bluerov2")
+    manoeuvre = Excite(vehicle, ["surge", "yaw"], 0.2, 10.0, 20.0)
+    assert manoeuvre.steps == 400
+    seen = np.zeros((1, 3), dtype=np.float32)
+    actions = np.array([manoeuvre.act(seen)[0] for _ in range(401)])
+    wrench = vehicle.force(actions) @ vehicle.allocation.T
+    assert not np.any(wrench[:10])  # half a second at rest
+    surge, yaw = wrench[10:200], wrench[200:400]
+    assert min(surge[:, 0]) < 0 < max(surge[:, 0])
+    assert np.max(np.abs(surge[:, 5])) < 1e-3 * np.max(np.abs(surge[:, 0]))
+    assert min(yaw[:, 5]) < 0 < max(yaw[:, 5])
+    assert not np.any(actions[400])
+    manoeuvre.reset(np.zeros(1, dtype=np.int64))
+    np.testing.assert_array_equal(manoeuvre.act(seen)[0], actions[0])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["excite"], "needs --axis"),
+        (["excite", "--axis", "pitch"], "--axis pitch: bluerov2_2026 cannot push along it"),
+        (["excite", "--axis", "yaw", "--goal", "1", "2", "-3"], "--goal: is not for excite"),
+        (["pid", "--reach", "3"], "--reach: is for excite"),
+    ],
+)
+def test_a_manoeuvre_that_cannot_be_flown_is_refused(arguments, text, capsys):
+    assert (
+        main(
+            ["pilot", *arguments, "--mavlink", "udp:127.0.0.1:1"]
+            if "pid" not in arguments
+            else ["pilot", *arguments]
+        )
+        == 2
+    )
+    assert text in capsys.readouterr().err

@@ -1,0 +1,66 @@
+"""Push a vehicle to and fro along its axes, for a log from which `auvbench identify` learns its numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.errors import ConfigError, closest
+from auvbench.vehicles import signals
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+Floats = NDArray[np.float64]
+
+NAME = "excite"
+"""word on the command line in place of a controller"""
+SECONDS = 60.0
+"""duration for each axis, s"""
+AMPLITUDE = 0.15
+"""share of the largest force along an axis"""
+REACH = 5.0
+"""largest distance from where it began, m"""
+FREQUENCY = 20.0
+"""commands per second"""
+
+
+class Excite:
+    """Controller of a pilot that ignores what it observes: an open loop.
+
+    Args:
+        vehicle: vehicle that flies it.
+        axes: axes in their order (surge, sway, heave, roll, pitch, yaw).
+        amplitude: largest share of the force along an axis, up to 1; levels are 40 and 100 % of it.
+        seconds: duration for each axis, s.
+        frequency: rate of the pilot, Hz.
+
+    Raises:
+        ConfigError: the thrusters do not push along an axis.
+    """
+
+    def __init__(
+        self, vehicle: VehicleModel, axes: Sequence[str], amplitude: float, seconds: float, frequency: float
+    ) -> None:
+        for axis in axes:
+            if axis not in vehicle.controllable:
+                raise ConfigError(
+                    f"--axis {axis}: {vehicle.name} cannot push along it; {closest(axis, vehicle.controllable)}"
+                )
+        duration = seconds * len(axes)
+        commands = signals.telegraph(vehicle, axes, duration, amplitude, np.random.default_rng(0))
+        self.steps = round(duration * frequency)
+        rows = np.arange(self.steps) / (frequency * signals.INTERVAL)
+        self._commands = commands[np.minimum(rows.astype(np.int64), len(commands) - 1)]
+        self._step = 0
+
+    def reset(self, episodes: NDArray[np.int64]) -> None:
+        """Begin again."""
+        self._step = 0
+
+    def act(self, observation: NDArray[np.float32]) -> Floats:
+        """Return the next action (1, n_u) in [-1, 1]; zeros after the last."""
+        step, self._step = self._step, self._step + 1
+        if step >= self.steps:
+            return np.zeros((1, self._commands.shape[1]))
+        return self._commands[step : step + 1]

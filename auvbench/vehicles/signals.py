@@ -1,0 +1,66 @@
+"""Commands that excite a vehicle for identification. They need only NumPy, so that a vehicle's own computer can fly them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.vehicles.inspect import AXES
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+FloatArray = NDArray[np.float64]
+
+SHORT, LONG = 0.4, 3.0
+"""Shortest and longest time in s that a telegraph signal stays at one level."""
+NEUTRAL = 0.5
+"""Time in s without a command at the start."""
+INTERVAL = 0.02
+"""Time in s between two rows of inputs."""
+
+
+def direction(vehicle: VehicleModel, axis: str) -> FloatArray:
+    """Return the forces (n_u,) in N that push along one axis, as far as the thrusters can, with a thruster at its limit."""
+    B = vehicle.allocation
+    wanted = np.zeros(6)
+    wanted[AXES.index(axis)] = 1.0
+    rows = [AXES.index(name) for name in vehicle.controllable]
+    force = np.linalg.pinv(B[rows]) @ wanted[rows]
+    limits = vehicle.force_limits
+    reach = np.where(force >= 0.0, limits[:, 1], -limits[:, 0])
+    load = np.abs(force) / np.where(reach > 0.0, reach, np.inf)
+    return np.asarray(force / max(float(load.max(initial=0.0)), 1e-12))
+
+
+def telegraph(
+    vehicle: VehicleModel,
+    axes: Sequence[str],
+    duration: float,
+    amplitude: float,
+    generator: np.random.Generator,
+) -> FloatArray:
+    """Return commands (T, n_u) every `INTERVAL` s of random levels for one axis after another.
+
+    Args:
+        vehicle: vehicle that flies it.
+        axes: axes in their order; each gets the same share of the time.
+        duration: s.
+        amplitude: largest share of the force along an axis, up to 1.
+        generator: source of the times and levels.
+    """
+    rows = round(duration / INTERVAL)
+    force = np.zeros((rows, len(vehicle.units)))
+    share = rows // len(axes)
+    for number, axis in enumerate(axes):
+        push = direction(vehicle, axis)
+        at, sign = number * share, 1.0
+        if number == 0:  # A log starts at rest, so that what came before it is known.
+            at = min(round(NEUTRAL / INTERVAL), rows // 2)
+        while at < (number + 1) * share:
+            hold = max(1, round(float(generator.uniform(SHORT, LONG)) / INTERVAL))
+            end = min(at + hold, (number + 1) * share)
+            # Two levels of each sign: the ratio of linear to quadratic damping needs two speeds.
+            force[at:end] = sign * amplitude * float(generator.choice([0.4, 1.0])) * push
+            at, sign = end, -sign
+    return vehicle.action(force)
