@@ -244,21 +244,29 @@ def _check_units(log: Log) -> None:
             f"{log.name}: pitch is {log.measured[row, 4]:.4g} rad in row {row + 1}; it must be within +-1.571 rad: is the"
             " column in degrees? Then name it pitch_deg"
         )
+    level = np.nanmax(np.abs(log.measured[:, 3:5]), initial=0.0) < 1.2  # upside down, signs change
+    for angle, rate in ((3, 9), (4, 10), (5, 11), (2, 8)):
+        slope = _slope(log, angle, rate)
+        if slope is not None and slope < 0.0 and level:
+            raise LogError(
+                f"{log.name}: {CHANNELS[rate]} has the opposite sign of the derivative of {CHANNELS[angle]}; give both in axes"
+                " forward, port, up, or both forward, starboard, down with frame=ned"
+            )
     for angle, rate in ((3, 9), (4, 10), (5, 11)):
         slope = _slope(log, angle, rate)
         for factor, what in (
             (57.3, "the rates look like deg/s"),
             (1 / 57.3, "the attitude looks like degrees"),
         ):
-            if slope is not None and 0.6 < slope / factor < 1.6:
+            if slope is not None and 0.6 < abs(slope) / factor < 1.6:
                 raise LogError(
-                    f"{log.name}: {CHANNELS[rate]} is {slope:.3g} times the derivative of {CHANNELS[angle]}; {what}: name"
+                    f"{log.name}: {CHANNELS[rate]} is {abs(slope):.3g} times the derivative of {CHANNELS[angle]}; {what}: name"
                     " columns in degrees _deg and _degps"
                 )
     slope = _slope(log, 2, 8)
-    if slope is not None and not 0.1 < slope < 10.0:
+    if slope is not None and not 0.1 < abs(slope) < 10.0:
         raise LogError(
-            f"{log.name}: w is {slope:.3g} times the derivative of z; give positions in m and velocities in m/s"
+            f"{log.name}: w is {abs(slope):.3g} times the derivative of z; give positions in m and velocities in m/s"
         )
     if log.acceleration is not None:
         norm = float(np.nanmedian(np.linalg.norm(log.acceleration, axis=1)))
@@ -270,7 +278,7 @@ def _check_units(log: Log) -> None:
 
 
 def _slope(log: Log, angle: int, rate: int) -> float | None:
-    """Return the factor from the derivative of an angle or of z to a rate or to w, near level attitude; None where the log does not show it."""
+    """Return the factor from the derivative of an angle or of z to a rate or to w; None where the log does not show it."""
     rows = np.flatnonzero(np.isfinite(log.measured[:, angle]) & np.isfinite(log.measured[:, rate]))
     if rows.size < 5 * FEWEST:
         return None
@@ -281,7 +289,7 @@ def _slope(log: Log, angle: int, rate: int) -> float | None:
     width = min(10, turn.size)
     kernel = np.ones(width)
     turn, area = (np.convolve(part, kernel, "valid") for part in (turn, area))
-    power = float(np.sqrt(np.mean(turn**2) * np.mean(area**2)))
-    if power == 0.0 or abs(float(np.mean(turn * area))) < 0.8 * power:
+    power, product = float(np.sqrt(np.mean(turn**2) * np.mean(area**2))), float(np.mean(turn * area))
+    if power == 0.0 or abs(product) < 0.8 * power:
         return None
-    return float(np.sqrt(np.mean(area**2) / np.mean(turn**2)))
+    return float(np.copysign(np.sqrt(np.mean(area**2) / np.mean(turn**2)), product))

@@ -120,6 +120,7 @@ def test_a_channel_that_never_changes_was_not_measured() -> None:
         ({"thruster1_us": 1500.0}, "has inputs of 2 kinds"),
         ({"yaw_rad": None, "r_radps": None}, "has no measurement"),
         ({"yawn_rad": 0.0}, "unknown column 'yawn_rad'; did you mean 'yaw_rad'?"),
+        ({"r_radps": -0.1 * np.cos(0.1 * np.arange(ROWS))}, "r has the opposite sign of the derivative of yaw"),
         ({"r_radps": 57.3 * 0.5 * np.cos(0.1 * np.arange(ROWS))}, "the rates look like deg/s"),
         ({"yaw_rad": np.degrees(0.5 * np.sin(0.1 * np.arange(ROWS)))}, "the attitude looks like degrees"),
         ({"r_radps": 60.0}, "the largest value of a vehicle in water is 35 rad/s; a column in deg/s"),
