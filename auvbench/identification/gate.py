@@ -37,6 +37,13 @@ EXCITED = 0.02
 """Share of the largest force from which an axis counts as commanded."""
 
 
+CLOSED, AGAINST = "closed loop", "against the command"
+_REASONS = {
+    CLOSED: "the log is closed loop on this axis",
+    AGAINST: "the vehicle moves against the commands on this axis",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Verdict:
     """What the commands of one axis did in some logs."""
@@ -50,12 +57,12 @@ class Verdict:
     """Time in s by which the motion follows the command at the largest correlation."""
     correlation: float = float("nan")
     state: str = "open loop"
-    """"open loop", "closed loop", "not commanded", "not measured" or "not resolved"."""
+    """"open loop", "closed loop", "against the command", "not commanded", "not measured" or "not resolved"."""
 
     @property
-    def closed(self) -> bool:
+    def refused(self) -> bool:
         """Return whether the axis's parameters must stay at their prior."""
-        return self.state == "closed loop"
+        return self.state in _REASONS
 
 
 def judge(logs: Sequence[Log], vehicle: VehicleModel) -> list[Verdict]:
@@ -111,7 +118,18 @@ def _judge(
     correlation = products / np.sqrt(np.maximum(powers[:, 0] * powers[:, 1], 1e-30))
     best = int(np.argmax(correlation))
     lag, peak = float(shifts[best] * GRID), float(correlation[best])
-    state = "open loop" if -1e-9 <= lag <= LATEST and peak >= SMALLEST else "closed loop"
+    late_enough = (shifts * GRID > -1e-9) & (shifts * GRID <= LATEST)
+    against = int(np.argmin(np.where(late_enough, correlation, np.inf)))
+    if correlation[against] <= -SMALLEST and -correlation[against] > peak:
+        return Verdict(
+            AXES[k],
+            command,
+            moved,
+            float(shifts[against] * GRID),
+            float(correlation[against]),
+            AGAINST,
+        )
+    state = "open loop" if late_enough[best] and peak >= SMALLEST else CLOSED
     return Verdict(AXES[k], command, moved, lag, peak, state)
 
 
@@ -157,25 +175,36 @@ def needed(vehicle: VehicleModel, states: FloatArray, change: FloatArray) -> Flo
 
 def reasons(verdicts: Sequence[Verdict], names: Sequence[str]) -> dict[str, str]:
     """Return why parameters stay at their prior because of their axis, by name."""
-    closed = {verdict.axis for verdict in verdicts if verdict.closed}
+    refused = {verdict.axis: _REASONS[verdict.state] for verdict in verdicts if verdict.refused}
     return {
-        name: "the log is closed loop on this axis"
+        name: refused[axis]
         for name in names
-        if name.partition(".")[2] in closed and not name.startswith(("gain.", "center_of_buoyancy"))
+        if (axis := name.partition(".")[2]) in refused
+        and not name.startswith(("gain.", "center_of_buoyancy"))
     }
 
 
 def warning(verdicts: Sequence[Verdict]) -> str:
-    """Return a line on the axes whose commands followed the motion; '' without any."""
-    closed = [verdict for verdict in verdicts if verdict.closed]
-    if not closed:
-        return ""
-    said = ", ".join(
+    """Return what is wrong with the commands of some axes; '' without any."""
+    closed, against = _said(verdicts, CLOSED), _said(verdicts, AGAINST)
+    parts = []
+    if closed:
+        parts.append(
+            f"the commands do not lead the motion on {closed}: the log looks closed loop, and these axes stay at the sheet's"
+            f" values; record a telegraph signal without a controller (accepted: {SMALLEST:g} or more at 0 to"
+            f" {1e3 * LATEST:.0f} ms)"
+        )
+    if against:
+        parts.append(
+            f"the vehicle moves against the commands on {against}, and these axes stay at the sheet's values; a thruster pushes"
+            " the other way than in the sheet (motors=), or the log has other axes (frame=)"
+        )
+    return ". ".join(parts)
+
+
+def _said(verdicts: Sequence[Verdict], state: str) -> str:
+    return ", ".join(
         f"{verdict.axis} (correlation {verdict.correlation:.2f} at {1e3 * verdict.lag:+.0f} ms)"
-        for verdict in closed
-    )
-    return (
-        f"the commands do not lead the motion on {said}: the log looks closed loop, and these axes stay at the sheet's"
-        f" values; record a telegraph signal without a controller (accepted: {SMALLEST:g} or more at 0 to"
-        f" {1e3 * LATEST:.0f} ms)"
+        for verdict in verdicts
+        if verdict.state == state
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -178,6 +179,9 @@ def test_the_gate_separates_open_from_closed_loop() -> None:
     assert 0.0 <= opened["yaw"].lag <= 0.1
     assert opened["surge"].state == "not commanded"
     assert gate.warning(list(opened.values())) == ""
+    verdicts = gate.judge([replace(log, inputs=-log.inputs)], vehicle)
+    assert "moves against the commands on yaw" in gate.warning(verdicts)
+    assert list(gate.reasons(verdicts, ["added_mass.yaw", "added_mass.surge"])) == ["added_mass.yaw"]
     verdicts = gate.judge([closed_loop(vehicle)], vehicle)
     closed = {verdict.axis: verdict for verdict in verdicts}
     assert closed["yaw"].state == "closed loop"
