@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib import import_module
 
+from auvbench.analysis.options import FORMATS, STUDIES
 from auvbench.commands.grammar import WHERE, Parser
-from auvbench.commands.report_options import FORMATS, STUDIES
 from auvbench.config import folders
 from auvbench.errors import UserError, closest
 from auvbench.record import measure_names

@@ -5,26 +5,22 @@ from __future__ import annotations
 import argparse
 import os
 import shlex
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands import export, publish_readme
-from auvbench.commands.publish_readme import Study
-from auvbench.commands.report_options import Options, read
+from auvbench.commands import export
 from auvbench.commands.report_options import parser as report_parser
-from auvbench.errors import ReportError, UserError, closest
+from auvbench.commands.report_options import read
+from auvbench.errors import UserError, closest
 from auvbench.runs import declared
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
-    from auvbench.analysis.records import RunRecord
     from auvbench.commands.grammar import Parser
 
 PICTURES = "success_over_grid,success_over_conditions,training_success"
 """figures in addition to the main figure, which every README has"""
-NAMED = 3
-"""largest number of runs to name; further runs are only counted"""
 
 
 def parser() -> Parser:
@@ -65,6 +61,9 @@ def parser() -> Parser:
 
 def main(argv: Sequence[str]) -> int:
     """Return 1 if anything had to be left out; a line names each item."""
+    from auvbench.reporting.study import Study, publish
+    from auvbench.runs.atomic_io import storage
+
     for flag in ("--out", "--format"):
         if any(word.partition("=")[0] == flag for word in argv):
             raise UserError(f"{flag}: is not an option of publish; --to DIR names the folder")
@@ -88,15 +87,12 @@ def main(argv: Sequence[str]) -> int:
         )
     if study.policies:
         export.require()
-    from auvbench.runs.atomic_io import storage
-
-    publish_readme.check(study, options)
-    publish_readme.rehearse(paths, study, options)
     with storage(f"cannot write {study.folder}"):
-        runs, left_out = _ship(paths, options, study)
-        count, without = publish_readme.write(study, options, {run.id: run for run in runs})
-    print(f"{count} run{'s' if count != 1 else ''} in {os.path.relpath(study.folder)}")
-    return 1 if left_out or without else 0
+        published = publish(paths, study, options)
+    for line in published.lines:
+        print(line)
+    print(f"{published.runs} run{'s' if published.runs != 1 else ''} in {os.path.relpath(study.folder)}")
+    return 0 if published.complete else 1
 
 
 def _names(text: str) -> tuple[str, ...]:
@@ -125,61 +121,3 @@ def _placeless(word: str) -> str:
     if not path.is_absolute():
         return word
     return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else path.name
-
-
-def _ship(paths: Sequence[Path], options: Options, study: Study) -> tuple[list[RunRecord], int]:
-    """Write the runs; return them as loaded, and the number of items left out, each named in a line.
-
-    Raises:
-        ReportError: no run can be published, or the study's folder contains runs.
-    """
-    from auvbench.analysis.formatting import listed
-    from auvbench.analysis.grouping import failed_training
-    from auvbench.analysis.load import load, require
-    from auvbench.reporting import archive
-
-    folder = study.folder
-    protocols = (options.protocol, *study.also)
-    runs, problems = load(paths, protocols, options.where)
-    require(runs, problems, options.protocol)
-    for run in runs:
-        if run.archive is None and folder.resolve() in run.directory.resolve().parents:
-            raise ReportError(f"--to {folder}: contains the run {run.directory}; name a folder without runs")
-    chosen = [run for run in runs if run.evaluations or failed_training(run)]
-    ids = {run.id for run in chosen}
-    _refuse_loss(folder, ids)
-    omitted = archive.write(chosen, folder, protocols, trajectories=study.paths, compact=study.compact)
-    omitted += archive.write_history(runs, folder)
-    untested = [p for p in problems if p.kind == "missing"]
-    omitted += [
-        f"{p.where}: {p.message}"
-        for p in problems
-        if p.kind not in ("missing", "duplicate") and not (p.kind == "failed" and p.where in ids)
-    ]
-    if untested:
-        omitted.append(f"{listed([p.where for p in untested], NAMED)}: {untested[0].message}")
-    for line in omitted:
-        print(f"not published: {line}")
-    for problem in [p for p in problems if p.kind == "duplicate"]:
-        print(f"{problem.where}: {problem.message}")
-    return chosen, len(omitted)
-
-
-def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
-    """Raise ReportError if the existing study has runs that would be lost."""
-    from auvbench.analysis.archive import RUNS, Archive, is_archive
-    from auvbench.analysis.evaluations import Damage
-    from auvbench.analysis.formatting import counted
-
-    if not is_archive(folder):
-        return
-    try:
-        lost = [name for name in Archive(folder).ids() if name not in chosen]
-    except Damage as damage:
-        raise ReportError(f"{folder}: {damage}; remove {RUNS} to publish again") from damage
-    if lost:
-        raise ReportError(
-            f"{folder} has {counted(len(lost), 'run')} that would be lost, first {lost[0]}; name {folder} "
-            "as well to keep "
-            f"them, publish into another folder, or remove {folder / RUNS}"
-        )

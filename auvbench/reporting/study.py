@@ -1,20 +1,36 @@
-"""Write what `auvbench publish` computes from the copied rows: tables, figures, policies, and the blocks of
-the README.
+"""Publish a study: copy the rows of runs, and compute from the copies tables, figures, policies and the blocks of
+its README.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from auvbench.commands.report_options import OF_THE_TABLE, STORED, Options, defaults
+from auvbench.analysis.analyse import across_tasks, analyse
+from auvbench.analysis.archive import RUNS, Archive, is_archive
+from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.formatting import counted, listed
+from auvbench.analysis.grouping import failed_training
+from auvbench.analysis.load import load, require
+from auvbench.analysis.options import OF_THE_TABLE, STORED, Options, defaults
+from auvbench.analysis.records import Report, RunRecord
+from auvbench.errors import ReportError
+from auvbench.reporting import archive, best_policies, readme, tables
+from auvbench.reporting import write as files
+from auvbench.reporting.figures import MAIN, draw
+from auvbench.reporting.folder import rows
+from auvbench.reporting.readme import fold
+from auvbench.reporting.tables.text_formats import escape
+from auvbench.reporting.write import claims_in_markdown, findings_in_markdown
+from auvbench.runs import declared, history
+from auvbench.runs.atomic_io import write_atomic
+from auvbench.runs.declared import Declared
 
-if TYPE_CHECKING:
-    from auvbench.analysis.records import Report, RunRecord
-    from auvbench.runs.declared import Declared
+NAMED = 3
+"""largest number of runs to name; further runs are only counted"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,28 +46,39 @@ class Study:
     command: str
 
 
-def check(study: Study, options: Options) -> None:
-    """Check, before anything is written, that an existing README has a place for each block.
+@dataclass(frozen=True, slots=True)
+class Published:
+    """What `publish` wrote."""
+
+    runs: int
+    """number of runs in the report"""
+    complete: bool
+    """whether nothing was left out"""
+    lines: tuple[str, ...]
+    """what was left out, and what to do next"""
+
+
+def publish(paths: Sequence[Path], study: Study, options: Options) -> Published:
+    """Publish the runs under some paths.
+
+    Args:
+        paths: run directories, or folders that contain them.
+        study: options of publish.
+        options: options of the report.
 
     Raises:
-        UserError: a block has no place.
+        UserError: the README has no place for a block, an option has an unknown name, or no report is possible;
+            then nothing was written.
+        ReportError: the study's folder contains runs, or has runs that would be lost.
+        OSError: a file cannot be written.
     """
-    from auvbench.reporting import readme
-
     readme.check(study.folder / "README.md", _blocks(study, options))
-
-
-def rehearse(paths: Sequence[Path], study: Study, options: Options) -> None:
-    """Check, before anything is written, that a report of the runs with these options is possible.
-
-    Raises:
-        UserError: it is not possible, or an option has an unknown name.
-    """
-    from auvbench.commands.report import analysed
-
-    analysed(paths, options)
-    for name in study.also:
-        analysed(paths, _further(options, name))
+    for protocol_options in (options, *(_further(options, name) for name in study.also)):
+        analyse(paths, protocol_options)
+    runs, omitted, duplicates = _copy(paths, options, study)
+    count, without, further = _compute(study, options, {run.id: run for run in runs})
+    lines = (*(f"not published: {line}" for line in omitted), *duplicates, *without, *further)
+    return Published(count, not omitted and not without, lines)
 
 
 def _further(options: Options, protocol: str) -> Options:
@@ -59,8 +86,6 @@ def _further(options: Options, protocol: str) -> Options:
 
 
 def _blocks(study: Study, options: Options) -> list[str]:
-    from auvbench.reporting import best_policies
-
     policies = study.policies or best_policies.has_policies(study.folder)
     chosen = {"figures": bool(study.pictures), "claims": bool(options.study), "policies": policies}
     return [
@@ -70,7 +95,56 @@ def _blocks(study: Study, options: Options) -> list[str]:
     ]
 
 
-def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> tuple[int, int]:
+def _copy(
+    paths: Sequence[Path], options: Options, study: Study
+) -> tuple[list[RunRecord], list[str], list[str]]:
+    """Write the runs; return them as loaded, a line for each item left out, and one for each duplicate.
+
+    Raises:
+        ReportError: no run can be published, or the study's folder contains runs.
+    """
+    folder = study.folder
+    protocols = (options.protocol, *study.also)
+    runs, problems = load(paths, protocols, options.where)
+    require(runs, problems, options.protocol)
+    for run in runs:
+        if run.archive is None and folder.resolve() in run.directory.resolve().parents:
+            raise ReportError(f"--to {folder}: contains the run {run.directory}; name a folder without runs")
+    chosen = [run for run in runs if run.evaluations or failed_training(run)]
+    ids = {run.id for run in chosen}
+    _refuse_loss(folder, ids)
+    omitted = archive.write(chosen, folder, protocols, trajectories=study.paths, compact=study.compact)
+    omitted += archive.write_history(runs, folder)
+    untested = [p for p in problems if p.kind == "missing"]
+    omitted += [
+        f"{p.where}: {p.message}"
+        for p in problems
+        if p.kind not in ("missing", "duplicate") and not (p.kind == "failed" and p.where in ids)
+    ]
+    if untested:
+        omitted.append(f"{listed([p.where for p in untested], NAMED)}: {untested[0].message}")
+    return chosen, omitted, [f"{p.where}: {p.message}" for p in problems if p.kind == "duplicate"]
+
+
+def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
+    """Raise ReportError if the existing study has runs that would be lost."""
+    if not is_archive(folder):
+        return
+    try:
+        lost = [name for name in Archive(folder).ids() if name not in chosen]
+    except Damage as damage:
+        raise ReportError(f"{folder}: {damage}; remove {RUNS} to publish again") from damage
+    if lost:
+        raise ReportError(
+            f"{folder} has {counted(len(lost), 'run')} that would be lost, first {lost[0]}; name {folder} "
+            "as well to keep "
+            f"them, publish into another folder, or remove {folder / RUNS}"
+        )
+
+
+def _compute(
+    study: Study, options: Options, sources: Mapping[str, RunRecord]
+) -> tuple[int, list[str], list[str]]:
     """Compute the report from the published files and write it.
 
     Args:
@@ -79,26 +153,21 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
         sources: runs as loaded, by id; they have the weights of the policies.
 
     Returns:
-        Number of runs in the report, and number of policies that could not be exported.
+        Number of runs in the report, a line for each policy that could not be exported, and what to do next.
     """
-    from auvbench.commands.report import analysed
-    from auvbench.reporting import readme
-    from auvbench.reporting import write as files
-    from auvbench.runs import declared, history
-
     folder = study.folder
     analysis = _stored(options)
     declared.write(folder, analysis)
     chosen = replace(options, format=("csv",), where=(), out=folder, undecided="")
     chosen = replace(chosen, declared=analysis, declared_in=folder, usual=chosen)
-    reports = analysed([folder], chosen)
-    further = [(name, analysed([folder], _further(chosen, name))) for name in study.also]
-    protocols = [(options.protocol, reports), *further]
+    reports = analyse([folder], chosen)
+    tested_also = [(name, analyse([folder], _further(chosen, name))) for name in study.also]
+    protocols = [(options.protocol, reports), *tested_also]
     _tables(protocols, folder)
     scored = _scores(protocols, chosen, folder)
     runs = [run for report in reports for run in report.runs]
     names = _blocks(study, options)
-    policies, missing = _policies(reports, study, sources) if "policies" in names else ("", 0)
+    policies, without = _policies(reports, study, sources) if "policies" in names else ("", [])
     texts = {
         "table": lambda: "\n\n".join([*scored, _ranked(reports, folder)]),
         "findings": lambda: _findings(reports),
@@ -111,17 +180,13 @@ def write(study: Study, options: Options, sources: Mapping[str, RunRecord]) -> t
     blocks = {name: texts[name]() for name in names}
     text = readme.fill(path, study.folder.resolve().name, blocks)
     files.text(path, text)
-    if any(place in text for place in (readme.QUESTION, readme.ANSWER, readme.CAVEATS)):
-        print(f"next: replace the brackets in {path} by question, answer and caveats")
-    return len(runs), missing
+    unfilled = any(place in text for place in (readme.QUESTION, readme.ANSWER, readme.CAVEATS))
+    further = [f"next: replace the brackets in {path} by question, answer and caveats"] if unfilled else []
+    return len(runs), without, further
 
 
 def _tables(protocols: Sequence[tuple[str, Sequence[Report]]], folder: Path) -> None:
     """Write table.csv and verdicts.json of the first protocol, and conditions.csv of all protocols."""
-    from auvbench.commands.report_sections import rows
-    from auvbench.reporting import tables
-    from auvbench.reporting import write as files
-
     reports = protocols[0][1]
     files.text(folder / "table.csv", rows(reports, tables.csv))
     files.if_any(folder / "verdicts.json", files.verdicts(reports))
@@ -135,10 +200,6 @@ def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options,
     """Write score.csv of all protocols; return the tables across tasks as Markdown, or none if the study has
     one task.
     """
-    from auvbench.commands.report_sections import across_tasks
-    from auvbench.reporting import tables
-    from auvbench.reporting import write as files
-
     protocol_scores = [
         (name, across_tasks(reports, replace(options, protocol=name))) for name, reports in protocols
     ]
@@ -155,8 +216,6 @@ def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options,
 
 def _stored(options: Options) -> Declared:
     """Return the analysis that reproduces the shipped tables when the study is reported without flags."""
-    from auvbench.runs.declared import Declared
-
     usual = defaults()
     declared = options.declared
     names = OF_THE_TABLE if declared is not None and declared.names_runs else STORED
@@ -178,28 +237,22 @@ def _stored(options: Options) -> Declared:
     )
 
 
-def _policies(reports: Sequence[Report], study: Study, sources: Mapping[str, RunRecord]) -> tuple[str, int]:
-    """Return the README block, and the number of policies that could not be exported."""
-    from auvbench.reporting import best_policies
-
-    rows = best_policies.renew(
+def _policies(
+    reports: Sequence[Report], study: Study, sources: Mapping[str, RunRecord]
+) -> tuple[str, list[str]]:
+    """Return the README block, and a line for each policy that could not be exported."""
+    exported = best_policies.renew(
         [best_policies.best(r.agents, r.ranking.rank_by) for r in reports],
         sources,
         study.folder,
         export=study.policies,
     )
-    without = [row for row in rows if row.problem]
-    for row in without:
-        print(f"cannot export a policy of {row.agent} ({row.run}): {row.problem}")
-    return best_policies.markdown(rows), len(without)
+    without = [f"cannot export a policy of {p.agent} ({p.run}): {p.problem}" for p in exported if p.problem]
+    return best_policies.markdown(exported), without
 
 
 def _ranked(reports: Sequence[Report], folder: Path) -> str:
     """Return headline, main figure and main table of each section; with several sections, the tables are folded."""
-    from auvbench.reporting import tables
-    from auvbench.reporting.figures import MAIN
-    from auvbench.reporting.readme import fold
-
     parts = []
     for report in reports:
         if len(reports) > 1:
@@ -221,8 +274,6 @@ def _heading(report: Report) -> str:
 
 def _findings(reports: Sequence[Report]) -> str:
     """Return the findings of each section; the first five are visible, the rest folded."""
-    from auvbench.reporting.write import findings_in_markdown
-
     headings = [f"{_heading(report)}\n\n" if len(reports) > 1 else "" for report in reports]
     texts = [findings_in_markdown(report.findings) or "None." for report in reports]
     return "\n\n".join(map(str.__add__, headings, texts))
@@ -232,9 +283,6 @@ def _claims(reports: Sequence[Report]) -> str:
     """Return the study's claims with their verdicts, and its published numbers next to ours, for each section
     that has them.
     """
-    from auvbench.reporting import tables
-    from auvbench.reporting.write import claims_in_markdown
-
     parts = []
     for report in reports:
         if report.claims:
@@ -246,9 +294,6 @@ def _claims(reports: Sequence[Report]) -> str:
 
 def _figures(report: Report, pictures: Sequence[str], folder: Path, section: str = "") -> list[str]:
     """Draw figures of a section into `figures`, or `figures/SECTION`; return them as Markdown."""
-    from auvbench.reporting.figures import draw
-    from auvbench.reporting.tables.text_formats import escape
-
     drawn = draw(pictures, report.agents, report.ranking, folder / "figures" / section)
     for figure in drawn:
         figure.svg.unlink(missing_ok=True)
@@ -267,8 +312,6 @@ COLOURS = 128
 def _shrink(png: Path) -> None:
     """Reduce a picture to `COLOURS`, which saves two thirds of the bytes."""
     from PIL import Image  # a dependency of Matplotlib
-
-    from auvbench.runs.atomic_io import write_atomic
 
     stream = io.BytesIO()
     with Image.open(png) as image:
