@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis.evaluations import Damage, named
+from auvbench.analysis.damage import Damage, named
 from auvbench.record import columns
 from auvbench.runs import integrity
 from auvbench.runs.atomic_io import sha256

@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields
 from datetime import datetime
 from pathlib import Path
 
-from auvbench.analysis.evaluations import protocols_of
 from auvbench.analysis.formatting import capitalized, counted, listed
 from auvbench.analysis.grouping import failed_training, subject_of
 from auvbench.analysis.load import readable_runs
@@ -61,7 +60,7 @@ def declared_rows(
                 rows.setdefault(subject, set()).update(ids)
     else:
         for run in readable_runs([folder]) if loaded is None else loaded:
-            if failed_training(run) or protocol in protocols_of(run):
+            if failed_training(run) or protocol in run.source.protocols():
                 rows.setdefault(subject_of(run), set()).add(run.id)
     return {subject: frozenset(ids) for subject, ids in rows.items()}
 

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.damage import Damage
 from auvbench.analysis.formatting import capitalized, counted, listed, p_value
 from auvbench.analysis.recorded import training
 from auvbench.analysis.records import Agent, ClaimVerdict, RunRecord

@@ -22,7 +22,6 @@ from auvbench.analysis.formatting import counted
 from auvbench.analysis.labels import OWN, is_fixed, labels, sort_key
 from auvbench.analysis.measures import of_the_scenario
 from auvbench.analysis.names import with_names
-from auvbench.analysis.recorded import has_training
 from auvbench.analysis.records import NO_POLICY, Agent, Problem, RunRecord, run_learns, task_of
 from auvbench.errors import ReportError, closest
 from auvbench.metrics import of_failures
@@ -265,7 +264,7 @@ def matters(key: str, run: RunRecord, frequency_fixed: bool) -> bool:
 
 def trained(run: RunRecord) -> bool:
     """Return whether the run is a training, not a controller."""
-    return run_learns(run) or has_training(run)
+    return run_learns(run) or run.source.has_training()
 
 
 def level(value: Any) -> Any:

@@ -13,18 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from auvbench.analysis.archive import RUNS, Archive, is_archive
-from auvbench.analysis.evaluations import (
-    Damage,
-    check_belongs,
-    disagreement,
-    evaluation_of,
-    is_name,
-    named,
-    protocols_of,
-)
+from auvbench.analysis.damage import Damage, is_name, named
+from auvbench.analysis.evaluations import check_belongs, disagreement, evaluation_of
 from auvbench.analysis.formatting import listed
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.records import Problem, RunRecord
+from auvbench.analysis.sources import PublishedRun, RunFolder, RunSource
 from auvbench.config.folders import options
 from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.registry import TASKS
@@ -34,7 +28,7 @@ from auvbench.runs.directory import as_words, missing
 from auvbench.runs.identity import LATER
 from auvbench.untrusted import reading
 from auvbench.untrusted.columns import LARGEST
-from auvbench.untrusted.path_safety import child, is_plain
+from auvbench.untrusted.path_safety import is_plain
 from auvbench.untrusted.text import short
 
 __all__ = ["agents", "available_protocols", "load", "readable_runs", "require"]
@@ -137,7 +131,7 @@ def _with_later_keys(runs: Sequence[RunRecord]) -> list[RunRecord]:
 
 def available_protocols(runs: Iterable[RunRecord]) -> list[str]:
     """Return the names of the protocols by which at least one run was tested."""
-    return sorted({name for run in runs for name in protocols_of(run)})
+    return sorted({name for run in runs for name in run.source.protocols()})
 
 
 def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: str) -> None:
@@ -158,7 +152,7 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
     untested = [
         run.directory
         for run in runs
-        if run.state == "complete" and run.archive is None and protocol not in protocols_of(run)
+        if run.state == "complete" and not run.source.published and protocol not in run.source.protocols()
     ]
     if untested and not any(problem.kind in ("damaged", "foreign") for problem in problems):
         argument = "" if protocol == "test" else f" protocol={protocol}"
@@ -205,7 +199,7 @@ def _read_run(directory: Path) -> _Read:
             manifest = integrity.read(directory / "manifest.json", integrity.Manifest)
         with named("config.yaml"):
             config = reading.yaml_value(reading.content(directory / "config.yaml"))
-        return _record(directory, manifest, config, None), []
+        return _record(RunFolder(directory), manifest, config), []
     except Damage as damage:
         return None, [Problem(str(directory), damage.kind, str(damage))]
 
@@ -223,17 +217,17 @@ def _read_study(folder: Path) -> list[_Read]:
                 manifest = integrity.checked(archive.document(name, "manifest"), integrity.Manifest)
             config = archive.document(name, "config")
             archive.summaries(name)
-            results.append((_record(child(folder, name), manifest, config, archive), []))
+            results.append((_record(PublishedRun(archive, name), manifest, config), []))
         except (Damage, ValueError) as damage:
             kind = getattr(damage, "kind", "damaged")
             results.append((None, [Problem(f"{folder}: {name}", kind, str(damage))]))
     return results
 
 
-def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Archive | None) -> RunRecord:
+def _record(source: RunSource, manifest: dict[str, Any], config: Any) -> RunRecord:
     if not is_name(manifest["id"]) or not is_plain(manifest["id"]):
         raise Damage(f"manifest.json has the id {_brief(manifest['id'])}, which is not a valid name")
-    if archive is not None and manifest["id"] != directory.name:
+    if source.published and manifest["id"] != source.directory.name:
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
     if release := flat.get("task.package"):
@@ -248,12 +242,11 @@ def _record(directory: Path, manifest: dict[str, Any], config: Any, archive: Arc
         raise Damage(wrong)
     return RunRecord(
         id=manifest["id"],
-        directory=directory,
+        source=source,
         state=manifest["state"],
         seed=manifest["seed"],
         config=flat,
         manifest=manifest,
-        archive=archive,
     )
 
 
@@ -314,7 +307,7 @@ def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
                 copy[0].state == "complete",
                 protocol in copy[0].evaluations,
                 len(copy[0].evaluations),
-                copy[0].archive is None,
+                not copy[0].source.published,
                 str(copy[0].manifest.get("ended") or ""),
                 str(copy[0].directory),
             )
@@ -333,7 +326,7 @@ def _with_evaluations(run: RunRecord, protocols: Sequence[str]) -> _Read:
     evaluations = {}
     problems = []
     for name in protocols:
-        if name not in protocols_of(run):
+        if name not in run.source.protocols():
             if name == protocols[0]:
                 hint = f"auvbench evaluate {run.directory} protocol={name}"
                 problems.append(Problem(run.id, "missing", f"no evaluation by protocol {name}: {hint}"))

@@ -22,8 +22,8 @@ from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import short
 
 if TYPE_CHECKING:
-    from auvbench.analysis.archive import Archive
     from auvbench.analysis.grouping import Section
+    from auvbench.analysis.sources import RunSource
     from auvbench.analysis.thesis import ComparisonRow
 
 NO_POLICY = -1
@@ -41,17 +41,15 @@ class Evaluation:
     """content of summary.json"""
     episodes: pd.DataFrame
     """one row per episode, with the columns of docs/protocol.md"""
-    directory: Path
-    archive: Archive | None = None
-    """published study that contains the evaluation"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunRecord:
-    """One run directory as read from disk."""
+    """One run as read from disk."""
 
     id: str
-    directory: Path
+    source: RunSource
+    """where its files are"""
     state: str
     """state: pending | running | interrupted | failed | complete"""
     seed: int
@@ -60,10 +58,13 @@ class RunRecord:
     manifest: Mapping[str, Any]
     evaluations: Mapping[str, Evaluation] = field(default_factory=dict)
     """evaluations by the protocol's name"""
-    archive: Archive | None = None
-    """published study that contains the run; None for a run directory"""
     name: str = ""
     """name of the run's agent in the analysis (`names.name_agents`); '' for a label made from the configuration"""
+
+    @property
+    def directory(self) -> Path:
+        """Return the folder by which messages name the run."""
+        return self.source.directory
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,13 @@ import numpy as np
 import pandas as pd
 
 from auvbench.analysis import archive
-from auvbench.analysis.evaluations import Damage, disagreement
-from auvbench.analysis.recorded import has_paths, paths, training, validation_rows
+from auvbench.analysis.damage import Damage
+from auvbench.analysis.evaluations import disagreement
+from auvbench.analysis.recorded import paths, training
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.errors import ReportError
 from auvbench.runs import history, integrity
 from auvbench.runs.atomic_io import write_atomic
-from auvbench.runs.directory import RunDirectory
 from auvbench.untrusted import tables
 from auvbench.untrusted.text import short
 
@@ -83,7 +83,7 @@ def write(
                 tracks += _tracks(run, evaluation)
         trained, validation = None, []
         try:
-            validation = validation_rows(run)
+            validation = run.source.validation()
             trained = None if compact else training(run)
         except Damage as damage:
             problems.append(f"{run.id}: {damage}")
@@ -148,10 +148,9 @@ def _json(value: Any) -> str:
 
 def _config(run: RunRecord) -> dict[str, Any]:
     """Return the nested configuration without folders of this machine, which are not part of a run's identity."""
-    if run.archive is not None:
-        config_read: dict[str, Any] = run.archive.document(run.id, "config")
-        return config_read
-    config = RunDirectory(run.directory).config()
+    config = run.source.config()
+    if run.source.published:
+        return config
     published = {**config, "output": OUTPUT}
     algo = config.get("algo")
     if isinstance(algo, Mapping) and algo.get("path"):
@@ -162,7 +161,7 @@ def _config(run: RunRecord) -> dict[str, Any]:
 def _manifest(run: RunRecord) -> dict[str, Any]:
     """Return the manifest without the machine's name and folders."""
     published = dict(run.manifest)
-    if run.archive is not None:
+    if run.source.published:
         return published
     if host := published.get("host"):
         published["host"] = {key: value for key, value in host.items() if key != "name"}
@@ -209,12 +208,12 @@ def _tracks(run: RunRecord, evaluation: Evaluation) -> list[pd.DataFrame]:
     Raises:
         ReportError: the trajectories are damaged.
     """
-    if not has_paths(evaluation):
+    if not run.source.has_paths(evaluation.protocol):
         return []
     tracks = []
     for condition in dict.fromkeys(evaluation.episodes["condition"]):
         try:
-            for path in paths(run.id, evaluation, condition, EPISODES_KEPT):
+            for path in paths(run, evaluation.protocol, condition, EPISODES_KEPT):
                 x, y, z = np.rint(1e3 * path.position).astype(np.int32).T
                 tracks.append(
                     pd.DataFrame(

@@ -102,7 +102,7 @@ def _file(folder: Path, run: RunRecord, source: RunRecord | None, export: bool) 
 
     if (folder / f"{run.id}.onnx").exists():
         return ""
-    if not export or source is None or source.archive is not None:
+    if not export or source is None or source.source.published:
         return "its weights are not in the given folders"
     try:
         exporting.export(RunDirectory(source.directory), folder)

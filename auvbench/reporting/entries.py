@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from auvbench.analysis.archive import EPISODES, RUNS, Archive
-from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.damage import Damage
 from auvbench.analysis.records import RunRecord
 from auvbench.errors import ReportError
 from auvbench.reporting import archive

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from auvbench.analysis.analyse import across_tasks, analyse
 from auvbench.analysis.archive import RUNS, Archive, is_archive
-from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.damage import Damage
 from auvbench.analysis.formatting import counted, listed
 from auvbench.analysis.grouping import failed_training
 from auvbench.analysis.load import load, require
@@ -108,7 +108,7 @@ def _copy(
     runs, problems = load(paths, protocols, options.where)
     require(runs, problems, options.protocol)
     for run in runs:
-        if run.archive is None and folder.resolve() in run.directory.resolve().parents:
+        if not run.source.published and folder.resolve() in run.directory.resolve().parents:
             raise ReportError(f"--to {folder}: contains the run {run.directory}; name a folder without runs")
     chosen = [run for run in runs if run.evaluations or failed_training(run)]
     ids = {run.id for run in chosen}

@@ -181,9 +181,9 @@ def _verdict(paths: Sequence[Path], protocol: str, ids: set[str]) -> tuple[str, 
 def refuse_unfit(runs: Sequence[RunRecord]) -> None:
     """Raise ReportError if a run cannot be an entry."""
     for run in runs:
-        if run.archive is not None:
+        if run.source.published:
             raise ReportError(
-                f"{run.archive.folder}: a published study has no weights; name the folder of the runs"
+                f"{run.directory.parent}: a published study has no weights; name the folder of the runs"
             )
         try:
             _refuse_programs(run.config.get("simulator.name"), run.config.get("algo.agent"))

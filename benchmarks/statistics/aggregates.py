@@ -9,6 +9,7 @@ from scipy.special import expit
 
 from auvbench.analysis.records import Agent, RunRecord
 from auvbench.analysis.score import Cell, bootstrapped, interquartile
+from auvbench.analysis.sources import RunFolder
 from benchmarks.statistics.worlds import FloatArray
 
 LEVELS = (0.4, 2.9)
@@ -30,7 +31,9 @@ DESIGNS = {
 
 def _learner(S: int) -> Agent:
     config = {"algo.name": "ppo", "algo.learns": True, "algo.agent": "stable_baselines3"}
-    runs = tuple(RunRecord(f"ppo-s{s}", Path("ppo"), "complete", s, config, {"steps": 1}) for s in range(S))
+    runs = tuple(
+        RunRecord(f"ppo-s{s}", RunFolder(Path("ppo")), "complete", s, config, {"steps": 1}) for s in range(S)
+    )
     return Agent("PPO", {"algo": "ppo"}, runs, "f" * 16, np.zeros((S, 1), dtype=np.int8), {}, 1000.0)
 
 

@@ -226,7 +226,7 @@ def read(made: Path) -> tuple[dict[str, str], list[str]]:
 
     @contextlib.contextmanager
     def told() -> Iterator[None]:
-        from auvbench.analysis.evaluations import Damage
+        from auvbench.analysis.damage import Damage
 
         try:
             yield
@@ -246,10 +246,8 @@ def read(made: Path) -> tuple[dict[str, str], list[str]]:
             with told():
                 found[f"{record.id} training"] = _hash(repr(training(record)))
             with told():
-                for evaluation in record.evaluations.values():
-                    found[f"{record.id} paths"] = _hash(
-                        repr(list(paths(record.id, evaluation, "nominal", 2)))
-                    )
+                for protocol in record.evaluations:
+                    found[f"{record.id} paths"] = _hash(repr(list(paths(record, protocol, "nominal", 2))))
         for run in find_runs([made]):
             with told():
                 import numpy as np

@@ -12,8 +12,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
 from auvbench.analysis.conditions import of_evaluations
-from auvbench.analysis.evaluations import Damage, evaluation_of, protocols_of
-from auvbench.analysis.recorded import has_training, training
+from auvbench.analysis.damage import Damage
+from auvbench.analysis.evaluations import evaluation_of
+from auvbench.analysis.recorded import training
 from auvbench.analysis.records import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
 from auvbench.reporting.figures.style import Look, colour_of
 from auvbench.statistics.intervals import FloatArray
@@ -71,7 +72,7 @@ class Scene:
 
     def learners(self) -> tuple[Agent, ...]:
         """Return the agents with training records."""
-        return tuple(a for a in self.agents if any(has_training(r) for r in a.runs))
+        return tuple(a for a in self.agents if any(r.source.has_training() for r in a.runs))
 
     def trained(self, agents: Sequence[Agent]) -> tuple[Agent, ...]:
         """Return the agents that have a training to draw."""
@@ -103,7 +104,7 @@ class Scene:
     def _evaluation(self, run: RunRecord, protocol: str) -> Evaluation | None:
         if protocol in run.evaluations:
             return run.evaluations[protocol]
-        if protocol not in protocols_of(run):
+        if protocol not in run.source.protocols():
             return None
         try:
             return evaluation_of(run, protocol)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.damage import Damage
 from auvbench.analysis.recorded import read_validation_curve
 from auvbench.analysis.records import Agent, RunRecord
 from auvbench.reporting.figures import style

@@ -14,7 +14,6 @@ from urllib.parse import quote
 
 from PIL import Image  # a dependency of Matplotlib
 
-from auvbench.analysis.archive import RUNS
 from auvbench.analysis.formatting import NOTHING, fixed
 from auvbench.analysis.records import Agent, Problem, Ranking, RunRecord
 from auvbench.reporting.figures import Figure
@@ -61,8 +60,7 @@ class Links:
 
     def files(self, run: RunRecord) -> str:
         """Return the link to a run's manifest, or to its folder if there is no manifest."""
-        folder, name = (run.archive.folder, RUNS) if run.archive else (run.directory, "manifest.json")
-        return self.to(folder / name if (folder / name).is_file() else folder)
+        return self.to(run.source.record)
 
 
 def of_agents(table: Table, ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table:

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.analysis.evaluations import Damage
-from auvbench.analysis.recorded import StoredPath, has_paths, paths
+from auvbench.analysis.damage import Damage
+from auvbench.analysis.recorded import paths
 from auvbench.analysis.records import Agent, Problem, RunRecord
+from auvbench.analysis.sources import StoredPath
 from auvbench.record import OUTCOMES
 
 POINTS = 320
@@ -63,17 +64,17 @@ def read(
         Tracks by episode, agent and seed; files that cannot be read; number of runs left out.
     """
     candidates = [
-        (row, index, run, evaluation)
+        (row, index, run)
         for index, agent in enumerate(agents)
         for row, run in enumerate(agent.runs)
-        if (evaluation := run.evaluations.get(protocol)) is not None and has_paths(evaluation)
+        if protocol in run.evaluations and run.source.has_paths(protocol)
     ]
     candidates.sort(key=lambda candidate: candidate[:2])
     problems: list[Problem] = []
     tracks: list[Track] = []
-    for row, index, run, evaluation in candidates[:runs]:
+    for row, index, run in candidates[:runs]:
         try:
-            for path in paths(run.id, evaluation, condition, EPISODES):
+            for path in paths(run, protocol, condition, EPISODES):
                 tracks.append(Track(index, run, _outcome(agents[index], row, path.episode), path))
         except Damage as damage:
             problems.append(Problem(where=run.id, kind=damage.kind, message=str(damage)))

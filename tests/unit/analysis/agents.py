@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import expit
 
 from auvbench.analysis.records import Agent, RunRecord
+from auvbench.analysis.sources import RunFolder
 
 CONTROLLERS = ("pid", "lqr", "mpc", "random")
 """these have nothing to learn; any other name is a learner's"""
@@ -24,7 +25,7 @@ def record(algo: str, k: float, f: float, seed: int, **manifest) -> RunRecord:
         "total_steps": steps,
         "cpu_time_s": 0.0,
     } | manifest
-    return RunRecord(name, Path("nowhere") / name, "complete", seed, config, manifest)
+    return RunRecord(name, RunFolder(Path("nowhere") / name), "complete", seed, config, manifest)
 
 
 def agent(

@@ -15,7 +15,7 @@ from pyarrow import parquet as files
 
 from auvbench import cli
 from auvbench.analysis import archive
-from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.damage import Damage
 from auvbench.analysis.load import load
 from auvbench.errors import ReportError
 from auvbench.untrusted import tables
@@ -140,8 +140,8 @@ def test_trajectories_are_read_back_to_a_millimetre(study: Path) -> None:
     plain, _ = load(["outputs/grid"])
     published, _ = load([study])
     for before, after in zip(plain, published, strict=True):
-        one = list(paths(before.id, before.evaluations["test"], "nominal", 3))
-        other = list(paths(after.id, after.evaluations["test"], "nominal", 3))
+        one = list(paths(before, "test", "nominal", 3))
+        other = list(paths(after, "test", "nominal", 3))
         assert [path.episode for path in one] == [path.episode for path in other]
         for path, near in zip(one, other, strict=True):
             assert path.waypoint == pytest.approx(near.waypoint, abs=1e-3)

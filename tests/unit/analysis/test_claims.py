@@ -23,6 +23,7 @@ from auvbench.analysis.evidence import (
     trend,
 )
 from auvbench.analysis.records import RunRecord
+from auvbench.analysis.sources import RunFolder
 from auvbench.reporting import tables
 from auvbench.statistics.intervals import Estimate
 from tests.unit.analysis.agents import agent, record
@@ -51,7 +52,7 @@ def trained(folder, algo, k, f, seed, frame, steps=1_000_000) -> RunRecord:
     directory = folder / run.id
     (directory / "train").mkdir(parents=True)
     frame.to_csv(directory / "train" / "episodes.csv", index=False)
-    return RunRecord(run.id, directory, run.state, run.seed, run.config, run.manifest)
+    return RunRecord(run.id, RunFolder(directory), run.state, run.seed, run.config, run.manifest)
 
 
 SWIFT = agent("pid", level=8, steps=80)
@@ -193,7 +194,7 @@ def test_claim_1(tmp_path):
     assert few.verdict == OPEN, "none of four: it may still be half"
     assert "ore training seeds with K=1, 40 and 100" in few.missing
     short = [
-        RunRecord(r.id, r.directory, r.state, r.seed, r.config, {**r.manifest, "steps": 60_000}) for r in runs
+        RunRecord(r.id, r.source, r.state, r.seed, r.config, {**r.manifest, "steps": 60_000}) for r in runs
     ]
     told = claim(1, short, [SWIFT])
     assert told.verdict == OPEN

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
@@ -22,7 +21,7 @@ def evaluated(
 ) -> Agent:
     """The agent with what its tests' summaries say beside the rates."""
     summary = {"conditions": [{"name": condition, "notes": notes}], "inference": inference}
-    evaluation = Evaluation("test", made.fingerprint, summary, pd.DataFrame(), Path("nowhere"))
+    evaluation = Evaluation("test", made.fingerprint, summary, pd.DataFrame())
     runs = tuple(replace(run, evaluations={"test": evaluation}) for run in made.runs)
     return replace(made, runs=runs)
 

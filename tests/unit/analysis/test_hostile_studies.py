@@ -15,9 +15,9 @@ from pyarrow import parquet
 
 from auvbench import cli
 from auvbench.analysis import archive
-from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.damage import Damage
 from auvbench.analysis.load import load
-from auvbench.analysis.recorded import has_paths, paths, read_validation_curve, training
+from auvbench.analysis.recorded import paths, read_validation_curve, training
 from auvbench.errors import ReportError
 from auvbench.untrusted import sandbox, tables
 from tests.conftest import Once
@@ -153,9 +153,9 @@ def test_what_a_report_reads_of_a_hostile_study_is_damage_or_numbers(study: Path
         for run in runs:
             for evaluation in run.evaluations.values():
                 assert np.isfinite(evaluation.episodes["steps"].to_numpy()).all(), what
-                if has_paths(evaluation):
+                if run.source.has_paths(evaluation.protocol):
                     with contextlib.suppress(Damage):
-                        for path in paths(run.id, evaluation, "nominal", 3):
+                        for path in paths(run, evaluation.protocol, "nominal", 3):
                             assert np.isfinite(path.position).all(), what
             for read in (training, read_validation_curve):
                 with contextlib.suppress(Damage):

@@ -150,7 +150,7 @@ def test_no_flipped_bit_changes_a_number_without_a_word(grid: list[Path]) -> Non
             for evaluation in run.evaluations.values():
                 found.append(repr(evaluation.summary) + evaluation.episodes.to_csv())
                 try:
-                    drawn += list(paths(run.id, evaluation, "nominal", 3))
+                    drawn += list(paths(run, evaluation.protocol, "nominal", 3))
                 except Exception as error:
                     said.append(str(error))
             try:

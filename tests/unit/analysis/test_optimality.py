@@ -13,6 +13,7 @@ from auvbench.analysis import optional_columns
 from auvbench.analysis.optional_columns import with_columns
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Agent, Ranking, RunRecord
+from auvbench.analysis.sources import RunFolder
 from auvbench.evaluation.bounds import files
 from auvbench.reporting import tables
 from auvbench.statistics import crossed
@@ -28,7 +29,7 @@ def timed(name: str, root: Path, factor: float, seeds: int = 2) -> Agent:
     runs = tuple(
         RunRecord(
             run.id,
-            root / "outputs" / "experiment" / run.id,
+            RunFolder(root / "outputs" / "experiment" / run.id),
             run.state,
             run.seed,
             {**run.config, "vehicle.name": "bluerov2"},

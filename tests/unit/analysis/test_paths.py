@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from auvbench.analysis.evaluations import Damage
+from auvbench.analysis.damage import Damage
 from auvbench.analysis.load import load
-from auvbench.analysis.recorded import NAME, paths
+from auvbench.analysis.recorded import paths
+from auvbench.analysis.sources import NAME
 from tests.synthetic import seal, write_experiment
 
 
@@ -26,7 +27,7 @@ def drawn(run: Path, **arrays: Any) -> list[Any]:
     (record,), _ = load([run])
     tracemalloc.start()
     try:
-        return list(paths(record.id, record.evaluations["test"], "nominal", 3))
+        return list(paths(record, "test", "nominal", 3))
     finally:
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

@@ -17,8 +17,8 @@ import pytest
 
 from auvbench.analysis.findings import SHOWN
 from auvbench.analysis.ranking import rank
-from auvbench.analysis.recorded import StoredPath
 from auvbench.analysis.records import Agent, ClaimVerdict, Finding, Ranking, RunRecord
+from auvbench.analysis.sources import RunFolder, StoredPath
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
 from auvbench.reporting.page.parts import Links
@@ -180,7 +180,7 @@ def test_links_of_strange_folders_are_quoted(tmp_path: Path) -> None:
     folder = tmp_path / "a b#c%41?'\"<x>" / "run:1"
     folder.mkdir(parents=True)
     (folder / "manifest.json").write_text("{}")
-    run = RunRecord("run", folder, "failed", 0, {}, {})
+    run = RunRecord("run", RunFolder(folder), "failed", 0, {}, {})
     href = Links(tmp_path / "report" / "index.html", [run]).files(run)
     assert not set(href) & set("#?'\"<> ")
     assert (tmp_path / "report" / unquote(href)).resolve() == folder / "manifest.json"
@@ -188,7 +188,7 @@ def test_links_of_strange_folders_are_quoted(tmp_path: Path) -> None:
 
 def test_page_without_anything_to_rank(tmp_path: Path) -> None:
     ranking = Ranking((), "success_rate", "test", "nominal", "", 0.95, None, ())
-    run = RunRecord("pid-1", tmp_path, "pending", 0, {}, {})
+    run = RunRecord("pid-1", RunFolder(tmp_path), "pending", 0, {}, {})
     path = page_data.write(tmp_path / "r" / "index.html", ranking=ranking, agents=[], runs=[run])
     assert "No agent could be ranked" in path.read_text()
     assert "pid-1" in path.read_text()
@@ -231,7 +231,7 @@ def track_of(run: RunRecord, position: np.ndarray, **more: Any) -> trajectories.
 
 @pytest.fixture
 def run(tmp_path: Path) -> RunRecord:
-    return RunRecord("run", tmp_path, "complete", 7, {}, {})
+    return RunRecord("run", RunFolder(tmp_path), "complete", 7, {}, {})
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 319, 320, 1000])
@@ -303,7 +303,7 @@ def test_first_seeds_come_before_second_ones(grid: dict[str, Any]) -> None:
 def test_damaged_trajectories_are_named(tmp_path: Path, harm: str) -> None:
     parts = page_data.parts(tmp_path, algorithms=("pid", "sac"), seeds=(0,), episodes=5, train_episodes=0)
     agent: Agent = parts["agents"][0]
-    path = agent.runs[0].evaluations["test"].directory / "trajectories.npz"
+    path = agent.runs[0].directory / "evaluations" / "test" / "trajectories.npz"
     with np.load(path, allow_pickle=False) as file:
         arrays = dict(file)
     if harm == "cut":

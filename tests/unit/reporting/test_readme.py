@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from auvbench.analysis.records import RunRecord
+from auvbench.analysis.sources import RunFolder
 from auvbench.errors import UserError
 from auvbench.reporting import readme
 
@@ -15,7 +16,7 @@ BLOCKS = {"provenance": "how", "table": "numbers"}
 
 
 def run(**manifest: Any) -> RunRecord:
-    return RunRecord("x", Path("x"), "complete", 0, {}, manifest)
+    return RunRecord("x", RunFolder(Path("x")), "complete", 0, {}, manifest)
 
 
 def test_a_new_one_has_question_answer_and_blocks_in_order(tmp_path: Path) -> None:
