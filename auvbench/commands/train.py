@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Sequence
 from contextlib import nullcontext
 from typing import TYPE_CHECKING
@@ -32,15 +33,24 @@ def main(arguments: Sequence[str]) -> int:
     return int(result or 0)
 
 
+def _remark(configs: Sequence[DictConfig]) -> None:
+    from auvbench.runs import budgets
+
+    for remark in budgets.remarks(configs):
+        print(f"note: {remark}", file=sys.stderr)
+
+
 def _grid(configs: Sequence[DictConfig], command: str) -> int:
     from auvbench.scheduling import grid
 
+    _remark(configs)
     return grid.carry_out(configs, command).exit_code
 
 
 def _dry_run(configs: Sequence[DictConfig]) -> int:
     from auvbench.scheduling import dry_run
 
+    _remark(configs)
     return dry_run.show(configs)
 
 
@@ -49,6 +59,7 @@ def _train(config: DictConfig, command: str) -> int:
     from auvbench.training.execute import check_runnable
 
     planned = plan(config)
+    _remark([config])
     check_runnable(planned.config)
     return carry_out(planned.freeze(command), shown=planned.config.train.progress)
 

@@ -156,6 +156,10 @@ class TaskSpec(Spec):
     """whether the task needs a world with solids"""
     at_rest: bool = False
     """whether the reference is one pose at rest, which a pilot takes from /goal_pose"""
+    budget: int = 0
+    """environment steps below which published learners did not learn the task; 0: none is known"""
+    short_of_budget: str = ""
+    """what happened below the budget, with the study that shows it"""
     shared: tuple[str, ...] = metrics.SHARED
     """metrics of several tasks that it has, names in `metrics.SHARED`"""
     metrics: tuple[Metric, ...] = ()

@@ -48,6 +48,8 @@ SPEC = TaskSpec(
     FOUR_ENDS,
     ("goal", "tracking", "exponential"),
     schema=Docking,
+    budget=500_000,
+    short_of_budget="after 200,000 steps the typical training of PPO or SAC does not dock (results/suite)",
     shared=("yaw_error_rms_rad", *POINTS),
     metrics=(
         column(

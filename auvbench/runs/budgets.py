@@ -1,0 +1,29 @@
+"""Notice trainings that are too short for their task."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from auvbench.config.algorithms import learns
+from auvbench.registry import TASKS
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+
+def remarks(configs: Sequence[DictConfig]) -> list[str]:
+    """Return a sentence for each task that published learners did not learn within the budget of a configuration.
+
+    Learners whose action is added to a controller's are left out: the controller brings them near the goal.
+    """
+    short: dict[str, int] = {}
+    for config in configs:
+        task, algo, steps = str(config.task.name), config.algo, int(config.train.total_steps)
+        if task in TASKS.own and learns(algo) and "residual" not in algo and steps < TASKS[task].budget:
+            short[task] = max(steps, short.get(task, 0))
+    return [
+        f"task={task}: {TASKS[task].short_of_budget}; it takes train.total_steps={TASKS[task].budget} or more, and"
+        f" {steps:,} are set"
+        for task, steps in short.items()
+    ]
