@@ -37,10 +37,14 @@ EXCITED = 0.02
 """Share of the largest force from which an axis counts as commanded."""
 
 
-CLOSED, AGAINST = "closed loop", "against the command"
+QUIET = 0.05
+"""Speed in m/s or rad/s below which an axis that is not commanded shows neither mass nor damping."""
+
+CLOSED, AGAINST, STILL = "closed loop", "against the command", "still"
 _REASONS = {
     CLOSED: "the log is closed loop on this axis",
     AGAINST: "the vehicle moves against the commands on this axis",
+    STILL: "the vehicle neither pushes nor moves along this axis",
 }
 
 
@@ -57,7 +61,7 @@ class Verdict:
     """Time in s by which the motion follows the command at the largest correlation."""
     correlation: float = float("nan")
     state: str = "open loop"
-    """"open loop", "closed loop", "against the command", "not commanded", "not measured" or "not resolved"."""
+    """"open loop", "closed loop", "against the command", "still", "not commanded", "not measured" or "not resolved"."""
 
     @property
     def refused(self) -> bool:
@@ -101,7 +105,8 @@ def _judge(
     if seen:
         moved = float(np.quantile(np.abs(np.concatenate([motions[n].state[:, 6 + k] for n in seen])), 0.95))
     if command < EXCITED:
-        return Verdict(AXES[k], command, moved, state="not commanded")
+        # A NaN is no speed either.
+        return Verdict(AXES[k], command, moved, state="not commanded" if moved >= QUIET else STILL)
     if not seen:
         return Verdict(AXES[k], command, moved, state="not measured")
     if varied < EXCITED or max(_interval(logs[number], k) for number in seen) > COARSEST:
@@ -188,6 +193,11 @@ def warning(verdicts: Sequence[Verdict]) -> str:
     """Return what is wrong with the commands of some axes; '' without any."""
     closed, against = _said(verdicts, CLOSED), _said(verdicts, AGAINST)
     parts = []
+    if all(verdict.state in ("not commanded", STILL) for verdict in verdicts):
+        parts.append(
+            f"no axis was commanded with more than {100 * EXCITED:.0f} % of its largest force: the logs hardly say more than"
+            " the buoyancy; record a telegraph signal (auvbench pilot excite)"
+        )
     if closed:
         parts.append(
             f"the commands do not lead the motion on {closed}: the log looks closed loop, and these axes stay at the sheet's"

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from auvbench.identification.fit import Estimate, Fit
 from auvbench.identification.validation import quantiles
@@ -197,9 +198,7 @@ def _section(fit: Fit, command: str, digests: Sequence[tuple[str, str]]) -> dict
         "sd": [_round(e.parameter.sd) for e in estimates],
         "logarithmic": [e.parameter.log for e in estimates],
         "fitted": [_round(e.x) for e in estimates],
-        "covariance": [
-            [float(f"{value:.4g}") for value in row] for row in _symmetric(fit.covariance).tolist()
-        ],
+        "covariance": rounded(fit.covariance),
         "delay": _round(
             next((e.value for e in estimates if e.parameter.name == "delay" and not e.kept), 0.0)
         ),
@@ -210,9 +209,10 @@ def _section(fit: Fit, command: str, digests: Sequence[tuple[str, str]]) -> dict
     }
 
 
-def _symmetric(matrix: Any) -> Any:
-    """Return a matrix that stays positive definite after rounding to four digits."""
-    return 0.5 * (matrix + matrix.T) + 1e-4 * np.diag(np.diag(matrix))
+def rounded(covariance: NDArray[np.float64]) -> list[list[float]]:
+    """Return a covariance for a sheet. Few digits would give one of few bootstrap replicates negative eigenvalues."""
+    matrix = 0.5 * (covariance + covariance.T) + 1e-4 * np.diag(np.diag(covariance))
+    return [[float(f"{value:.9g}") for value in row] for row in matrix.tolist()]
 
 
 def _remarks(estimates: Mapping[str, Estimate]) -> list[str]:

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from auvbench.analysis.formatting import NOTHING
 from auvbench.identification.advise import Advice
-from auvbench.identification.fit import Fit
+from auvbench.identification.fit import IDENTIFIED, Estimate, Fit
 from auvbench.identification.gate import Verdict, warning
 from auvbench.identification.log import CHANNELS, UNITS
 from auvbench.identification.validation import BAND, HOLD, HORIZONS, Prediction, Validation
@@ -67,7 +67,7 @@ def parameters_table(fit: Fit) -> Table:
                         sort=estimate.value,
                     ),
                     Cell(f"{100 * estimate.ratio:.0f}", sort=estimate.ratio),
-                    Cell("not identified" if unidentified else "identified"),
+                    Cell(_state(estimate)),
                 )
             )
         )
@@ -86,6 +86,12 @@ def parameters_table(fit: Fit) -> Table:
         *(f"{e.parameter.name} stays: {e.kept}" for e in fit.estimates if e.kept),
     )
     return Table(headings, tuple(lines), "numbers of the sheet before and after", notes)
+
+
+def _state(estimate: Estimate) -> str:
+    if estimate.kept:
+        return "not identified"
+    return "identified" if estimate.ratio <= IDENTIFIED else "identified, given the numbers that stay"
 
 
 def excitation_table(verdicts: Sequence[Verdict]) -> Table:
