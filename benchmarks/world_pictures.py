@@ -63,7 +63,7 @@ def draw(axes: Any, batch: Batch, vertical: bool) -> None:
 
 def main() -> None:
     """Draw each world from above and from the side, at the depth of the dock and through start and dock."""
-    names = [name for name in WORLDS if name != "open"]
+    names = [name for name in WORLDS if name not in ("open", "bottom")]
     figure = Figure(figsize=(3.0 * len(names), 6.0), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(2, len(names))

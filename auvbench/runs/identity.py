@@ -35,11 +35,12 @@ NEUTRAL = (
     "launcher",
     "analysis",
     "algo.path",
+    "world.bottom.file",
     *OPERATIONAL,
     *(f"algo.residual.{base}.{label}" for base in BASES for label in ("name", "n_envs", "tuned")),
 )
-"""Keys that cannot change a run's result: its folder, launcher and analysis, the `OPERATIONAL` keys, and the
-labels of the controller of a residual learner.
+"""Keys that cannot change a run's result: its folder, launcher and analysis, paths of files that have a digest, the `OPERATIONAL`
+keys, and the labels of the controller of a residual learner.
 """
 
 LATER: dict[str, Any] = {
