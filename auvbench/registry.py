@@ -378,6 +378,7 @@ BLOCKS: Kind[BlockSpec] = Kind(
             f"range.{name}": f"auvbench.tasks.ranges.specs:{name}"
             for name in ("ideal", "ping1d", "ping360", "multibeam")
         },
+        "solids": "auvbench.tasks.ranges.specs:solids",
     },
 )
 

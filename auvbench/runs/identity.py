@@ -54,6 +54,11 @@ LATER: dict[str, Any] = {
     "algo.tuned": None,
     "algo.n_steps": 1,
     "algo.updates": "sb3",
+    **{
+        f"{prefix}.{name}": value
+        for prefix in ("algo", "algo.residual.mppi")
+        for name, value in (("clearance", 0.5), ("clearance_weight", 20.0), ("contact_weight", 100.0))
+    },
     "reward.fine": 0.0,
     "reward.fine_length": 1.0,
     "train.evaluate_every": 0,
