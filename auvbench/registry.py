@@ -356,6 +356,7 @@ REWARDS: Kind[RewardSpec] = Kind(
             "marinegym_hover",
             "gym_auv_path",
             "gym_dockauv",
+            "gym_dockauv_obstacles",
             "goal",
             "path",
         ),
