@@ -74,6 +74,7 @@ LATER: dict[str, Any] = {
     "sensors": {"name": "none"},
     "navigation": {"name": "truth"},
     "filter": {"name": "none"},
+    "filter.tilt": None,
     **{f"algo.residual.{base}": None for base in BASES},
     **{f"algo.residual.{base}.heading_integral_time": None for base in ("pid", "alos")},
 }
