@@ -356,6 +356,7 @@ REWARDS: Kind[RewardSpec] = Kind(
             "marinegym_hover",
             "gym_auv_path",
             "gym_dockauv",
+            "gym_dockauv_obstacles",
             "goal",
             "path",
         ),
@@ -378,6 +379,7 @@ BLOCKS: Kind[BlockSpec] = Kind(
             f"range.{name}": f"auvbench.tasks.ranges.specs:{name}"
             for name in ("ideal", "ping1d", "ping360", "multibeam")
         },
+        "solids": "auvbench.tasks.ranges.specs:solids",
     },
 )
 
@@ -408,7 +410,7 @@ WORLDS: Kind[WorldSpec] = Kind(
     f"{_WORLDS}:WorldSpec",
     {
         **{name: f"{_WORLDS}:{name}_" for name in ("open", "field")},
-        **_lines(_WORLDS, "tank", "slope", "rough", "pillars"),
+        **_lines(_WORLDS, "tank", "slope", "rough", "bottom", "pillars"),
     },
 )
 

@@ -22,6 +22,7 @@ KEYS = {
     "tank": ("world.length=36", "world.width=36", "world.depth=30"),
     "slope": ("world.dip=0.3",),
     "rough": ("world.height=1.5",),
+    "seabed": ("task.start_low=14",),
     "field": ("world.density=0.04",),
 }
 SPAN, STEPS = 22.0, 240
@@ -63,7 +64,7 @@ def draw(axes: Any, batch: Batch, vertical: bool) -> None:
 
 def main() -> None:
     """Draw each world from above and from the side, at the depth of the dock and through start and dock."""
-    names = [name for name in WORLDS if name != "open"]
+    names = [*(name for name in WORLDS if name not in ("open", "bottom")), "seabed"]
     figure = Figure(figsize=(3.0 * len(names), 6.0), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(2, len(names))

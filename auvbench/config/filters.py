@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from auvbench.config.fields import choice, choice_of, number
+from auvbench.config.fields import choice, choice_of, later, number
 from auvbench.registry import FILTERS, Spec
 
 
@@ -38,6 +38,7 @@ class Barrier(Filter):
     braking: float = number(0.0, 1.0, open_low=True)
     current: float = number(0.0, 10.0)  # m/s
     speed: float | None = number(0.0, 50.0, open_low=True)  # m/s
+    tilt: float | None = later(number(0.0, 1.5, open_low=True))  # rad
 
 
 @dataclass(frozen=True, slots=True)

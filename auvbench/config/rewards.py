@@ -120,6 +120,13 @@ class GymDockauv(Reward):
         below("reward.near", self.near, "reward.far", self.far, strictly=True)
 
 
+@dataclass(kw_only=True)
+class GymDockauvObstacles(GymDockauv):
+    """The reward of gym_dockauv with its term of the obstacles."""
+
+    avoidance: float = number(0.0, 1e6)
+
+
 @dataclass(frozen=True, slots=True)
 class RewardSpec(Spec):
     """Description of one value of `reward.name`, available without importing its code."""
@@ -134,6 +141,8 @@ class RewardSpec(Spec):
     """schema of its configuration; in a package, derived from `RewardConfig`"""
     tasks: tuple[str, ...] = ()
     """tasks that it suits, in addition to the tasks that name it"""
+    sight: str = ""
+    """`module:function(e, v, p, solids, heights)`, which a world with solids adds to the reward"""
 
     @property
     def code(self) -> str:
@@ -156,6 +165,13 @@ gym_auv_path = RewardSpec(
     "gym_auv_path", "auvbench.tasks.rewards:gym_auv_path", GymAuvPath, ("path_following",)
 )
 gym_dockauv = RewardSpec("gym_dockauv", "auvbench.tasks.rewards:gym_dockauv", GymDockauv, ("docking",))
+gym_dockauv_obstacles = RewardSpec(
+    "gym_dockauv_obstacles",
+    gym_dockauv.code,
+    GymDockauvObstacles,
+    ("docking",),
+    "auvbench.tasks.rewards:gym_dockauv_sight",
+)
 goal = RewardSpec("goal", "auvbench.tasks.rewards:goal", Goal)
 path = RewardSpec("path", tracking.code, Tracking)
 

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from auvbench.config.fields import below, choice_of, number
+from auvbench.config.fields import below, choice_of, number, require
 from auvbench.errors import ConfigError
 from auvbench.registry import WORLDS, Spec
 
@@ -79,6 +79,27 @@ class Rough(Solid):
 
 
 @dataclass(kw_only=True)
+class BottomFile:
+    """Keys of the file of a bottom."""
+
+    file: str
+    sha256: str
+    origin: list[float] | None = None  # m
+
+
+@dataclass(kw_only=True)
+class Bottom(Solid):
+    """A bottom from a file."""
+
+    bottom: BottomFile
+
+    def check(self) -> None:
+        origin = self.bottom.origin
+        fits = origin is None or (len(origin) == 2 and all(map(math.isfinite, origin)))
+        require(fits, "world.bottom.origin", origin, "be two finite numbers [x, y] in m")
+
+
+@dataclass(kw_only=True)
 class Pillars(Solid):
     """Upright capsules on a circle round the goal."""
 
@@ -133,6 +154,9 @@ class WorldSpec(Spec):
     factory: str
     """`module:class`, a class below `auvbench.tasks.worlds.base.World`; empty for open water"""
     schema: type
+    settled: str = ""
+    """`module:function` that returns the composed configuration with what is known only when a run is created; arguments are the
+    configuration and its typed `world`"""
 
 
 _CODE = "auvbench.tasks.worlds"
@@ -140,6 +164,9 @@ open_ = WorldSpec("open", "open water", "", Open)
 tank = WorldSpec("tank", "tank with walls and bottom", f"{_CODE}.tank:TankWorld", Tank)
 slope = WorldSpec("slope", "sloping bottom", f"{_CODE}.slope:SlopeWorld", Slope)
 rough = WorldSpec("rough", "rough bottom", f"{_CODE}.rough:RoughWorld", Rough)
+bottom = WorldSpec(
+    "bottom", "bottom from a file", f"{_CODE}.bottom:BottomWorld", Bottom, f"{_CODE}.bottom:settled"
+)
 pillars = WorldSpec("pillars", "pillars round the goal", f"{_CODE}.pillars:PillarsWorld", Pillars)
 field_ = WorldSpec("field", "field of obstacles", f"{_CODE}.field:FieldWorld", Field)
 

@@ -35,11 +35,12 @@ NEUTRAL = (
     "launcher",
     "analysis",
     "algo.path",
+    "world.bottom.file",
     *OPERATIONAL,
     *(f"algo.residual.{base}.{label}" for base in BASES for label in ("name", "n_envs", "tuned")),
 )
-"""Keys that cannot change a run's result: its folder, launcher and analysis, the `OPERATIONAL` keys, and the
-labels of the controller of a residual learner.
+"""Keys that cannot change a run's result: its folder, launcher and analysis, paths of files that have a digest, the `OPERATIONAL`
+keys, and the labels of the controller of a residual learner.
 """
 
 LATER: dict[str, Any] = {
@@ -53,6 +54,11 @@ LATER: dict[str, Any] = {
     "algo.tuned": None,
     "algo.n_steps": 1,
     "algo.updates": "sb3",
+    **{
+        f"{prefix}.{name}": value
+        for prefix in ("algo", "algo.residual.mppi")
+        for name, value in (("clearance", 0.5), ("clearance_weight", 20.0), ("contact_weight", 100.0))
+    },
     "reward.fine": 0.0,
     "reward.fine_length": 1.0,
     "train.evaluate_every": 0,
@@ -68,6 +74,7 @@ LATER: dict[str, Any] = {
     "sensors": {"name": "none"},
     "navigation": {"name": "truth"},
     "filter": {"name": "none"},
+    "filter.tilt": None,
     **{f"algo.residual.{base}": None for base in BASES},
     **{f"algo.residual.{base}.heading_integral_time": None for base in ("pid", "alos")},
 }

@@ -17,7 +17,7 @@ from auvbench.config.compose import once_for_all_seeds, typed
 from auvbench.config.validate import resolved, train_config
 from auvbench.errors import ConfigError
 from auvbench.policies import exported
-from auvbench.registry import AGENTS, resolve
+from auvbench.registry import AGENTS, WORLDS, resolve
 from auvbench.runs import declared, declaring, identity, integrity
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, freeze, now, place, unwritable
@@ -101,8 +101,7 @@ def _declare(plans: Sequence[Plan]) -> dict[Path, str]:
 
 
 def plan(config: DictConfig) -> Plan:
-    """Check types, values, the vehicle's sheet and the policy file of a composed configuration. Write
-    nothing.
+    """Check types, values, the vehicle's sheet and the files of a composed configuration. Write nothing.
 
     Raises:
         ConfigError: a value is wrong.
@@ -115,6 +114,8 @@ def plan(config: DictConfig) -> Plan:
         config = _with_policy(config, checked, checked.algo, vehicle)
     elif checked.algo.agent in AGENTS.own and (settled := AGENTS[checked.algo.agent].settled):
         config = resolve(settled)(config, checked.algo)
+    if settled := WORLDS[checked.world.name].settled:
+        config = resolve(settled)(config, checked.world)
     values = resolved(config)
     values.pop(declared.KEY, None)  # not part of the run: stored in the folder of the experiment
     if interpolation := identity.first_interpolation(values):  # left by a value with \${ in it

@@ -159,7 +159,7 @@ class Task:
         self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))
         self.estimated: Callable[[int], dict[str, float]] | None = None
         """Function that returns the columns that the estimator of environment i adds to the record"""
-        self._reward = functions.function_of(config.reward)
+        self._reward, self._sight = functions.function_of(config.reward), functions.sight_of(config.reward)
         self._take(interpreted=False)
         self.seed = int(seed)
         self.reseed(seed)
@@ -187,6 +187,8 @@ class Task:
         """(n,) m, present distances to the references"""
         optional = [name for name in ("refer", "look", "preview_row", "relocate") if hasattr(self, name)]
         named = {name: getattr(type(self), name) for name in ("draw", "step", *optional)}
+        if self.world and self._sight:
+            named["sight"] = self._sight
         has_yaw = TASKS[self.name].has_yaw
         self._around: tuple[Any, ...] = self.world.loops if self.world else ()
         self.loops = loops.of_task(

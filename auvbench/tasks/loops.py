@@ -65,6 +65,7 @@ def {name}(
         e.outcome = step(e, v, p)
         {collide}
         r = reward(e, v, q)
+        {sight}
         rewards[i] = r
         finish(e, v, r, p)
         {preview}
@@ -194,7 +195,8 @@ def of_task(
     """Return the loops of a task.
 
     Args:
-        functions: the task's `draw` and `step`; `refer`, `preview_row` and `relocate`, if it has them.
+        functions: the task's `draw` and `step`; `refer`, `preview_row` and `relocate`, if it has them; the reward's `sight`, if it
+            has it.
         reward: function of one step.
         own: the task's own fields: (name, type) or (name, type, shape).
         has_yaw: whether the reference has its own yaw.
@@ -227,6 +229,7 @@ def _of_task(
         "turn": turn,
         "preview": ["preview_row(e, p, preview[i])"] if "preview_row" in named else [],
         "look": ["look(e, v, p, solids[i], heights)"] if solid and "look" in named else [],
+        "sight": ["r += sight(e, v, q, solids[i], heights)"] if solid and "sight" in named else [],
         **dict.fromkeys(_IN_WORLD, ()),
     }
     names: dict[str, Any] = {**_OF_EVERY_TASK, **compiled_rows}

@@ -6,8 +6,8 @@ on Robotics 34(6), algorithm 2). The cost of a sample is that of `mpc.py`:
 
     sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + t |tilt_k|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
 
-with a price per metre beyond the depth limits. Where the task observes the shortest way (`way`), the target is its point. `sampling` has
-the draws, the cost and the weights. The model is the sheet's vehicle; the state and the current come from `observer.Observer`, that is, from
+with a price per metre beyond the depth limits. Where the task observes the shortest way (`way`), the target is its point. Where it observes
+the nearest solids (`solids`), `avoiding` adds a price of the clearance. `sampling` has the draws, the cost and the weights. The model is the sheet's vehicle; the state and the current come from `observer.Observer`, that is, from
 the noisy readings. The states of the thrusters' lags follow from the observed actions.
 
 The draws are a function of the run's seed, the episode and the step. If no sample has a finite cost, the plan stays, and the failure is
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Integers
+from auvbench.agents.classical.avoiding import Avoidance
 from auvbench.agents.classical.observer import turned
 from auvbench.agents.classical.planner import FIRST_ITERATIONS, Planner
 from auvbench.agents.classical.sampling import AIM, NODES, Sampler
@@ -44,10 +45,11 @@ class MPPIController(Planner):
         assert isinstance(algo, MPPI)
         super().__init__(config, vehicle)
         self.seed = config.seed
-        self.sampler = Sampler(vehicle, algo, self.turns)
+        spec = observation_spec(config.task, vehicle.actuators)
+        self.avoidance = Avoidance(config, vehicle, spec["solids"]) if "solids" in spec.blocks else None
+        self.sampler = Sampler(vehicle, algo, self.turns, self.avoidance)
         self.lags = FossenSimulator(vehicle, 1, max_step=self.dt)
         """one vehicle, whose actuators follow the observed actions"""
-        spec = observation_spec(config.task, vehicle.actuators)
         self._previous, self._way = spec["previous_action"], spec["way"] if "way" in spec.blocks else None
         self.reset(np.empty(0, dtype=np.int64))
 
@@ -78,6 +80,8 @@ class MPPIController(Planner):
         self._follow_lags(i, first, previous)
         key, applied = (self.seed, int(self.episodes[i]), int(self.steps[i])), self.vehicle.force(previous)
         start = state, self.actuators[i], self.observer.current[i], applied, self._aims(i, reading)
+        if self.avoidance is not None:
+            self.sampler.solids = self.avoidance.solids(reading, state[:3], float(frames.yaw(state[3:7])))
         for iteration in range(FIRST_ITERATIONS if first else 1):
             self.failed += not self.sampler.improve(plan, *start, (*key, iteration))
         self.steps[i] += 1

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.agents.classical.avoiding import NEARNESS, Avoidance, price
 from auvbench.config.algorithms.mppi import MPPI
 from auvbench.dynamics.actuation import interpolated
 from auvbench.dynamics.compiled import compiled
@@ -206,8 +207,16 @@ def axes(allocation: Floats, shares: Floats) -> Floats:
 class Sampler:
     """Improve plans of one vehicle by simulated samples."""
 
-    def __init__(self, vehicle: VehicleModel, algo: MPPI, turns: bool) -> None:
-        self.algo = algo
+    def __init__(
+        self, vehicle: VehicleModel, algo: MPPI, turns: bool, avoidance: Avoidance | None = None
+    ) -> None:
+        self.algo, self.avoidance = algo, avoidance
+        self.solids: Floats | None = None
+        """(k, size) solids that samples avoid, see `Avoidance.solids`; None or (0, size): open water"""
+        nearness = np.zeros(1, NEARNESS)
+        nearness["clearance"], nearness["weight"] = algo.clearance, algo.clearance_weight
+        nearness["contact"] = algo.contact_weight
+        self.nearness = nearness.view(np.float64)
         self.interval = algo.horizon / NODES
         step = min(LONGEST_SUBSTEP, STABLE * shortest_time_constant(vehicle))
         self.model = FossenSimulator(vehicle, algo.samples, max_step=step)
@@ -288,3 +297,5 @@ class Sampler:
                 self.prices[int(k == NODES - 1)],
                 self.cost,
             )
+            if self.avoidance is not None and self.solids is not None and len(self.solids):
+                price(model.pose, self.solids, self.avoidance.hull, self.nearness, self.cost)

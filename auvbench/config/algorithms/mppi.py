@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from auvbench.config.algorithms import AgentSpec, Algorithm
-from auvbench.config.schema import number
+from auvbench.config.schema import later, number
 
 
 @dataclass(kw_only=True)
@@ -22,6 +22,9 @@ class MPPI(Algorithm):
     effort_weight: float = number(0.0, 1e6)
     change_weight: float = number(0.0, 1e6)
     spin_weight: float = number(0.0, 1e6)
+    clearance: float = later(number(0.0, 100.0), 0.5)  # m
+    clearance_weight: float = later(number(0.0, 1e6), 20.0)  # 1/m
+    contact_weight: float = later(number(0.0, 1e6), 100.0)
 
 
 SPEC = AgentSpec("mppi", "MPPI", MPPI, "auvbench.agents.classical.mppi:MPPIController", knows=("model",))

@@ -87,6 +87,10 @@ class BarrierFilter:
             "horizon": _horizon(config, vehicle),
             "margin": settings.margin,
             "speed": math.inf if settings.speed is None else settings.speed,
+            "tilt": math.inf if settings.tilt is None else settings.tilt,
+            "turn_brake": 0.0
+            if settings.tilt is None
+            else settings.braking * turn_braking(vehicle, settings),
             "low": config.task.depth_low,
             "high": config.task.depth_high,
             "duration": 1.0 / config.step.frequency,
@@ -195,6 +199,25 @@ def braking(vehicle: VehicleModel, push: Floats, settings: Barrier) -> float:
         raise ConfigError(
             f"filter.current={settings.current:g}: vehicle={vehicle.name} cannot brake against this current; reduce it, or use filter=none"
         )
+    return float(1.0 / np.sqrt((1.0 / rates**2).sum()))
+
+
+def turn_braking(vehicle: VehicleModel, settings: Barrier) -> float:
+    """Return the angular deceleration in rad/s2 that the thrusters can give about each level axis, without another force or moment.
+
+    Raises:
+        ConfigError: the thrusters do not control roll and pitch.
+    """
+    inverse = np.linalg.pinv(vehicle.allocation, rcond=1e-6)
+    if np.diag(vehicle.allocation @ inverse).min() < 0.99:
+        raise ConfigError(
+            f"filter.tilt={settings.tilt:g}: vehicle={vehicle.name} does not control roll and pitch by its thrusters; use "
+            "filter.tilt=null, or a vehicle with thrust along and about each axis"
+        )
+    # The smaller limit of each thruster, so that both directions are sure.
+    strongest = np.abs(_thrust_limits(vehicle)).min(axis=1)
+    reach = np.array([np.min(strongest / np.maximum(np.abs(inverse[:, axis]), 1e-9)) for axis in (3, 4)])
+    rates = reach / np.diag(vehicle.M)[3:5]
     return float(1.0 / np.sqrt((1.0 / rates**2).sum()))
 
 

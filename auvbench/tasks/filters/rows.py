@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics.compiled import borrowed, compiled
 from auvbench.dynamics.layout import Record, Vector, record
 from auvbench.dynamics.vectors import (
+    ZERO,
     add,
     cross,
     dot,
@@ -56,6 +57,8 @@ MODEL = record(
     drag=(3,),  # m/s2 per m/s of the vehicle's speed, largest effect of the water's motion
     push=(3,),  # m/s2, of the same at rest
     speed=(),  # m/s, largest; infinite: no limit
+    tilt=(),  # rad, largest angle between the vehicle's z and the vertical; infinite: no limit
+    turn_brake=(),  # rad/s2, deceleration that is sure about each level axis
     low=(),  # m, depth limits
     high=(),
     duration=(),  # s, of an agent step
@@ -119,7 +122,7 @@ def add_row(
     effect: Floats,
     limits: Floats,
     normal: Vector,
-    arm: Vector,
+    turning: Vector,
     b: float,
     distance: float,
     A: Floats,
@@ -127,11 +130,12 @@ def add_row(
     distances: Floats,
     count: int,
 ) -> int:
-    """Add the row of an acceleration of at least b m/s2 along a normal, body axes, of a point at `arm`; return the number of rows.
+    """Add the row of an acceleration of at least b, m/s2 along a normal or rad/s2 about `turning`; return the number of rows.
+
+    A point at an arm has the turning vector arm x normal, body axes.
 
     A row that every command meets is left out.
     """
-    turning = cross(arm, normal)
     at = count
     if count == MOST:
         for k in range(MOST):
@@ -226,15 +230,14 @@ def constraints(
             normal = transposed_product(R, gradient)
             closing = dot(gradient, triple(solid.velocity)) - dot(normal, motion)
             b = needed(p, d, closing, dot(normal, own), pushed)
-            count = add_row(effect, limits, normal, arm, b, d, A, bounds, distances, count)
+            count = add_row(effect, limits, normal, cross(arm, normal), b, d, A, bounds, distances, count)
     climb, rise = dot(up, v), dot(up, origin)
-    centre = (0.0, 0.0, 0.0)
     d = position[2] - p.low - p.margin
     b = needed(p, d, -climb, rise, pushed)
-    count = add_row(effect, limits, up, centre, b, d, A, bounds, distances, count)
+    count = add_row(effect, limits, up, ZERO, b, d, A, bounds, distances, count)
     d = p.high - p.margin - position[2]
     b = needed(p, d, climb, -rise, pushed)
-    count = add_row(effect, limits, scale(-1.0, up), centre, b, d, A, bounds, distances, count)
+    count = add_row(effect, limits, scale(-1.0, up), ZERO, b, d, A, bounds, distances, count)
     if p.speed < math.inf:
         x, y, z = add(v, scale(p.horizon, acceleration))
         for j in range(forces.shape[0]):
@@ -245,7 +248,16 @@ def constraints(
         if size > p.speed:
             back = (-x / size, -y / size, -z / size)
             b = (-dot(back, v) - p.speed) / p.horizon - dot(back, acceleration) + pushed
-            count = add_row(effect, limits, back, centre, b, -1.0, A, bounds, distances, count)
+            count = add_row(effect, limits, back, ZERO, b, -1.0, A, bounds, distances, count)
+    sine = math.sqrt(up[0] * up[0] + up[1] * up[1])
+    if p.tilt < math.inf and sine > 0.0:
+        # The axis about which the vehicle turns upright; the angular velocity of this axis itself is left out.
+        upright = (-up[1] / sine, up[0] / sine, 0.0)
+        d = p.tilt - math.atan2(sine, up[2])
+        closing = -dot(upright, omega)
+        fastest, slope = largest_speed(d, p.turn_brake, p.horizon)
+        b = (closing - fastest) / p.horizon + slope * max(closing, 0.0) - dot(upright, turning)
+        count = add_row(effect, limits, ZERO, upright, b, d, A, bounds, distances, count)
     return count
 
 

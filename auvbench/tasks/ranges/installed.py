@@ -26,7 +26,7 @@ class Sensors:
     def __init__(self, config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> None:
         self.sensors: list[RangeSensor] = [
             resolve(BLOCKS[name].sensor)(
-                name, getattr(config.task.range, key_of(name)), n, config.step.frequency, shared
+                name, getattr(config.task.range, key_of(name), None), n, config.step.frequency, shared
             )
             for name in sorted(tasks.blocks(config.task))
             if BLOCKS[name].sensor

@@ -9,7 +9,18 @@ from typing import Any
 
 from auvbench.blocks import BlockSpec, Reading, Setting
 from auvbench.config.ranges import PREFIX, oldest
-from auvbench.observation import Block
+from auvbench.observation import BODY, Block
+from auvbench.worlds.kinds import KINDS
+
+MOST, SIGHT = 8, 10.0
+"""solids that the block `solids` shows, and m in which it shows them"""
+SOLID = (
+    "kind", "x", "y", "z", "axis_x", "axis_y", "axis_z", "side_x", "side_y", "side_z", "radius", "half_x", "half_y", "half_z",
+)  # fmt: skip
+NUMBERS = len(SOLID)
+"""numbers of a solid"""
+LONGEST = 1e5
+"""m, bound of the size of a solid and of the distance of its centre"""
 
 
 def in_the_loop(m: Reading, e: Any, p: Any, out: Any) -> None:
@@ -47,9 +58,20 @@ def _multibeam(s: Setting) -> Block:
     return _block(s, "multibeam", labels, {"age": oldest(s.sensor)}, meaning)
 
 
+def _solids(s: Setting) -> Block:
+    labels = tuple(f"solids_{k}_{name}" for k in range(1, MOST + 1) for name in SOLID)
+    bounds = (float(len(KINDS)), *(LONGEST,) * 3, *(1.0,) * 6, *(LONGEST,) * 4)
+    meaning = (
+        f"the {MOST} nearest solids within {SIGHT:g} m: kind (0: none; {', '.join(f'{k}: {name}' for k, name in enumerate(KINDS[:-1], 1))}), "
+        "centre less position, directions of its own z and x, sizes"
+    )
+    return Block("solids", labels, "1, m", bounds * MOST, meaning, BODY)
+
+
 _CODE = "auvbench.tasks.ranges"
 READS = ("pose", "solids")
 ideal = BlockSpec("range.ideal", in_the_loop, _ideal, READS, f"{_CODE}.ideal:IdealFan")
 ping1d = BlockSpec("range.ping1d", in_the_loop, _ping1d, READS, f"{_CODE}.ping1d:EchoSounder")
 ping360 = BlockSpec("range.ping360", in_the_loop, _ping360, READS, f"{_CODE}.ping360:ScanningSonar")
 multibeam = BlockSpec("range.multibeam", in_the_loop, _multibeam, READS, f"{_CODE}.multibeam:MultibeamSonar")
+solids = BlockSpec("solids", in_the_loop, _solids, READS, f"{_CODE}.solids:NearestSolids")

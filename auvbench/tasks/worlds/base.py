@@ -42,6 +42,8 @@ class World:
     """where a point is that is not in the water, for messages"""
     heights: Floats = NO_HEIGHTS
     """m, of its terrain"""
+    fingerprint: bytes = b""
+    """what names its terrain; empty: the heights"""
 
     def __init__(self, settings: Any, depth_low: float, radius: float) -> None:
         self.settings, self.depth_low, self.radius = settings, depth_low, radius

@@ -144,7 +144,7 @@ class Surroundings:
             np.round(np.asarray(self.solids[i, :count][name], float), 9) + 0.0 for name in SOLID.names or ()
         ]
         digest = hashlib.sha256(b"".join(column.tobytes() for column in columns))
-        digest.update(np.round(self.heights, 9).tobytes())
+        digest.update(self.world.fingerprint or np.round(self.heights, 9).tobytes())
         return f"{self.settings.name}-{digest.hexdigest()[:8]}"
 
     def columns(self, e: Any, i: int) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from scipy.optimize import lsq_linear
 from auvbench.agents.base import make
 from auvbench.cli import main
 from auvbench.config.compose import compose, typed
+from auvbench.dynamics.frames import rotation
 from auvbench.envs.batch import Batch
 from auvbench.envs.gym_env import AuvEnv
 from auvbench.envs.settings import configuration
@@ -157,6 +158,32 @@ def test_limits_of_depth_and_speed_hold_in_open_water() -> None:
     assert {"collision"} <= {record["outcome"] for record in free}
     assert fast.max() > 1.0
     assert not OWN & set(free[0])
+
+
+def test_a_limit_of_tilt_holds_for_a_vehicle_that_controls_it() -> None:
+    """A full roll command turns a BlueROV2 Heavy over; the filter holds it at the limit, nearer with shorter steps."""
+    words = (
+        "task=waypoint_state",
+        "task.observation=[position_error,yaw_error,previous_action]",
+        "vehicle=bluerov2_heavy",
+    )
+    largest = []
+    for limit, frequency in (("null", 10), ("0.3", 10), ("0.3", 50)):
+        one = batch(*words, f"filter.tilt={limit}", f"step.frequency={frequency}", n=2, seed=4)
+        one.reset()
+        roll = np.linalg.pinv(one.vehicle.allocation)[:, 3]
+        tilts = []
+        for _ in range(4 * frequency):
+            one.step(np.tile(roll / np.abs(roll).max(), (2, 1)))
+            tilts.append(np.arccos(rotation(one.simulator.pose[:, 3:])[:, 2, 2]))
+        largest.append(float(np.max(tilts)))
+    assert largest[0] > 2.0
+    assert 0.25 < largest[1] < 0.55
+    assert 0.25 < largest[2] < 0.33
+    with pytest.raises(
+        ConfigError, match=r"filter.tilt=0.3: vehicle=bluerov2_2026 does not control roll and pitch"
+    ):
+        batch("filter.tilt=0.3")
 
 
 def test_what_the_filter_does_is_counted_and_a_current_beyond_its_reach_is_seen() -> None:

@@ -9,7 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from auvbench.envs.batch import Batch
+from auvbench.envs.settings import configuration
 from auvbench.tasks import rows
+from tests.reference import solids as oracle
 from tests.unit.tasks.test_tasks import batch_of
 
 FLIP = np.diag([1.0, -1.0, -1.0])
@@ -117,3 +119,56 @@ def test_gym_dockauvs_reward_by_the_formula_of_its_source(away, end: float, outc
         - np.sum((np.abs(action) / 8.0) ** 2 * 6.0)
     )
     assert batch.task.reward[0] == pytest.approx(expected + end, abs=1e-5)
+
+
+def radar(solids, position, turn: Rotation) -> np.ndarray:
+    """Return the distances (63,) of the source's rays from a pose, by a march of other distances than the ray caster's."""
+    alpha = np.repeat(np.radians(np.arange(-30.0, 31.0, 10.0)), 9)
+    beta = np.tile(np.radians(np.arange(-40.0, 41.0, 10.0)), 7)
+    rays = np.column_stack([np.ones(63), np.sin(beta), np.sin(alpha)]) @ FLIP
+    rays = turn.apply(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+
+    def nearest(points):
+        return np.min([oracle.signed_distance(solid, points) for solid in solids], axis=0)
+
+    return oracle.march(nearest, np.tile(position, (63, 1)), rays, np.full(63, 10.0), 1e-9)
+
+
+def test_gym_dockauvs_term_of_the_obstacles_by_the_formula_of_its_source() -> None:
+    words = ("world=gym_dockauv", "task.time_limit=null", "task.bounds=60")
+    plain, seeing = (
+        batch_of("docking", f"reward={reward}", *words) for reward in ("gym_dockauv", "gym_dockauv_obstacles")
+    )
+    rng, terms = np.random.default_rng(2), []
+    for _ in range(12):
+        turn = Rotation.from_euler("ZYX", rng.uniform([-3.0, -0.6, -0.6], [3.0, 0.6, 0.6]))
+        position = plain.task.goal(0) + rng.uniform(-4.0, 4.0, 3)
+        for batch in (plain, seeing):
+            batch.reset()
+            judge(batch, position, turn, np.zeros(6))
+        solids = seeing.task.world.solids[0, :4]
+        np.testing.assert_array_equal(solids["position"], plain.task.world.solids[0, :4]["position"])
+        theta, psi = np.repeat(np.arange(-30, 31, 10), 9), np.tile(np.arange(-40, 41, 10), 7)
+        beta = (1.0 - np.abs(theta) / 30.0) * (1.0 - np.abs(psi) / 40.0) + 0.01
+        c = np.clip(1.0 - radar(solids, position, turn) / 10.0, 0.0, 1.0)
+        term = -0.2 * (beta.sum() / (np.maximum((1.0 - c) ** 2, 0.001) @ beta) - 1.0)
+        assert seeing.task.reward[0] - plain.task.reward[0] == pytest.approx(term, abs=1e-6)
+        terms.append(term)
+    assert min(terms) < -0.1
+    assert max(terms) > min(terms) + 0.1
+
+
+def test_the_scenario_of_gym_dockauv_has_its_numbers() -> None:
+    batch = batch_of("gym_dockauv")
+    config = configuration(overrides=["task=gym_dockauv", "vehicle=bluerov2_heavy", "algo=pid"])
+    assert (config.world.name, config.reward.name, config.task.name) == (
+        "pillars",
+        "gym_dockauv_obstacles",
+        "docking",
+    )
+    assert (config.world.vehicle_radius, config.task.tolerance, config.task.bounds) == (0.5, 0.5, 20.0)
+    assert config.task.tilt == pytest.approx(math.radians(60.0))
+    assert batch.task.spec.blocks["range.ideal"].labels[-1] == "range_ideal_6_8"
+    assert float(batch.task.episodes[0].initial_distance) > 0.0
+    away = np.linalg.norm(np.array(batch.task.episodes[0].start) - batch.task.goal(0))
+    assert away == pytest.approx(15.0)

@@ -1,0 +1,100 @@
+"""Read the block `solids` for controllers that plan, and price plans that come near to them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.agents.classical.observer import turned
+from auvbench.config import schema
+from auvbench.config.worlds import Solid
+from auvbench.dynamics.compiled import compiled
+from auvbench.dynamics.lanes import quaternion, vector
+from auvbench.dynamics.layout import POSE, record
+from auvbench.dynamics.vectors import add, product, rotation_matrix
+from auvbench.tasks.ranges.specs import NUMBERS
+from auvbench.tasks.worlds.contact import HULL
+from auvbench.tasks.worlds.surroundings import hull_of
+from auvbench.vehicles.vehicle_model import VehicleModel
+from auvbench.worlds.casting import nearest_surface
+from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, PLANE, Floats
+from auvbench.worlds.solids import NO_HEIGHTS, SOLID
+
+NEARNESS = record(
+    clearance=(),  # m, below which a plan pays
+    weight=(),  # 1/m, price per metre below it
+    contact=(),  # price of a contact
+)
+"""prices of solids at a node"""
+
+
+class Avoidance:
+    """What a controller knows of solids round its vehicle.
+
+    Args:
+        config: with a world that has solids.
+        vehicle: its vehicle.
+        columns: columns of the block `solids` in an observation.
+    """
+
+    def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, columns: slice) -> None:
+        assert isinstance(config.world, Solid)
+        self.columns = columns
+        self.hull: Floats = hull_of(config.world, vehicle).view(np.ndarray).view(np.float64)
+        """record of HULL, seen as floats"""
+
+    def solids(self, reading: Floats, position: Floats, yaw: float) -> Floats:
+        """Return the solids (k, size) of an observation, records of SOLID seen as floats.
+
+        Args:
+            reading: (n_obs,) observation.
+            position: (3,) m, in the axes that the solids shall have.
+            yaw: rad, of the vehicle in these axes.
+        """
+        rows = reading[self.columns].reshape(-1, NUMBERS)
+        rows = rows[rows[:, 0] > 0.0]
+        solids = np.zeros(len(rows), SOLID)
+        for solid, row in zip(solids, rows, strict=True):
+            kind = round(row[0]) - 1
+            axis, side = turned(row[4:7], yaw), turned(row[7:10], yaw)
+            solid["kind"], solid["position"] = kind, position + turned(row[1:4], yaw)
+            solid["along_z"], solid["along_x"], solid["along_y"] = axis, side, np.cross(axis, side)
+            solid["radius"], solid["half"] = row[10], row[11:]
+            solid["reach"] = _reach(kind, solid["radius"], solid["half"])
+        return solids.view(np.float64).reshape(len(rows), SOLID.itemsize // 8)
+
+
+def _reach(kind: int, radius: float, half: NDArray[np.float64]) -> float:
+    """Return the radius in m of a sphere round a solid."""
+    if kind == BOX:
+        return float(np.linalg.norm(half))
+    if kind == PLANE:
+        return np.inf
+    return float(radius + half[2] if kind in (CAPSULE, CYLINDER) else radius)
+
+
+@compiled("dynamics", "worlds", "tasks/worlds")
+def price(
+    pose: Floats,  # (n, 7)
+    # Records seen as floats: numba compares the types of records anew in each call.
+    solids: Any,  # (k, size) records of SOLID
+    hull: Floats,  # record of HULL
+    prices: Floats,  # record of NEARNESS
+    cost: Floats,  # (n,) in and out
+) -> None:
+    """Add the price of clearances at a node: `weight` per metre below `clearance`, and `contact` below 0."""
+    poses, scene = pose.view(POSE)[:, 0], solids.view(SOLID)[:, 0]
+    h, p = hull.view(HULL)[0], prices.view(NEARNESS)[0]
+    for i in range(cost.shape[0]):
+        position, R = vector(poses[i].position), rotation_matrix(quaternion(poses[i].attitude))
+        least = p.clearance
+        for k in range(h.count):
+            centre = add(position, product(R, (h.first + k * h.spacing, 0.0, 0.0)))
+            distance, _, _ = nearest_surface(scene, NO_HEIGHTS, 0.0, centre, least + h.radius)
+            least = min(least, distance - h.radius)
+        if least < p.clearance:
+            cost[i] += p.weight * (p.clearance - least)
+        if least < 0.0:
+            cost[i] += p.contact
