@@ -40,15 +40,15 @@ def make(
     """Return the team environment of an id; see `auvbench.parallel_env`."""
     if id not in auvbench.TEAMS:
         raise ConfigError(f"{id}: has one vehicle in an episode; {closest(id, auvbench.TEAMS)}")
-    if config is None:
-        lines = settings.split(overrides)
-        lines += [] if vehicles is None else [f"task.vehicles={vehicles}"]
-        return AuvParallelEnv(
-            settings.configuration(None, lines, conf, **{"task": auvbench.TEAMS[id], **keywords})
-        )
+    lines = settings.split(overrides)
     if vehicles is not None:
-        raise ConfigError(f"config: is a complete configuration; leave out vehicles={vehicles}")
-    return AuvParallelEnv(settings.configuration(config, overrides, conf, **keywords))
+        lines.append(f"task.vehicles={vehicles}")
+    if config is None:
+        keywords.setdefault("task", auvbench.TEAMS[id])
+    typed = settings.configuration(config, lines, conf, **keywords)
+    if typed.task.name != auvbench.TEAMS[id]:
+        raise ConfigError(f"{id}: task={typed.task.name} is another task; must be task={auvbench.TEAMS[id]}")
+    return AuvParallelEnv(typed)
 
 
 class AuvParallelEnv(ParallelEnv):  # type: ignore[misc]

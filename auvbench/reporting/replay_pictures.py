@@ -129,14 +129,12 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
         if episode.reference is not None:
             space.plot(*episode.reference.T, **GREY)
             above.plot(*episode.reference[:, :2].T, **GREY)
+        free = [c for c in COLOURS if c != colour]
         looks: list[dict[str, Any]] = [
             {"color": colour},
             {"color": "black", "linewidth": 3},
             {"color": "black", "marker": "o", "markersize": 4, "fillstyle": "none"},
-            *(
-                {"color": c if single else colour, "linewidth": 0.9}
-                for c in COLOURS[1 : 1 + _others(episode)]
-            ),
+            *({"color": c if single else colour, "linewidth": 0.9} for c in free[: _others(episode)]),
         ]
         solid = [space.plot([], [], [], **look)[0] for look in looks]
         flat = [above.plot([], [], **look)[0] for look in looks]

@@ -394,7 +394,9 @@ class FormationTask(TrajectoryTrackingTask):
             name: float(np.mean([getattr(totals, name) for totals in each])) for name in AVERAGED
         }
         own = {
-            name: value if name in metrics.POINTS else float(np.mean([totals.own[name] for totals in each]))
+            name: value
+            if name in metrics.POINTS or isinstance(value, str)
+            else float(np.mean([totals.own[name] for totals in each]))
             for name, value in each[0].own.items()
         }
         least = min(totals.depth_margin for totals in each)

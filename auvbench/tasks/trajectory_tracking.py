@@ -182,7 +182,12 @@ class TrajectoryTrackingTask(TrackingTask):
             "f8",
         ),  # sum of the position error along the velocity of the reference, over its speed, in s
     )
-    reference_columns: ClassVar[tuple[str, ...]] = (*fingerprint.COLUMNS, "position_error_rms_m", "yaw_error_rms_rad", "lag_s")
+    reference_columns: ClassVar[tuple[str, ...]] = (
+        *fingerprint.COLUMNS,
+        "position_error_rms_m",
+        "yaw_error_rms_rad",
+        "lag_s",
+    )
     reference_blocks: ClassVar[tuple[str, ...]] = fingerprint.BLOCKS
     success_ends = False
 

@@ -41,7 +41,9 @@ SAME = ("task.curve=lemniscate", "task.size_low=3", "task.size_high=6", "task.sp
 
 
 def test_a_team_of_one_has_the_bits_of_trajectory_tracking() -> None:
-    alone = Batch(configs.training("task=trajectory_tracking", HEAVY, *SAME, "disturbance=moderate"), 3, seed=5)
+    alone = Batch(
+        configs.training("task=trajectory_tracking", HEAVY, *SAME, "disturbance=moderate"), 3, seed=5
+    )
     one = Batch(
         configs.training(
             "task=formation",
@@ -107,9 +109,14 @@ def test_a_team_ends_together_and_records_what_happened() -> None:
             break
         pose, aim = batch.simulator.pose[:3, :3].copy(), batch.task.reference[:3].copy()
         errors.append(
-            [np.linalg.norm((pose[i] - pose[j]) - (aim[i] - aim[j])) for i, j in itertools.combinations(range(3), 2)]
+            [
+                np.linalg.norm((pose[i] - pose[j]) - (aim[i] - aim[j]))
+                for i, j in itertools.combinations(range(3), 2)
+            ]
         )
-        separation.append(min(np.linalg.norm(pose[i] - pose[j]) for i, j in itertools.combinations(range(3), 2)))
+        separation.append(
+            min(np.linalg.norm(pose[i] - pose[j]) for i, j in itertools.combinations(range(3), 2))
+        )
         apart.append(np.linalg.norm(pose - aim, axis=1))
     assert result.ended.tolist() == [0, 1, 2, 3, 4, 5]
     assert result.truncated.all()
@@ -120,7 +127,12 @@ def test_a_team_ends_together_and_records_what_happened() -> None:
     assert record["steps"] == 20
     # The last step's poses are those of the next episode, so the sums are compared with its part left out.
     pose, aim = result.final_state.pose[:3, :3], result.final_state.reference[:3]
-    errors.append([np.linalg.norm((pose[i] - pose[j]) - (aim[i] - aim[j])) for i, j in itertools.combinations(range(3), 2)])
+    errors.append(
+        [
+            np.linalg.norm((pose[i] - pose[j]) - (aim[i] - aim[j]))
+            for i, j in itertools.combinations(range(3), 2)
+        ]
+    )
     apart.append(np.linalg.norm(pose - aim, axis=1))
     squared = np.square(errors).mean(axis=0)
     assert record["formation_error_rms_m"] == pytest.approx(math.sqrt(squared.mean()))
@@ -132,7 +144,12 @@ def test_a_team_ends_together_and_records_what_happened() -> None:
 
 @pytest.mark.parametrize(
     ("change", "outcome", "collided"),
-    [("meet", "collision", 1), ("flip", "out_of_bounds", 0), ("lose", "out_of_bounds", 0), ("surface", "collision", 0)],
+    [
+        ("meet", "collision", 1),
+        ("flip", "out_of_bounds", 0),
+        ("lose", "out_of_bounds", 0),
+        ("surface", "collision", 0),
+    ],
 )
 def test_the_end_of_one_vehicle_is_the_end_of_its_team(change: str, outcome: str, collided: int) -> None:
     batch = team("noise=none", "reward.failure=-10", n=2)
@@ -211,11 +228,13 @@ def test_acoustic_messages_arrive_in_turn_and_late() -> None:
             for row, j in enumerate(j for j in range(3) if j != i):
                 way = np.linalg.norm(poses[k][i] - poses[k][j]) / 1500.0
                 spoken = [0.0]
-                spoken += [t * turn for t in range(j, 99, 3) if t * turn + config.transmission + way <= now + 1e-9]
+                spoken += [
+                    t * turn for t in range(j, 99, 3) if t * turn + config.transmission + way <= now + 1e-9
+                ]
                 age = told(batch)[i, row, 6]
                 assert age == pytest.approx(now - spoken[-1], abs=1e-5), (k, i, j)
                 # It says where the vehicle was at the step before it spoke.
-                at = int(math.floor(spoken[-1] / 0.1 + 1e-9))
+                at = math.floor(spoken[-1] / 0.1 + 1e-9)
                 np.testing.assert_allclose(batch.task.episodes.heard[i, j, :3], poses[at][j], atol=1e-9)
 
 
@@ -241,6 +260,7 @@ def test_a_resumed_team_hears_the_same() -> None:
     np.testing.assert_array_equal([result.observation.copy() for result in each(fresh, 9, seed=2)], expected)
 
 
+@pytest.mark.slow
 def test_estimates_are_what_vehicles_say() -> None:
     batch = team("sensors=bluerov2", "navigation=ekf", "task.messages=ideal", "noise=none")
     play(batch, 5)
@@ -251,7 +271,7 @@ def test_estimates_are_what_vehicles_say() -> None:
 def test_only_whole_teams_begin() -> None:
     batch = team(n=2)
     for rows in ([0, 1], [1, 2, 3], [2, 1, 0]):
-        with pytest.raises(ConfigError, match="task.vehicles=3: the vehicles of a team begin together"):
+        with pytest.raises(ConfigError, match=r"task.vehicles=3: the vehicles of a team begin together"):
             batch.reset(np.array(rows))
 
 
@@ -265,7 +285,10 @@ def test_only_whole_teams_begin() -> None:
         (["task.slots=[[0,0,0],[0,0,8],[1,0,0]]"], "task.slots="),
         (["task.curve=random"], "task.curve=random: unknown"),
         (["step.frequency=0.5"], "step.frequency=0.5: must be at least 0.971 Hz"),
-        (["simulator=gazebo"], "task.vehicles=3: simulator=gazebo has one vehicle in an episode; must be 1, or use another simulator"),
+        (
+            ["simulator=gazebo"],
+            "task.vehicles=3: simulator=gazebo has one vehicle in an episode; must be 1, or use another simulator",
+        ),
         (["world=tank"], "task.vehicles=3: world=tank has one vehicle in an episode"),
     ],
 )
