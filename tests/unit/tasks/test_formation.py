@@ -289,6 +289,7 @@ def test_only_whole_teams_begin() -> None:
             ["simulator=gazebo"],
             "task.vehicles=3: simulator=gazebo has one vehicle in an episode; must be 1, or use another simulator",
         ),
+        (["algo=ardusub"], "task.vehicles=3: algo=ardusub has one vehicle in an episode"),
         (["world=tank"], "task.vehicles=3: world=tank has one vehicle in an episode"),
     ],
 )
