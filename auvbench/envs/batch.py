@@ -55,7 +55,7 @@ class Transition:
     ended: NDArray[np.int64]  # indices of the episodes that ended
     final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
     final_state: State  # state of len(ended) vehicles at the end of their episodes
-    records: list[Record]  # a row for each of them
+    records: list[Record]  # a row for each of them; the vehicles of a team have the same one
 
 
 class Batch:
