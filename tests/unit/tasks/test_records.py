@@ -174,7 +174,7 @@ from auvbench.envs.batch import Batch
 for words in sys.argv[1:]:
     batch = Batch(train_config(compose("train", words.split(), folder=None)), 2, seed=3)
     batch.reset()
-    rewards = [float(batch.step(np.full((2, len(batch.vehicle.actuators)), 0.5)).reward[0]) for _ in range(3)]
+    rewards = [float(batch.step(np.full((batch.n, len(batch.vehicle.actuators)), 0.5)).reward[0]) for _ in range(3)]
     print(words, rewards)
 """
 
