@@ -9,6 +9,10 @@
 import os
 import sys
 from itertools import product
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from auvbench.envs.parallel_env import AuvParallelEnv
 
 __version__ = "0.1.0"
 
@@ -17,6 +21,33 @@ ID = "auvbench/Waypoint-v1"
 
 ORIGINAL: dict[str, object] = {"vehicle": "bluerov2", "task": "waypoint"}
 """Choices of version 0: the original study's vehicle and observation"""
+
+
+TEAMS = {"auvbench/Formation-v0": "formation"}
+"""Tasks of several vehicles by the ids of `parallel_env`"""
+
+
+def parallel_env(id: str, *arguments: Any, **keywords: Any) -> "AuvParallelEnv":
+    """Return an environment of several vehicles with PettingZoo's Parallel API; needs `pip install 'auvbench[teams]'`.
+
+    Args:
+        id: an id in TEAMS.
+        arguments: `overrides` and `config`; see `auvbench.envs.gym_env.AuvEnv`.
+        keywords: `vehicles`, the number of vehicles, and the keywords of `AuvEnv`.
+
+    Raises:
+        ConfigError: the id or a setting is wrong.
+        MissingExtraError: PettingZoo is not installed.
+
+    >>> import auvbench
+    >>> env = auvbench.parallel_env("auvbench/Formation-v0", vehicles=2)
+    >>> observations, infos = env.reset(seed=1)
+    >>> env.agents, observations["vehicle_0"].shape
+    (['vehicle_0', 'vehicle_1'], (41,))
+    """
+    from auvbench.envs import parallel_env as environment
+
+    return environment.make(id, *arguments, **keywords)
 
 
 def register() -> None:
@@ -36,6 +67,8 @@ def register() -> None:
     for k, hz in product((1, 40, 100), (10, 25, 55)):
         ids[f"Waypoint-K{k}-{hz}Hz-v0"] = {**ORIGINAL, "k": k, "frequency": hz}
     for task in TASKS.names():
+        if task in TEAMS.values():
+            continue
         short = "".join(word.capitalize() for word in task.split("_"))
         ids.setdefault(f"{short}-v1", {"task": task})
         ids.setdefault(f"{short}-v0", {**ORIGINAL, "task": task})

@@ -33,9 +33,9 @@ LOOK_AHEAD = 1.5
 
 BODY_AXES = "body axes (forward, port, up)"
 
-READS = ("pose", "velocity", "action", "goal", "preview", "task", "solids", "navigation")
-"""What a block may read: the action of the last step, a goal that is not the reference, the preview, a task's own fields, the solids of
-a world, what an estimator knows."""
+READS = ("pose", "velocity", "action", "goal", "preview", "task", "team", "solids", "navigation")
+"""What a block may read: the action of the last step, a goal that is not the reference, the preview, a task's own fields, the team, the
+solids of a world, what an estimator knows."""
 
 
 class Reading(NamedTuple):
@@ -67,6 +67,7 @@ class Setting:
     points: int  # number of points of the preview
     interval: float  # s, between them
     sensor: Any = None  # keys of the block's range sensor
+    others: int = 0  # number of the other vehicles of the team
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,6 +274,23 @@ def write_sensor_age(m: Reading, e: Any, p: Any, out: Any) -> None:
     out[0], out[1], out[2] = triple(e.sensor_age)
 
 
+def write_slot(m: Reading, e: Any, p: Any, out: Any) -> None:
+    out[0], out[1], out[2] = triple(e.slot)
+
+
+def write_messages(m: Reading, e: Any, p: Any, out: Any) -> None:
+    x, y, z = m.position
+    at = 0
+    for j in range(p.vehicles):
+        if j == e.vehicle:
+            continue
+        told = e.heard[j]
+        write_levelled(m, told[0] - x, told[1] - y, told[2] - z, out[at : at + 3])
+        write_levelled(m, told[3], told[4], told[5], out[at + 3 : at + 6])
+        out[at + 6] = e.steps * p.duration - e.heard_at[j]
+        at += 7
+
+
 def write_levelled(m: Reading, x: float, y: float, z: float, out: Any) -> None:
     """Write a vector of world axes in levelled body axes."""
     out[0] = m.cosine * x + m.sine * y
@@ -352,6 +370,19 @@ def _sensor_age(s: Setting) -> Block:
     return Block("sensor_age", names, "s", (LARGEST,) * 3, "time since the last valid reading was taken")
 
 
+def _slot(s: Setting) -> Block:
+    axes = "axes of the leader's reference (forward, port, up)"
+    return vector("slot", "m", (LARGEST,) * 3, "the vehicle's place in the formation", axes)
+
+
+def _messages(s: Setting) -> Block:
+    names = (*(f"{axis}_m" for axis in "xyz"), *(f"{axis}_mps" for axis in "xyz"), "age_s")
+    labels = tuple(f"messages_{other}_{name}" for other in range(1, s.others + 1) for name in names)
+    bounds = (*(LARGEST,) * 3, *(FASTEST,) * 3, LARGEST) * s.others
+    meaning = "what each other vehicle last said: its position less the own one (m), its velocity (m/s), and the age of these (s)"
+    return Block("messages", labels, "1", bounds, meaning, BODY)
+
+
 def _apart(s: Setting) -> tuple[float, float]:
     """Return bounds in m, level and vertical, of a vector to another point than the reference: twice the way to it."""
     return 2.0 * math.hypot(*s.bounds[:2]), 2.0 * s.bounds[2]
@@ -376,3 +407,5 @@ way = BlockSpec("way", write_way, _way, ("pose", "task", "solids"))
 position_sd = BlockSpec("position_sd", write_position_sd, _position_sd, ("navigation",))
 specific_force = BlockSpec("specific_force", write_specific_force, _specific_force, ("navigation",))
 sensor_age = BlockSpec("sensor_age", write_sensor_age, _sensor_age, ("navigation",))
+slot = BlockSpec("slot", write_slot, _slot, ("team",))
+messages = BlockSpec("messages", write_messages, _messages, ("pose", "team"))

@@ -338,7 +338,7 @@ TASKS: Kind[TaskSpec] = Kind(
     _files(
         _TASKS,
         *("waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"),
-        *("transit", "terrain"),
+        *("transit", "terrain", "formation"),
     ),
 )
 
@@ -374,6 +374,7 @@ BLOCKS: Kind[BlockSpec] = Kind(
             *("yaw_error", "position_error", "velocity_error", "velocity", "angular_velocity"),
             *("gravity", "depth_margin", "previous_action", "preview", "goal_error", "way"),
             *("position_sd", "specific_force", "sensor_age"),
+            *("slot", "messages"),
         ),
         **{
             f"range.{name}": f"auvbench.tasks.ranges.specs:{name}"

@@ -48,6 +48,7 @@ TASKS = (
     "docking",
     "transit",
     "terrain",
+    "formation",
 )
 """auvbench's own tasks."""
 

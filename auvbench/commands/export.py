@@ -104,11 +104,11 @@ def _task(task: Mapping[str, Any]) -> list[str]:
 
     from auvbench.config import folders
     from auvbench.config.compose import option
-    from auvbench.evaluation.protocol import OBSERVED
+    from auvbench.evaluation.protocol import KEPT
     from auvbench.runs.run_filter import flat
 
     def observed(values: Mapping[str, Any]) -> dict[str, Any]:
-        typed = [key for key in OBSERVED if key in values and key != "block_packages"]
+        typed = [key for key in KEPT if key in values and key != "block_packages"]
         return flat({key: values[key] for key in typed}, "task.")
 
     values_of_policy, name = observed(task), str(task["name"])

@@ -39,6 +39,8 @@ class Capabilities:
     """whether it has `current` and `external_wrench` (`simulators.base.VehicleBatch`)"""
     solids: bool = False
     """whether its vehicles may be in a world with a bottom or obstacles"""
+    teams: bool = False
+    """whether several of its vehicles may be in one episode"""
 
 
 @dataclass(kw_only=True)
@@ -112,6 +114,7 @@ fossen = SimulatorSpec(
         vehicles=True,
         forces=True,
         solids=True,
+        teams=True,
     ),
     Fossen,
 )

@@ -206,6 +206,8 @@ def check_across(config: schema.TrainConfig) -> None:
     simulators.check_filter(config.simulator, config.filter)
     config.world.check()
     tasks.check_solids(task, config.world.name if not config.world.solid else "")
+    if task.team > 1:
+        _check_team(config)
     navigation.check(config)
     vehicles_free = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
     what = (
@@ -214,6 +216,21 @@ def check_across(config: schema.TrainConfig) -> None:
     )
     require(vehicles_free, "train.evaluate_every", config.train.evaluate_every, what)
     config.algo.check()
+
+
+def _check_team(config: schema.TrainConfig) -> None:
+    """Refuse a team where a simulator, an agent or a world has one vehicle in an episode."""
+    able = {
+        f"simulator={config.simulator.name}": simulators.capabilities(config.simulator).teams,
+        f"algo={config.algo.name}": config.algo.agent not in AGENTS.own or AGENTS[config.algo.agent].teams,
+        f"world={config.world.name}": not config.world.solid,
+    }
+    for part, fits in able.items():
+        if not fits:
+            raise ConfigError(
+                f"task.vehicles={config.task.team}: {part} has one vehicle in an episode; must be 1, or use another "
+                f"{part.partition('=')[0]}"
+            )
 
 
 def _task(task: tasks.Task) -> None:

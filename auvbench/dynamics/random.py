@@ -42,6 +42,8 @@ NAVIGATION = 13
 """navigation sensors, and the errors of the estimate at the start"""
 IDENTIFIED = 14
 """vehicles drawn from the covariance of an identification"""
+MESSAGE = 15
+"""messages between vehicles that are lost"""
 BLOCK = 0x80
 """blocks of an observation that packages bring"""
 # Streams 64 to 127 are those of packages' disturbances.

@@ -1,5 +1,7 @@
 """A batch of N environments: simulator, task and disturbances under one step, with automatic reset.
 
+An environment is one vehicle, or a team, whose vehicles are rows one after the other (`tasks.formation`).
+
 The three interfaces (`gym_env`, `vector_env`, `sb3`) only translate.
 """
 
@@ -53,7 +55,7 @@ class Transition:
     ended: NDArray[np.int64]  # indices of the episodes that ended
     final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
     final_state: State  # state of len(ended) vehicles at the end of their episodes
-    records: list[Record]  # a row for each of them
+    records: list[Record]  # a row for each of them; the vehicles of a team have the same one
 
 
 class Batch:
@@ -61,7 +63,7 @@ class Batch:
 
     Args:
         config: typed configuration.
-        n: number of environments; None: `algo.n_envs`.
+        n: number of environments, vehicles or teams; None: `algo.n_envs`. The attribute `n` is the number of vehicles.
         seed: seed of all draws; None: `config.seed`.
         test: draw from the streams of test protocols.
         validation: draw from the streams of validation.
@@ -79,7 +81,9 @@ class Batch:
         autoreset: bool = True,
     ) -> None:
         self.config = config
-        self.n = int(config.algo.n_envs if n is None else n)
+        self.team = config.task.team
+        """number of vehicles in an environment, which begin and end together"""
+        self.n = self.team * int(config.algo.n_envs if n is None else n)
         self.vehicle = sheet.load(config.vehicle)
         self.simulator = make_simulator(config.simulator, self.vehicle, self.n, config.disturbance)
         self.task = tasks.make(
@@ -260,8 +264,9 @@ class Batch:
         """Compute a step up to the observation; return how many episodes ended."""
         admit(action, self._action)
         task, simulator = self.task, self.simulator
-        # A subclass, of a plug-in for example, may override any method.
-        if self.disturbances is None and type(simulator) is FossenSimulator:
+        # A subclass, of a plug-in for example, may override any method. Threads would split a team.
+        alone = self.n < THREADED or self.team == 1
+        if self.disturbances is None and type(simulator) is FossenSimulator and alone:
             if self.n < THREADED:
                 return task.checked(self._compute_range(0, self.n))
             counts = simulator.each(self._compute_range)

@@ -59,6 +59,7 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         **keywords: Any,
     ) -> None:
         self.config = settings.configuration(config, overrides, conf, **keywords)
+        settings.refuse_team(self.config)
         self.batch = Batch(self.config, 1, autoreset=False)
         self.observation_space, self.action_space = settings.spaces_of(self.batch)  # type: ignore[assignment]
         self.render_mode = render_mode

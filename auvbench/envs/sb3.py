@@ -25,7 +25,7 @@ def make(
     """N environments for Stable-Baselines3's learners.
 
     Args:
-        n_envs: number of environments in the batch.
+        n_envs: number of environments in the batch; each vehicle of a team is an environment of its own for a learner.
         seed: seed of all draws, environment i draws from (seed, i); None: the configuration's seed.
         render_mode: see `AuvEnv`.
         kwargs: overrides, config, conf, task, vehicle, k, frequency, noise, disturbance; see `AuvEnv`.

@@ -73,10 +73,7 @@ def configuration(
     for key in keywords:
         if key not in KEYS:
             raise ConfigError(f"{key}: unknown keyword; {closest(key, KEYS)}")
-    lines = shlex.split(overrides) if isinstance(overrides, str) else list(overrides)
-    for line in lines:
-        if not isinstance(line, str):
-            raise ConfigError(f"overrides: {line!r} is not a text; an override is written 'reward.k=40'")
+    lines = split(overrides)
     lines = [f"{KEYS[key]}={value}" for key, value in keywords.items() if value is not None] + lines
     if config is not None:
         if lines or conf is not None:
@@ -90,6 +87,28 @@ def configuration(
     if not folder.is_dir():
         raise ConfigError(f"conf={conf}: no such folder")
     return _compose(lines, folder)
+
+
+def split(overrides: Overrides) -> list[str]:
+    """Return overrides as a list.
+
+    Raises:
+        ConfigError: an override is not a text.
+    """
+    lines = shlex.split(overrides) if isinstance(overrides, str) else list(overrides)
+    for line in lines:
+        if not isinstance(line, str):
+            raise ConfigError(f"overrides: {line!r} is not a text; an override is written 'reward.k=40'")
+    return lines
+
+
+def refuse_team(config: schema.TrainConfig) -> None:
+    """Raise ConfigError for a team, in an interface with one vehicle in an episode."""
+    if config.task.team > 1:
+        raise ConfigError(
+            f"task.vehicles={config.task.team}: this interface has one vehicle in an episode; use auvbench.parallel_env or "
+            "auvbench.envs.sb3.make, or task.vehicles=1"
+        )
 
 
 @lru_cache(maxsize=256)

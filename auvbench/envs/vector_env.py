@@ -87,6 +87,7 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
         if num_envs < 1:
             raise ConfigError(f"num_envs={num_envs}: must be at least 1")
         typed = settings.configuration(config, overrides, conf, **keywords)
+        settings.refuse_team(typed)
         self.config = settings.limited(typed, max_episode_steps)
         self.autoreset_mode = _mode(autoreset_mode)
         self.batch = Batch(self.config, num_envs, autoreset=self.autoreset_mode == AutoresetMode.SAME_STEP)

@@ -29,6 +29,8 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 OBSERVED = ("position_frame", "observation", "block_packages", "history", "preview")
 """task keys that belong to the agent, not to the scenario"""
+KEPT = (*OBSERVED, "vehicles")
+"""task keys that a test leaves as they are: the size of a team is a part of the scenario, but the observation depends on it"""
 SENSORS = "task.range."
 """begins the keys of range sensors. They are the agent's, too, but a protocol may change them, to let a sensor fail."""
 WITHIN = {"noise", "disturbance"}
@@ -164,7 +166,7 @@ def _resolve(
         if override.startswith("task="):
             _give_sensors(node, config["task"].get("range"))
     # The observation belongs to the agent, not to the scenario.
-    for key in OBSERVED:
+    for key in KEPT:
         if key in config["task"] and (key in node.task or key == "block_packages"):
             OmegaConf.update(node, f"task.{key}", config["task"][key], force_add=True)
     try:

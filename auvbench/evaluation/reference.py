@@ -85,7 +85,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
     batch.task.assign(np.arange(n))
     batch.reset()
     _set_out(batch)
-    n_u = len(batch.vehicle.actuators)
+    n, n_u = batch.n, len(batch.vehicle.actuators)
     series: dict[str, list[Floats]] = {
         name: [] for name in ("observation", "reward", "pose", "velocity", "power")
     }
@@ -134,6 +134,6 @@ def _set_out(batch: Batch) -> None:
     """Place the vehicles: one is about to reach the goal, one to leave the bounds."""
     pose, velocity = batch.simulator.pose, batch.simulator.velocity
     waypoint = batch.task.reference
-    pose[:, :3] += PLACES[:, None] * (waypoint - pose[:, :3])
+    pose[:, :3] += np.repeat(PLACES, batch.team)[:, None] * (waypoint - pose[:, :3])
     pose[-1, 2] = batch.config.task.depth_high - 0.0625
     velocity[:] = VELOCITY

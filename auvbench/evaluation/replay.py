@@ -45,6 +45,7 @@ class Replay:
     reference: Floats | None = None  # (T + 1, 3) m, if the reference moves
     dock_yaw: Floats | None = None  # (1,) rad, heading in which a dock is entered
     outlines: Floats | None = None  # (k, 2, 3) m, segments that show the solids of a world
+    others: Floats | None = None  # (T + 1, V - 1, 3) m, the other vehicles of a team
     signals: Signals | None = None  # only for an episode of a test
 
     @property

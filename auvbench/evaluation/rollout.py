@@ -47,19 +47,29 @@ class Trajectory:
     reference: list[Floats] = field(default_factory=list)  # (3,) m each
     dock_yaw: float | None = None  # rad, heading in which a dock is entered
     outlines: Floats | None = None  # (k, 2, 3) m, segments that show the solids near the path, in a world
+    others: list[Floats] = field(default_factory=list)  # (V - 1, 3) m each, the other vehicles of a team
+
+    def follow(self, pose: Floats, reference: Floats) -> None:
+        """Add a pose (V, 7) of a team, of which the first vehicle is followed, and its reference (3,)."""
+        self.reference.append(reference.copy())
+        self.position.append(pose[0, :3].copy())
+        self.yaw.append(float(frames.yaw(pose[0, 3:7])))
+        if len(pose) > 1:
+            self.others.append(pose[1:, :3].copy())
 
     def arrays(self, duration: float) -> dict[str, NDArray[np.float32]]:
         """Return float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,).
 
         For a dock the arrays also have dock_yaw (1,); otherwise, if the reference moves, reference (T + 1,
         3). A docking task's moving reference is only an aid of the task: its goal is the dock. In a world the arrays have
-        outlines (k, 2, 3) m, segments that show the solids near the path.
+        outlines (k, 2, 3) m, segments that show the solids near the path. A team of V vehicles has others (T + 1, V - 1, 3) m.
         """
         reference = np.asarray(self.reference, dtype=np.float32)
         moves = self.dock_yaw is None and bool((reference != reference[:1]).any())
         return {
             **({"reference": reference} if moves else {}),
             **({} if self.outlines is None else {"outlines": self.outlines.astype(np.float32)}),
+            **({"others": np.asarray(self.others, dtype=np.float32)} if self.others else {}),
             **({} if self.dock_yaw is None else {"dock_yaw": np.array([self.dock_yaw], dtype=np.float32)}),
             "position": np.asarray(self.position, dtype=np.float32),
             "yaw": np.asarray(self.yaw, dtype=np.float32),
@@ -141,7 +151,7 @@ def roll_out(
             environments.simulator = own(config, environments.vehicle)
         actuators = environments.vehicle.actuators
         followed = numbers[: max(0, trajectories - start)].tolist()
-        agent.reset(numbers)
+        agent.reset(rows_of(numbers, environments.team))
         records += _one_batch(environments, agent, followed, paths, report, watch)
     notes = {name: number - before.get(name, 0) for name, number in counted(agent).items()}
     return Rollout(records, paths, duration, actuators, notes)
@@ -179,6 +189,11 @@ def batch_of(scenarios: str, config: schema.TrainConfig, episodes: Integers, see
     return batch
 
 
+def rows_of(episodes: Integers, team: int) -> Integers:
+    """Return a number (n * team,) for each vehicle of the teams of episodes (n,); a vehicle alone has its episode's."""
+    return np.add.outer(team * np.asarray(episodes), np.arange(team)).ravel()
+
+
 def embedded(config: schema.TrainConfig) -> schema.TrainConfig:
     """Return the configuration with the embedded simulator, which starts at once."""
     return replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
@@ -198,37 +213,33 @@ def _one_batch(
     # A slow agent may skip episodes that have ended.
     spare = getattr(agent, "ended", None)
     rows: dict[int, Record] = {}
-    task, simulator = environments.task, environments.simulator
-    for i, episode in enumerate(followed):
+    task, simulator, team = environments.task, environments.simulator, environments.team
+    # By the first vehicle of each episode.
+    episode_of = dict(zip(range(0, environments.n, team), followed, strict=False))
+    for i, episode in episode_of.items():
         paths[episode] = Trajectory(waypoint=task.goal(i), dock_yaw=task.dock_yaw(i))
-        _follow(paths[episode], simulator.pose[i], task.reference[i])
-    while len(rows) < environments.n:
-        running = [i for i in range(len(followed)) if i not in rows]
+        paths[episode].follow(simulator.pose[i : i + team], task.reference[i])
+    while len(rows) < environments.n // team:
+        running = [i for i in episode_of if i not in rows]
         result = environments.step(agent.act(observation))
         observation = result.observation
         if watch is not None:
             watch(environments)
         for i in running:
-            _follow(paths[followed[i]], simulator.pose[i], task.reference[i])
-            paths[followed[i]].command.append(simulator.command_force[i].copy())
+            paths[episode_of[i]].follow(simulator.pose[i : i + team], task.reference[i])
+            paths[episode_of[i]].command.append(simulator.command_force[i].copy())
         before = len(rows)
-        for i, record in zip(result.ended.tolist(), result.records, strict=True):
+        for i, record in zip(result.ended[::team].tolist(), result.records[::team], strict=True):
             # An ended episode continues until the last one ends: only its first end counts.
             rows.setdefault(i, record)
         if len(rows) > before:
             report(len(rows) - before)
         if spare is not None and len(result.ended):
             spare(result.ended)
-    for i, episode in enumerate(followed if task.world else ()):
+    for i, episode in episode_of.items() if task.world else ():
         path = paths[episode]
         path.outlines = task.outlines(i, *round_path(np.array([*path.position, path.waypoint])))
-    return [rows[i] for i in range(environments.n)]
-
-
-def _follow(path: Trajectory, pose: Floats, reference: Floats) -> None:
-    path.reference.append(reference.copy())
-    path.position.append(pose[:3].copy())
-    path.yaw.append(float(frames.yaw(pose[3:7])))
+    return [rows[i] for i in range(0, environments.n, team)]
 
 
 def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
@@ -273,11 +284,11 @@ def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:
         numbers = np.array([episode])
         batch = batch_of("validation", config, numbers, 0)
         observation = batch.reset()
-        agent.reset(numbers)
+        agent.reset(rows_of(numbers, batch.team))
         ended = False
         while not ended:
             before = clock()
             action = agent.act(observation)
-            yield clock() - before
+            yield (clock() - before) / batch.team  # on each vehicle
             result = batch.step(action)
             observation, ended = result.observation, len(result.ended) > 0

@@ -25,7 +25,7 @@ def supplied() -> tuple[str, ...]:
     return tuple(
         name
         for name in BLOCKS
-        if not {"goal", "preview", "task", "solids", "navigation"} & {*BLOCKS[name].reads}
+        if not {"goal", "preview", "task", "team", "solids", "navigation"} & {*BLOCKS[name].reads}
     )
 
 

@@ -58,7 +58,13 @@ def summary(episode: Replay) -> str:
 
 def _accuracy(r: Record) -> str:
     """Return a text on the vehicle's accuracy, by the first metric that its task measures."""
-    names = ("deviation_mean_m", "cross_track_rms_m", "position_error_rms_m", "final_position_error_m")
+    names = (
+        "formation_error_rms_m",
+        "deviation_mean_m",
+        "cross_track_rms_m",
+        "position_error_rms_m",
+        "final_position_error_m",
+    )
     name = next(name for name in names if name in r)
     return f"{next(m.title for m in metrics.registered() if m.name == name)} {float(r[name]):.2f} m"
 
@@ -69,9 +75,9 @@ class Moving:
 
     episode: Replay
     space: list[Any]
-    """Lines in space: path, nose and position of the reference"""
+    """Lines in space: path, nose and position of the reference, and paths of the other vehicles of a team"""
     above: list[Any]
-    """Lines seen from above: path, nose and position of the reference"""
+    """The same lines seen from above"""
     distance: Any
     commands: list[Any]
     """command of each actuator; empty with several episodes"""
@@ -87,7 +93,9 @@ class Moving:
         left, right = self.above[0].axes.get_xlim()
         tip = p[-1] + 0.05 * (right - left) * np.array([np.cos(yaw), np.sin(yaw), 0.0])
         aim = np.empty((0, 3)) if e.reference is None else e.reference[step, None]
-        for points, solid, flat in zip((p, np.stack([p[-1], tip]), aim), self.space, self.above, strict=True):
+        others = () if e.others is None else e.others[: step + 1].swapaxes(0, 1)
+        lines = (p, np.stack([p[-1], tip]), aim, *others)
+        for points, solid, flat in zip(lines, self.space, self.above, strict=True):
             solid.set_data_3d(*points.T)
             flat.set_data(*points[:, :2].T)
         self.distance.set_data(e.time[: step + 1], e.distance[: step + 1])
@@ -100,7 +108,8 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
     figure = style.canvas(*SIZE)
     figure.set_dpi(DPI)
     first, single = episodes[0], len(episodes) == 1
-    positions = np.concatenate([episode.position for episode in episodes])
+    paths = [path for episode in episodes for path in (episode.position, episode.others) if path is not None]
+    positions = np.concatenate([path.reshape(-1, 3) for path in paths])
     space, above, time, last = panels(
         figure,
         first.config.task,
@@ -120,10 +129,12 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
         if episode.reference is not None:
             space.plot(*episode.reference.T, **GREY)
             above.plot(*episode.reference[:, :2].T, **GREY)
+        free = [c for c in COLOURS if c != colour]
         looks: list[dict[str, Any]] = [
             {"color": colour},
             {"color": "black", "linewidth": 3},
             {"color": "black", "marker": "o", "markersize": 4, "fillstyle": "none"},
+            *({"color": c if single else colour, "linewidth": 0.9} for c in free[: _others(episode)]),
         ]
         solid = [space.plot([], [], [], **look)[0] for look in looks]
         flat = [above.plot([], [], **look)[0] for look in looks]
@@ -150,6 +161,11 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
         about = " ".join(f"{first.protocol} {place} episode {first.record['episode']}".split())
     figure.suptitle(about, x=0.01, ha="left", fontsize=10)
     return figure, moving
+
+
+def _others(episode: Replay) -> int:
+    """Return the number of the other vehicles of a team."""
+    return 0 if episode.others is None else episode.others.shape[1]
 
 
 def _outlines(episodes: Sequence[Replay]) -> Any:

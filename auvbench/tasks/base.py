@@ -31,7 +31,7 @@ from auvbench.tasks.filters import barrier
 from auvbench.tasks.navigation.state import BELIEF
 from auvbench.tasks.observation import check_vehicle, owner_of_block, reads
 from auvbench.tasks.ranges import installed as installed_ranges
-from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, add_command_noise
+from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, VEHICLE, add_command_noise
 from auvbench.tasks.worlds import surroundings
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -54,6 +54,9 @@ _TAKEN = (
     "_believe",
     "shown",
     "_filtered",
+    "_true",
+    "_told",
+    "_own",
 )
 """attributes of a task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
@@ -112,6 +115,8 @@ class Task:
     ) -> None:
         self.vehicle = vehicle
         self.n = n
+        self.team = config.task.team
+        """number of vehicles in an episode, which are rows one after the other"""
         self.name = config.task.name
         self.frequency = config.step.frequency
         self.noise_scale = _command_noise_scale(config.noise, vehicle)
@@ -204,7 +209,7 @@ class Task:
         self._arrays = episodes, self.preview, parameters, prices
         self._observe = loops.observe(loops.observed(self._names), interpreted=interpreted)
         believed = self.episodes if self.believed is None else self.believed
-        own = any({"task", READS} & {*BLOCKS[name].reads} for name in self._names)
+        own = any({"task", "team", READS} & {*BLOCKS[name].reads} for name in self._names)
         if interpreted or own:
             self._read = believed if interpreted else records.plain(believed), parameters
         else:
@@ -246,12 +251,12 @@ class Task:
         return {}
 
     def reseed(self, seed: int, indices: Integers | None = None) -> None:
-        """Set all or some environments before episode 0 of a seed; environment i draws from (seed, i)."""
+        """Set all or some environments before episode 0 of a seed; environment i draws from (seed, i), a team t from (seed, t)."""
         rows = np.arange(self.n) if indices is None else indices
         if len(rows) == self.n:
             self.seed = int(seed)
         self.episodes.seed[rows] = seed
-        self.episodes.environment[rows] = rows
+        self.episodes.environment[rows] = rows // self.team + VEHICLE * (rows % self.team)
         self.episodes.episode[rows] = -1
 
     def reseed_each(self, indices: Integers, seeds: Integers) -> None:
@@ -259,13 +264,13 @@ class Task:
         seed.
         """
         self.episodes.seed[indices] = seeds
-        self.episodes.environment[indices] = 0
+        self.episodes.environment[indices] = VEHICLE * (indices % self.team)
         self.episodes.episode[indices] = -1
 
     def assign(self, episodes: Integers, environment: int = 0) -> None:
-        """Give row i the scenario of episode `episodes[i]` at its next reset (for test protocols)."""
-        self.episodes.episode = np.asarray(episodes) - 1
-        self.episodes.environment = environment
+        """Give environment i, a vehicle or a team, the scenario of episode `episodes[i]` at its next reset (for test protocols)."""
+        self.episodes.episode = np.repeat(episodes, self.team) - 1
+        self.episodes.environment = environment + VEHICLE * (self._all % self.team)
 
     def reset(self, indices: Integers) -> Floats:
         """Begin the next episode of the given environments; return their start poses (len, 7)."""

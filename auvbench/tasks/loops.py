@@ -247,10 +247,10 @@ def _of_task(
 
 
 def observed(names: Iterable[str]) -> tuple[blocks.BlockSpec, ...]:
-    """Return the blocks in the order of their codes: all of auvbench's that are no sensors and read neither an estimate nor
-    a task's own fields, so that most tasks share one function, then the others.
+    """Return the blocks in the order of their codes: all of auvbench's that are no sensors and read neither an estimate, a
+    team nor a task's own fields, so that most tasks share one function, then the others.
     """
-    special = {READS, "task"}
+    special = {READS, "task", "team"}
     own = [name for name in BLOCKS.own if not BLOCKS[name].sensor and not special & {*BLOCKS[name].reads}]
     return tuple(BLOCKS[name] for name in (*own, *sorted(set(names) - {*own})))
 

@@ -94,6 +94,7 @@ def _setting(task: tasks.Task, actuators: Sequence[str], bounds: tuple[float, ..
         actuators=actuators,
         points=preview.points,
         interval=preview.interval,
+        others=task.team - 1,
     )
 
 

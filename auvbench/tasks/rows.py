@@ -32,6 +32,9 @@ TIMEOUT = 2
 OUT_OF_BOUNDS = 3
 GOES_ON = -1
 
+VEHICLE = 1 << 24
+"""What the counter `environment` of a vehicle has for each vehicle before it in its team."""
+
 SHALLOWEST = 1.0
 """m, smallest distance of a drawn start from a depth limit, unless the centre of the draw is closer"""
 
@@ -126,6 +129,12 @@ def between(a: Vector, b: Vector) -> float:
     (ax, ay, az), (bx, by, bz) = a, b
     dx, dy, dz = ax - bx, ay - by, az - bz
     return math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@row
+def team_of(environment: int) -> int:
+    """Return the counter of a vehicle's team: the counter of its first vehicle, or of a vehicle alone."""
+    return environment & (VEHICLE - 1)
 
 
 @row

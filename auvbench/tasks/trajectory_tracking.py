@@ -7,7 +7,7 @@ p(t) = c + b s + sum_j a_j sin(w_j s + f_j), where s = t (drawn speed) / (larges
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -126,7 +126,7 @@ def draw(e: Record, p: Record, stream: int) -> float:
     kind, large, fast, _ = drawn(e, stream, 1)
     curve = p.curve
     if curve == ANY:
-        curve = int(4.0 * kind)
+        curve = int(p.kinds * kind)
     put(e.centre, triple(p.centre))
     draw_curve(e, curve, p.size_low + (p.size_high - p.size_low) * large, stream)
     e.rate = (p.speed_low + (p.speed_high - p.speed_low) * fast) / fastest(e)
@@ -169,7 +169,7 @@ class TrajectoryTrackingTask(TrackingTask):
     refer = staticmethod(refer)
     step = staticmethod(step)
     preview_row = staticmethod(preview_row)
-    fields = (
+    fields: ClassVar[tuple[tuple[Any, ...], ...]] = (
         # Of the curve, per axis.
         ("centre", "f8", (3,)),  # m
         ("slope", "f8", (3,)),
@@ -182,13 +182,18 @@ class TrajectoryTrackingTask(TrackingTask):
             "f8",
         ),  # sum of the position error along the velocity of the reference, over its speed, in s
     )
-    reference_columns = (*fingerprint.COLUMNS, "position_error_rms_m", "yaw_error_rms_rad", "lag_s")
-    reference_blocks = fingerprint.BLOCKS
+    reference_columns: ClassVar[tuple[str, ...]] = (
+        *fingerprint.COLUMNS,
+        "position_error_rms_m",
+        "yaw_error_rms_rad",
+        "lag_s",
+    )
+    reference_blocks: ClassVar[tuple[str, ...]] = fingerprint.BLOCKS
     success_ends = False
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, TrajectoryTracking)
-        return {**super().own_parameters(task), "curve": CURVES.index(task.curve)}
+        return {**super().own_parameters(task), "curve": CURVES.index(task.curve), "kinds": float(ANY)}
 
     def goal(self, i: int) -> Floats:
         e = self.episodes[i]

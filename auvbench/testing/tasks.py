@@ -135,7 +135,7 @@ def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
         batch.reset()
         task, simulator = batch.task, batch.simulator
         for step in range(steps):
-            action = actions(step, 2, len(batch.vehicle.actuators))
+            action = actions(step, batch.n, len(batch.vehicle.actuators))
             simulator.step(action, task.duration)
             task.checked(
                 task.advance(

@@ -76,9 +76,9 @@ class Session:
             self._stop_time = self._stop_time or time.monotonic()
             if not self.learner.exact_resume or time.monotonic() - self._stop_time > GRACE:
                 self._leave(self._checkpoint_note())
-        if transition.records:
-            self.episodes.append(steps, transition.records)
-            for record in transition.records:
+        if records := transition.records[:: self.environment.team]:  # one of a team
+            self.episodes.append(steps, records)
+            for record in records:
                 self.reporter.episode(record["outcome"] == "success", float(record["return"]))
         self.reporter.step(steps)
         if self.validator is not None and self.validator.is_due(steps, self.environment.n):

@@ -173,7 +173,9 @@ def test_each_task_is_drawn_with_its_reference_or_its_dock(task, tmp_path, monke
     path = next((tmp_path / "default").glob("*/manifest.json")).parent
     protocol = evaluate_config(compose("evaluate", [])).protocol
     shown = replay(RunDirectory(path), protocol, "nominal", 0)
-    assert (shown.reference is not None) == (task in ("trajectory_tracking", "path_following", "terrain"))
+    moving = ("trajectory_tracking", "path_following", "terrain", "formation")
+    assert (shown.reference is not None) == (task in moving)
+    assert (shown.others is not None) == (task == "formation")
     assert (shown.dock_yaw is not None) == (task == "docking")
     target = shown.waypoint if shown.reference is None else shown.reference
     assert shown.distance[-1] == np.float32(np.linalg.norm(shown.position - target, axis=1)[-1])

@@ -87,6 +87,8 @@ class AgentSpec(Spec):
     """Whether the agent reads the observation."""
     learns: bool = False
     """Whether the agent has a training."""
+    teams: bool = True
+    """Whether the agent can steer several vehicles in one episode."""
     settled: str = ""
     """`module:function` of a composed configuration and its checked `algo` that returns the configuration with what
     identifies a program of the user's, before the run gets its id. For auvbench's own agents.

@@ -52,6 +52,11 @@ class Task:
         if self.range == MISSING:
             self.range = None
 
+    @property
+    def team(self) -> int:
+        """Number of vehicles in an episode."""
+        return 1
+
     def check(self) -> None:
         """Refuse values with which no episode can succeed.
 
@@ -206,8 +211,9 @@ class TaskSpec(Spec):
 
 
 def blocks(task: Any) -> Sequence[str]:
-    """Return the blocks of a task's observation, without an empty `preview`."""
+    """Return the blocks of a task's observation, without an empty `preview`, or `messages` without another vehicle."""
     none = {"preview"} if isinstance(task, Tracked) and task.preview.points == 0 else set()
+    none |= {"messages"} if task.team == 1 else set()
     return [name for name in task.observation if name not in none]
 
 
@@ -260,6 +266,7 @@ def _check_reads(task: Task, name: str) -> None:
         ("goal", spec.has_goal, ""),
         ("preview", points > 0, "; task.preview.points sets it" if "preview" in own else ""),
         ("task", name in own, ""),
+        ("team", "messages" in own, ""),
     ):
         if what in reads and not able:
             lacking = f"fields that only other tasks have, not task={task.name}" if what == "task" else ""

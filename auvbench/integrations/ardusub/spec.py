@@ -22,6 +22,7 @@ agent = AgentSpec(
     ArduSub,
     "auvbench.integrations.ardusub.agent:ArduSubAgent",
     observes=False,
+    teams=False,
     settled="auvbench.integrations.ardusub.sitl:settled",
     check="auvbench.integrations.ardusub.agent:check",
 )

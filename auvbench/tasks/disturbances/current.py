@@ -10,7 +10,7 @@ from auvbench.dynamics.random import CURRENT, normal4, uniform4
 from auvbench.simulators.base import Simulator
 from auvbench.tasks.disturbances.base import Disturbance
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import put, row
+from auvbench.tasks.rows import put, row, team_of
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 # Blocks of channels within the stream.
@@ -21,7 +21,7 @@ _FLUCTUATION = 1  # three normals per step
 @row
 def draw(e: Record, d: Record, p: Record, stream: int) -> None:
     """Draw the mean current and the stationary fluctuation."""
-    share, turn, _, _ = uniform4(e.seed, CURRENT | stream, _MEAN, 0, e.episode, e.environment)
+    share, turn, _, _ = uniform4(e.seed, CURRENT | stream, _MEAN, 0, e.episode, team_of(e.environment))
     speed = p.speed_low + (p.speed_high - p.speed_low) * share
     direction = p.direction_low + (p.direction_high - p.direction_low) * turn
     level = speed * math.cos(p.elevation)
@@ -32,7 +32,7 @@ def draw(e: Record, d: Record, p: Record, stream: int) -> None:
         d.bottom,
         (p.factor * level * math.cos(turned), p.factor * level * math.sin(turned), p.factor * rise),
     )
-    z = normal4(e.seed, CURRENT | stream, _FLUCTUATION, 0, e.episode, e.environment)
+    z = normal4(e.seed, CURRENT | stream, _FLUCTUATION, 0, e.episode, team_of(e.environment))
     for axis in range(3):
         d.fluctuation[axis] = p.sigma[axis] * z[axis]
 
@@ -44,7 +44,7 @@ def before(e: Record, d: Record, p: Record, stream: int) -> None:
     V[k+1] = Vbar + (V[k] - Vbar) e^(-mu dt) + sigma sqrt(1 - e^(-2 mu dt)) N(0, 1); `fluctuation` is V - Vbar.
     """
     if e.steps > 0:  # the draw of the start is stationary already
-        z = normal4(e.seed, CURRENT | stream, _FLUCTUATION, e.steps, e.episode, e.environment)
+        z = normal4(e.seed, CURRENT | stream, _FLUCTUATION, e.steps, e.episode, team_of(e.environment))
         for axis in range(3):
             d.fluctuation[axis] = p.decay * d.fluctuation[axis] + p.innovation * p.sigma[axis] * z[axis]
 

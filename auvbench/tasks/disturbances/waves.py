@@ -15,6 +15,7 @@ from auvbench.dynamics.layout import COMPONENT, LANES
 from auvbench.dynamics.random import WAVES, uniform
 from auvbench.simulators.base import Simulator, WavySimulator
 from auvbench.tasks.disturbances.base import Disturbance
+from auvbench.tasks.rows import team_of
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -78,7 +79,7 @@ def spread(exponent: float | None) -> Floats:
     return np.interp(np.linspace(half, 1.0 - half, _QUANTILES), below / below[-1], angle)
 
 
-@compiled("dynamics")
+@compiled("dynamics", "tasks")
 def draw_rays(
     indices: Integers, episodes: Any, parameters: Any, quantiles: Floats, test: int, rays: Floats
 ) -> None:
@@ -89,7 +90,7 @@ def draw_rays(
         i = indices[k]
         block, lane = i // LANES, i % LANES
         e = episodes[i]
-        seed, episode, environment = e.seed, e.episode, e.environment
+        seed, episode, environment = e.seed, e.episode, team_of(e.environment)
         share = uniform(seed, WAVES | test, 0, 0, episode, environment)
         direction = p.direction_low + (p.direction_high - p.direction_low) * share
         for m in range(rays.shape[1]):

@@ -237,3 +237,12 @@ def test_a_protocol_of_a_task_that_does_not_supply_what_a_run_observes_names_bot
     run = config("task=docking", "vehicle=bluerov2_heavy")
     with pytest.raises(ConfigError, match=r"tests task=waypoint, but the run has task=docking: .*goal_error"):
         resolve_conditions(protocol("protocol=thesis"), run)
+
+
+def test_a_test_keeps_the_number_of_vehicles_and_takes_its_own_messages():
+    words = ("task=formation", "vehicle=bluerov2_heavy", "task.messages=ideal")
+    conditions = [resolve_conditions(protocol(), config(*words, f"task.vehicles={n}")) for n in (3, 4)]
+    assert [found[0].config.task.vehicles for found in conditions] == [3, 4]
+    assert {found[0].config.task.messages for found in conditions} == {"acoustic"}
+    test = protocol("protocol.episodes=1")
+    assert len({fingerprint(test, found) for found in conditions}) == 2

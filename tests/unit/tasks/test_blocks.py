@@ -176,6 +176,7 @@ def test_what_is_typed_wrong_is_one_line(
         ("goal", "waypoint", "doppler of dopplers==1.0 reads the goal, which task=waypoint does not have here"),
         ("preview", "path_following", "reads the preview, which task=path_following does not have here; task.preview.points sets it"),
         ("task", "docking", "reads fields that only other tasks have, not task=docking"),
+        ("team", "docking", "reads the team, which task=docking does not have here"),
     ],
 )  # fmt: skip
 def test_what_it_reads_a_task_must_have(
@@ -193,7 +194,7 @@ def test_what_it_reads_a_task_must_have(
     [
         (('SPEC = BlockSpec("doppler", write, describe', 'SPEC = dict(a=1'), "is a dict; it must be an auvbench.plugin.BlockSpec"),
         (('BlockSpec("doppler"', 'BlockSpec("log"'), "has the name 'log'; it must have the name of its entry point"),
-        (('reads=("velocity",)', 'reads=("speed",)'), "reads 'speed'; did you mean 'preview'? valid: action, goal, navigation, pose, preview, solids, task, velocity"),
+        (('reads=("velocity",)', 'reads=("speed",)'), "reads 'speed'; did you mean 'preview'? valid: action, goal, navigation, pose, preview, solids, task, team, velocity"),
         (("def write(m, e, p, out)", "def write(m, e, out)"), "has a write that is not a function of 4 arguments"),
         (('"doppler", write,', '"doppler", lambda m, e, p, out: None,'), "has a write that is not a function of its module"),
         (('"doppler", write,', '"doppler", math.sqrt,'), "cannot be imported: NameError"),

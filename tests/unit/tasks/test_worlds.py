@@ -118,7 +118,7 @@ def test_the_vehicle_sinks_onto_a_rough_bottom() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("task", list(TASKS))
 def test_every_task_ends_by_contact(task: str) -> None:
-    words = ["world.depth=70"] if task == "path_following" else []
+    words = {"path_following": ["world.depth=70"], "formation": ["task.vehicles=1"]}.get(task, [])
     falling = batch("slope", "world.altitude=0.5", "world.dip=0", *words, task=task, n=2)
     falling.reset()
     assert falling.task.world is not None
