@@ -16,7 +16,7 @@ from auvbench.dynamics.frames import quaternion, rotation
 from auvbench.envs.batch import Batch
 from auvbench.envs.settings import configuration
 from auvbench.tasks.navigation.estimator import Navigation
-from auvbench.tasks.navigation.state import DVL, MODEL
+from auvbench.tasks.navigation.state import DVL, MODEL, STATES, USBL
 
 Floats = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "navigation.md"
@@ -37,6 +37,10 @@ EPISODES, SECONDS = 500, 60
 HOUR, AT_REST = 3600, 4
 """s, and vehicles, of the IMU's recording"""
 KILOMETRE, SPEED, DRAWS = 1000.0, 1.0, 64
+LATE = "sensors.usbl.alignment=0", "sensors.usbl.outliers=0", "sensors.usbl.lost=0", "sensors.usbl.delay=0.79"
+"""a USBL whose errors are those of the filter's model"""
+LONG = 100
+"""s on a trajectory"""
 KNOWN, LOSS = 40, 60
 """s with the DVL, then without"""
 
@@ -175,6 +179,50 @@ def filters() -> Iterator[Sequence[str]]:
         yield task, name, *map(shown, consistency(task, *words))
 
 
+def on_trajectories(*words: str) -> tuple[float, Floats, Floats]:
+    """Return the RMS error of the position in m, and NEES per state and NIS of the USBL, means over each episode (DRAWS,)."""
+    one = batch("task=trajectory_tracking", f"task.time_limit={LONG + 10}", *words, n=DRAWS)
+    agent, navigation = agents.make(one.config, one.vehicle), estimator(one)
+    agent.reset(np.arange(DRAWS))
+    seen, squares, nees = one.task.observation, [], []
+    for step in range(10 * LONG):
+        seen = one.step(agent.act(seen)).observation
+        if step % 20 == 19:
+            x, inverse = errors_of(one), np.linalg.inv(navigation.covariance[:, :STATES, :STATES])
+            nees.append(np.einsum("ni,nij,nj->n", x, inverse, x) / STATES)
+            squares.append(np.sum(x[:, :3] ** 2, axis=1))
+    d = navigation.state
+    nis: Floats = d["nis"][:, USBL] / np.maximum(d["innovations"][:, USBL], 1.0)
+    return math.sqrt(float(np.mean(squares))), np.mean(nees, axis=0), nis
+
+
+def positions() -> Iterator[Sequence[str]]:
+    """Measure what positions are worth, and errors as states of the filter."""
+    scale, bias = "navigation.dvl_scale=true", "navigation.heading_bias=true"
+    wide = "sensors.dvl.scale=0.05", "sensors.heading.bias=0.0524"
+    cases: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+        ("matched, late `dvl_usbl`", "", ("sensors=dvl_usbl", *MATCHED, *LATE)),
+        ("the same, scale 5 %", "`dvl_scale`", ("sensors=dvl_usbl", *MATCHED, *LATE, *wide[:1], scale)),
+        (
+            "the same, scale 5 %, heading 3°",
+            "both",
+            ("sensors=dvl_usbl", *MATCHED, *LATE, *wide, scale, bias),
+        ),
+        ("matched `dvl_a50`, scale 5 %", "", (*MATCHED, *wide[:1])),
+        ("matched `dvl_a50`, scale 5 %", "`dvl_scale`", (*MATCHED, *wide[:1], scale)),
+        ("`dvl_a50`", "", ()),
+        ("`dvl_a50`", "`dvl_scale`", (scale,)),
+        ("`usbl`", "", ("sensors=usbl",)),
+        ("`usbl`", "current", ("sensors=usbl", "navigation=ekf_model")),
+        ("`dvl_usbl`", "", ("sensors=dvl_usbl",)),
+        ("`dvl_usbl`", "`dvl_scale`", ("sensors=dvl_usbl", scale)),
+        ("`dvl_usbl`", "both", ("sensors=dvl_usbl", scale, bias)),
+    )
+    for name, states, words in cases:
+        error, nees, nis = on_trajectories(*words)
+        yield name, states, f"{error:.2f} m", shown(nees), shown(nis) if nis.any() else ""
+
+
 def after_loss(*words: str) -> tuple[Floats, Floats]:
     """Return the growth of the horizontal errors (n,) in m while the DVL is lost, and the NEES of horizontal positions at the end."""
     limit = f"task.time_limit={KNOWN + LOSS + 10}"
@@ -284,6 +332,10 @@ TABLES = {
     f"Lost DVL: {LOSS} s, after {KNOWN} s with it": (
         ("water", "`navigation`", "drift (RMS)", "median", "NEES"),
         losses,
+    ),
+    f"Positions: {DRAWS} trajectories of {LONG} s": (
+        ("sensors", "further states", "error (RMS)", "NEES", "NIS USBL"),
+        positions,
     ),
     "Drift over a straight kilometre": (("DVL and heading", "expected", "`ekf`", "`dead_reckoning`"), drift),
     "Speed: 1024 environments": (("navigation", "steps per second", "of truth"), speed),

@@ -23,6 +23,8 @@ READS = "navigation"
 """Name in `BlockSpec.reads` of a block that only an estimator supplies"""
 FASTEST = 1000.0
 """Hz, of any sensor"""
+SOUND = 1500.0
+"""m/s, speed of sound"""
 
 
 @dataclass(kw_only=True)
@@ -102,7 +104,45 @@ class Heading:
     delay: float = number(0.0, 1.0)  # s
 
 
-SENSORS = ("imu", "dvl", "depth", "heading")
+@dataclass(kw_only=True)
+class Usbl:
+    """Acoustic positions from a boat, ultra-short baseline (Cerulean Sonar, documentation of the ROVL)."""
+
+    rate: float = number(0.1, 10.0)  # Hz
+    position: list[float]  # m
+    range_noise: float = number(1e-3, 100.0)  # m
+    angle_noise: float = number(1e-4, 1.0)  # rad
+    alignment: float = number(0.0, 1.0)  # rad
+    reach: float = number(1.0, 1e4)  # m
+    outliers: float = number(0.0, 0.5)
+    outlier: float = number(0.0, 1e3)  # m
+    lost: float = number(0.0, 0.99)
+    burst: float = number(0.01, 1e4)  # s
+    delay: float = number(0.0, 10.0)  # s
+
+    def check(self) -> None:
+        """Raise ConfigError if keys contradict each other."""
+        key = "sensors.usbl."
+        finite = all(map(math.isfinite, self.position))
+        what = "be three numbers [x, y, z] in m"
+        require(len(self.position) == 3 and finite, f"{key}position", self.position, what)
+        # One reading at a time is under way.
+        longest = 1.0 / self.rate - self.reach / SOUND
+        what = f"be at most {longest:.3g} s: a reading arrives before the next, which comes after {1.0 / self.rate:.3g} s"
+        require(self.delay <= longest, f"{key}delay", self.delay, what)
+
+
+@dataclass(kw_only=True)
+class Gnss:
+    """A satellite receiver on the vehicle, for the surface."""
+
+    rate: float = number(0.1, FASTEST)  # Hz
+    depth: float = number(0.0, 100.0)  # m
+    noise: float = number(1e-3, 100.0)  # m
+    offset: float = number(0.0, 100.0)  # m
+
+
+SENSORS = ("imu", "dvl", "depth", "heading", "usbl", "gnss")
 """keys of the sensors that a vehicle may have"""
 
 
@@ -115,6 +155,8 @@ class Sensors:
     dvl: Dvl | None = None
     depth: Depth | None = None
     heading: Heading | None = None
+    usbl: Usbl | None = None
+    gnss: Gnss | None = None
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the sensors that the vehicle has."""
@@ -152,6 +194,8 @@ class Ekf(Navigation):
     start: Start
     gate: float = number(0.5, 1.0)
     inflation: float = number(1e-3, 1e3)
+    dvl_scale: bool = False
+    heading_bias: bool = False
 
 
 @dataclass(kw_only=True)
@@ -178,7 +222,7 @@ class DeadReckoning(Navigation):
     """The sum of velocities along the heading."""
 
     start: Start
-    needs: ClassVar[tuple[str, ...]] = SENSORS
+    needs: ClassVar[tuple[str, ...]] = ("imu", "dvl", "depth", "heading")
 
     settling: float = number(0.01, 1e4)  # s
 
@@ -225,8 +269,9 @@ def check(config: TrainConfig) -> None:
         ConfigError: names the key and what to type instead.
     """
     sensors, navigation = config.sensors, config.navigation
-    if sensors.dvl is not None:
-        sensors.dvl.check()
+    for sensor in (sensors.dvl, sensors.usbl):
+        if sensor is not None:
+            sensor.check()
     _check_blocks(config)
     if not is_estimated(config):
         if sensors.names():
@@ -241,6 +286,18 @@ def check(config: TrainConfig) -> None:
         raise ConfigError(
             f"navigation={navigation.name}: needs sensors.{missing[0]}, which sensors={sensors.name} does not have; use "
             f"sensors={able}"
+        )
+    if unread := [name for name in ("usbl", "gnss") if name in sensors.names() and not navigation.is_filter]:
+        raise ConfigError(
+            f"sensors.{unread[0]}: navigation={navigation.name} cannot use positions; use navigation=ekf"
+        )
+    if getattr(navigation, "dvl_scale", False) and (sensors.dvl is None or sensors.dvl.scale == 0.0):
+        raise ConfigError(
+            f"navigation.dvl_scale=true: sensors={sensors.name} has no DVL with a scale; use sensors=dvl_a50, or false"
+        )
+    if getattr(navigation, "heading_bias", False) and not {"usbl", "gnss"} & {*sensors.names()}:
+        raise ConfigError(
+            f"navigation.heading_bias=true: sensors={sensors.name} has no positions that show it; use sensors=dvl_usbl, or false"
         )
     if isinstance(navigation, EkfModel):
         rate, frequency = navigation.model.rate, config.step.frequency
@@ -287,7 +344,7 @@ def _check_rates(config: TrainConfig) -> None:
             f"sensors.imu.rate={sensors.imu.rate:g}: must be at most {fastest:g} Hz, the rate of the physics "
             f"(simulator.max_step={config.simulator.max_step:g})"
         )
-    for name in ("dvl", "depth", "heading"):
+    for name in ("dvl", "depth", "heading", "usbl", "gnss"):
         sensor = getattr(sensors, name)
         if sensor is None:
             continue
@@ -297,6 +354,8 @@ def _check_rates(config: TrainConfig) -> None:
             raise ConfigError(
                 f"sensors.{name}.{key}={most:g}: must be at most {sensors.imu.rate:g} Hz, the rate of the IMU"
             )
+        if name in ("usbl", "gnss"):  # A USBL checks its own delay, and satellites have none.
+            continue
         what = f"be at most {1.0 / most:.3g} s, the time between two readings"
         require(sensor.delay <= 1.0 / most, f"sensors.{name}.delay", sensor.delay, what)
 

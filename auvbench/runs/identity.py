@@ -72,6 +72,8 @@ LATER: dict[str, Any] = {
     "algo.heading_integral_time": None,
     "world": {"name": "open"},
     "sensors": {"name": "none"},
+    "navigation.dvl_scale": False,
+    "navigation.heading_bias": False,
     "navigation": {"name": "truth"},
     "filter": {"name": "none"},
     "filter.tilt": None,

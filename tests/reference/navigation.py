@@ -1,4 +1,4 @@
-"""An error-state Kalman filter with 15 or 17 states in plain NumPy: dense matrices, one step per IMU sample, vector updates."""
+"""An error-state Kalman filter with 22 states in plain NumPy: dense matrices, one step per IMU sample, vector updates."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 Floats = NDArray[np.float64]
 P_, V_, A_, F_, W_ = (slice(3 * k, 3 * k + 3) for k in range(5))
-C_ = slice(15, 17)
+C_, K_, B_, Q_ = slice(15, 17), 17, 18, slice(19, 22)
 
 
 def skew(a: ArrayLike) -> Floats:
@@ -17,18 +17,20 @@ def skew(a: ArrayLike) -> Floats:
 
 
 class Filter:
-    """Position, velocity (world axes), rotation body to world, biases of accelerometers and gyros; with 17 states, a horizontal current.
+    """Position, velocity (world axes), rotation body to world, biases of accelerometers and gyros, a horizontal current, scale of the DVL,
+    constant error of the compass, position at the last ping.
 
     Args:
         state: position, velocity, rotation matrix.
-        P: (n, n) covariance of the errors; that of the attitude in world axes.
+        P: (22, 22) covariance of the errors; that of the attitude in world axes.
         densities: of accelerometers, gyros, and of the random walks of their biases and of the current.
     """
 
     def __init__(self, state: tuple[Floats, Floats, Floats], P: Floats, densities: tuple[float, ...]) -> None:
         self.p, self.v, self.R = (np.array(part) for part in state)
         self.P, self.densities = np.array(P), densities
-        self.b_f, self.b_w, self.c = np.zeros(3), np.zeros(3), np.zeros(3)
+        self.b_f, self.b_w, self.c, self.q = np.zeros(3), np.zeros(3), np.zeros(2), np.zeros(3)
+        self.k = self.b = 0.0
         self.n = len(P)
 
     def move(self, force: Floats, rates: Floats, dt: float, gravity: float) -> None:
@@ -55,7 +57,8 @@ class Filter:
         self.p, self.v = self.p + x[P_], self.v + x[V_]
         self.R = expm(skew(x[A_])) @ self.R
         self.b_f, self.b_w = self.b_f + x[F_], self.b_w + x[W_]
-        self.c[: self.n - 15] += x[C_]
+        self.c, self.q = self.c + x[C_], self.q + x[Q_]
+        self.k, self.b = self.k + x[K_], self.b + x[B_]
         G = np.eye(self.n)
         G[A_, A_] += 0.5 * skew(x[A_])
         self.P = G @ self.P @ G.T
@@ -73,16 +76,36 @@ class Filter:
         for k in range(3):
             turn = expm(skew(small * np.eye(3)[k]))
             H[0, 6 + k] = np.angle(np.exp(1j * (of(turn @ self.R) - of(turn.T @ self.R)))) / (2.0 * small)
-        self.correct(np.angle(np.exp(1j * (yaw - of(self.R)))), H, np.array([[sd**2]]))
+        H[0, B_] = 1.0
+        self.correct(np.angle(np.exp(1j * (yaw - of(self.R) - self.b))), H, np.array([[sd**2]]))
 
     def velocity(self, seen: Floats, rates: Floats, lever: Floats, covariance: Floats) -> None:
         H = np.zeros((3, self.n))
         H[:, V_], H[:, A_] = self.R.T, self.R.T @ skew(self.v)
         H[:, W_] = skew(lever)
-        predicted = self.R.T @ self.v + np.cross(rates - self.b_w, lever)
-        self.correct(seen - predicted, H, covariance)
+        own = self.R.T @ self.v + np.cross(rates - self.b_w, lever)
+        H *= 1.0 + self.k
+        H[:, K_] = own
+        self.correct(seen - (1.0 + self.k) * own, H, covariance)
+
+    def ping(self) -> None:
+        F = np.eye(self.n)
+        F[Q_] = 0.0
+        F[Q_, P_] = np.eye(3)
+        self.P, self.q = F @ self.P @ F.T, self.p.copy()
+
+    def fix(self, seen: Floats, boat: Floats, range_sd: float, angle_sd: float) -> None:
+        way, there = self.q - boat, seen - boat
+        r = float(np.linalg.norm(way))
+        n = way / r
+        across = np.eye(3) - np.outer(n, n)
+        innovation = n * (np.linalg.norm(there) - r) + across @ there
+        H = np.zeros((3, self.n))
+        H[:, Q_] = np.eye(3)
+        self.correct(innovation, H, range_sd**2 * np.outer(n, n) + (angle_sd * r) ** 2 * across)
 
     def through_water(self, seen: Floats, sd: float) -> None:
         H = np.zeros((3, self.n))
-        H[:, V_], H[:, A_], H[:, C_] = self.R.T, self.R.T @ skew(self.v - self.c), -self.R.T[:, :2]
-        self.correct(seen - self.R.T @ (self.v - self.c), H, sd**2 * np.eye(3))
+        through = self.v - [*self.c, 0.0]
+        H[:, V_], H[:, A_], H[:, C_] = self.R.T, self.R.T @ skew(through), -self.R.T[:, :2]
+        self.correct(seen - self.R.T @ through, H, sd**2 * np.eye(3))

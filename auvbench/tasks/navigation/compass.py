@@ -42,5 +42,5 @@ def measured(d: Record, p: Record, yaw: float, noise: float) -> float:
 def sense(d: Record, p: Record, noise: float) -> None:
     """Measure the heading with a standard normal number of noise."""
     d.heading = measured(d, p, yaw_of(attitude_of(d.true_attitude)), noise)
-    d.predicted_heading = yaw_of(attitude_of(d.attitude))
+    d.predicted_heading = yaw_of(attitude_of(d.attitude)) + d.bias
     expect(d, HEADING, 1.0 / p.heading_rate, p.heading_delay)

@@ -139,7 +139,8 @@ def solve(d: Record, p: Record) -> Vector:
 def predicted(d: Record, p: Record) -> Vector:
     """Return the velocity at the DVL in m/s, body axes, as the estimate has it."""
     own = transposed_product(rotation_matrix(attitude_of(d.attitude)), triple(d.velocity))
-    return add(own, cross(subtract(triple(d.rates), triple(d.rate_bias)), triple(p.dvl_lever)))
+    there = add(own, cross(subtract(triple(d.rates), triple(d.rate_bias)), triple(p.dvl_lever)))
+    return scale(1.0 + d.scale, there)
 
 
 @called

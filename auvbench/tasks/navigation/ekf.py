@@ -1,10 +1,12 @@
 """Error-state extended Kalman filter with 15 states (Sola, "Quaternion kinematics for the error-state Kalman filter", arXiv 1711.02508).
 
 The errors are position and velocity (world axes), attitude (world axes: R = exp([phi]x) R_estimated, section 7) and the biases of
-accelerometers and gyros (body axes). `navigation=ekf_model` has 17: also a horizontal current. Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
-when a reading arrives and at the end of an agent step. Updates are scalar, in Joseph's form. Errors that last an episode (scale, iron,
-density) are no states: they enlarge the standard deviation of each reading, as if they were drawn anew. A reading that the gate rejects many times in a row is believed,
-as ArduPilot's EKF3 does after a time-out.
+accelerometers and gyros (body axes). `navigation=ekf_model` has two more: a horizontal current. With `dvl_scale` and `heading_bias` the
+DVL's scale and the compass's constant error are states, and with a USBL the position at its last ping ("stochastic cloning": Roumeliotis and Burdick, ICRA 2002), so that a late position
+corrects the present one exactly. Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
+when a reading arrives and at the end of an agent step. Updates are scalar, in Joseph's form. Other errors that last an episode (iron,
+density, alignment) are not states: they enlarge the standard deviation of each reading, as if they were drawn anew. A reading that the
+gate rejects many times in a row is believed, as ArduPilot's EKF3 does after a time-out.
 """
 
 from __future__ import annotations
@@ -17,7 +19,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics.compiled import called
 from auvbench.dynamics.layout import Matrix, Vector
 from auvbench.dynamics.vectors import add, cross, dot, product, rotation_matrix, scale, subtract
-from auvbench.tasks.navigation import dvl
+from auvbench.tasks.navigation import dvl, usbl
 from auvbench.tasks.navigation.imu import put_attitude
 from auvbench.tasks.navigation.state import (
     ACCELERATION_BIAS,
@@ -26,10 +28,13 @@ from auvbench.tasks.navigation.state import (
     DEPTH,
     DVL,
     GATED,
+    GATED_FIXES,
+    GNSS,
     HEADING,
     MODEL,
     RATE_BIAS,
     STATES,
+    USBL,
     VELOCITY,
 )
 from auvbench.tasks.navigation.turns import attitude_of, cross_matrix, multiply, turn
@@ -38,9 +43,12 @@ from auvbench.tasks.rows import put, row, triple, wrap
 
 Floats = NDArray[np.float64]
 
-ROW, GAIN, SHARED, CHANGE = 0, 1, 2, 3
-"""rows of `work`: derivatives of a reading, gain, P times the derivatives, change of the states"""
-WORK = 4
+ROW, GAIN, SHARED, CHANGE, INNOVATION = 0, 1, 2, 3, 4
+"""rows of `work`: derivatives of a reading, gain, P times the derivatives, change of the states, and three for the covariance of a
+position's innovation"""
+WORK = 7
+PARTS = 4
+"""parts of a sensor in `rejected`: the beams of a DVL"""
 MOVING = 9
 """position, velocity and attitude: states that the others change"""
 LEVEL = 0.01
@@ -58,8 +66,15 @@ def begin(P: Floats, p: Record) -> None:
         P[ATTITUDE + i, ATTITUDE + i] = p.start_tilt**2 if i < 2 else yaw**2
         P[ACCELERATION_BIAS + i, ACCELERATION_BIAS + i] = p.accelerometer_turn_on**2
         P[RATE_BIAS + i, RATE_BIAS + i] = p.gyro_turn_on**2
-    for j in range(CURRENT, P.shape[0]):
+    for j in range(CURRENT, p.current_end):
         P[j, j] = p.model_current**2
+    if p.scale_state > 0:
+        P[p.scale_state, p.scale_state] = p.dvl_scale**2
+    if p.bias_state > 0:  # It made the yaw at the start, too.
+        k, north, variance = p.bias_state, ATTITUDE + 2, p.heading_bias**2
+        P[k, k] = variance
+        P[k, north] = P[north, k] = -variance
+        P[north, north] += variance
 
 
 @row
@@ -151,7 +166,7 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
         P[ATTITUDE + i, ATTITUDE + i] += rates * T
         P[ACCELERATION_BIAS + i, ACCELERATION_BIAS + i] += walk * T
         P[RATE_BIAS + i, RATE_BIAS + i] += drift * T
-    for j in range(CURRENT, P.shape[0]):
+    for j in range(CURRENT, p.current_end):
         P[j, j] += (p.inflation * p.model_walk) ** 2 * T
     d.elapsed = 0.0
     put(d.force_sum, (0.0, 0.0, 0.0))
@@ -207,7 +222,7 @@ def update(
     nis = y * y / s
     d.nis[sensor] += nis
     d.innovations[sensor] += 1.0
-    gated = sensor * dvl.BEAMS + part
+    gated = sensor * PARTS + part
     if nis <= p.gate:
         d.rejected[gated] = 0
     elif sensor == MODEL or d.rejected[gated] < GATED:  # A sheet may be wrong for ever.
@@ -219,6 +234,13 @@ def update(
             P[:, j] = 0.0
             P[j, j] = y * y
         s = noise + shared(P, work, first, stop)
+    absorb(P, work, y, s)
+    return True
+
+
+@row
+def absorb(P: Floats, work: Floats, y: float, s: float) -> None:
+    """Correct states and covariance by an innovation y with the variance s, after `shared`."""
     share = 1.0 / s
     for i in range(P.shape[0]):
         work[GAIN, i] = work[SHARED, i] * share
@@ -232,11 +254,10 @@ def update(
     for i in range(P.shape[0]):
         for j in range(i):
             P[j, i] = P[i, j]
-    return True
 
 
 @called
-def inject(d: Record, P: Floats, work: Floats) -> None:
+def inject(d: Record, p: Record, P: Floats, work: Floats) -> None:
     """Add the change of the states to the estimate, and turn the covariance with it (Sola, eq. 314)."""
     x = work[CHANGE]
     put(d.position, add(triple(d.position), (x[0], x[1], x[2])))
@@ -245,8 +266,15 @@ def inject(d: Record, P: Floats, work: Floats) -> None:
     put_attitude(d.attitude, multiply(turn(phi), attitude_of(d.attitude)))
     put(d.acceleration_bias, add(triple(d.acceleration_bias), (x[9], x[10], x[11])))
     put(d.rate_bias, add(triple(d.rate_bias), (x[12], x[13], x[14])))
-    for j in range(CURRENT, P.shape[0]):
+    for j in range(CURRENT, p.current_end):
         d.current[j - CURRENT] += x[j]
+    if p.scale_state > 0:
+        d.scale += x[p.scale_state]
+    if p.bias_state > 0:
+        d.bias += x[p.bias_state]
+    if p.ping_state > 0:
+        k = p.ping_state
+        put(d.ping_position, add(triple(d.ping_position), (x[k], x[k + 1], x[k + 2])))
     half = scale(0.5, phi)
     for j in range(P.shape[0]):
         own = P[ATTITUDE, j], P[ATTITUDE + 1, j], P[ATTITUDE + 2, j]
@@ -264,26 +292,31 @@ def put_row(work: Floats, first: int, vector: Vector) -> None:
 
 @row
 def velocity_row(d: Record, p: Record, way: Vector, work: Floats) -> None:
-    """Write the derivatives of the velocity at the DVL along a direction in body axes: h = way . (R^T v + w x l).
+    """Write the derivatives of the velocity at the DVL along a direction in body axes: h = (1 + k) way . (R^T v + w x l).
 
     The rates are measured less bias, so that the column of the gyro bias is [l]x.
     """
-    along = product(rotation_matrix(attitude_of(d.attitude)), way)
+    seen = scale(1.0 + d.scale, way)
+    along = product(rotation_matrix(attitude_of(d.attitude)), seen)
     work[ROW, :] = 0.0
     put_row(work, VELOCITY, along)
     put_row(work, ATTITUDE, cross(along, triple(d.velocity)))
-    put_row(work, RATE_BIAS, cross(way, triple(p.dvl_lever)))
+    put_row(work, RATE_BIAS, cross(seen, triple(p.dvl_lever)))
+    if p.scale_state > 0:
+        work[ROW, p.scale_state] = dot(way, dvl.predicted(d, p)) / (1.0 + d.scale)
 
 
 @row
-def heading_row(d: Record, work: Floats) -> float:
-    """Write the derivatives of the yaw; return the squared cosine of the pitch, near 0 where there is none."""
+def heading_row(d: Record, p: Record, work: Floats) -> float:
+    """Write the derivatives of the compass's heading; return the squared cosine of the pitch, near 0 where there is none."""
     R = rotation_matrix(attitude_of(d.attitude))
     x, y, z = R[0][0], R[1][0], R[2][0]
     level = x * x + y * y
     work[ROW, :] = 0.0
     if level > LEVEL**2:
         put_row(work, ATTITUDE, (-z * x / level, -z * y / level, 1.0))
+    if p.bias_state > 0:
+        work[ROW, p.bias_state] = 1.0
     return level
 
 
@@ -297,7 +330,9 @@ def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
     upright = 0.5 * beam_sd / p.dvl_cosine
     four = d.beams == dvl.BEAMS
     speed = dot(triple(d.dvl_velocity), triple(d.dvl_velocity))
-    slow = (p.dvl_scale**2 + p.dvl_mounting**2) * speed
+    unknown = 0.0 if p.scale_state > 0 else p.dvl_scale**2
+    slow = (unknown + p.dvl_mounting**2) * speed
+    stop = max(p.scale_state + 1, STATES)
     for k in range(3 if four else dvl.BEAMS):
         if four:
             way = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
@@ -307,8 +342,8 @@ def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
             if d.valid[k] == 0:
                 continue
         velocity_row(d, p, way, work)
-        update(d, p, P, work, DVL, k, dot(way, error), math.sqrt(sd * sd + slow), VELOCITY, STATES)
-    inject(d, P, work)
+        update(d, p, P, work, DVL, k, dot(way, error), math.sqrt(sd * sd + slow), VELOCITY, stop)
+    inject(d, p, P, work)
     d.stamp[DVL] = d.time - p.dvl_delay
 
 
@@ -323,7 +358,7 @@ def correct_depth(d: Record, p: Record, P: Floats, work: Floats) -> None:
     variance = p.depth_noise**2 + p.depth_resolution**2 / 12.0
     slow = p.depth_offset**2 + (p.depth_density * d.height) ** 2
     if update(d, p, P, work, DEPTH, 0, d.height - d.predicted_height, math.sqrt(variance + slow), 2, 3):
-        inject(d, P, work)
+        inject(d, p, P, work)
     d.stamp[DEPTH] = d.time - p.depth_delay
 
 
@@ -333,11 +368,90 @@ def correct_heading(d: Record, p: Record, P: Floats, work: Floats) -> None:
     propagate(d, p, P)
     work[CHANGE, :] = 0.0
     sd = math.sqrt(p.heading_noise**2 + p.heading_slow**2)
-    if heading_row(d, work) > LEVEL**2 and update(
-        d, p, P, work, HEADING, 0, wrap(d.heading - d.predicted_heading), sd, ATTITUDE, ATTITUDE + 3
+    stop = max(p.bias_state + 1, ATTITUDE + 3)
+    if heading_row(d, p, work) > LEVEL**2 and update(
+        d, p, P, work, HEADING, 0, wrap(d.heading - d.predicted_heading), sd, ATTITUDE, stop
     ):
-        inject(d, P, work)
+        inject(d, p, P, work)
     d.stamp[HEADING] = d.time - p.heading_delay
+
+
+@called
+def remember(d: Record, p: Record, P: Floats) -> None:
+    """Make the present position the position at the last ping of the USBL."""
+    propagate(d, p, P)
+    k = p.ping_state
+    for j in range(P.shape[0]):
+        P[k, j], P[k + 1, j], P[k + 2, j] = three(P, 0, j)
+    for j in range(P.shape[0]):
+        P[j, k], P[j, k + 1], P[j, k + 2] = P[j, 0], P[j, 1], P[j, 2]
+
+
+@row
+def put_sight(p: Record, way: Vector, work: Floats) -> None:
+    """Write the derivatives of the position at the ping along a direction."""
+    work[ROW, :] = 0.0
+    put_row(work, p.ping_state, way)
+
+
+@called
+def correct_fix(d: Record, p: Record, P: Floats, work: Floats) -> None:
+    """Correct the estimate by the USBL's position: by its range, and by its directions across the estimated line of sight.
+
+    The gate judges the three together.
+    """
+    propagate(d, p, P)
+    k, boat = p.ping_state, triple(p.usbl_position)
+    B, r = usbl.sight(subtract(triple(d.ping_position), boat))
+    seen = subtract(triple(d.fix), boat)
+    aside = p.usbl_angle_noise**2 + p.usbl_alignment**2
+    errors = math.sqrt(dot(seen, seen)) - r, dot(B[1], seen), dot(B[2], seen)
+    noise = p.usbl_range_noise**2, aside * r * r, aside * r * r
+    noise = scale(p.inflation**2, noise)
+    S = work[INNOVATION:]
+    for i in range(3):
+        put_sight(p, B[i], work)
+        shared(P, work, k, k + 3)
+        for j in range(3):
+            S[i, j] = dot(B[j], (work[SHARED, k], work[SHARED, k + 1], work[SHARED, k + 2]))
+        S[i, i] += noise[i]
+    squared = nees(errors, S)
+    d.nis[USBL] += squared
+    d.innovations[USBL] += 3.0
+    d.stamp[USBL] = d.ping_time
+    gated = USBL * PARTS
+    if squared <= p.gate_of_three:
+        d.rejected[gated] = 0
+    elif d.rejected[gated] < GATED_FIXES:
+        d.rejected[gated] += 1
+        return
+    else:  # The covariance is wrong, as in `update`: position now and at the ping are uncertain by the innovation.
+        for i in range(3):
+            P[i, :] = 0.0
+            P[:, i] = 0.0
+            P[i, i] = dot(errors, errors)
+        remember(d, p, P)
+    work[CHANGE, :] = 0.0
+    for i in range(3):
+        put_sight(p, B[i], work)
+        y = errors[i] - dot(B[i], (work[CHANGE, k], work[CHANGE, k + 1], work[CHANGE, k + 2]))
+        absorb(P, work, y, noise[i] + shared(P, work, k, k + 3))
+    inject(d, p, P, work)
+
+
+@called
+def correct_surface(d: Record, p: Record, P: Floats, work: Floats) -> None:
+    """Correct the estimate by the horizontal position of a GNSS."""
+    propagate(d, p, P)
+    work[CHANGE, :] = 0.0
+    sd, fix, position = math.sqrt(p.gnss_noise**2 + p.gnss_offset**2), d.gnss_fix, triple(d.position)
+    x, y, _ = position
+    for k in range(2):
+        work[ROW, :] = 0.0
+        work[ROW, k] = 1.0
+        update(d, p, P, work, GNSS, k, fix[k] - (x if k == 0 else y), sd, k, k + 1)
+    inject(d, p, P, work)
+    d.stamp[GNSS] = d.time
 
 
 @row

@@ -14,7 +14,7 @@ from auvbench.simulators.base import Simulator
 from auvbench.tasks import records
 from auvbench.tasks.navigation import loops
 from auvbench.tasks.navigation.model import Sheet
-from auvbench.tasks.navigation.state import FIELDS, MODEL_STATES, STATES, parameters
+from auvbench.tasks.navigation.state import FIELDS, parameters
 from auvbench.worlds.solids import NO_HEIGHTS, SOLID
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Navigation:
         has_model = bool(self.parameters[0].has_model)
         self.sheet = Sheet(vehicle, task.n, config.simulator.max_step) if has_model else None
         """the vehicle's sheet, for an estimator that knows it"""
-        states = MODEL_STATES if has_model else STATES
+        states = int(self.parameters[0].states)
         self.covariance: Floats = np.zeros((task.n, states, states))
         """Covariance of the filter's errors (`ekf`)"""
         self.pose: Floats = np.zeros((task.n, 7))

@@ -11,14 +11,16 @@ from numpy.typing import NDArray
 from auvbench.dynamics.compiled import borrowed, compiled
 from auvbench.dynamics.vectors import product as rotate
 from auvbench.dynamics.vectors import rotation_matrix, subtract, transposed_product
-from auvbench.tasks.navigation import compass, dead_reckoning, dvl, ekf, imu, model, pressure
+from auvbench.tasks.navigation import compass, dead_reckoning, dvl, ekf, gnss, imu, model, pressure, usbl
 from auvbench.tasks.navigation.state import (
     DEPTH,
     DVL,
+    GNSS,
     HEADING,
     LOST,
     MODEL,
     NEVER,
+    USBL,
     has_arrived,
     is_due,
     normals,
@@ -54,6 +56,8 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     pressure.begin(e, d, p, stream)
     compass.begin(e, d, p, stream)
     dvl.begin(e, d, p, stream)
+    usbl.begin(e, d, p, stream)
+    gnss.begin(e, d, p, stream)
     for sensor in range(len(d.arrives)):
         d.arrives[sensor], d.stamp[sensor] = NEVER, -1.0
         d.nis[sensor] = d.innovations[sensor] = 0.0
@@ -78,6 +82,7 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     put(d.rate_bias, (0.0, 0.0, 0.0))
     put(d.water_velocity, (0.0, 0.0, 0.0))
     d.current[:] = 0.0
+    d.scale = d.bias = 0.0
     at_rest = transposed_product(rotation_matrix(true), (0.0, 0.0, p.gravity))
     imu.sense(e, d, p, stream, at_rest, triple(d.true_rates), 1.0 / p.imu_rate)
     d.elapsed = 0.0
@@ -153,6 +158,18 @@ def ping(
 
 
 @row
+def locate(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int) -> None:
+    """Measure the position if USBL or GNSS are due, and correct the estimate by positions that arrive now."""
+    if p.has_usbl > 0:
+        if is_due(d, USBL) and usbl.sense(e, d, p, stream):
+            ekf.remember(d, p, P)
+        if has_arrived(d, USBL):
+            ekf.correct_fix(d, p, P, work)
+    if p.has_gnss > 0 and is_due(d, GNSS) and gnss.sense(e, d, p, stream):
+        ekf.correct_surface(d, p, P, work)
+
+
+@row
 def sample(
     e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, pose: Floats, velocity: Floats,
     solids: Any, heights: Any, seconds: float,
@@ -176,6 +193,7 @@ def sample(
     feel(e, d, p, P, work, stream)
     if p.has_dvl > 0:
         ping(e, d, p, P, work, stream, solids, heights)
+    locate(e, d, p, P, work, stream)
 
 
 @row

@@ -100,4 +100,4 @@ def correct(d: Record, p: Record, P: Floats, work: Floats, velocity: Vector) -> 
         way = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
         put_derivatives(d, way, work)
         ekf.update(d, p, P, work, MODEL, k, dot(way, error), sd, VELOCITY, MODEL_STATES)
-    ekf.inject(d, P, work)
+    ekf.inject(d, p, P, work)

@@ -8,8 +8,10 @@ from dataclasses import fields
 from statistics import NormalDist
 from typing import Any
 
+from scipy.special import chdtri
+
 from auvbench.config import schema
-from auvbench.config.navigation import Model
+from auvbench.config.navigation import Gnss, Model, Usbl
 from auvbench.dynamics.compiled import called
 from auvbench.dynamics.layout import Quaternion
 from auvbench.dynamics.random import NAVIGATION, normal4, uniform4
@@ -21,8 +23,9 @@ STATES = 15
 MODEL_STATES = 17
 """States of the filter with the vehicle's sheet: also errors of a horizontal current (world axes)"""
 VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS, CURRENT = 3, 6, 9, 12, 15
-"""first index of each group of states; position is at 0"""
-DVL, DEPTH, HEADING, MODEL = 0, 1, 2, 3
+"""first index of each group of states; position is at 0. The DVL's scale, the compass's constant error and the position at the last ping of
+a USBL, if they are states, follow at `p.scale_state`, `p.bias_state` and `p.ping_state`."""
+DVL, DEPTH, HEADING, MODEL, USBL, GNSS = 0, 1, 2, 3, 4, 5
 """index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on"""
 SOON = 1e-6
 """s: a measurement that is due this soon is due now"""
@@ -31,7 +34,7 @@ LOST = 1000.0
 NEVER = 1e300
 """s, when a reading arrives that is not under way"""
 
-_V, _Q, _3 = (3,), (4,), ("f8", (3,))
+_V, _Q, _S = (3,), (4,), (6,)
 FIELDS: tuple[tuple[Any, ...], ...] = (
     ("samples", "i8"),  # of the IMU in the episode
     ("time", "f8"),  # s, in the episode
@@ -71,13 +74,21 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("soft_iron_phase", "f8"),
     ("heading", "f8"),  # rad, measured
     ("predicted_heading", "f8"),
+    # Positions
+    ("alignment", "f8"),  # rad, of the USBL's head about the vertical
+    ("usbl_burst", "i8"),  # 1: in a burst without positions
+    ("ping_time", "f8"),  # s, of the USBL's last ping that is answered
+    ("fix", "f8", _V),  # m, measured by the USBL
+    ("ping_position", "f8", _V),  # m, what the estimate says now of the position at that ping
+    ("gnss_offset", "f8", (2,)),  # m
+    ("gnss_fix", "f8", (2,)),  # m, measured
     # Of each sensor
-    ("due", "f8", _Q),  # s, of the next measurement
-    ("arrives", "f8", _Q),  # s
-    ("stamp", "f8", _Q),  # s, of the last valid reading that arrived
-    ("rejected", "i8", (16,)),  # readings that failed the gate in a row: four parts of each
-    ("nis", "f8", _Q),  # sum of normalised innovations squared
-    ("innovations", "f8", _Q),  # their number
+    ("due", "f8", _S),  # s, of the next measurement
+    ("arrives", "f8", _S),  # s
+    ("stamp", "f8", _S),  # s, of the last valid reading that arrived
+    ("rejected", "i8", (24,)),  # readings that failed the gate in a row: four parts of each
+    ("nis", "f8", _S),  # sum of normalised innovations squared
+    ("innovations", "f8", _S),  # their number
     # Estimate
     ("position", "f8", _V),
     ("velocity", "f8", _V),  # m/s, world axes
@@ -85,6 +96,8 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("acceleration_bias", "f8", _V),
     ("rate_bias", "f8", _V),
     ("current", "f8", (2,)),  # m/s, world axes
+    ("scale", "f8"),  # error of the DVL
+    ("bias", "f8"),  # rad, of the compass
     ("water_velocity", "f8", _V),  # m/s, body axes: the last velocity of dead reckoning
     ("elapsed", "f8"),  # s since the covariance was propagated
     ("force_sum", "f8", _V),  # m/s, integral of the specific force in world axes since then
@@ -108,6 +121,8 @@ BELIEF: tuple[tuple[Any, ...], ...] = (
 
 MODES = 5
 """range modes of a missing DVL: compiled code is made for each number of them"""
+GATED_FIXES = 5
+"""positions of a USBL that may be rejected in a row; they come once a second"""
 GATED = 20
 """readings of a sensor that may be rejected in a row; the next ones are accepted until one passes the gate, so that a filter can come back"""
 
@@ -119,19 +134,31 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
     assert imu
     assert depth
     assert heading
-    slow = math.sqrt(heading.bias**2 + 0.5 * heading.hard_iron**2 + 0.5 * heading.soft_iron**2)
+    biased = getattr(navigation, "heading_bias", False)
+    slow = math.sqrt(
+        (0.0 if biased else heading.bias**2) + 0.5 * heading.hard_iron**2 + 0.5 * heading.soft_iron**2
+    )
     gate = getattr(navigation, "gate", 1.0)
     model = getattr(navigation, "model", None)
     pings = MODES if dvl is None else len(dvl.rates)
+    usbl, gnss = sensors.usbl, sensors.gnss
+    current_end = STATES if model is None else MODEL_STATES
+    scaled = getattr(navigation, "dvl_scale", False)
+    states = current_end + scaled + biased + (0 if usbl is None else 3)
     return {
+        "states": states,
+        "current_end": current_end,  # state after those of the current
+        "scale_state": current_end if scaled else 0,  # 0: it is not a state
+        "bias_state": current_end + scaled if biased else 0,
+        "ping_state": 0 if usbl is None else states - 3,  # 0: there is no USBL
         "is_filter": int(navigation.is_filter),
         "gravity": gravity,
         "start_position": navigation.start.position,
         "start_velocity": navigation.start.velocity,
         "start_tilt": navigation.start.tilt,
-        "gate": NormalDist().inv_cdf(0.5 + 0.5 * gate) ** 2
-        if gate < 1.0
-        else math.inf,  # of chi-square, 1 degree of freedom
+        # of chi-square, 1 and 3 degrees of freedom
+        "gate": NormalDist().inv_cdf(0.5 + 0.5 * gate) ** 2 if gate < 1.0 else math.inf,
+        "gate_of_three": float(chdtri(3, 1.0 - gate)) if gate < 1.0 else math.inf,
         "inflation": getattr(navigation, "inflation", 1.0),
         "settling": getattr(navigation, "settling", 1.0),
         "imu_rate": imu.rate,
@@ -150,6 +177,18 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
         "dvl_cosine": 1.0 if dvl is None else math.cos(dvl.tilt),
         "dvl_flattest": 0.0 if dvl is None else math.cos(dvl.incidence),
         **{f"dvl_{name}": 0.0 if dvl is None else float(getattr(dvl, name)) for name in _DVL},
+        "has_usbl": int(usbl is not None),
+        "usbl_position": [0.0] * 3 if usbl is None else usbl.position,
+        **{
+            f"usbl_{key.name}": 0.0 if usbl is None else float(getattr(usbl, key.name))
+            for key in fields(Usbl)
+            if key.name != "position"
+        },
+        "has_gnss": int(gnss is not None),
+        **{
+            f"gnss_{key.name}": 0.0 if gnss is None else float(getattr(gnss, key.name))
+            for key in fields(Gnss)
+        },
     }
 
 

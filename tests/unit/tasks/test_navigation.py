@@ -23,8 +23,8 @@ from auvbench.envs.settings import configuration
 from auvbench.errors import ConfigError
 from auvbench.runs.identity import run_id
 from auvbench.tasks import records
-from auvbench.tasks.navigation import dvl, ekf, imu, model
-from auvbench.tasks.navigation.state import DVL, FIELDS, MODEL, MODEL_STATES, STATES, VELOCITY
+from auvbench.tasks.navigation import dvl, ekf, imu, model, usbl
+from auvbench.tasks.navigation.state import DVL, FIELDS, GNSS, MODEL, MODEL_STATES, STATES, USBL, VELOCITY
 from auvbench.tasks.navigation.turns import turn, vector_of
 from auvbench.worlds import solids
 from benchmarks.navigation import band, shown
@@ -55,6 +55,17 @@ PERFECT = (
     *(f"navigation.start.{key}=1e-6" for key in ("position", "velocity", "tilt")),
 )
 """an IMU without errors, which no other sensor corrects for 10 s"""
+POSITIONS = (
+    *(
+        "sensors.usbl.alignment=0",
+        "sensors.usbl.outliers=0",
+        "sensors.usbl.lost=0",
+        "sensors.usbl.delay=0.79",
+    ),
+)
+"""a USBL whose errors are those of the filter's model, and that is as late as it can be"""
+LEARNING = "sensors.dvl.scale=0.05", "navigation.dvl_scale=true", "sensors.heading.bias=0.05", "navigation.heading_bias=true"  # fmt: skip
+"""errors that are states of the filter"""
 EAGER = "navigation.model.rate=10", "navigation.model.settling=0"
 """readings of the sheet at every step"""
 
@@ -97,7 +108,7 @@ def one_state(**values: Any) -> Any:
     d = records.state(1, FIELDS, "test")[0]
     d.attitude[0] = 1.0
     for name, value in values.items():
-        getattr(d, name)[...] = value
+        setattr(d, name, value)
     return d
 
 
@@ -153,6 +164,12 @@ def test_pings_come_at_the_rate_of_the_altitude_and_no_echo_returns_from_too_far
 def test_readings_have_the_errors_of_their_keys() -> None:
     """White noise by the density, biases by turn-on and Gauss-Markov walk, bursts by their share, in 1024 episodes at rest."""
     one = batch(
+        *(
+            "sensors=dvl_usbl",
+            "sensors.usbl.lost=0.2",
+            "sensors.usbl.outliers=0",
+            "sensors.usbl.position=[9,-40,0]",
+        ),
         "sensors.dvl.lost=0.2",
         "sensors.imu.gyro.tau=2",
         "sensors.imu.gyro.walk=0.01",
@@ -168,6 +185,16 @@ def test_readings_have_the_errors_of_their_keys() -> None:
     for _ in range(100):
         one.step(still)
         locked.append((d["burst"] == 0).mean())
+    assert (d["usbl_burst"] == 0).mean() == pytest.approx(0.8, abs=0.04)
+    # At the last ping, which was now.
+    now, boat = d["ping_time"] == d["time"], np.array([9.0, -40.0, 0.0])
+    seen, true = (place[now] - boat for place in (d["fix"], d["true_position"]))
+    r = np.linalg.norm(true, axis=1)
+    assert np.std(np.linalg.norm(seen, axis=1) - r) == pytest.approx(0.1, rel=0.08)
+    turned = np.arctan2(seen[:, 1], seen[:, 0]) - np.arctan2(true[:, 1], true[:, 0])
+    away = np.std((turned - d["alignment"][now]) * np.linalg.norm(true[:, :2], axis=1) / r)
+    assert away == pytest.approx(0.035, rel=0.08)
+    assert d["alignment"].std() == pytest.approx(0.0524, rel=0.08)
     truth = np.linalg.norm(one.simulator.velocity[:, 3:], axis=1).max()
     assert truth < 0.5
     assert np.mean(locked[20:]) == pytest.approx(0.8, abs=0.02)
@@ -201,11 +228,15 @@ def test_small_turns_are_exact() -> None:
         np.testing.assert_allclose(vector_of(tuple(-np.array(turn(tuple(vector))))), vector, rtol=1e-12)
 
 
-def shifted(d: Any, x: Floats) -> Any:
-    """Return a state whose truth is the errors x (15,) or (17,) away from it."""
+ALL_STATES = MODEL_STATES + 5
+"""states with a current, the DVL's scale, the compass's constant error and the position at a ping"""
+
+
+def shifted(d: Any, x: Floats, p: Any) -> Any:
+    """Return a state whose truth is the errors x (22,) away from it."""
     other, work = copy.deepcopy(d), np.zeros((ekf.WORK, len(x)))
     work[ekf.CHANGE] = x
-    ekf.inject(other, np.zeros((len(x), len(x))), work)
+    ekf.inject(other, p, np.zeros((len(x), len(x))), work)
     return other
 
 
@@ -220,28 +251,35 @@ def apart(one: Any, other: Any) -> Floats:
 def test_derivatives_are_those_of_finite_differences() -> None:
     rng, small = np.random.default_rng(2), 1e-5
     p = keys(gravity=9.81, dvl_lever=[0.3, -0.2, -0.1], accelerometer_density=0.0, gyro_density=0.0,
-             accelerometer_walk=0.0, gyro_walk=0.0, inflation=1.0)  # fmt: skip
+             accelerometer_walk=0.0, gyro_walk=0.0, inflation=1.0, current_end=MODEL_STATES, scale_state=MODEL_STATES,
+             bias_state=MODEL_STATES + 1, ping_state=MODEL_STATES + 2)  # fmt: skip
     d = one_state(position=rng.normal(size=3), velocity=rng.normal(size=3), attitude=quaternion([0.3, -0.5, 2.0]),
                   acceleration_bias=0.1 * rng.normal(size=3), rate_bias=0.1 * rng.normal(size=3), rates=rng.normal(size=3),
-                  current=[0.3, -0.2], specific_force=rng.normal(size=3) + np.array([0.0, 0.0, 9.81]))  # fmt: skip
-    work, units = np.zeros((ekf.WORK, STATES)), np.eye(STATES)
-    way = (0.36, 0.48, -0.8)
-    ekf.velocity_row(d, p, way, work)
-    slopes = [(np.dot(way, dvl.predicted(shifted(d, small * x), p)) - np.dot(way, dvl.predicted(shifted(d, -small * x), p))) / (2 * small) for x in units]  # fmt: skip
-    np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
+                  current=[0.3, -0.2], scale=0.1, bias=0.2, ping_position=[5.0, -3.0, -4.0], specific_force=rng.normal(size=3) + np.array([0.0, 0.0, 9.81]))  # fmt: skip
+    work, way = np.zeros((ekf.WORK, ALL_STATES)), (0.36, 0.48, -0.8)
 
-    def yaw(state: Any) -> float:
+    def check(reading: Any) -> None:
+        slopes = [(reading(shifted(d, small * x, p)) - reading(shifted(d, -small * x, p))) / (2 * small) for x in np.eye(ALL_STATES)]  # fmt: skip
+        np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
+
+    def heading(state: Any) -> float:
         R = rotation(state.attitude)
-        return math.atan2(R[1, 0], R[0, 0])
+        return math.atan2(R[1, 0], R[0, 0]) + float(state.bias)
 
-    ekf.heading_row(d, work)
-    slopes = [(yaw(shifted(d, small * x)) - yaw(shifted(d, -small * x))) / (2 * small) for x in units]
-    np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
-
-    work = np.zeros((ekf.WORK, MODEL_STATES))
+    ekf.velocity_row(d, p, way, work)
+    check(lambda state: np.dot(way, dvl.predicted(state, p)))
+    ekf.heading_row(d, p, work)
+    check(heading)
     model.put_derivatives(d, way, work)
-    slopes = [(np.dot(way, model.predicted(shifted(d, small * x))) - np.dot(way, model.predicted(shifted(d, -small * x)))) / (2 * small) for x in np.eye(MODEL_STATES)]  # fmt: skip
-    np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
+    check(lambda state: np.dot(way, model.predicted(state)))
+    boat = np.array([1.0, 2.0, 0.0])
+    lines, r = usbl.sight(tuple(d.ping_position - boat))
+    np.testing.assert_allclose(np.array(lines) @ np.array(lines).T, np.eye(3), atol=1e-12)
+    ekf.put_sight(p, lines[0], work)
+    check(lambda state: np.linalg.norm(state.ping_position - boat))
+    for line in lines[1:]:  # an angle times the range
+        ekf.put_sight(p, line, work)
+        check(lambda state, line=line: r * math.asin(np.dot(line, state.ping_position - boat) / r))
 
     # The transition of ten samples, whose sums are first order in the turn of the vehicle.
     def after(state: Any) -> Any:
@@ -253,8 +291,9 @@ def test_derivatives_are_those_of_finite_differences() -> None:
 
     end = after(d)
     R, C = ekf.integrals(end)
-    for x in units:
-        slope = apart(after(shifted(d, -small * x)), after(shifted(d, small * x))) / (2 * small)
+    for x in np.eye(STATES):
+        shift = small * np.concatenate([x, np.zeros(ALL_STATES - STATES)])
+        slope = apart(after(shifted(d, -shift, p)), after(shifted(d, shift, p))) / (2 * small)
         position, velocity, attitude, force, rates = (tuple(part) for part in x.reshape(5, 3))
         own = ekf.carried(end.elapsed, R, C, position, velocity, attitude, force, rates)
         np.testing.assert_allclose(np.concatenate([*own, x[9:]]), slope, atol=4e-3)
@@ -269,7 +308,9 @@ def test_the_sum_of_perfect_imu_samples_is_the_motion() -> None:
 
 
 def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
-    one = batch(*MATCHED, "navigation=ekf_model", *EAGER, n=1, seed=4)
+    one = batch(
+        *("sensors=dvl_usbl", "navigation=ekf_model"), *MATCHED, *POSITIONS, *EAGER, *LEARNING, n=1, seed=4
+    )
     one.reset()
     navigation = estimator(one)
     d, p = navigation.state[0], navigation.parameters[0]
@@ -279,9 +320,10 @@ def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
         (p.accelerometer_density, p.gyro_density, p.accelerometer_walk, p.gyro_walk, p.model_walk),
     )
     lever, sample, counted = np.array(p.dvl_lever), navigation.sample, []
+    boat = np.array(p.usbl_position)
 
     def watched(simulator: Any, seconds: float, *rows: int) -> None:
-        had = np.array(d.innovations)
+        had, pinged = np.array(d.innovations), float(d.ping_time)
         sample(simulator, seconds, *rows)
         own.move(np.array(d.specific_force), np.array(d.rates), seconds, p.gravity)
         came = np.array(d.innovations) - had
@@ -292,6 +334,10 @@ def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
         if came[0]:
             upright = d.merit * math.sqrt(0.5) * p.dvl_sine / p.dvl_cosine
             own.velocity(d.dvl_velocity, d.rates, lever, np.diag([d.merit, d.merit, upright]) ** 2)
+        if d.ping_time > pinged:
+            own.ping()
+        if came[USBL]:
+            own.fix(d.fix, boat, p.usbl_range_noise, p.usbl_angle_noise)
         counted.append(came)
 
     navigation.sample = watched
@@ -301,12 +347,16 @@ def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
         seen = navigation.sheet.velocity[0, :3]
         own.through_water(seen, math.hypot(p.model_noise, p.model_share * float(np.linalg.norm(seen))))
     assert (np.sum(counted, axis=0)[:MODEL] >= 100).all()
+    assert d.innovations[USBL] == 27  # three of each fix, of which the tenth is still under way
     assert d.innovations[MODEL] == 300
     np.testing.assert_allclose(d.position, own.p, atol=2e-4)
     np.testing.assert_allclose(d.velocity, own.v, atol=2e-4)
     np.testing.assert_allclose(rotation(d.attitude), own.R, atol=2e-4)
     np.testing.assert_allclose(d.rate_bias, own.b_w, atol=2e-5)
-    np.testing.assert_allclose(d.current, own.c[:2], atol=2e-4)
+    np.testing.assert_allclose(d.current, own.c, atol=2e-4)
+    np.testing.assert_allclose([d.scale, d.bias], [own.k, own.b], atol=2e-4)
+    np.testing.assert_allclose(d.ping_position, own.q, atol=2e-4)
+    assert np.abs([d.scale, d.bias]).min() > 0.002
     scale = np.sqrt(np.diag(own.P))
     np.testing.assert_allclose(
         navigation.covariance[0] / np.outer(scale, scale), own.P / np.outer(scale, scale), atol=0.05
@@ -325,7 +375,7 @@ def test_a_controller_is_trained_and_tested_on_estimates(tmp_path: Path) -> None
     run("evaluate", folder, "protocol=navigation", "protocol.episodes=2", "protocol.trajectories=0")
     (file,) = tmp_path.rglob("evaluations/*/episodes.csv")
     rows = pd.read_csv(file)
-    assert rows.condition.nunique() == 8
+    assert rows.condition.nunique() == 11
     true, dead = rows.condition == "truth", rows.condition == "dead-reckoning"
     assert rows.navigation_drift[true].isna().all()
     assert (rows.navigation_drift[~true] > 0.0).all()
@@ -335,8 +385,9 @@ def test_a_controller_is_trained_and_tested_on_estimates(tmp_path: Path) -> None
     assert (rows.unlocked_share[rows.condition == "half-lock"] > 0.1).all()
 
 
-def consistency(*words: str) -> Floats:
-    """Return NEES per state and NIS of DVL, depth and heading (4, 128), means over each of 128 episodes of 40 s."""
+def consistency(*words: str, readings: int = MODEL) -> Floats:
+    """Return NEES per state and NIS of DVL, depth, heading and further readings (1 + readings, 128), means over each of 128 episodes of
+    40 s."""
     one = batch(*MATCHED, "task.max_steps=100000", *words, n=128, autoreset=False)
     rng, nees = np.random.default_rng(0), []
     one.reset()
@@ -346,10 +397,11 @@ def consistency(*words: str) -> Floats:
         one.step(action)
         if step % 40 == 39:
             x = errors(one)
-            inverse = np.linalg.inv(estimator(one).covariance)
+            inverse = np.linalg.inv(estimator(one).covariance[:, :STATES, :STATES])
             nees.append(np.einsum("ni,nij,nj->n", x, inverse, x) / STATES)
     d = estimator(one).state
-    return np.array([np.mean(nees, axis=0), *(d["nis"] / np.maximum(d["innovations"], 1.0)).T[:MODEL]])
+    nis = (d["nis"] / np.maximum(d["innovations"], 1.0)).T[[*range(MODEL), *range(USBL, GNSS + 1)][:readings]]
+    return np.array([np.mean(nees, axis=0), *nis])
 
 
 def test_a_filter_that_knows_its_sensors_is_consistent_and_one_that_does_not_is_not() -> None:
@@ -361,6 +413,51 @@ def test_a_filter_that_knows_its_sensors_is_consistent_and_one_that_does_not_is_
         mean, half = band(values)
         assert shown(values).endswith(" outside")
         assert mean - half > 3.0
+
+
+def test_a_filter_with_late_positions_and_more_states_is_consistent() -> None:
+    """Positions of 0.8 s ago correct the present: the filter remembers where it believed the vehicle to be."""
+    learning = "sensors=dvl_usbl", *POSITIONS, "sensors.dvl.scale=0.05", "navigation.dvl_scale=true"
+    for values in consistency(*learning, "navigation.start.position=0.5", readings=MODEL + 1):
+        mean, half = band(values)
+        assert half < 0.05
+        assert mean == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_gate_rejects_positions_by_multipath() -> None:
+    """Three of ten are off by 20 m, and in a burst none comes."""
+    errors = {}
+    for gate in (0.999, 1.0):
+        words = "sensors.usbl.outliers=0.3", "sensors.usbl.outlier=20", f"navigation.gate={gate}"
+        one = batch("sensors=dvl_usbl", *words, n=64, autoreset=False)
+        one.reset()
+        d = estimator(one).state
+        for _ in range(200):
+            one.step(np.zeros_like(one._action))
+        away = estimator(one).pose[:, :3] - one.simulator.pose[:, :3]
+        errors[gate] = math.sqrt(np.mean(away**2))
+        assert d["innovations"][:, USBL].max() == 57
+        assert d["innovations"][:, USBL].min() < 50
+    assert errors[0.999] < 0.5 * errors[1.0]
+    assert errors[0.999] < 1.0
+
+
+def test_satellites_are_seen_at_the_surface_only() -> None:
+    one = batch("sensors=gnss", "sensors.gnss.depth=2", "sensors.gnss.offset=0", n=64, autoreset=False)
+    one.reset()
+    navigation = estimator(one)
+    one.simulator.pose[:32, 2] = -1.0
+    one.simulator.pose[32:, 2] = -5.0
+    navigation.begin(np.arange(64), one.simulator)
+    navigation.state["position"][:, 0] += 3.0
+    navigation.covariance[:, 0, 0] = 9.0
+    for _ in range(50):
+        one.step(np.zeros_like(one._action))
+    d, error = navigation.state, navigation.pose[:, :2] - one.simulator.pose[:, :2]
+    assert (d["innovations"][:32, GNSS] == 50).all()
+    assert (d["innovations"][32:, GNSS] == 0).all()
+    assert np.abs(error[:32]).max() < 1.0
+    assert np.median(np.abs(error[32:, 0])) > 2.0
 
 
 def test_the_sheet_carries_the_estimate_while_the_dvl_is_lost() -> None:
@@ -517,6 +614,11 @@ def test_only_a_changed_navigation_changes_the_id_of_a_run() -> None:
         (["sensors.depth.delay=0.2"], "sensors.depth.delay=0.2: must be at most 0.1 s"),
         (["sensors.dvl.rates=[5]"], "sensors.dvl.rates=.*for each of the 5 entries"),
         (["sensors.dvl.merit_low=1"], "sensors.dvl.merit_low=1: must be at most sensors.dvl.merit_high=0.175"),
+        (["sensors=usbl", "sensors.usbl.delay=0.9"], r"sensors.usbl.delay=0.9: must be at most 0.8 s: a reading arrives before the next, which comes after 1 s"),
+        (["sensors=usbl", "sensors.usbl.position=[0,0]"], r"sensors.usbl.position=\[0.0, 0.0\]: must be three numbers"),
+        (["sensors=dvl_usbl", "navigation=dead_reckoning"], "sensors.usbl: navigation=dead_reckoning cannot use positions; use navigation=ekf"),
+        (["sensors=usbl", "navigation.dvl_scale=true"], "navigation.dvl_scale=true: sensors=usbl has no DVL with a scale"),
+        (["navigation.heading_bias=true"], "navigation.heading_bias=true: sensors=dvl_a50 has no positions that show it; use sensors=dvl_usbl"),
         (["sensors.dvl.high=80"], "sensors.dvl.altitudes=.*must rise, up to sensors.dvl.high=80"),
         (["sensors=none", "navigation=truth", "task.observation=[position_error,yaw_error,sensor_age]"], "sensor_age needs an estimator"),
         (["navigation=dead_reckoning", "task.observation=[position_error,yaw_error,position_sd]"], "position_sd needs a covariance"),

@@ -1,0 +1,82 @@
+"""USBL: positions from a boat's transceiver, by the range to the vehicle's transponder and the direction of its sound.
+
+The reading is a position in world axes. Its error along the line of sight has the range's standard deviation, and across it that of the
+angles times the range. The head's misalignment about the vertical, which lasts an episode, turns all positions round the boat. Multipath
+makes outliers; positions are missing in bursts. A reading is of the moment when the transponder sends: it arrives after the sound has
+reached the boat, and the message the vehicle.
+"""
+
+from __future__ import annotations
+
+import math
+
+from auvbench.config.navigation import SOUND
+from auvbench.dynamics.layout import Matrix, Vector
+from auvbench.dynamics.vectors import add, cross, dot, scale, subtract
+from auvbench.tasks.navigation.state import NEVER, USBL, expect, normals, uniforms
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import put, row, triple
+
+STEEP = 0.5
+"""square of the cosine between line of sight and vertical, from which on `sight` takes its axes from x instead of z"""
+
+
+@row
+def begin(e: Record, d: Record, p: Record, stream: int) -> None:
+    """Draw the errors of the episode."""
+    if p.has_usbl == 0:
+        return
+    turned, _, _, _ = normals(e, d, stream, 15)
+    lost, _, _, _ = uniforms(e, d, stream, 17)
+    d.alignment = p.usbl_alignment * turned
+    d.usbl_burst = 1 if lost < p.usbl_lost else 0
+    d.ping_time = 0.0
+    put(d.ping_position, (0.0, 0.0, 0.0))
+    d.due[USBL] = 1.0 / p.usbl_rate
+
+
+@row
+def sight(way: Vector) -> tuple[Matrix, float]:
+    """Return three unit vectors as rows, the first along a way from the boat, and the way's length in m."""
+    r = math.sqrt(dot(way, way))
+    along = scale(1.0 / r, way) if r > 1e-6 else (0.0, 0.0, -1.0)
+    _, _, z = along
+    side = cross((1.0, 0.0, 0.0) if z * z > STEEP else (0.0, 0.0, 1.0), along)
+    across = scale(1.0 / math.sqrt(dot(side, side)), side)
+    return (along, across, cross(along, across)), r
+
+
+@row
+def in_burst(d: Record, p: Record, u: float) -> bool:
+    """Go on to the next ping of a two-state Markov chain with a uniform draw; return whether positions are missing."""
+    back = min(1.0, 1.0 / (p.usbl_rate * p.usbl_burst))
+    away = back * p.usbl_lost / (1.0 - p.usbl_lost)
+    d.usbl_burst = int(u >= back) if d.usbl_burst > 0 else int(u < away)
+    return bool(d.usbl_burst > 0)
+
+
+@row
+def sense(e: Record, d: Record, p: Record, stream: int) -> bool:
+    """Ping; return whether a position is under way."""
+    u, wrong, _, _ = uniforms(e, d, stream, 18)
+    a, b, c, _ = normals(e, d, stream, 16)
+    way = subtract(triple(d.true_position), triple(p.usbl_position))
+    (along, across, over), r = sight(way)
+    lost = in_burst(d, p, u) or r > p.usbl_reach
+    delay = r / SOUND + p.usbl_delay
+    expect(d, USBL, 1.0 / p.usbl_rate, delay)
+    if lost:
+        d.arrives[USBL] = NEVER
+        return False
+    aside = add(scale(p.usbl_angle_noise * b, across), scale(p.usbl_angle_noise * c, over))
+    (seen, _, _), _ = sight(add(along, aside))
+    x, y, z = scale(r + p.usbl_range_noise * a, seen)
+    cosine, sine = math.cos(d.alignment), math.sin(d.alignment)
+    fix = add(triple(p.usbl_position), (cosine * x - sine * y, sine * x + cosine * y, z))
+    if wrong < p.usbl_outliers:
+        x, y, z, _ = normals(e, d, stream, 19)
+        fix = add(fix, scale(p.usbl_outlier, (x, y, z)))
+    put(d.fix, fix)
+    put(d.ping_position, triple(d.position))
+    d.ping_time = d.time
+    return True
