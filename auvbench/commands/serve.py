@@ -12,11 +12,16 @@ from auvbench.commands.grammar import Parser, number, whole
 from auvbench.errors import ConfigError, UserError, closest
 
 if TYPE_CHECKING:
+    from auvbench.config.schema import TrainConfig
     from auvbench.integrations.ardusub.physics import Physics
+    from auvbench.integrations.ros2.sensors import Sensed
     from auvbench.integrations.ros2.server import Server
+    from auvbench.simulators.base import Simulator
+    from auvbench.vehicles.vehicle_model import VehicleModel
 
-KEYS = ("vehicle", "simulator", "task.start", "step.frequency", "disturbance")
-ARDUSUB_KEYS = (*KEYS, "seed")
+BOTH = ("vehicle", "simulator", "task.start", "step.frequency", "disturbance")
+KEYS = (*BOTH, "sensors", "navigation", "world", "seed")
+ARDUSUB_KEYS = (*BOTH, "seed")
 ROS2_FLAGS = ("namespace", "pace", "lockstep", "paused")
 ARDUSUB_FLAGS = ("port", "address", "battery", "thrust", "motors", "give_up")
 FACES = ("ros2", "ardusub")
@@ -29,10 +34,11 @@ _EPILOG = """examples:
   auvbench serve simulator=gazebo vehicle=bluerov2_heavy    another vehicle, on Gazebo in this process
   auvbench serve --pace 10                                  ten times as fast; --pace max as fast as possible
   auvbench serve --lockstep --vehicles 4                    for simulator=ros2: each step waits for commands
+  auvbench serve sensors=dvl_usbl navigation=ekf world=seabed   publishes sensors; odom is the filter's estimate
   auvbench serve --face ardusub vehicle=bluerov2_heavy disturbance=sea_state_2   for ArduSub's --model JSON
 
 keys: vehicle=, simulator=, task.start=[x,y,z], step.frequency= (messages a second), disturbance= (drawn vehicles may
-need a smaller physics step), with ArduSub seed=. Topics, services and parameters: docs/ros2.md; ArduSub: docs/ardusub.md.
+need a smaller physics step), seed=; without ArduSub sensors=, navigation=, world=. Topics, services and parameters: docs/ros2.md; ArduSub: docs/ardusub.md.
 """
 
 
@@ -122,18 +128,20 @@ def _server(given: argparse.Namespace) -> Server:
     from auvbench.config.validate import train_config
     from auvbench.envs.simulator_factory import make_simulator
     from auvbench.integrations.ros2 import interface, spec
-    from auvbench.integrations.ros2.server import Server
+    from auvbench.integrations.ros2.server import Server, Simulated
     from auvbench.vehicles import sheet
     from auvbench.vehicles.physical import PhysicalCommands
 
-    config = train_config(compose("train", given.overrides))
+    # A server adds no noise to what it publishes.
+    config = train_config(compose("train", ["noise=none", *given.overrides]))
     if simulators.is_served(config.simulator):
         raise ConfigError(
             f"simulator={config.simulator.name}: cannot be served; use simulator=fossen or simulator=gazebo"
         )
-    if config.world.solid:
-        raise ConfigError(f"world={config.world.name}: serve has no bottom and no obstacles; use world=open")
-    navigation.refuse(config, "serve")
+    if config.world.solid and not navigation.is_estimated(config):
+        raise ConfigError(
+            f"world={config.world.name}: serve has no contacts, and no sensor sees the world; use world=open, or navigation=ekf"
+        )
     for need in needs(config.disturbance):
         if not need.able(spec.simulator.capabilities):
             raise ConfigError(
@@ -143,8 +151,11 @@ def _server(given: argparse.Namespace) -> Server:
     physical = PhysicalCommands(vehicle)
     namespaces = interface.namespaces(given.namespace or vehicle.name, given.vehicles)
     simulator = make_simulator(config.simulator, vehicle, given.vehicles, config.disturbance, physical.model)
+    served: Simulated = simulator
+    if navigation.is_estimated(config):
+        served = _sensed(config, physical.model, simulator)
     server = Server(
-        simulator,
+        served,
         physical,
         vehicle.actuators,
         physical.neutral,
@@ -164,6 +175,20 @@ def _server(given: argparse.Namespace) -> Server:
     return server
 
 
+def _sensed(config: TrainConfig, vehicle: VehicleModel, simulator: Simulator) -> Sensed:
+    """Return a simulator with the sensors and the estimator of a configuration; `vehicle` takes its commands."""
+    from functools import partial
+
+    from auvbench.integrations.ros2.sensors import Sensed
+    from auvbench.tasks import base as tasks
+    from auvbench.tasks.navigation.estimator import Navigation
+    from auvbench.tasks.navigation.readings import readings
+
+    task = tasks.make(config, vehicle, simulator.n, config.seed)
+    own = Navigation(config, vehicle, task)
+    return Sensed(simulator, own, task.reset, partial(readings, own), config.sensors.names())
+
+
 def _print_interface(server: Server) -> None:
     from auvbench.integrations.ros2 import interface
     from auvbench.integrations.ros2.middleware import surroundings
@@ -176,6 +201,8 @@ def _print_interface(server: Server) -> None:
     print(f"serving {names.namespace}{others}: {'lock-step' if server.lockstep else pace}, {surroundings()}")
     print(f"  subscribes {commands[0]}{last} (N), {interface.CURRENT} (m/s)")
     print(f"  publishes  {names.odometry}, {names.pose}, {interface.CLOCK}")
+    if server.sensed is not None:
+        print(f"  sensors    {', '.join(names.of(name) for name in server.sensed.names)}")
     print(f"  services   {names.reset}, {names.pause}, {names.step}, {names.lockstep}", flush=True)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from auvbench.errors import AuvbenchError
 from auvbench.integrations.ros2 import interface
 from auvbench.integrations.ros2.middleware import SLICE, InterfaceError, Session
+from auvbench.integrations.ros2.sensors import Sensed
 from auvbench.integrations.ros2.vehicle_node import ALLOWED, Settings, VehicleNode, is_current
 from auvbench.untrusted.text import say
 
@@ -79,6 +80,8 @@ class Server:
         about: dict[str, str] | None = None,
     ) -> None:
         self.simulator = simulator
+        self.sensed = simulator if isinstance(simulator, Sensed) else None
+        """the simulator, if its vehicles have sensors"""
         self.commands = commands
         self.actuators = tuple(actuators)
         self.namespaces = list(namespaces)
@@ -115,6 +118,8 @@ class Server:
         first.create_subscription(
             ros.geometry.Vector3, interface.CURRENT, self._set_current, self.session.qos
         )
+        if self.sensed is not None:
+            self.sensed.sampled = self._sense
         self.session.renew()
         self.reset(range(n))
 
@@ -189,11 +194,20 @@ class Server:
     def publish(self, indices: Sequence[int]) -> None:
         """Publish the state of vehicles, and the time."""
         poses, velocities = self.simulator.pose.tolist(), self.simulator.velocity.tolist()
+        seen = (poses, velocities)
+        if self.sensed is not None:
+            seen = self.sensed.navigation.pose.tolist(), self.sensed.navigation.velocity.tolist()
         for i in indices:
-            self.vehicles[i].publish(poses[i], velocities[i], self.time)
+            self.vehicles[i].publish(poses[i], seen[0][i], seen[1][i], self.time)
         if self._clock.get_subscription_count():
             interface.write_time(self._now.clock, self.time)
             self._clock.publish(self._now)
+
+    def _sense(self, left: float) -> None:
+        """Publish the readings of a sample, `left` s before the end of a step."""
+        now = self.time + interface.nanoseconds(self.settings.step_duration - left)
+        for vehicle in self.vehicles:
+            vehicle.sense(now)
 
     def _set_current(self, message: Any) -> None:
         water = (message.x, message.y, message.z)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from auvbench.config.schema import SCALES
 from auvbench.integrations.ros2 import interface
+from auvbench.integrations.ros2.sensors import Topics, write_covariances
 
 if TYPE_CHECKING:
     from auvbench.integrations.ros2.server import Server
@@ -80,6 +81,7 @@ class VehicleNode:
             node.create_publisher(ros.nav.Odometry, names.odometry, session.qos),
             node.create_publisher(ros.geometry.Pose, names.pose, session.qos),
         )
+        self._sensors = server.sensed and Topics(session, node, namespace, server.sensed, index)
         for a, actuator in enumerate(server.actuators):
             receive = partial(self._command, a)
             node.create_subscription(ros.std.Float64, names.command(actuator), receive, session.qos)
@@ -99,17 +101,25 @@ class VehicleNode:
         )
         return pose, velocity, scales
 
-    def publish(self, pose: list[float], velocity: list[float], time: int) -> None:
-        """Publish the vehicle's state at `time` in ns."""
+    def sense(self, time: int) -> None:
+        """Publish the readings that have come at `time` in ns."""
+        if self._sensors is not None:
+            self._sensors.publish(time)
+
+    def publish(self, true_pose: list[float], pose: list[float], velocity: list[float], time: int) -> None:
+        """Publish the vehicle's true pose, and its pose and velocity as an estimator knows them, at `time` in ns."""
         # Serialising a message without a reader takes as long as stepping a vehicle.
         if self._publishers[0].get_subscription_count():
             odometry = self._odometry
             interface.write_time(odometry.header.stamp, time)
             interface.write_pose(odometry.pose.pose, pose)
             interface.write_twist(odometry.twist.twist, velocity)
+            sensed = self.server.sensed
+            if sensed is not None and sensed.navigation.is_filter:
+                write_covariances(odometry, sensed.navigation.covariance[self.index])
             self._publishers[0].publish(odometry)
         if self._publishers[1].get_subscription_count():
-            interface.write_pose(self._pose, pose)
+            interface.write_pose(self._pose, true_pose)
             self._publishers[1].publish(self._pose)
 
     def restore_thrusters(self) -> None:

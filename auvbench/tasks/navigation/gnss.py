@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from auvbench.tasks.navigation.state import GNSS, expect, normals
+from auvbench.tasks.navigation.state import GNSS, NEVER, expect, normals
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row, triple
 
@@ -23,6 +23,9 @@ def sense(e: Record, d: Record, p: Record, stream: int) -> bool:
     a, b, _, _ = normals(e, d, stream, 21)
     x, y, z = triple(d.true_position)
     expect(d, GNSS, 1.0 / p.gnss_rate, 0.0)
+    d.arrives[GNSS] = NEVER  # It is here now, or does not come.
+    if -z > p.gnss_depth:
+        return False
     d.gnss_fix[0] = x + d.gnss_offset[0] + p.gnss_noise * a
     d.gnss_fix[1] = y + d.gnss_offset[1] + p.gnss_noise * b
-    return bool(-z <= p.gnss_depth)
+    return True
