@@ -27,7 +27,7 @@ from auvbench.untrusted.text import short
 
 NAME = "trajectories.npz"
 REQUIRED = ("waypoint", "position", "time")
-OPTIONAL = ("reference", "dock_yaw", "outlines")
+OPTIONAL = ("reference", "dock_yaw", "outlines", "yaw", "command")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +41,8 @@ class StoredPath:
     reference: FloatArray | None = None  # (T + 1, 3) m, if the reference moves; missing in a published study
     dock_yaw: float | None = None  # rad; missing in a published study
     outlines: FloatArray | None = None  # (k, 2, 3) m, segments of a world; missing in a published study
+    yaw: FloatArray | None = None  # (T + 1,) rad; missing in a published study
+    command: FloatArray | None = None  # (T, n_u) N; missing in a published study
 
 
 TRAINING, VALIDATION = "train/episodes.csv", "train/validation.csv"
@@ -310,7 +312,10 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
         "waypoint": (3,),
         "reference": position.shape,
         "dock_yaw": (1,),
+        "yaw": (len(position),),
     }
+    if "command" in path:
+        shapes["command"] = (len(position) - 1, *path["command"].shape[1:2])
     if "outlines" in path:
         shapes["outlines"] = (len(path["outlines"]), 2, 3)
     for name, array in path.items():
@@ -321,4 +326,5 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
     x, y, z = path["waypoint"].tolist()
     yaw = float(path["dock_yaw"][0]) if "dock_yaw" in path else None
     moving, solids = path.get("reference"), path.get("outlines")
-    return StoredPath(episode, (x, y, z), position, path["time"], moving, yaw, solids)
+    signals = path.get("yaw"), path.get("command")
+    return StoredPath(episode, (x, y, z), position, path["time"], moving, yaw, solids, *signals)

@@ -245,6 +245,17 @@ def test_3d_view_shows_another_episode(opened: Driver) -> None:
     assert "episode 1" in str(find(opened, "#scene").get_attribute("aria-label"))
 
 
+def test_the_chart_under_the_3d_view_shows_other_signals(opened: Driver) -> None:
+    seen, choice = [picture(opened, "distance")], Select(find(opened, "#signal"))
+    names = [option.get_attribute("value") for option in choice.options]
+    assert names[:5] == ["distance", "up", "east", "north", "speed"]
+    for name in names[1:]:
+        choice.select_by_value(str(name))
+        seen.append(picture(opened, "distance"))
+        assert str(find(opened, "#distance").get_attribute("aria-label")).endswith(" over time")
+    assert len({*seen}) == len(names)
+
+
 def test_3d_view_turns_zooms_and_moves(opened: Driver) -> None:
     canvas = find(opened, "#scene")
     opened.execute_script("arguments[0].scrollIntoView({block: 'center', behavior: 'instant'})", canvas)

@@ -2,7 +2,7 @@
 
 A run's `evaluations/<protocol>/trajectories.npz` has, for its first few episodes,
 `position_<condition>_<episode>` (T+1, 3) m, `time_...` (T+1,) s and `waypoint_...` (3,) m; if the reference
-moves, `reference_...` (T+1, 3) m; and for a dock, `dock_yaw_...` (1,) rad. The page has at most `POINTS`
+moves, `reference_...` (T+1, 3) m; for a dock, `dock_yaw_...` (1,) rad; and `yaw_...` (T+1,) rad and `command_...` (T, n_u) N. The page has at most `POINTS`
 positions of each path, equally spaced in steps, as little-endian int16 counts of `unit` metres in base64. The
 unit is 1 cm if the path stays within 327 m, otherwise the smallest unit that fits.
 """
@@ -87,11 +87,13 @@ def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any
 
     A track becomes `{agent, seed, run, outcome, dt, end, unit, points}`. `points` is base64 of int16 (n, 3)
     counts of `unit` metres; point i is at min(i dt, end) seconds after the start. `reference` has as many
-    points of a moving reference.
+    points of a moving reference. `signals` are base64 of int16 (n,) counts, by name, of `units`: `speed` in m/s and, if they are
+    stored, `yaw` in degrees and `command`, the norm of the actuators' forces in N.
     """
     worlds = _worlds(tracks)
     budget -= sum(len(packed["outlines"]) for packed in worlds.values())
-    count = sum(1 + (track.path.reference is not None) for track in tracks)
+    # Three signals take as much as a line.
+    count = sum(2 + (track.path.reference is not None) for track in tracks)
     # 6 bytes per point, 4 characters per 3 bytes
     points = max(24, min(POINTS, budget // max(1, count) // 8))
     episodes: dict[int, dict[str, Any]] = {}
@@ -143,7 +145,25 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
         "end": round(duration, 6),
         "unit": unit,
         **{name: _counts(line, unit) for name, line in lines.items()},
+        **_pack_signals(path, indices, duration / max(1, steps)),
     }
+
+
+def _pack_signals(path: StoredPath, indices: NDArray[np.int64], dt: float) -> dict[str, dict[str, Any]]:
+    """Return the signals of a path at some of its steps, which take `dt` s."""
+    signals: dict[str, NDArray[np.float64]] = {}
+    if len(path.position) > 1 and dt > 0.0:
+        signals["speed"] = np.linalg.norm(np.gradient(path.position, dt, axis=0), axis=1)[indices]
+    if path.yaw is not None:
+        signals["yaw"] = np.degrees(np.unwrap(path.yaw))[indices]
+    if path.command is not None and len(path.command):
+        forces = np.linalg.norm(path.command, axis=1)
+        signals["command"] = forces[np.minimum(indices, len(forces) - 1)]
+    units = {
+        name: max(1e-3, float(np.abs(values).max(initial=0.0)) / 32767.0) for name, values in signals.items()
+    }
+    packed = {name: _counts(values, units[name]) for name, values in signals.items()}
+    return {"signals": packed, "units": units}
 
 
 def _counts(points: NDArray[np.float64], unit: float) -> str:

@@ -265,6 +265,22 @@ def test_a_reference_is_packed_with_its_path(run: RunRecord) -> None:
     assert "dock_yaw" not in plain
 
 
+def test_signals_are_packed_with_their_path(run: RunRecord) -> None:
+    """A vehicle that turns once at 2 m/s, and a command of 3 and 4 N."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 201)
+    position = np.stack([0.2 / turn[1] * np.cos(turn), 0.2 / turn[1] * np.sin(turn), 0.0 * turn], axis=1)
+    yaw, command = np.angle(np.exp(1j * turn)), np.tile([3.0, 4.0], (200, 1))
+    track = trajectories.pack([track_of(run, position, yaw=yaw, command=command)])[0]["tracks"][0]
+    seen = {
+        name: np.frombuffer(base64.b64decode(text), "<i2") * track["units"][name]
+        for name, text in track["signals"].items()
+    }
+    np.testing.assert_allclose(seen["speed"][1:-1], 2.0, atol=0.01)
+    np.testing.assert_allclose(seen["yaw"], np.degrees(turn), atol=0.01)
+    np.testing.assert_allclose(seen["command"], 5.0, atol=0.001)
+    assert set(trajectories.pack([track_of(run, position)])[0]["tracks"][0]["signals"]) == {"speed"}
+
+
 def test_solids_are_packed_once_for_all_paths_of_an_episode(run: RunRecord) -> None:
     position = np.zeros((5, 3))
     few, many = (np.random.default_rng(n).uniform(-30.0, 30.0, (n, 2, 3)) for n in (7, 9))

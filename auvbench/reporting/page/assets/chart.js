@@ -1,22 +1,29 @@
-// Distance to the waypoint, goal or moving reference over time, under the picture.
+// A signal over time, under the picture: the distance to the waypoint, goal or moving reference, or another one.
 const Chart = (() => {
   "use strict";
   const { DASHES, palette, contrast, prepare, halo, text } = Pen;
 
-  /** Distance over time, with the moment shown in the picture above. */
+  /** A signal over time, with the moment shown in the picture above. */
   function draw(canvas, show) {
     const { context, width, height } = prepare(canvas);
-    const { world, tracks, time, longest, guide } = show;
+    const { world, tracks, time, longest, guide, signal } = show;
+    const toGoal = signal.name === "distance";
     const colours = palette();
     const area = { left: 40, right: width - 12, top: 12, bottom: height - 30 };
-    let most = world.goal === "waypoint" ? 10 : 1;
-    for (const track of tracks) for (const d of track.distance) most = Math.max(most, d);
+    let [least, most] = toGoal ? [0, world.goal === "waypoint" ? 10 : 1] : [Infinity, -Infinity];
+    for (const track of tracks) {
+      for (const d of signal.of(track)) [least, most] = [Math.min(least, d), Math.max(most, d)];
+    }
+    if (least > most) [least, most] = [0, 1];
+    if (!toGoal && most - least < 1e-3) [least, most] = [least - 0.5, most + 0.5];
     const x = (t) => area.left + ((area.right - area.left) * t) / (longest || 1);
-    const y = (d) => area.bottom - ((area.bottom - area.top) * d) / most;
+    const y = (d) => area.bottom - ((area.bottom - area.top) * (d - least)) / (most - least);
     context.fillStyle = colours.soft;
     context.lineWidth = 1;
-    const step = [0.5, 1, 2, 5, 10, 20, 50].find((s) => most / s <= 3) ?? 50;
-    for (let d = 0; d <= most; d += step) {
+    const steps = toGoal ? [0.5, 1, 2, 5, 10, 20, 50] : [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+    const step = steps.find((s) => (most - least) / s <= 3) ?? Math.max(50, Math.ceil((most - least) / 3));
+    for (let k = Math.ceil(least / step); k * step <= most; k += 1) {
+      const d = Number((k * step).toFixed(3));
       context.strokeStyle = colours.rule;
       context.globalAlpha = d ? 0.5 : 1;
       stroke(context, [[area.left, y(d)], [area.right, y(d)]]);
@@ -33,15 +40,15 @@ const Chart = (() => {
     context.fillStyle = colours.ink;
     context.fillText("time, s", area.right, area.bottom + 17);
     context.textAlign = "left";
-    context.fillText(`distance to the ${guide ? "reference" : world.goal}, m`, area.left + 6, 0);
-    if (!guide) {
+    context.fillText(signal.label, area.left + 6, 0);
+    if (toGoal && !guide) {
       context.strokeStyle = colours.water;
       context.setLineDash([4, 3]);
       stroke(context, [[area.left, y(world.goal_radius)], [area.right, y(world.goal_radius)]]);
       context.setLineDash([]);
     }
     for (const track of tracks) {
-      const points = Array.from(track.distance, (d, i) => [x(Math.min(i * track.dt, track.end)), y(d)]);
+      const points = Array.from(signal.of(track), (d, i) => [x(Math.min(i * track.dt, track.end)), y(d)]);
       if (contrast(track.colour, colours.raised) < 2) halo(context, colours, 3.6, () => stroke(context, points));
       context.strokeStyle = track.colour;
       context.lineWidth = 1.6;

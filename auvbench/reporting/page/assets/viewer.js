@@ -6,6 +6,7 @@
   const world = JSON.parse(holder.textContent);
   const by = (id) => document.getElementById(id);
   const [canvas, plot, picker, clock, play] = ["scene", "distance", "episode", "clock", "play"].map(by);
+  const signals = by("signal");
   const body = by("tracks").tBodies[0];
   const PLAY_SECONDS = 9;
 
@@ -34,6 +35,27 @@
     return track;
   }
 
+  /** A coordinate of the positions: 0 east, 1 north, 2 up. */
+  const axis = (k) => (track) => Float32Array.from({ length: track.xyz.length / 3 }, (_, i) => track.xyz[3 * i + k]);
+  const stored = (name) => (track) => (track.signals?.[name] ? metres(track.signals[name], track.units[name]) : new Float32Array());
+  const SIGNALS = [
+    ["distance", "distance, m", (track) => track.distance],
+    ["up", "height, m (0: the surface)", axis(2)],
+    ["east", "east, m", axis(0)],
+    ["north", "north, m", axis(1)],
+    ["speed", "speed, m/s", stored("speed")],
+    ["yaw", "heading, degrees", stored("yaw")],
+    ["command", "commanded force, N", stored("command")],
+  ].map(([name, label, make]) => ({ name, label, of: (track) => ((track.drawn ??= {})[name] ??= make(track)) }));
+
+  /** The signal that is chosen. */
+  function signal(guided) {
+    const chosenSignal = SIGNALS.find((entry) => entry.name === signals.value) ?? SIGNALS[0];
+    return chosenSignal.name === "distance"
+      ? { ...chosenSignal, label: `distance to the ${guided ? "reference" : world.goal}, m` }
+      : chosenSignal;
+  }
+
   /** The ends of the segments of an episode's solids as metres, unpacked once; undefined in open water. */
   function outlines(of) {
     if (of.outlines && !of.segments) of.segments = metres(of.outlines, of.outlines_unit);
@@ -47,7 +69,7 @@
     const guided = tracks.filter((track) => track.guide).sort((a, b) => b.end - a.end);
     return {
       world, waypoint: episode.waypoint, dock: episode.dock_yaw, guide: guided[0]?.guide, outlines: outlines(episode), start: tracks[0].xyz.slice(0, 3),
-      tracks: shown(), time, longest: longest(),
+      tracks: shown(), time, longest: longest(), signal: signal(guided.length > 0),
     };
   }
 
@@ -250,6 +272,15 @@
   };
   plot.addEventListener("pointerdown", scrub);
   plot.addEventListener("pointermove", scrub);
+
+  for (const { name, label } of SIGNALS) {
+    const has = ["distance", "up", "east", "north"].includes(name) || world.episodes.some((e) => e.tracks.some((track) => track.signals?.[name]));
+    if (has) signals.add(new Option(label, name));
+  }
+  signals.addEventListener("change", () => {
+    plot.setAttribute("aria-label", `${signals.selectedOptions[0].text} over time`);
+    redraw();
+  });
 
   world.episodes.forEach((entry, index) => {
     const reached = entry.tracks.filter((track) => track.outcome === "success").length;
