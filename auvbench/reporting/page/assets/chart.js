@@ -21,7 +21,7 @@ const Chart = (() => {
     context.fillStyle = colours.soft;
     context.lineWidth = 1;
     const steps = toGoal ? [0.5, 1, 2, 5, 10, 20, 50] : [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
-    const step = steps.find((s) => (most - least) / s <= 3) ?? Math.max(50, Math.ceil((most - least) / 3));
+    const step = steps.find((s) => (most - least) / s <= (toGoal ? 3 : 4)) ?? Math.max(50, Math.ceil((most - least) / 3));
     for (let k = Math.ceil(least / step); k * step <= most; k += 1) {
       const d = Number((k * step).toFixed(3));
       context.strokeStyle = colours.rule;
