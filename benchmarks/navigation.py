@@ -213,7 +213,7 @@ def positions() -> Iterator[Sequence[str]]:
         ("`dvl_a50`", "", ()),
         ("`dvl_a50`", "`dvl_scale`", (scale,)),
         ("`usbl`", "", ("sensors=usbl",)),
-        ("`usbl`", "current", ("sensors=usbl", "navigation=ekf_model")),
+        ("`usbl`", "`ekf_model`", ("sensors=usbl", "navigation=ekf_model")),
         ("`dvl_usbl`", "", ("sensors=dvl_usbl",)),
         ("`dvl_usbl`", "`dvl_scale`", ("sensors=dvl_usbl", scale)),
         ("`dvl_usbl`", "both", ("sensors=dvl_usbl", scale, bias)),

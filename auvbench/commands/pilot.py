@@ -24,6 +24,7 @@ from auvbench.errors import ConfigError, UserError, closest
 from auvbench.pilot import excite
 from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.untrusted.text import short
+from auvbench.vehicles import signals
 from auvbench.vehicles.inspect import AXES
 
 if TYPE_CHECKING:
@@ -89,7 +90,6 @@ def parser() -> Parser:
     parser.add_argument(
         "--yaw",
         type=number(-360, 360),
-        default=0.0,
         help="heading of the station of --goal, degrees (default: 0, east)",
     )
     parser.add_argument(
@@ -119,7 +119,7 @@ def parser() -> Parser:
     )
     parser.add_argument(
         "--amplitude",
-        type=number(0.01, 1.0),
+        type=number(0.1, 1.0),
         help=f"with excite: largest share of the force along an axis (default: {excite.AMPLITUDE:g})",
     )
     parser.add_argument(
@@ -169,7 +169,7 @@ def main(arguments: Sequence[str]) -> int:
             if given.record is not None:
                 setup.logbook = Logbook(given.record, _about(setup))
             if given.goal is not None:
-                pilot.steer_to(given.goal, yaw=math.radians(given.yaw))
+                pilot.steer_to(given.goal, yaw=math.radians(given.yaw or 0.0))
             begin()
             pilot.run(lambda: request.signal is None and not pilot.finished and not stopped())
         finally:
@@ -189,12 +189,21 @@ def _check(given: argparse.Namespace) -> None:
     if given.mavlink is not None and given.namespace is not None:
         raise UserError(f"--namespace {given.namespace}: is for ROS 2, not for --mavlink; leave it out")
     exciting = given.controller == excite.NAME
+    if not exciting and not given.controller.endswith(".onnx") and given.controller not in CONTROLLERS:
+        raise _unknown(given.controller)
     own = ("axis", "amplitude", "seconds", "reach")
-    for flag in own if not exciting else ("goal", "task", "goal_radius"):
+    for flag in own if not exciting else ("goal", "yaw", "task", "goal_radius"):
         if getattr(given, flag) is not None:
             raise UserError(
                 f"--{flag.replace('_', '-')}: is {'not ' if exciting else ''}for {excite.NAME}; leave it out"
             )
+    if given.yaw is not None and given.goal is None:
+        raise UserError(f"--yaw {given.yaw:g}: needs --goal, the station whose heading it is")
+    if exciting and given.frequency is not None and given.frequency < excite.SLOWEST:
+        raise UserError(
+            f"--frequency {given.frequency:g}: must be at least {excite.SLOWEST:g} Hz for {excite.NAME}, whose shortest push"
+            f" lasts {signals.SHORT:g} s"
+        )
     if exciting and given.axis is None:
         raise UserError(f"{excite.NAME}: needs --axis; valid: {', '.join(AXES)}")
     if given.mavlink is not None and given.goal is None and not exciting:
@@ -335,14 +344,17 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
     from auvbench.registry import AGENTS, resolve
 
     if name not in CONTROLLERS:
-        raise ConfigError(
-            f"{name}: is neither a POLICY.onnx nor a controller; {closest(name, (*CONTROLLERS, excite.NAME))}"
-        )
+        raise _unknown(name)
     spec = AGENTS[name]
     gains = spec.schema(**defaults("algo", name))
     step = SimpleNamespace(frequency=frequency)
     config = SimpleNamespace(algo=gains, step=step, task=task or task_of(DEFAULT_TASK, "--task"))
     return resolve(spec.code)(config, vehicle)
+
+
+def _unknown(name: str) -> ConfigError:
+    known = (*CONTROLLERS, excite.NAME)
+    return ConfigError(f"{name}: is neither a POLICY.onnx nor a controller; {closest(name, known)}")
 
 
 def _about(setup: Steering) -> dict[str, Any]:

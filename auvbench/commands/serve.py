@@ -133,7 +133,8 @@ def _server(given: argparse.Namespace) -> Server:
     from auvbench.vehicles.physical import PhysicalCommands
 
     # A server adds no noise to what it publishes.
-    config = train_config(compose("train", ["noise=none", *given.overrides]))
+    # A served vehicle may come to the surface, unlike those of tasks.
+    config = train_config(compose("train", ["noise=none", "task.depth_high=0", *given.overrides]))
     if simulators.is_served(config.simulator):
         raise ConfigError(
             f"simulator={config.simulator.name}: cannot be served; use simulator=fossen or simulator=gazebo"

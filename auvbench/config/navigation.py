@@ -291,6 +291,11 @@ def check(config: TrainConfig) -> None:
         raise ConfigError(
             f"sensors.{unread[0]}: navigation={navigation.name} cannot use positions; use navigation=ekf"
         )
+    if sensors.gnss is not None and config.task.depth_high < -sensors.gnss.depth:
+        raise ConfigError(
+            f"sensors.gnss.depth={sensors.gnss.depth:g}: the vehicle stays below task.depth_high={config.task.depth_high:g} and"
+            " never has its antenna in the air; raise task.depth_high, or use sensors=dvl_a50"
+        )
     if getattr(navigation, "dvl_scale", False) and (sensors.dvl is None or sensors.dvl.scale == 0.0):
         raise ConfigError(
             f"navigation.dvl_scale=true: sensors={sensors.name} has no DVL with a scale; use sensors=dvl_a50, or false"

@@ -39,7 +39,7 @@ def make(
 ) -> AuvParallelEnv:
     """Return the team environment of an id; see `auvbench.parallel_env`."""
     if id not in auvbench.TEAMS:
-        raise ConfigError(f"{id}: has one vehicle in an episode; {closest(id, auvbench.TEAMS)}")
+        raise ConfigError(f"{id}: is not the id of a team's environment; {closest(id, auvbench.TEAMS)}")
     lines = settings.split(overrides)
     if vehicles is not None:
         lines.append(f"task.vehicles={vehicles}")

@@ -105,8 +105,7 @@ def _judge(
     if seen:
         moved = float(np.quantile(np.abs(np.concatenate([motions[n].state[:, 6 + k] for n in seen])), 0.95))
     if command < EXCITED:
-        # A NaN is no speed either.
-        return Verdict(AXES[k], command, moved, state="not commanded" if moved >= QUIET else STILL)
+        return Verdict(AXES[k], command, moved, state=STILL if moved < QUIET else "not commanded")
     if not seen:
         return Verdict(AXES[k], command, moved, state="not measured")
     if varied < EXCITED or max(_interval(logs[number], k) for number in seen) > COARSEST:

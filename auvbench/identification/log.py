@@ -245,7 +245,7 @@ def _check_units(log: Log) -> None:
             " column in degrees? Then name it pitch_deg"
         )
     level = np.nanmax(np.abs(log.measured[:, 3:5]), initial=0.0) < 1.2  # upside down, signs change
-    for angle, rate in ((3, 9), (4, 10), (5, 11), (2, 8)):
+    for angle, rate in ((3, 9), (4, 10), (5, 11)):
         slope = _slope(log, angle, rate)
         if slope is not None and slope < 0.0 and level:
             raise LogError(

@@ -23,10 +23,13 @@ REACH = 5.0
 """largest distance from where it began, m"""
 FREQUENCY = 20.0
 """commands per second"""
+SLOWEST = 5.0
+"""lowest rate of commands in Hz, so that the shortest push has two"""
 
 
 class Excite:
-    """Controller of a pilot that ignores what it observes: an open loop.
+    """Controller of a pilot that ignores what it observes: an open loop. A constant force along heave balances the sheet's weight
+    and buoyancy.
 
     Args:
         vehicle: vehicle that flies it.
@@ -48,7 +51,8 @@ class Excite:
                     f"--axis {axis}: {vehicle.name} cannot push along it; {closest(axis, vehicle.controllable)}"
                 )
         duration = seconds * len(axes)
-        commands = signals.telegraph(vehicle, axes, duration, amplitude, np.random.default_rng(0))
+        lift = float(vehicle.weight - vehicle.buoyancy)
+        commands = signals.telegraph(vehicle, axes, duration, amplitude, np.random.default_rng(0), lift=lift)
         self.steps = round(duration * frequency)
         rows = np.arange(self.steps) / (frequency * signals.INTERVAL)
         self._commands = commands[np.minimum(rows.astype(np.int64), len(commands) - 1)]

@@ -69,7 +69,7 @@ class Pilot(ABC):
         self._closed = False
         self._unsaid: Exception | None = None
         self.finished = False
-        """whether a mission that is flown once is over"""
+        """whether a mission that is flown once has ended, in whatever way"""
 
     # The network.
 
@@ -97,7 +97,8 @@ class Pilot(ABC):
 
     def _rest_and_release(self) -> None:
         try:
-            if self._rest() or not self._closed:
+            # A pilot that ends leaves a vehicle that may still be armed to its supervisor.
+            if self._rest() or not (self._closed or self.finished):
                 self.guard.release()
         except Unsupervised as error:
             self._unsaid = self._unsaid or error  # the error ends the pilot
@@ -163,6 +164,9 @@ class Pilot(ABC):
     def steer_to(self, waypoint: Sequence[float], yaw: float = 0.0) -> bool:
         """Set a waypoint (3,) in m, and the yaw in rad of a station; return False if it is not allowed."""
         limits = self.limits
+        if self.steering.once and self.armed:
+            self._report("waypoint ignored: the manoeuvre goes on")
+            return False
         if not np.all(np.isfinite(waypoint)):
             self._report("waypoint ignored: not finite")
             return False
@@ -192,8 +196,9 @@ class Pilot(ABC):
         if obstacle := self._take_over():
             self.guard.release()
             return obstacle
-        if self.steering.once:
-            self.steer_to(self.pose[:3].tolist())
+        if self.steering.once and not self.steer_to(self.pose[:3].tolist()):
+            self._rest_and_release()
+            return self._depth()
         self.armed = True
         self._set_state("armed")
         return ""
@@ -206,6 +211,7 @@ class Pilot(ABC):
         """
         was = self.armed
         self.armed = False
+        self.finished = self.finished or (was and self.steering.once)
         try:
             if was:
                 self._rest_and_release()
@@ -245,7 +251,6 @@ class Pilot(ABC):
             return
         outcome = self.steering.advance(self.pose)
         if outcome and self.steering.once:
-            self.finished = True
             self.disarm("the manoeuvre is over")
             return
         if outcome:

@@ -40,7 +40,9 @@ class Limits:
     patience: float = 1.0  # s, longest silence of a pilot; its supervisor disarms after it
     # whether to keep station: no arrival ends it, and every `max_steps` steps are a mission of the logbook
     holds: bool = False
-    reach: float = math.inf  # m, largest distance from the waypoint; the pilot disarms beyond
+    reach: float = (
+        math.inf
+    )  # m, largest distance from the waypoint, for a manoeuvre the place of arming; the pilot disarms beyond
 
     @property
     def depths(self) -> str:

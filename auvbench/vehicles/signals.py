@@ -39,6 +39,8 @@ def telegraph(
     duration: float,
     amplitude: float,
     generator: np.random.Generator,
+    *,
+    lift: float = 0.0,
 ) -> FloatArray:
     """Return commands (T, n_u) every `INTERVAL` s of random levels for one axis after another.
 
@@ -48,6 +50,7 @@ def telegraph(
         duration: s.
         amplitude: largest share of the force along an axis, up to 1.
         generator: source of the times and levels.
+        lift: constant force along heave in N, if the thrusters push along it.
     """
     rows = round(duration / INTERVAL)
     force = np.zeros((rows, len(vehicle.units)))
@@ -63,4 +66,7 @@ def telegraph(
             # Two levels of each sign: the ratio of linear to quadratic damping needs two speeds.
             force[at:end] = sign * amplitude * float(generator.choice([0.4, 1.0])) * push
             at, sign = end, -sign
+    if lift and "heave" in vehicle.controllable:
+        push = direction(vehicle, "heave")
+        force += lift / float(vehicle.allocation[2] @ push) * push
     return vehicle.action(force)

@@ -65,6 +65,10 @@ class Formation(TrajectoryTracking):
             raise ConfigError(
                 f"task.vehicles={self.vehicles}: must be at most {len(self.slots)}, the number of task.slots"
             )
+        if self.messages == "ideal" and self.message_loss > 0.0:
+            raise ConfigError(
+                f"task.message_loss={self.message_loss:g}: messages=ideal loses none; use task.messages=acoustic, or 0"
+            )
         nearest = min((math.dist(a, b) for a, b in itertools.combinations(self.places, 2)), default=math.inf)
         if nearest <= 2.0 * (self.radius + self.start_radius):
             raise ConfigError(

@@ -187,10 +187,16 @@ class VehicleNode:
             "scales": lambda value: _numbers(value, (len(SCALES),), low=0.1, high=10.0),
             "effectiveness": lambda value: _numbers(value, (n_u,), low=0.0, high=1.0),
             "current": is_current,
-            "step_duration": lambda value: "" if 1e-4 <= value <= 60.0 else f"is {value}",
+            "step_duration": self._is_duration,
             "pace": lambda value: "" if 0.0 <= value <= 1e6 else f"is {value}",
             "steps": lambda value: "" if 1 <= value <= 1_000_000 else f"is {value}",
         }
+
+    def _is_duration(self, value: float) -> str:
+        fixed = self.server.settings.step_duration
+        if self.server.sensed is not None and value != fixed:
+            return f"is {value}; with sensors it stays {fixed:g} s (step.frequency)"
+        return "" if 1e-4 <= value <= 60.0 else f"is {value}"
 
     def _apply(self, name: str, value: Any) -> None:
         server = self.server

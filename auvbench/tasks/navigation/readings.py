@@ -56,7 +56,7 @@ def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
     z = float(d.height)
     depth = p.depth_noise**2 + p.depth_resolution**2 / 12.0 + p.depth_offset**2 + (p.depth_density * z) ** 2
     put("depth", DEPTH, z, np.array(depth))
-    put("heading", HEADING, d.heading, np.array(p.heading_noise**2 + p.heading_slow**2))
+    put("heading", HEADING, d.heading, np.array(_of_heading(p)))
     if p.has_usbl:
         lines, r = usbl.sight(tuple(d.fix - p.usbl_position))
         aside = (p.usbl_angle_noise**2 + p.usbl_alignment**2) * r * r
@@ -65,6 +65,12 @@ def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
     if p.has_gnss:
         put("gnss", GNSS, d.gnss_fix, (p.gnss_noise**2 + p.gnss_offset**2) * np.eye(2))
     return seen
+
+
+def _of_heading(p: Any) -> float:
+    """Return the variance of the compass's yaw, with its constant error also where that is a state of the filter."""
+    slow = p.heading_slow**2 + (p.heading_bias**2 if p.bias_state else 0.0)
+    return float(p.heading_noise**2 + slow)
 
 
 def _of_velocity(d: Any, p: Any) -> Floats:

@@ -225,3 +225,8 @@ def test_a_mistake_is_one_line(
         error = capsys.readouterr().err
         assert message in error
         assert error.count("\n") == 1, error
+
+
+def test_w_may_be_against_the_height_at_a_forward_speed() -> None:
+    height = np.sin(0.1 * np.arange(ROWS))
+    assert parsed(z_m=height, w_mps=-0.3 * np.cos(0.1 * np.arange(ROWS))).has("w")

@@ -284,6 +284,10 @@ def test_only_whole_teams_begin() -> None:
         (["task.spacing=0.9"], "task.spacing=0.9: puts two slots 1.27279 m apart; must be more than 1.7 m"),
         (["task.slots=[[0,0,0],[0,0,8],[1,0,0]]"], "task.slots="),
         (["task.curve=random"], "task.curve=random: unknown"),
+        (
+            ["task.messages=ideal", "task.message_loss=0.9"],
+            "task.message_loss=0.9: messages=ideal loses none",
+        ),
         (["step.frequency=0.5"], "step.frequency=0.5: must be at least 0.971 Hz"),
         (
             ["simulator=gazebo"],

@@ -617,6 +617,7 @@ def test_only_a_changed_navigation_changes_the_id_of_a_run() -> None:
         (["sensors=usbl", "sensors.usbl.delay=0.9"], r"sensors.usbl.delay=0.9: must be at most 0.8 s: a reading arrives before the next, which comes after 1 s"),
         (["sensors=usbl", "sensors.usbl.position=[0,0]"], r"sensors.usbl.position=\[0.0, 0.0\]: must be three numbers"),
         (["sensors=dvl_usbl", "navigation=dead_reckoning"], "sensors.usbl: navigation=dead_reckoning cannot use positions; use navigation=ekf"),
+        (["sensors=gnss"], "sensors.gnss.depth=0.3: the vehicle stays below task.depth_high=-1"),
         (["sensors=usbl", "navigation.dvl_scale=true"], "navigation.dvl_scale=true: sensors=usbl has no DVL with a scale"),
         (["navigation.heading_bias=true"], "navigation.heading_bias=true: sensors=dvl_a50 has no positions that show it; use sensors=dvl_usbl"),
         (["sensors.dvl.high=80"], "sensors.dvl.altitudes=.*must rise, up to sensors.dvl.high=80"),
