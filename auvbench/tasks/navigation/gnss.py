@@ -26,6 +26,7 @@ def sense(e: Record, d: Record, p: Record, stream: int) -> bool:
     d.arrives[GNSS] = NEVER  # It is here now, or does not come.
     if -z > p.gnss_depth:
         return False
-    d.gnss_fix[0] = x + d.gnss_offset[0] + p.gnss_noise * a
-    d.gnss_fix[1] = y + d.gnss_offset[1] + p.gnss_noise * b
+    east, north = d.gnss_offset
+    d.gnss_fix[0] = x + east + p.gnss_noise * a
+    d.gnss_fix[1] = y + north + p.gnss_noise * b
     return True
