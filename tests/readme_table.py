@@ -17,9 +17,9 @@ import pandas as pd
 NO_BREAK = "\u00a0"
 """a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
-LEADERBOARD, ROBUST, STATION, SUITE, TUNING, WAYPOINT = (
+LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TUNING, WAYPOINT = (
     ROOT / "results" / name
-    for name in ("leaderboard", "robust", "station", "suite", "tuning", "waypoint-2026")
+    for name in ("leaderboard", "navigation", "robust", "station", "suite", "tuning", "waypoint-2026")
 )
 SEARCHED = {"pid": "PID", "lqr": "LQR", "smc": "SMC", "mpc": "MPC"}
 AGENTS = ("MPC", "PPO added to PID", "PID", "PPO", "SAC")
@@ -62,6 +62,14 @@ SEA = {  # title, condition
     "training vehicle": "nominal",
     "`bluerov2_wu2018`": "vehicle=bluerov2-wu2018",
     "0.5 m/s current": "current=0.5",
+}
+SENSORS = {  # title, condition
+    "the truth": "truth",
+    "survey grade": "survey",
+    "DVL A50": "dvl-a50",
+    "lock half the time": "half-lock",
+    "no DVL, but the sheet": "no-dvl-model",
+    "no DVL": "no-dvl",
 }
 MODELS = {
     "training vehicle": "nominal",
@@ -147,6 +155,18 @@ def station() -> str:
     heads = ("agent", *SEA, *(f"held, {title}" for title in list(SEA)[1:]))
     held = [_success(STATION, agents, condition) for condition in list(SEA.values())[1:]]
     return _table(heads, agents, [*columns, *held])
+
+
+def sensors() -> str:
+    """Return how near agents stay to a station with what each set of sensors lets them know, in cm."""
+    rows = _rows(NAVIGATION, "conditions.csv")
+    agents = [row["agent"] for row in sorted(_rows(NAVIGATION, "table.csv"), key=lambda row: row["agent"])]
+    columns = []
+    for condition in SENSORS.values():
+        found = {r["agent"]: r for r in rows if r["condition"] == condition}
+        values = {a: 100 * float(found[a]["mean_position_error_rms_m"]) for a in agents}
+        columns.append([f"{values[a]:.{0 if values[a] >= 100 else 1}f}{NO_BREAK}cm" for a in agents])
+    return _table(("RMS position error", *SENSORS), agents, columns)
 
 
 def suite() -> str:
@@ -238,6 +258,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "some_waters": partial(waters, ("MPC, tuned", "PPO added to PID", "PID, tuned", "PID", "PPO", "SAC")),
     "vehicles": vehicles,
     "robust": robust,
+    "sensors": sensors,
     "station": station,
     "suite": suite,
     "cases": cases,
@@ -270,6 +291,7 @@ PAGES = {
     "docs/identification.md": ("log_columns",),
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
+    "results/navigation/README.md": ("sensors",),
     "results/station/README.md": ("station",),
     "results/suite/README.md": ("suite", "cases", "currents"),
     "results/tuning/README.md": ("elsewhere",),

@@ -26,7 +26,11 @@ def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, 
     for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
         recorded = [run.config.get("algo.tuned.trials") for run in agent.runs]
         spent = trials.get(row.label) or max((n for n in recorded if isinstance(n, int)), default=None)
-        rows.append(replace(row, knows=knowledge(agent.runs[0]), trials=spent))
+        run = agent.runs[0]
+        knows = knowledge(run)
+        if _estimates(run, ranking.protocol, ranking.condition):
+            knows = tuple(source for source in knows if source != "true velocities")
+        rows.append(replace(row, knows=knows, trials=spent))
     return replace(ranking, rows=tuple(rows))
 
 
@@ -47,6 +51,15 @@ def knowledge(run: RunRecord) -> tuple[str, ...]:
     if reads:  # what a package's block measures is known by its name only
         sources |= dict.fromkeys(short(str(block), 40) for block in observed if block not in BLOCKS.own)
     return tuple(sources)
+
+
+def _estimates(run: RunRecord, protocol: str, condition: str) -> bool:
+    """Return whether a test gave the agent estimates in place of the truth: it then has an error of navigation."""
+    conditions = run.evaluations[protocol].summary["conditions"] if protocol in run.evaluations else ()
+    return any(
+        entry["name"] == condition and entry.get("mean_navigation_error_rms_m") is not None
+        for entry in conditions
+    )
 
 
 def _blocks(config: Mapping[str, Any]) -> Sequence[Any]:

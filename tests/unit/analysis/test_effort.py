@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import pandas as pd
 import pytest
 
 from auvbench.analysis.effort import knowledge, with_effort
 from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Evaluation
 from auvbench.reporting.tables.main import main_table
 from tests.unit.analysis.agents import agent
 
@@ -45,3 +47,19 @@ def test_the_table_shows_recorded_and_declared_trials() -> None:
         "PPO K=1 25 Hz": "50",
         "PID K=1 25 Hz": "1,000",
     }
+
+
+def test_an_agent_that_was_tested_on_estimates_knows_no_true_velocities() -> None:
+    agents = [agent("pid", seeds=1)]
+    run = agents[0].runs[0]
+    run = replace(run, config={**run.config, "algo.agent": "pid", "task.observation": ["velocity"]})
+
+    def known(error: float | None) -> tuple[str, ...]:
+        summary = {"conditions": [{"name": "nominal", "mean_navigation_error_rms_m": error}]}
+        tested = replace(run, evaluations={"test": Evaluation("test", "", summary, pd.DataFrame())})
+        group = [replace(agents[0], runs=(tested,))]
+        (row,) = with_effort(rank(group), group, {}).rows
+        return row.knows
+
+    assert known(None) == ("sheet", "true velocities")
+    assert known(0.2) == ("sheet",)
