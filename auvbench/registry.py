@@ -356,7 +356,7 @@ REWARDS: Kind[RewardSpec] = Kind(
             "marinegym_hover",
             "gym_auv_path",
             "gym_dockauv",
-            "gym_dockauv_obstacles",
+            "gym_dockauv_radar",
             "goal",
             "path",
         ),

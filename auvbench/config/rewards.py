@@ -165,8 +165,8 @@ gym_auv_path = RewardSpec(
     "gym_auv_path", "auvbench.tasks.rewards:gym_auv_path", GymAuvPath, ("path_following",)
 )
 gym_dockauv = RewardSpec("gym_dockauv", "auvbench.tasks.rewards:gym_dockauv", GymDockauv, ("docking",))
-gym_dockauv_obstacles = RewardSpec(
-    "gym_dockauv_obstacles",
+gym_dockauv_radar = RewardSpec(
+    "gym_dockauv_radar",
     gym_dockauv.code,
     GymDockauvObstacles,
     ("docking",),

@@ -266,7 +266,7 @@ def exchange(
                 if start + j == i or begins or p.ideal > 0 or other.said_at <= e.heard_at[j]:
                     continue
                 way = between(triple(true[i].position), triple(true[start + j].position))
-                if other.said_at + p.transmission + way / SOUND_SPEED > now + SOON:
+                if other.said_at + p.transmission + way / p.sound_speed > now + SOON:
                     continue
                 turn = math.floor(other.said_at / p.turn_time + 0.5)
                 lost, _, _, _ = uniform4(e.seed, MESSAGE | stream, j, turn, e.episode, e.environment)
@@ -351,6 +351,7 @@ class FormationTask(TrajectoryTrackingTask):
             "most_tilt": math.cos(task.tilt),
             "ideal": task.messages == "ideal",
             "transmission": task.transmission,
+            "sound_speed": SOUND_SPEED,
             "turn_time": task.turn_time,
         }
 

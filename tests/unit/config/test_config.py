@@ -83,7 +83,7 @@ def test_every_answer_composes_and_is_valid(override):
         "reward=goal": "docking",
         "reward=gym_auv_path": "path_following",
         "reward=gym_dockauv": "docking",
-        "reward=gym_dockauv_obstacles": "docking",
+        "reward=gym_dockauv_radar": "docking",
     }
     whole = [f"task={tasks.get(override, 'station_keeping')}"] if override.startswith("reward=") else []
     train_config(compose("train", [*whole, override]))

@@ -137,7 +137,7 @@ def radar(solids, position, turn: Rotation) -> np.ndarray:
 def test_gym_dockauvs_term_of_the_obstacles_by_the_formula_of_its_source() -> None:
     words = ("world=gym_dockauv", "task.time_limit=null", "task.bounds=60")
     plain, seeing = (
-        batch_of("docking", f"reward={reward}", *words) for reward in ("gym_dockauv", "gym_dockauv_obstacles")
+        batch_of("docking", f"reward={reward}", *words) for reward in ("gym_dockauv", "gym_dockauv_radar")
     )
     rng, terms = np.random.default_rng(2), []
     for _ in range(12):
@@ -163,7 +163,7 @@ def test_the_scenario_of_gym_dockauv_has_its_numbers() -> None:
     config = configuration(overrides=["task=gym_dockauv", "vehicle=bluerov2_heavy", "algo=pid"])
     assert (config.world.name, config.reward.name, config.task.name) == (
         "pillars",
-        "gym_dockauv_obstacles",
+        "gym_dockauv_radar",
         "docking",
     )
     assert (config.world.vehicle_radius, config.task.tolerance, config.task.bounds) == (0.5, 0.5, 20.0)
