@@ -44,7 +44,7 @@ CLOSED, AGAINST, STILL = "closed loop", "against the command", "still"
 _REASONS = {
     CLOSED: "the log is closed loop on this axis",
     AGAINST: "the vehicle moves against the commands on this axis",
-    STILL: "the vehicle neither pushes nor moves along this axis",
+    STILL: "the vehicle neither pushes nor is seen to move along this axis",
 }
 
 
@@ -105,7 +105,8 @@ def _judge(
     if seen:
         moved = float(np.quantile(np.abs(np.concatenate([motions[n].state[:, 6 + k] for n in seen])), 0.95))
     if command < EXCITED:
-        return Verdict(AXES[k], command, moved, state=STILL if moved < QUIET else "not commanded")
+        # A speed that was not measured is NaN.
+        return Verdict(AXES[k], command, moved, state="not commanded" if moved >= QUIET else STILL)
     if not seen:
         return Verdict(AXES[k], command, moved, state="not measured")
     if varied < EXCITED or max(_interval(logs[number], k) for number in seen) > COARSEST:

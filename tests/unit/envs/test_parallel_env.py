@@ -71,7 +71,8 @@ def test_the_state_is_the_truth_of_all_vehicles(env: AuvParallelEnv) -> None:
 
 def test_wrong_ids_actions_and_interfaces_are_refused(env: AuvParallelEnv) -> None:
     with pytest.raises(
-        ConfigError, match=r"auvbench/Waypoint-v1: has one vehicle in an episode; .*auvbench/Formation-v0"
+        ConfigError,
+        match=r"auvbench/Waypoint-v1: is not the id of a team's environment; .*auvbench/Formation-v0",
     ):
         auvbench.parallel_env("auvbench/Waypoint-v1")
     with pytest.raises(ConfigError, match=r"task.vehicles=9: must be at least 1 and at most 8"):
