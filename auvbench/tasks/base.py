@@ -54,11 +54,8 @@ _TAKEN = (
     "_believe",
     "shown",
     "_filtered",
-    "_true",
-    "_told",
-    "_own",
 )
-"""attributes of a task that `Task._take` creates"""
+"""attributes of every task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
 """methods that `installed.guard` replaces for a package's task or reward, and `observe` for its blocks"""
 
@@ -91,6 +88,8 @@ class Task:
     """fields of an episode in addition to `records.EPISODE`: (name, type) or (name, type, shape)"""
     transient: ClassVar[tuple[str, ...]] = ()
     """fields that each step writes before it reads them"""
+    taken: ClassVar[tuple[str, ...]] = ()
+    """further attributes that its `_take` creates"""
     success_ends: ClassVar[bool] = True
     """whether success ends the episode; if not, success is a property of the whole episode, which then times out"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
@@ -231,7 +230,9 @@ class Task:
         longer follows the episodes.
         """
         return {
-            name: value for name, value in self.__dict__.items() if name not in (*_TAKEN, *GUARDED, "observe")
+            name: value
+            for name, value in self.__dict__.items()
+            if name not in (*_TAKEN, *self.taken, *GUARDED, "observe")
         }
 
     def __setstate__(self, state: dict[str, Any]) -> None:

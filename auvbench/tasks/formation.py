@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from auvbench import metrics
-from auvbench.config.tasks.formation import MOST, SOUND_SPEED, Formation
+from auvbench.config.ranges import SOUND
+from auvbench.config.tasks.formation import MOST, Formation
 from auvbench.dynamics.compiled import borrowed, compiled
 from auvbench.dynamics.random import MESSAGE, SENSOR, uniform4
 from auvbench.dynamics.vectors import product, rotation_matrix
@@ -321,6 +322,7 @@ class FormationTask(TrajectoryTrackingTask):
         ("age_sum", "f8"),  # s, sum of the ages of the messages over steps and vehicles
     )
     transient = ("ends", "error", "said", "said_at", "heard", "heard_at", "age_sum", "separation")
+    taken = ("_true", "_told", "_own")
     reference_columns = (
         *fingerprint.COLUMNS,
         "position_error_rms_m",
@@ -351,7 +353,7 @@ class FormationTask(TrajectoryTrackingTask):
             "most_tilt": math.cos(task.tilt),
             "ideal": task.messages == "ideal",
             "transmission": task.transmission,
-            "sound_speed": SOUND_SPEED,
+            "sound_speed": SOUND,
             "turn_time": task.turn_time,
         }
 
