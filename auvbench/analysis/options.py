@@ -67,17 +67,18 @@ def defaults() -> Options:
 
 
 def settings() -> dict[str, Any]:
+    """Return the values of conf/report.yaml by option."""
     text = (resources.files("auvbench.conf") / "report.yaml").read_bytes()
     return named(reading.yaml_value(text))
 
 
 def named(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return options by name; raise an error for an unknown name."""
-    named = {str(key).replace("-", "_"): value for key, value in values.items()}
-    for key in named:
+    options = {str(key).replace("-", "_"): value for key, value in values.items()}
+    for key in options:
         if key not in KEYS:
             raise UserError(f"unknown option {key!r} of a report; {closest(key, KEYS)}")
-    return named
+    return options
 
 
 def converted(given: Mapping[str, Any], typed: Collection[str] = ()) -> Options:

@@ -132,8 +132,7 @@ def _server(given: argparse.Namespace) -> Server:
     from auvbench.vehicles import sheet
     from auvbench.vehicles.physical import PhysicalCommands
 
-    # A server adds no noise to what it publishes.
-    # A served vehicle may come to the surface, unlike those of tasks.
+    # A server adds no noise to what it publishes, and a served vehicle may come to the surface, unlike those of tasks.
     config = train_config(compose("train", ["noise=none", "task.depth_high=0", *given.overrides]))
     if simulators.is_served(config.simulator):
         raise ConfigError(

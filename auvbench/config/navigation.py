@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from auvbench.config.fields import below, choice_of, number, require
 from auvbench.config.fields import name as plain_name
+from auvbench.config.ranges import SOUND
 from auvbench.errors import ConfigError
 from auvbench.registry import BLOCKS
 
@@ -23,8 +24,6 @@ READS = "navigation"
 """Name in `BlockSpec.reads` of a block that only an estimator supplies"""
 FASTEST = 1000.0
 """Hz, of any sensor"""
-SOUND = 1500.0
-"""m/s, speed of sound"""
 
 
 @dataclass(kw_only=True)
@@ -69,8 +68,7 @@ class Dvl:
     def check(self) -> None:
         """Raise ConfigError if keys contradict each other."""
         key = "sensors.dvl."
-        finite = all(map(math.isfinite, self.lever))
-        require(len(self.lever) == 3 and finite, f"{key}lever", self.lever, "be three numbers [x, y, z] in m")
+        _require_place(f"{key}lever", self.lever)
         paired = 0 < len(self.rates) == len(self.altitudes) and all(0.1 <= r <= FASTEST for r in self.rates)
         what = f"have a rate from 0.1 to {FASTEST:g} Hz for each of the {len(self.altitudes)} entries of {key}altitudes"
         require(paired, f"{key}rates", self.rates, what)
@@ -123,9 +121,7 @@ class Usbl:
     def check(self) -> None:
         """Raise ConfigError if keys contradict each other."""
         key = "sensors.usbl."
-        finite = all(map(math.isfinite, self.position))
-        what = "be three numbers [x, y, z] in m"
-        require(len(self.position) == 3 and finite, f"{key}position", self.position, what)
+        _require_place(f"{key}position", self.position)
         # One reading at a time is under way.
         longest = 1.0 / self.rate - self.reach / SOUND
         what = f"be at most {longest:.3g} s: a reading arrives before the next, which comes after {1.0 / self.rate:.3g} s"
@@ -237,6 +233,11 @@ SCHEMAS: dict[str, type[Navigation]] = {
 FILTERS = tuple(name for name, kind in SCHEMAS.items() if kind.is_filter)
 """estimators with a covariance"""
 ESTIMATORS = tuple(name for name in SCHEMAS if name != TRUTH)
+
+
+def _require_place(key: str, values: list[float]) -> None:
+    fits = len(values) == 3 and all(map(math.isfinite, values))
+    require(fits, key, values, "be three numbers [x, y, z] in m")
 
 
 def truth() -> Navigation:

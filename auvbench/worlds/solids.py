@@ -45,7 +45,7 @@ NO_HEIGHTS: Floats = np.zeros(1)
 
 def sphere(centre: ArrayLike, radius: float, velocity: ArrayLike = STILL) -> Solids:
     """Return a sphere (1,); centre and radius in m, velocity in m/s."""
-    return _solid(SPHERE, centre, velocity, radius=radius, reach=radius)
+    return _solid(SPHERE, centre, velocity, radius=radius)
 
 
 def capsule(
@@ -60,7 +60,6 @@ def capsule(
         _with_third(axis),
         radius=radius,
         half=(0.0, 0.0, half),
-        reach=half + radius,
     )
 
 
@@ -69,10 +68,7 @@ def cylinder(
 ) -> Solids:
     """Return a cylinder (1,) with flat ends."""
     half = 0.5 * length
-    reach = math.hypot(half, radius)
-    return _solid(
-        CYLINDER, centre, velocity, _with_third(axis), radius=radius, half=(0.0, 0.0, half), reach=reach
-    )
+    return _solid(CYLINDER, centre, velocity, _with_third(axis), radius=radius, half=(0.0, 0.0, half))
 
 
 def box(
@@ -86,13 +82,12 @@ def box(
         velocity,
         np.eye(3) if axes is None else axes,
         half=half,
-        reach=float(np.linalg.norm(half)),
     )
 
 
 def plane(point: ArrayLike, normal: ArrayLike) -> Solids:
     """Return a plane (1,) through a point; the side that its normal does not point to is solid."""
-    return _solid(PLANE, point, STILL, _with_third(normal), reach=math.inf)
+    return _solid(PLANE, point, STILL, _with_third(normal))
 
 
 def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0, first: int = 0) -> Solids:
@@ -115,7 +110,6 @@ def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0
         TERRAIN,
         corner,
         STILL,
-        reach=math.inf,
         first=first,
         columns=heights.shape[1],
         rows=heights.shape[0],
@@ -151,7 +145,20 @@ def _solid(
         solid[name] = axis
     for name, value in sizes.items():
         solid[name] = value
+    solid["reach"] = reach_of(kind, float(solid["radius"][0]), solid["half"][0])
     return solid
+
+
+def reach_of(kind: int, radius: float, half: ArrayLike) -> float:
+    """Return the radius in m of a sphere round the position of a solid with these sizes, which contains it."""
+    sides = np.asarray(half, dtype=np.float64)
+    if kind == SPHERE:
+        return radius
+    if kind == CAPSULE:
+        return float(sides[2]) + radius
+    if kind == CYLINDER:
+        return math.hypot(float(sides[2]), radius)
+    return float(np.linalg.norm(sides)) if kind == BOX else math.inf
 
 
 def _with_third(axis: ArrayLike) -> Floats:

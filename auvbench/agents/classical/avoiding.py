@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from auvbench.agents.classical.observer import turned
 from auvbench.config import schema
@@ -19,8 +18,8 @@ from auvbench.tasks.worlds.contact import HULL
 from auvbench.tasks.worlds.surroundings import hull_of
 from auvbench.vehicles.vehicle_model import VehicleModel
 from auvbench.worlds.casting import nearest_surface
-from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, PLANE, Floats
-from auvbench.worlds.solids import NO_HEIGHTS, SOLID
+from auvbench.worlds.kinds import Floats
+from auvbench.worlds.solids import NO_HEIGHTS, SOLID, reach_of
 
 NEARNESS = record(
     clearance=(),  # m, below which a plan pays
@@ -62,17 +61,8 @@ class Avoidance:
             solid["kind"], solid["position"] = kind, position + turned(row[1:4], yaw)
             solid["along_z"], solid["along_x"], solid["along_y"] = axis, side, np.cross(axis, side)
             solid["radius"], solid["half"] = row[10], row[11:]
-            solid["reach"] = _reach(kind, solid["radius"], solid["half"])
+            solid["reach"] = reach_of(kind, float(solid["radius"]), solid["half"])
         return solids.view(np.float64).reshape(len(rows), SOLID.itemsize // 8)
-
-
-def _reach(kind: int, radius: float, half: NDArray[np.float64]) -> float:
-    """Return the radius in m of a sphere round a solid."""
-    if kind == BOX:
-        return float(np.linalg.norm(half))
-    if kind == PLANE:
-        return np.inf
-    return float(radius + half[2] if kind in (CAPSULE, CYLINDER) else radius)
 
 
 @compiled("dynamics", "worlds", "tasks/worlds")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from auvbench.config import feasible
+from auvbench.config.ranges import SOUND
 from auvbench.config.schema import choice, number
 from auvbench.config.tasks import ERRORS, TRACKING, TaskSpec
 from auvbench.config.tasks.trajectory_tracking import TrajectoryTracking
@@ -16,8 +17,6 @@ from auvbench.metrics import column
 
 MOST = 8
 """vehicles of a team"""
-SOUND_SPEED = 1500.0
-"""m/s"""
 HEADER, PER_BYTE, OVERHEAD = 0.105, 0.0125, 16
 """s, s and bytes: times of the acoustic nanomodem of MARUS (Loncar et al., "MARUS - a marine robotics simulator", OCEANS 2022)"""
 
@@ -54,7 +53,7 @@ class Formation(TrajectoryTracking):
     def turn_time(self) -> float:
         """Time in s between the messages of two vehicles, of which one may speak at a time: a message arrives everywhere first."""
         longest = max(math.dist(a, b) for a in self.places for b in self.places) + 2.0 * self.bounds
-        return self.transmission + longest / SOUND_SPEED
+        return self.transmission + longest / SOUND
 
     def check(self) -> None:
         super().check()

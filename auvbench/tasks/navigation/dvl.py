@@ -23,7 +23,7 @@ from auvbench.dynamics.vectors import (
     subtract,
     transposed_product,
 )
-from auvbench.tasks.navigation.state import DVL, expect, normals, uniforms
+from auvbench.tasks.navigation.state import DVL, expect, next_of_burst, normals, uniforms
 from auvbench.tasks.navigation.turns import attitude_of
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import put, row, triple
@@ -79,18 +79,6 @@ def period(p: Record, altitude: float) -> float:
         if altitude <= p.dvl_altitudes[mode]:
             return float(p.dvl_periods[mode])
     return float(p.dvl_periods[last])
-
-
-@row
-def in_burst(d: Record, p: Record, u: float) -> bool:
-    """Go on to the next ping of a two-state Markov chain with a uniform draw; return whether the lock is lost."""
-    if p.dvl_lost >= 1.0:
-        d.burst = 1
-        return True
-    back = min(1.0, d.dvl_period / p.dvl_burst)
-    away = back * p.dvl_lost / (1.0 - p.dvl_lost)
-    d.burst = int(u >= back) if d.burst > 0 else int(u < away)
-    return bool(d.burst > 0)
 
 
 @row
@@ -153,7 +141,8 @@ def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: An
     measured = scale(1.0 + d.dvl_scale, add(velocity, cross(velocity, triple(d.mounting))))
     u, _, _, _ = uniforms(e, d, stream, 6)
     noise = normals(e, d, stream, 7)
-    able = not in_burst(d, p, u) and dot(velocity, velocity) <= p.dvl_fastest**2
+    d.burst = next_of_burst(d.burst, p.dvl_lost, d.dvl_period / p.dvl_burst, u)
+    able = d.burst == 0 and dot(velocity, velocity) <= p.dvl_fastest**2
     sd = beam_sd(d, p)
     d.beams, total = 0, 0.0
     for i in range(BEAMS):

@@ -215,6 +215,23 @@ def uniforms(e: Record, d: Record, stream: int, block: int) -> Quaternion:
 
 
 @row
+def next_of_burst(burst: int, share: float, pause: float, u: float) -> int:
+    """Return whether the next ping of a two-state Markov chain is in a burst without readings, 1 or 0.
+
+    Args:
+        burst: whether the present ping is.
+        share: share of the time in bursts; 1: always.
+        pause: time between two pings over the mean duration of a burst.
+        u: uniform draw.
+    """
+    if share >= 1.0:
+        return 1
+    back = min(1.0, pause)
+    away = back * share / (1.0 - share)
+    return int(u >= back) if burst > 0 else int(u < away)
+
+
+@row
 def is_due(d: Record, sensor: int) -> bool:
     """Return whether a sensor measures now."""
     return bool(d.time + SOON >= d.due[sensor])

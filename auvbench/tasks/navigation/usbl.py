@@ -10,10 +10,10 @@ from __future__ import annotations
 
 import math
 
-from auvbench.config.navigation import SOUND
+from auvbench.config.ranges import SOUND
 from auvbench.dynamics.layout import Matrix, Vector
 from auvbench.dynamics.vectors import add, cross, dot, scale, subtract
-from auvbench.tasks.navigation.state import NEVER, USBL, expect, normals, uniforms
+from auvbench.tasks.navigation.state import NEVER, USBL, expect, next_of_burst, normals, uniforms
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import put, row, triple
 
@@ -47,22 +47,14 @@ def sight(way: Vector) -> tuple[Matrix, float]:
 
 
 @row
-def in_burst(d: Record, p: Record, u: float) -> bool:
-    """Go on to the next ping of a two-state Markov chain with a uniform draw; return whether positions are missing."""
-    back = min(1.0, 1.0 / (p.usbl_rate * p.usbl_burst))
-    away = back * p.usbl_lost / (1.0 - p.usbl_lost)
-    d.usbl_burst = int(u >= back) if d.usbl_burst > 0 else int(u < away)
-    return bool(d.usbl_burst > 0)
-
-
-@row
 def sense(e: Record, d: Record, p: Record, stream: int) -> bool:
     """Ping; return whether a position is under way."""
     u, wrong, _, _ = uniforms(e, d, stream, 18)
     a, b, c, _ = normals(e, d, stream, 16)
     way = subtract(triple(d.true_position), triple(p.usbl_position))
     (along, across, over), r = sight(way)
-    lost = in_burst(d, p, u) or r > p.usbl_reach
+    d.usbl_burst = next_of_burst(d.usbl_burst, p.usbl_lost, 1.0 / (p.usbl_rate * p.usbl_burst), u)
+    lost = d.usbl_burst > 0 or r > p.usbl_reach
     delay = r / SOUND + p.usbl_delay
     expect(d, USBL, 1.0 / p.usbl_rate, delay)
     if lost:
