@@ -26,6 +26,9 @@ ROUNDS = 3
 """Number of fits; each takes the size of the residuals from the one before."""
 BOUND = 4.0
 """Bound of a parameter, in prior standard deviations."""
+CONTRADICTED = 2.0
+"""Prior standard deviations between a parameter and its prior beyond which the log says that the sheet is wrong. Such a parameter
+does not go back to the prior, also if only little is known of it: the other ones would have to make up for a wrong value."""
 STEPS = 12
 """Largest number of steps of a fit."""
 CONFIDENCE = 0.95
@@ -299,6 +302,7 @@ def _identified(
         covariance = _covariance(gradients[:, free], matrices[:, free][:, :, free])
         # With few blocks the scatter itself is uncertain, by the ratio of Student's quantile to the normal one.
         sd = np.sqrt(np.diag(covariance)) * _quantile(len(gradients)) / _quantile(10**6)
+        sd[np.abs(x[free]) > CONTRADICTED] = 0.0
         worst = int(np.argmax(sd))
         if sd[worst] <= IDENTIFIED:
             break
@@ -324,7 +328,8 @@ def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropp
         for k in free:
             low, high = residuals.parameters[k].range(BOUND)
             physical = not residuals.parameters[k].log  # such as a delay of 0
-            if not physical and min(x[k] - low, high - x[k]) < 1e-3:
+            undamped = "damping" in names[k] and x[k] < 0.0  # as good as 0, which many vehicles have
+            if not physical and not undamped and min(x[k] - low, high - x[k]) < 1e-3:
                 at_bound.append(k)
         if not at_bound:
             return free

@@ -23,8 +23,8 @@ FloatArray = NDArray[np.float64]
 
 GRID = 0.02
 """Time in s between two samples of the comparison."""
-LATEST = 0.15
-"""Largest time in s by which the motion may follow the command."""
+EARLIEST, LATEST = -0.03, 0.15
+"""Times in s by which the motion may follow the command. A sheet with a fifth of the vehicle's damping shows it 20 ms too early."""
 FARTHEST = 0.3
 """Largest shift in s that is compared."""
 SMALLEST = 0.6
@@ -123,7 +123,7 @@ def _judge(
     correlation = products / np.sqrt(np.maximum(powers[:, 0] * powers[:, 1], 1e-30))
     best = int(np.argmax(correlation))
     lag, peak = float(shifts[best] * GRID), float(correlation[best])
-    late_enough = (shifts * GRID > -1e-9) & (shifts * GRID <= LATEST)
+    late_enough = (shifts * GRID >= EARLIEST) & (shifts * GRID <= LATEST)
     against = int(np.argmin(np.where(late_enough, correlation, np.inf)))
     if correlation[against] <= -SMALLEST and -correlation[against] > peak:
         return Verdict(
@@ -201,8 +201,8 @@ def warning(verdicts: Sequence[Verdict]) -> str:
     if closed:
         parts.append(
             f"the commands do not lead the motion on {closed}: the log looks closed loop, and these axes stay at the sheet's"
-            f" values; record a telegraph signal without a controller (accepted: {SMALLEST:g} or more at 0 to"
-            f" {1e3 * LATEST:.0f} ms)"
+            f" values; record a telegraph signal without a controller (accepted: {SMALLEST:g} or more at"
+            f" {1e3 * EARLIEST:.0f} to {1e3 * LATEST:.0f} ms)"
         )
     if against:
         parts.append(
