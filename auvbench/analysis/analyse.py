@@ -13,7 +13,7 @@ from auvbench.analysis.conditions import default, sealed_note
 from auvbench.analysis.declaration import Analysed, Plan, declared_rows, sentence, undeclared
 from auvbench.analysis.effort import with_effort
 from auvbench.analysis.findings import find
-from auvbench.analysis.grouping import Section, sections, split_problems
+from auvbench.analysis.grouping import Section, sections, split_problems, subject_of
 from auvbench.analysis.load import agents, load, require
 from auvbench.analysis.measures import in_unit, to_rank_by
 from auvbench.analysis.names import name_agents
@@ -107,10 +107,11 @@ def _declaration(
         )
 
     usual = options.usual
+    declared = [rows.get(subject, frozenset()) for subject in {subject_of(run) for run in part.runs}]
     plan = Plan(
         options.declared,
         analysed(usual, usual.condition or default(part.runs, options.protocol)),
-        rows.get(part.vehicle, frozenset()),
+        frozenset[str]().union(*declared),
     )
     return sentence(plan, analysed(options, condition), part.runs, agents, ranking)
 

@@ -1,7 +1,7 @@
 """Group runs into sections and agents.
 
-A section contains the runs that can share a table: runs of one vehicle on the same scenarios. An agent
-contains the seeds of one configuration, paired with all other agents by test scenario.
+A section contains the runs that can share a table: runs on the same scenarios with the same physics, and so with the same tested
+vehicle. An agent contains the seeds of one configuration, paired with all other agents by test scenario.
 
 Runs of one table had the same test, so the task, noise and disturbances in their configurations only describe
 their training. They do not affect a controller: its runs that differ in nothing else are one agent.
@@ -38,6 +38,8 @@ OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
 """prefixes of run keys that a protocol copies into its test"""
 TASK = ", task "
 """text between a vehicle and its task in the subject of a section"""
+SEVERAL = "several sheets"
+"""place of the vehicle in the subject of a section whose agents have the sheets of several vehicles"""
 
 
 def agents(
@@ -277,7 +279,7 @@ class Section:
     """Runs that can be compared with each other."""
 
     title: str
-    """'vehicle rexrov', 'vehicle rexrov, scenarios 1a2b3c4d'"""
+    """'vehicle rexrov', 'vehicle rexrov, scenarios 1a2b3c4d', 'several sheets, task docking'"""
     folder: str
     """valid and unique folder name"""
     vehicle: str
@@ -293,19 +295,29 @@ def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
     """Return sections of runs by vehicle, task and fingerprint, the largest first; each has at least one
     tested run.
 
-    A run without a usable evaluation goes to the first section of its vehicle, or else to the very first
-    section.
+    A protocol may fix the vehicle of its test. Then agents with the sheets of several vehicles share a section. A run without a
+    usable evaluation goes to the first section of its vehicle, or else to the very first section.
     """
+    subjects: dict[str, set[str]] = {}
+    for run in runs:
+        if protocol in run.evaluations:
+            subjects.setdefault(run.evaluations[protocol].fingerprint, set()).add(subject_of(run))
+    shared = {
+        fingerprint: next(iter(met)) if len(met) == 1 else None for fingerprint, met in subjects.items()
+    }
     cells: dict[tuple[str, str], list[RunRecord]] = {}
     for run in runs:
         if protocol in run.evaluations:
-            cells.setdefault((subject_of(run), run.evaluations[protocol].fingerprint), []).append(run)
+            fingerprint = run.evaluations[protocol].fingerprint
+            subject = shared[fingerprint] or declared.subject(SEVERAL, task_of(run))
+            cells.setdefault((subject, fingerprint), []).append(run)
     order = sorted(cells, key=lambda cell: (-len(cells[cell]), cell))
-    home = {vehicle: (vehicle, fingerprint) for vehicle, fingerprint in reversed(order)}
+    home = {subject: (subject, fingerprint) for subject, fingerprint in reversed(order)}
+    of_vehicle = {own: cell for cell in reversed(order) for own in subjects[cell[1]]}
     members = {cell: list(cells[cell]) for cell in order}
     for run in runs:
         if protocol not in run.evaluations:
-            members[home.get(subject_of(run), order[0])].append(run)
+            members[of_vehicle.get(subject_of(run), order[0])].append(run)
     return [_section(cell, home[cell[0]], cells, members[cell], protocol) for cell in order]
 
 
@@ -336,7 +348,8 @@ def _section(
     is_only_cell = [other for other in cells if other[0] == subject] == [cell]
     # If there are other tasks, the title also names the waypoint task.
     named = subject if TASK in subject or not any(TASK in s for s, _ in cells) else f"{subject}{TASK}waypoint"
-    title = f"vehicle {named}" if is_only_cell else f"vehicle {named}, scenarios {fingerprint[:8]}"
+    title = named if named.startswith(SEVERAL) else f"vehicle {named}"
+    title += "" if is_only_cell else f", scenarios {fingerprint[:8]}"
     folder = (
         re.sub(r"[^\w.-]+", "_", subject if is_only_cell else f"{subject}-{fingerprint[:8]}").lstrip(".")
         or "_"

@@ -40,7 +40,9 @@ def is_fixed(key: str, frequency_fixed: bool) -> bool:
 LONGEST = 80
 """largest number of characters of a value in a label"""
 
-UNITS = {"reward.k": "K={}", FREQUENCY: "{} Hz", "vehicle": "{}", "simulator": "{}", "seed": "seed {}"}
+VEHICLE = "vehicle"
+"""key of the vehicle whose sheet an agent was trained on or knows; agents of one table differ in it if the test fixes the vehicle"""
+UNITS = {"reward.k": "K={}", FREQUENCY: "{} Hz", VEHICLE: "sheet {}", "simulator": "{}", "seed": "seed {}"}
 """texts of values that do not need their key"""
 CURRENT, WAVES, FAULT = "disturbance.current", "disturbance.waves", "disturbance.fault"
 DRAWN = {
@@ -65,7 +67,7 @@ def part(name: str, value: Any) -> str:
     >>> part("algo", "crossq"), part("reward.k", 1.0), part("step.frequency", 25.0), part("algo.n_envs", 32)
     ('CrossQ', 'K=1', '25 Hz', 'n_envs=32')
     >>> part("vehicle", "rexrov"), part("disturbance", "none"), part("train.total_steps", 300_000)
-    ('rexrov', 'disturbance=none', '300k steps')
+    ('sheet rexrov', 'disturbance=none', '300k steps')
     >>> part("task.observation", "['yaw_error', 'gravity']")
     'observation=yaw_error, gravity'
     >>> part("disturbance.waves.height", 0.88)
@@ -94,7 +96,7 @@ def part(name: str, value: Any) -> str:
 
 def in_words(name: str, value: Any) -> bool:
     """Return whether `part` gives words that follow a comma, not a value such as K=1 or 25 Hz."""
-    return value is None or name in DRAWN
+    return value is None or name == VEHICLE or name in DRAWN
 
 
 def title(algorithm: str) -> str:

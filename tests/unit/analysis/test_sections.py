@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
-from auvbench.analysis.grouping import sections, split_problems
+from auvbench.analysis.grouping import agents, sections, split_problems
 from auvbench.analysis.load import load
 from auvbench.analysis.records import Problem
 from tests.synthetic import reconfigure, set_state, write_evaluation, write_experiment
@@ -37,6 +38,23 @@ def test_each_vehicle_has_its_section_whatever_the_fingerprints(tmp_path: Path) 
     # A problem stands with the section of its run, what is about no run with the first.
     stray = Problem("somewhere", "missing", "no run here")
     assert split_problems([*problems, stray], found) == [[stray], problems]
+
+
+def test_agents_with_other_sheets_share_a_section_if_the_test_has_one_vehicle(tmp_path: Path) -> None:
+    _, other, _ = write_experiment(
+        tmp_path / "grid", algorithms=("ppo", "pid"), seeds=(0, 1), episodes=12, train_episodes=20
+    )
+    reconfigure(other, vehicle__name="rexrov")
+    pending = write_experiment(
+        tmp_path / "grid", algorithms=("ppo",), seeds=(2,), episodes=12, train_episodes=20, vehicle="rexrov"
+    )
+    set_state(pending, "interrupted")
+    shutil.rmtree(pending[0] / "evaluations")
+    (part,) = sections(load([tmp_path])[0], "test")
+    assert (part.title, part.folder) == ("several sheets", "several_sheets")
+    assert len(part.runs) == 4
+    labels = [agent.label for agent in agents(part.runs)[0]]
+    assert labels == ["PID", "PPO, sheet bluerov2", "PPO, sheet rexrov"]
 
 
 def test_other_scenarios_of_the_same_vehicle_are_a_section_that_says_how_to_mend_it(tmp_path: Path) -> None:
