@@ -59,6 +59,19 @@ def test_the_numbers_of_yaw_come_back() -> None:
 
 
 @pytest.mark.slow
+def test_a_vehicle_without_linear_damping_does_not_get_the_sheet_s() -> None:
+    truth = {"added_mass.yaw": 0.15, "linear_damping.yaw": 0.0, "quadratic_damping.yaw": 4.0}
+    vehicle, log = flown(truth, ["yaw"], 30.0)
+    yaw = next(verdict for verdict in gate.judge([log], vehicle) if verdict.axis == "yaw")
+    assert yaw.state == "open loop"
+    result = by_name(fitted(vehicle, log, *truth))
+    assert result["linear_damping.yaw"][0] < 0.1
+    assert not result["linear_damping.yaw"][3]
+    assert result["added_mass.yaw"][0] == pytest.approx(0.15, rel=0.1)
+    assert result["quadratic_damping.yaw"][0] == pytest.approx(4.0, rel=0.1)
+
+
+@pytest.mark.slow
 def test_a_log_of_yaw_says_nothing_about_surge_and_mass() -> None:
     vehicle, log = flown(TRUTH, ["yaw"], 30.0)
     result = by_name(fitted(vehicle, log, "mass", "added_mass.surge", *TRUTH))
