@@ -99,21 +99,27 @@ def waters(agents: Sequence[str] = ()) -> str:
         agents: the agents shown; all without any.
     """
     rows = [row for row in _rows(WAYPOINT, "table.csv") if not agents or row["agent"] in agents]
-    episodes = pd.read_parquet(WAYPOINT / "episodes.parquet")
-    episodes["time"] = (episodes["steps"] / episodes["frequency_hz"]).where(
-        episodes["outcome"] == "success", LIMIT
-    )
-    episodes["reached"] = episodes["outcome"] == "success"
     columns = []
-    for condition in WATERS.values():
-        here = episodes[episodes["condition"] == condition]
-        found = [
-            here[here["run"].isin(row["runs"].split())][["time", "reached"]].mean().tolist() for row in rows
-        ]
+    for found in _times(WAYPOINT, rows, tuple(WATERS.values())):
         least = min(time for time, _ in found)
         columns.append([_reached(time, share, time == least) for time, share in found])
     columns[0] = [_time(row, cell.startswith("**")) for row, cell in zip(rows, columns[0], strict=True)]
     return _table(("mean time to a waypoint", *WATERS), [row["agent"] for row in rows], columns)
+
+
+def _times(
+    study: Path, rows: Sequence[dict[str, str]], conditions: Sequence[str]
+) -> list[list[tuple[float, float]]]:
+    """Return mean times to the waypoint and shares that are reached, of each row of a study's table under each condition."""
+    episodes = pd.read_parquet(study / "episodes.parquet")
+    reached = episodes["outcome"] == "success"
+    episodes["time"] = (episodes["steps"] / episodes["frequency_hz"]).where(reached, LIMIT)
+    episodes["reached"] = reached
+    met = [episodes[episodes["condition"] == condition] for condition in conditions]
+    return [
+        [here[here["run"].isin(row["runs"].split())][["time", "reached"]].mean().tolist() for row in rows]
+        for here in met
+    ]
 
 
 def _reached(time: float, share: float, best: bool) -> str:
@@ -159,14 +165,25 @@ def station() -> str:
 
 def sensors() -> str:
     """Return how near agents stay to a station with what each set of sensors lets them know, in cm."""
-    rows = _rows(NAVIGATION, "conditions.csv")
-    agents = [row["agent"] for row in sorted(_rows(NAVIGATION, "table.csv"), key=lambda row: row["agent"])]
+    rows = [row for row in _rows(NAVIGATION, "conditions.csv") if row["task"] == "station_keeping"]
+    agents = sorted({row["agent"] for row in rows})
     columns = []
     for condition in SENSORS.values():
         found = {r["agent"]: r for r in rows if r["condition"] == condition}
         values = {a: 100 * float(found[a]["mean_position_error_rms_m"]) for a in agents}
         columns.append([f"{values[a]:.{0 if values[a] >= 100 else 1}f}{NO_BREAK}cm" for a in agents])
     return _table(("RMS position error", *SENSORS), agents, columns)
+
+
+def sensors_waypoints() -> str:
+    """Return how soon agents reach waypoints with what each set of sensors lets them know, and the share that they reach."""
+    rows = [row for row in _rows(NAVIGATION, "table.csv") if row["vehicle"] == "bluerov2_2026"]
+    rows.sort(key=lambda row: row["agent"])
+    columns = [
+        [_reached(*found, best=False) for found in times]
+        for times in _times(NAVIGATION, rows, tuple(SENSORS.values()))
+    ]
+    return _table(("mean time to a waypoint", *SENSORS), [row["agent"] for row in rows], columns)
 
 
 def suite() -> str:
@@ -259,6 +276,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "vehicles": vehicles,
     "robust": robust,
     "sensors": sensors,
+    "sensors_waypoints": sensors_waypoints,
     "station": station,
     "suite": suite,
     "cases": cases,
@@ -291,7 +309,7 @@ PAGES = {
     "docs/identification.md": ("log_columns",),
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
-    "results/navigation/README.md": ("sensors",),
+    "results/navigation/README.md": ("sensors", "sensors_waypoints"),
     "results/station/README.md": ("station",),
     "results/suite/README.md": ("suite", "cases", "currents"),
     "results/tuning/README.md": ("elsewhere",),

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from auvbench.analysis.formatting import NOTHING
 from auvbench.identification.advise import Advice
-from auvbench.identification.fit import IDENTIFIED, Estimate, Fit
+from auvbench.identification.fit import CONTRADICTED, IDENTIFIED, Estimate, Fit
 from auvbench.identification.gate import Verdict, warning
 from auvbench.identification.log import CHANNELS, UNITS
 from auvbench.identification.validation import BAND, HOLD, HORIZONS, Prediction, Validation
@@ -91,7 +91,11 @@ def parameters_table(fit: Fit) -> Table:
 def _state(estimate: Estimate) -> str:
     if estimate.kept:
         return "not identified"
-    return "identified" if estimate.ratio <= IDENTIFIED else "identified, given the numbers that stay"
+    if estimate.ratio <= IDENTIFIED:
+        return "identified"
+    if abs(estimate.x) > CONTRADICTED:
+        return "far from the sheet's, but not precisely known"
+    return "identified, given the numbers that stay"
 
 
 def excitation_table(verdicts: Sequence[Verdict]) -> Table:
