@@ -44,6 +44,7 @@ from auvbench.config import (
     tuning,
 )
 from auvbench.config import overrides as typing
+from auvbench.config.copies import copied
 from auvbench.errors import ConfigError, closest
 from auvbench.registry import AGENTS, FILTERS, LAUNCHERS, REWARDS, SIMULATORS, TASKS, WORLDS, Kind
 from auvbench.untrusted.text import plain_lines
@@ -338,7 +339,7 @@ def option(group: str, choice: str) -> DictConfig:
     Raises:
         ConfigError: an unknown group or option.
     """
-    return copy.deepcopy(_option(group, choice))
+    return copied(_option(group, choice))
 
 
 @lru_cache(maxsize=256)
@@ -403,7 +404,7 @@ def _help(hydra: Hydra, entry: str, overrides: list[str]) -> str:
     config = hydra.compose_config(entry, [o for o in overrides if o != EVERY_KEY], RunMode.RUN)
     if EVERY_KEY in overrides:
         config.hydra.help.template += "\nevery key and its value (KEY=VALUE):\n\n$CONFIG"
-    shown = complete.complete(hydra.get_sanitized_cfg(copy.deepcopy(config), "job"))
+    shown = complete.complete(hydra.get_sanitized_cfg(copied(config), "job"))
     return str(hydra.get_help(config.hydra.help, shown, _parser(entry), resolve=False))
 
 

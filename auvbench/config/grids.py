@@ -12,7 +12,6 @@ have several grids, for example `{algo: pid}` as well. Rules for each key that i
 
 from __future__ import annotations
 
-import copy
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,6 +23,7 @@ from hydra.core.override_parser.types import Override
 from hydra.types import RunMode
 from omegaconf import DictConfig, ListConfig, open_dict
 
+from auvbench.config.copies import copied
 from auvbench.config.overrides import whole_numbers
 from auvbench.errors import ConfigError
 
@@ -97,7 +97,7 @@ def single(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str]) -> Di
     # Hydra rejects a list of values.
     values = [item for item in parsed if _sets_a_value(loader, item) and not item.is_sweep_override()]
     files = tuple(line for line, item in zip(overrides, parsed, strict=True) if item not in values)
-    config = copy.deepcopy(load(files, RunMode.RUN))
+    config = copied(load(files, RunMode.RUN))
     with open_dict(config):
         del config["hydra"]
     loader._apply_overrides_to_config(values, config)

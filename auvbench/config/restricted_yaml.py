@@ -7,11 +7,11 @@ its author's code when the user types `auvbench train` in it. So a file may set 
 
 from __future__ import annotations
 
-import copy
 import io
 import os
 import warnings
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import cache, lru_cache
 from importlib import resources
 from pathlib import Path
@@ -26,6 +26,7 @@ from omegaconf import OmegaConf
 from omegaconf._utils import get_yaml_loader
 
 from auvbench.config import folders, schema
+from auvbench.config.copies import copied
 from auvbench.errors import AuvbenchWarning, ConfigError
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import plain, short
@@ -128,7 +129,8 @@ class PackageFiles(ImportlibResourcesConfigSource):
         return PACKAGE
 
     def load_config(self, config_path: str) -> ConfigResult:
-        return copy.deepcopy(_parsed(self.provider, self.path, config_path))
+        result = _parsed(self.provider, self.path, config_path)
+        return replace(result, config=copied(result.config), header=dict(result.header))
 
 
 @cache

