@@ -14,6 +14,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -82,10 +83,16 @@ class Measure:
     details: Sequence[str] = ()
 
 
-def sources(folder: Path = PACKAGE) -> Iterator[tuple[Path, ast.Module]]:
-    """Yield the Python files of a folder with their syntax trees."""
-    for path in sorted(folder.rglob("*.py")):
-        yield path, ast.parse(path.read_text(encoding="utf-8"))
+@cache
+def sources(folder: Path = PACKAGE) -> list[tuple[Path, ast.Module]]:
+    """Return the Python files of a folder with their syntax trees."""
+    return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in sorted(folder.rglob("*.py"))]
+
+
+@cache
+def vocabulary() -> list[tuple[Path, frozenset[str]]]:
+    """Return the package's files with the names and texts of each."""
+    return [(path, frozenset(words(tree))) for path, tree in sources()]
 
 
 def words(tree: ast.AST) -> Iterator[str]:
@@ -113,9 +120,9 @@ def words(tree: ast.AST) -> Iterator[str]:
 def naming_an_integration() -> list[str]:
     """Return the core's files whose code names a foreign system."""
     found = []
-    for path, tree in sources():
+    for path, texts in vocabulary():
         place = path.relative_to(PACKAGE).as_posix()
-        if not place.startswith(INTEGRATIONS) and any(INTEGRATION.search(word) for word in words(tree)):
+        if not place.startswith(INTEGRATIONS) and any(INTEGRATION.search(text) for text in texts):
             found.append(place)
     return found
 
@@ -126,8 +133,8 @@ def naming(name: str, folder: str) -> list[str]:
     camel = name.title().replace("_", "")
     found = [
         path.relative_to(ROOT).as_posix()
-        for path, tree in sources()
-        if any(pattern.search(word) or camel in word for word in words(tree))
+        for path, texts in vocabulary()
+        if any(pattern.search(text) or camel in text for text in texts)
     ]
     file = ROOT / folder / f"{name}.yaml"
     return [*found, *([file.relative_to(ROOT).as_posix()] if folder and file.is_file() else [])]

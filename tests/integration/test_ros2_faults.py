@@ -19,6 +19,7 @@ from auvbench.integrations.ros2.connection import Connection
 from auvbench.integrations.ros2.middleware import InterfaceError, Session
 from auvbench.integrations.ros2.spec import Ros2
 from auvbench.runs.directory import RunDirectory
+from auvbench.training.checkpoint.store import CheckpointStore
 from auvbench.vehicles.sheet import load
 from tests import configs, dds
 from tests.waiting import LIMIT, until
@@ -248,38 +249,42 @@ LEARNER = [
     "train.checkpoint.steps=64",
     "train.progress=false",
     "simulator=ros2",
-    "simulator.timeout=20",
+    f"simulator.timeout={LIMIT:g}",
     "task.max_steps=30",
 ]
 
 
-def test_a_training_whose_server_is_killed_goes_on_with_the_next_one(elsewhere, tmp_path, capsys):
+def test_a_training_whose_server_is_killed_goes_on_with_the_next_one(
+    elsewhere, tmp_path, capsys, monkeypatch
+):
     torch.set_num_threads(1)
     command = ["train", f"output={tmp_path}", *LEARNER]
-    with dds.serving("--lockstep") as server:
-        watcher = threading.Thread(target=_kill_after_checkpoint, args=(tmp_path, server))
-        watcher.start()
+    save = CheckpointStore.save
+
+    def save_and_kill(*arguments):
+        """Kill the server at the first checkpoint; only then is the patience short."""
+        saved = save(*arguments)
+        server.send(signal.SIGKILL)
+        ros2._connection().timeout = 1.0
+        return saved
+
+    with dds.serving("--lockstep") as server, monkeypatch.context() as patch:
+        patch.setattr(CheckpointStore, "save", save_and_kill)
         assert main(command) == 1
-        watcher.join()
     (path,) = (tmp_path / "default").glob("ppo-*")
     error = capsys.readouterr().err
     assert "/bluerov2/" in error
-    assert "20 s" in error
+    assert "1 s" in error
     manifest = RunDirectory(path).manifest()
     assert manifest["state"] == "failed"
     assert "/bluerov2/" in manifest["error"]["message"]
-    assert 0 < manifest["steps"] < 320
+    assert manifest["steps"] == 64
     with dds.serving("--lockstep"):
-        assert main([*command, f"simulator.timeout={LIMIT:g}"]) == 0
+        assert main(command) == 0
     manifest = RunDirectory(path).manifest()
     assert (manifest["state"], manifest["steps"]) == ("complete", 320)
     assert manifest["episodes_begun_again"]
     assert "clock lockstep" in manifest["versions"]["ros2"]
-
-
-def _kill_after_checkpoint(folder, server):
-    until(lambda: list(folder.glob("default/ppo-*/checkpoints/*/*")), "a checkpoint")
-    server.send(signal.SIGKILL)
 
 
 def test_a_mistyped_namespace_is_corrected_by_the_next_command(elsewhere, tmp_path, capsys):
