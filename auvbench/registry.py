@@ -457,8 +457,6 @@ COMMANDS: Kind[CommandSpec] = Kind(
             "identify",
             "validate",
             "simulate",
-            "serve",
-            "pilot",
             "runs",
             "export",
             "replay",

@@ -11,12 +11,12 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
 
-from auvbench.commands.serve import ARDUSUB_START
 from auvbench.config import schema
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.integrations.ardusub.physics import Physics
 from auvbench.integrations.ardusub.server import Server
+from auvbench.integrations.commands.serve import ARDUSUB_START
 from tests.waiting import LIMIT, until
 
 NEUTRAL = (1500,) * 16

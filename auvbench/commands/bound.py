@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError, closest
+from auvbench.grammar import Parser
 
 if TYPE_CHECKING:
     from auvbench.config.schema import Protocol

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser, number
+from auvbench.grammar import Parser, number
 
 if TYPE_CHECKING:
     from auvbench.analysis.records import Agent

@@ -13,9 +13,9 @@ from contextlib import suppress
 from importlib import import_module
 
 from auvbench.analysis.options import FORMATS, STUDIES
-from auvbench.commands.grammar import WHERE, Parser
 from auvbench.config import folders
 from auvbench.errors import UserError, closest
+from auvbench.grammar import WHERE, Parser
 from auvbench.record import measure_names
 from auvbench.registry import COMMANDS
 
@@ -130,7 +130,8 @@ def candidates(words: Sequence[str]) -> list[str]:
 def _flags(command: str) -> list[str]:
     if command in HYDRA or command not in COMMANDS.own:
         return list(HYDRA.get(command, ()))
-    module = import_module(f"auvbench.commands.{'report_options' if command == 'report' else command}")
+    own = COMMANDS[command].code.partition(":")[0]
+    module = import_module("auvbench.commands.report_options" if command == "report" else own)
     parser = module.parser() if hasattr(module, "parser") else None
     return parser.flags() if isinstance(parser, Parser) else []
 

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser, paths_and_overrides
 from auvbench.errors import RunError, UserError
+from auvbench.grammar import Parser, paths_and_overrides
 
 if TYPE_CHECKING:
     from auvbench.config.schema import Protocol

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser
 from auvbench.errors import AuvbenchError, RunError
+from auvbench.grammar import Parser
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser, number, paths_and_overrides, whole
 from auvbench.errors import ConfigError, UserError, closest
+from auvbench.grammar import Parser, number, paths_and_overrides, whole
 from auvbench.identification.columns import DESCRIBED, READABLE
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from importlib import resources, util
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError
+from auvbench.grammar import Parser
 
 OLD = "auvbench-example"
 SUFFIXES = (".md", ".py", ".toml", ".yaml")

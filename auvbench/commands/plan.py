@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser, number, whole
 from auvbench.errors import UserError
+from auvbench.grammar import Parser, number, whole
 from auvbench.record import PRIMARY
 from auvbench.runs.identity import DEFAULT_TASK
 

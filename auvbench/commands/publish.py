@@ -17,7 +17,7 @@ from auvbench.runs import declared
 from auvbench.untrusted import path_safety
 
 if TYPE_CHECKING:
-    from auvbench.commands.grammar import Parser
+    from auvbench.grammar import Parser
 
 PICTURES = "success_over_grid,success_over_conditions,training_success"
 """figures in addition to the main figure, which every README has"""

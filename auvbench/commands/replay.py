@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser, whole
 from auvbench.errors import ConfigError, RunError, UserError
+from auvbench.grammar import Parser, whole
 
 if TYPE_CHECKING:
     from auvbench.evaluation.replay import Replay

@@ -12,8 +12,8 @@ from typing import Any
 
 from auvbench import metrics
 from auvbench.analysis.options import FORMATS, KEYS, STUDIES, Options, converted, named, settings
-from auvbench.commands.grammar import Parser, number
 from auvbench.errors import ConfigError, closest
+from auvbench.grammar import Parser, number
 from auvbench.record import measure_names
 from auvbench.registry import TRACKERS
 from auvbench.runs import declared as analyses

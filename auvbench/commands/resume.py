@@ -6,8 +6,8 @@ import shlex
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser, paths_and_overrides
 from auvbench.errors import AuvbenchError, ConfigError, RunError
+from auvbench.grammar import Parser, paths_and_overrides
 
 if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory

@@ -12,8 +12,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from auvbench.commands.grammar import Parser
 from auvbench.errors import RunError, UserError
+from auvbench.grammar import Parser
 from auvbench.runs import history, identity, run_filter, status
 from auvbench.runs.directory import RunDirectory, find_runs
 from auvbench.runs.status import State

@@ -19,8 +19,8 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 def main(arguments: Sequence[str]) -> int:
-    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
+    from auvbench.grammar import read_named_sheets
 
     read_named_sheets(arguments)
     run("simulate", arguments, simulate)

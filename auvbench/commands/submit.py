@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from auvbench.commands.grammar import Parser, whole
 from auvbench.errors import ReportError, UserError, closest
+from auvbench.grammar import Parser, whole
 from auvbench.runs.identity import DEFAULT_TASK
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    from auvbench.commands.grammar import read_named_sheets
     from auvbench.config.compose import run
+    from auvbench.grammar import read_named_sheets
 
     read_named_sheets(arguments)
     words, ranges, fixed = split(arguments)

@@ -8,8 +8,8 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from auvbench.commands.grammar import Parser
 from auvbench.commands.identify import FRAMES, choice, logs_and_keys, motors
+from auvbench.grammar import Parser
 from auvbench.identification.columns import READABLE
 
 KEYS = ("vehicle", "frame", "motors", "output")

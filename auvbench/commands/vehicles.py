@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from auvbench.commands.grammar import Parser, number
 from auvbench.errors import UserError
+from auvbench.grammar import Parser, number
 
 
 def parser() -> Parser:

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser
 from auvbench.errors import UserError
+from auvbench.grammar import Parser
 
 if TYPE_CHECKING:
     from auvbench.reporting.entries import Entry, Verified

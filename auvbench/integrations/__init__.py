@@ -13,6 +13,10 @@ REGISTERED: dict[str, dict[str, str]] = {
         "gazebo": f"{_HERE}.gazebo.spec:simulator",
         "ros2": f"{_HERE}.ros2.spec:simulator",
     },
+    "auvbench.commands": {
+        "serve": f"{_HERE}.commands.spec:serve",
+        "pilot": f"{_HERE}.commands.spec:pilot",
+    },
     "auvbench.launchers": {"slurm": f"{_HERE}.cluster.spec:slurm", "ray": f"{_HERE}.cluster.spec:ray"},
     "auvbench.trackers": {
         "wandb": f"{_HERE}.tracking.spec:wandb",

@@ -38,7 +38,7 @@ class Guard:
     """A running supervisor.
 
     Args:
-        words: network of the supervisor: `mavlink NUMBER HOST PORT` or `ros DEPTH NODE TOPIC ...`.
+        words: network of the supervisor: `datagrams NUMBER HOST PORT` or `topics DEPTH NODE TOPIC ...`.
         patience: time in s without a message from the pilot after which the supervisor brings the vehicle to
             rest.
         descriptors: open files that the supervisor inherits.
@@ -54,7 +54,7 @@ class Guard:
         self._handed = -math.inf
         self._socket, theirs = socket.socketpair()
         # A MAVLink supervisor needs no package; a ROS 2 supervisor finds rclpy on the pilot's path.
-        flags = ["-I", "-S"] if words[0] == "mavlink" else ["-P"]
+        flags = ["-I", "-S"] if words[0] == "datagrams" else ["-P"]
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
             self._socket.settimeout(patience)

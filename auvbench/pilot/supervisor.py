@@ -140,7 +140,7 @@ def main(control: str, kind: str, *arguments: str) -> int:
     will: list[bytes] = []
     pilot = socket.socket(fileno=int(control))
     try:
-        sender = (Datagrams if kind == "mavlink" else Topics)(*arguments)
+        sender = (Datagrams if kind == "datagrams" else Topics)(*arguments)
     except Exception as error:
         say(f"its supervisor cannot start: {error!r}")
         return 1

@@ -21,6 +21,7 @@ from auvbench.config.tasks import primary_of
 from auvbench.errors import ReportError, RunError
 from auvbench.evaluation.evaluate import stale
 from auvbench.evaluation.parallel import evaluate_all
+from auvbench.registry import AGENTS
 from auvbench.reporting.entries import MODELS, Entry, Verified, model_files
 from auvbench.runs import integrity, provenance
 from auvbench.runs.atomic_io import as_json, write_atomic
@@ -31,8 +32,6 @@ from auvbench.untrusted import path_safety
 from auvbench.untrusted.text import short
 
 BASELINE = "pid"
-PROGRAMS = ("ardusub",)
-"""Agents that start a program on this machine"""
 EMBEDDED = "fossen"
 """The only simulator that an entry may use, since others connect to programs on this machine"""
 
@@ -80,7 +79,7 @@ def _refuse_programs(simulator: object, agent: object) -> None:
     """Raise ValueError for a configuration whose test would start or contact another program."""
     if simulator != EMBEDDED:
         raise ValueError(f"simulator={short(simulator, 40)}: an entry must use simulator={EMBEDDED}")
-    if agent in PROGRAMS:
+    if isinstance(agent, str) and agent in AGENTS and AGENTS[agent].program:
         raise ValueError(f"algo={agent}: an entry must not start a program; publish a study instead")
 
 

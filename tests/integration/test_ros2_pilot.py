@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from auvbench.cli import main
-from auvbench.commands import pilot as command
 from auvbench.errors import RunError
+from auvbench.integrations.commands import pilot as command
 from auvbench.integrations.ros2 import discovery, interface
 from auvbench.integrations.ros2.middleware import Session
 from auvbench.integrations.ros2.pilot import Pilot

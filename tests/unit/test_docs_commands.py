@@ -37,8 +37,9 @@ def test_there_are_many() -> None:
 @pytest.mark.parametrize("line", [line for line in LINES if line.split()[0] not in COMPOSED])
 def test_its_flags_are_those_of_the_command(line: str) -> None:
     name, *arguments = shlex.split(line)
-    module = "report_options" if name == "report" else name
-    parser = importlib.import_module(f"auvbench.commands.{module}").parser()
+    own = COMMANDS[name].code.partition(":")[0]
+    module = "auvbench.commands.report_options" if name == "report" else own
+    parser = importlib.import_module(module).parser()
     overrides = name in ("evaluate", "bound", "resume", "serve", "identify", "validate")
     words = parser.read(arguments, **({"overrides": True} if overrides else {}))
     if name == "evaluate":

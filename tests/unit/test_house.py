@@ -97,9 +97,9 @@ def test_an_agent_of_auvbench_is_its_code_its_declaration_its_yaml_and_a_line() 
     """A residual learner and a pilot take LQR too."""
     assert house.naming("lqr", "conf/algo") == [
         "auvbench/agents/classical/lqr.py",
-        "auvbench/commands/pilot.py",
         "auvbench/config/algorithms/lqr.py",
         "auvbench/config/algorithms/residual.py",
+        "auvbench/integrations/commands/pilot.py",
         "auvbench/registry.py",
         "conf/algo/lqr.yaml",
     ]

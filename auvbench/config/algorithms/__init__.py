@@ -89,6 +89,8 @@ class AgentSpec(Spec):
     """Whether the agent has a training."""
     teams: bool = True
     """Whether the agent can steer several vehicles in one episode."""
+    program: bool = False
+    """Whether the agent starts a program on this machine, which an entry must not."""
     settled: str = ""
     """`module:function` of a composed configuration and its checked `algo` that returns the configuration with what
     identifies a program of the user's, before the run gets its id. For auvbench's own agents.

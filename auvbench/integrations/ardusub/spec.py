@@ -23,6 +23,7 @@ agent = AgentSpec(
     "auvbench.integrations.ardusub.agent:ArduSubAgent",
     observes=False,
     teams=False,
+    program=True,
     settled="auvbench.integrations.ardusub.sitl:settled",
     check="auvbench.integrations.ardusub.agent:check",
 )

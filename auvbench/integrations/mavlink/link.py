@@ -116,7 +116,7 @@ class Link:
             RunError: the supervisor does not start.
         """
         number = self._socket.fileno()
-        words = ("mavlink", str(number), peer[0], str(peer[1]))
+        words = ("datagrams", str(number), peer[0], str(peer[1]))
         self.guard = Guard(*words, patience=patience, descriptors=[number])
         if not self.guard.wait_until_ready():
             raise RunError(f"the pilot's supervisor did not start in {STARTS:g} s")

@@ -64,7 +64,7 @@ class Pilot(loop.Pilot):
         node.create_service(ros.services.Trigger, self.names.of(f"{NODE}/stop"), self._stop)
         session.renew()
         self._supervisor = f"pilot_supervisor_{os.getpid()}"
-        words = ("ros", str(interface.DEPTH), self._supervisor, *self._topics)
+        words = ("topics", str(interface.DEPTH), self._supervisor, *self._topics)
         self.guard = Guard(*words, patience=self.limits.patience)
         self.guard.leave_will([_content(self.physical.neutral)] * RESTS)
 

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from auvbench import cli
-from auvbench.commands import grammar
+from auvbench import cli, grammar
 from auvbench.config import folders, overrides, suggestions
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config

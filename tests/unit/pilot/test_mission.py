@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from auvbench.cli import main
-from auvbench.commands import pilot as command
-from auvbench.commands.pilot import task_of, task_of_policy
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, RunError, UserError
 from auvbench.evaluation.replay import read_mission
+from auvbench.integrations.commands import pilot as command
+from auvbench.integrations.commands.pilot import task_of, task_of_policy
 from auvbench.pilot.excite import Excite
 from auvbench.pilot.mission import Logbook, Mission
 from auvbench.pilot.observation import observe, supplied
@@ -267,7 +267,7 @@ def test_a_pilot_needs_no_compiler_no_torch_and_no_hydra(policy):
 import sys
 import numpy
 from auvbench.cli import main
-from auvbench.commands import pilot
+from auvbench.integrations.commands import pilot
 station = ["--task", "station_keeping", "--vehicle", "bluerov2_heavy"]
 for words in (*([name] for name in pilot.CONTROLLERS), [sys.argv[2]], ["lqr", *station]):
     setup = pilot._setup(pilot.parser().read(words))

@@ -37,7 +37,7 @@ class Vehicle:
             server.close()
         self.far.settimeout(LIMIT)
         number = self.near.fileno()
-        self.guard = Guard("mavlink", str(number), host, str(port), patience=patience, descriptors=[number])
+        self.guard = Guard("datagrams", str(number), host, str(port), patience=patience, descriptors=[number])
         assert self.guard.wait_until_ready(LIMIT)
         self.guard.leave_will(WILL)
 
@@ -114,8 +114,11 @@ def test_a_pilot_that_is_silent_leaves_its_will_and_may_not_command_any_more(veh
 
 def test_a_pilot_without_a_vehicle_may_be_silent(vehicle):
     vehicle = vehicle(patience=0.05)
+    # It reads both messages at once, however long this process pauses between them.
+    os.kill(vehicle.guard._process.pid, signal.SIGSTOP)
     vehicle.guard.hold()
     vehicle.guard.release()
+    os.kill(vehicle.guard._process.pid, signal.SIGCONT)
     with pytest.raises(subprocess.TimeoutExpired):
         vehicle.guard._process.wait(0.3)
     vehicle.hears_no_more()
@@ -184,11 +187,11 @@ def test_a_standard_error_that_nobody_reads_does_not_hold_it(vehicle):
 def test_a_supervisor_that_cannot_be_started(monkeypatch):
     monkeypatch.setattr(pilots_end.sys, "executable", "/nowhere/python")
     with pytest.raises(RunError, match="supervisor cannot be started: No such file"):
-        Guard("mavlink", "0", "127.0.0.1", "1", patience=1.0)
+        Guard("datagrams", "0", "127.0.0.1", "1", patience=1.0)
 
 
 def test_a_supervisor_that_ends_at_its_start_is_one_line(capfd):
-    broken = Guard("mavlink", "no number", "127.0.0.1", "1", patience=1.0)
+    broken = Guard("datagrams", "no number", "127.0.0.1", "1", patience=1.0)
     with pytest.raises(Unsupervised, match=r"ended \(exit code 1\)|ended \(exit code -9\)"):
         broken.wait_until_ready(LIMIT)
     broken.close()

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from auvbench.commands import serve
 from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.simulator_factory import make_simulator
 from auvbench.errors import ConfigError
+from auvbench.integrations.commands import serve
 from auvbench.integrations.ros2 import middleware
 from auvbench.integrations.ros2.sensors import UNKNOWN, Sensed, write_reading
 from auvbench.vehicles import sheet

@@ -16,7 +16,6 @@ import pytest
 from omegaconf import OmegaConf
 
 from auvbench import cli
-from auvbench.commands import pilot
 from auvbench.config import complete
 from auvbench.config.compose import compose, typed
 from auvbench.config.validate import train_config
@@ -24,6 +23,7 @@ from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError, ConfigError, UserError
 from auvbench.evaluation import reference
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
+from auvbench.integrations.commands import pilot
 from auvbench.pilot import observation
 from auvbench.registry import BLOCKS
 from auvbench.runs.identity import relevant, run_id

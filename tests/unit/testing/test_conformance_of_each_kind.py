@@ -274,7 +274,7 @@ def test_importing_our_commands_does_nothing(command: str) -> None:
 
 
 COMMAND = """
-    from auvbench.commands.grammar import Parser
+    from auvbench.grammar import Parser
     from auvbench.plugin import CommandSpec
 
     def main(words):

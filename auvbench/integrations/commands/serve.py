@@ -8,8 +8,8 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from auvbench.commands.grammar import Parser, number, whole
 from auvbench.errors import ConfigError, UserError, closest
+from auvbench.grammar import Parser, number, whole
 
 if TYPE_CHECKING:
     from auvbench.config.schema import TrainConfig

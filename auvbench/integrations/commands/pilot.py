@@ -19,8 +19,8 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 from auvbench import registry
-from auvbench.commands.grammar import Parser, number
 from auvbench.errors import ConfigError, UserError, closest
+from auvbench.grammar import Parser, number
 from auvbench.pilot import excite
 from auvbench.runs.identity import DEFAULT_TASK
 from auvbench.untrusted.text import short
