@@ -1,7 +1,7 @@
 """The blocks that an observation may have: what each is, and the function that writes it.
 
 These functions are plain Python and import nothing compiled: a pilot on a vehicle calls them as they are
-(`pilot.observation`), environments compile them (`tasks.loops.observe`). So both observe the same.
+(`pilot.live_observation`), environments compile them (`tasks.loops.observe`). So both observe the same.
 
 The specs below are the lines of `registry.BLOCKS`; a package's block enters by the same kind of object.
 """

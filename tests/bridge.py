@@ -8,7 +8,7 @@ import numpy as np
 
 from auvbench.integrations.mavlink.pilot import Pilot
 from auvbench.pilot.steering import Limits, Steering
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.sheet import load
 from tests import configs
 from tests.mavlink_vehicle import ArduSub

@@ -10,7 +10,7 @@ from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.config import schema
 from auvbench.config.algorithms.onnx import ONNX
 from auvbench.policies import exported
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 

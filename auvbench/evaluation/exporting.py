@@ -29,7 +29,7 @@ from auvbench.runs.atomic_io import as_lines, sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory
 from auvbench.runs.plan import load_config
 from auvbench.tasks.bounds import bounded_spec
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.untrusted import path_safety
 from auvbench.vehicles import sheet
 from auvbench.vehicles.actuators import Actuator

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from auvbench.errors import RunError
 from auvbench.metrics import Totals
-from auvbench.pilot.observation import yaw_of
+from auvbench.pilot.live_observation import yaw_of
 from auvbench.record import ABORTED, Record, record_columns, record_of
 
 Floats = NDArray[np.float64]

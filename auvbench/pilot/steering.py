@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from auvbench.errors import RunError
 from auvbench.observation import ObservationSpec
+from auvbench.pilot.live_observation import observe
 from auvbench.pilot.mission import Logbook, Mission
-from auvbench.pilot.observation import observe
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]

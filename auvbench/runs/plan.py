@@ -22,7 +22,7 @@ from auvbench.runs import declared, declaring, identity, integrity
 from auvbench.runs.atomic_io import sha256, storage, write_atomic
 from auvbench.runs.directory import RunDirectory, freeze, now, place, unwritable
 from auvbench.runs.identity import DEFAULT_TASK
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.untrusted import path_safety
 from auvbench.untrusted.text import short
 from auvbench.vehicles import sheet

@@ -29,7 +29,7 @@ from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
 from auvbench.tasks.filters import barrier
 from auvbench.tasks.navigation.state import BELIEF
-from auvbench.tasks.observation import check_vehicle, owner_of_block, reads
+from auvbench.tasks.observation_spec import check_vehicle, owner_of_block, reads
 from auvbench.tasks.ranges import installed as installed_ranges
 from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, VEHICLE, add_command_noise
 from auvbench.tasks.worlds import surroundings

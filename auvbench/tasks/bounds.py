@@ -16,7 +16,7 @@ from auvbench.observation import ObservationSpec
 from auvbench.tasks.disturbances.base import misreading, water_speed
 from auvbench.tasks.disturbances.identified import extreme
 from auvbench.tasks.navigation.state import LOST
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
 from auvbench.vehicles.vehicle_model import VehicleModel
 

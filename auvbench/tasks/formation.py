@@ -21,7 +21,7 @@ from auvbench.config.ranges import SOUND
 from auvbench.config.tasks.formation import MOST, Formation
 from auvbench.dynamics.compiled import borrowed, compiled
 from auvbench.dynamics.random import MESSAGE, SENSOR, uniform4
-from auvbench.dynamics.vectors import product, rotation_matrix
+from auvbench.dynamics.vectors import add, product, rotation_matrix
 from auvbench.errors import ConfigError
 from auvbench.metrics import Totals
 from auvbench.record import Record as Row
@@ -40,6 +40,7 @@ from auvbench.tasks.rows import (
     drawn,
     noise,
     put,
+    quaternion,
     row,
     start_in_ball,
     team_of,
@@ -184,7 +185,8 @@ def meet(first: int, stop: int, pose: Floats, episodes: Any, preview: Floats, pa
             take_slot(e, c, s, turning)
             e.met = now
             (x, y, z), (to_x, to_y, to_z) = triple(pose[i]), triple(e.reference)
-            tipped = 1.0 - 2.0 * (pose[i, 4] ** 2 + pose[i, 5] ** 2) < p.most_tilt
+            _, qx, qy, _ = quaternion(pose[i])
+            tipped = 1.0 - 2.0 * (qx**2 + qy**2) < p.most_tilt
             put(e.error, (x - to_x, y - to_y, z - to_z))
             if z < p.depth_low or z > p.depth_high:
                 ends = COLLISION
@@ -208,15 +210,13 @@ def meet(first: int, stop: int, pose: Floats, episodes: Any, preview: Floats, pa
 @row
 def say(e: Record, p: Record, pose: Floats, velocity: Floats, offset: Floats, stream: int) -> None:
     """Write what a vehicle reads of its position (m) and velocity (m/s), world axes, with the errors that its observation has."""
-    x, y, z = pose[0] + offset[0], pose[1] + offset[1], pose[2] + offset[2]
+    x, y, z = add(triple(pose), triple(offset))
     if p.position_noise_high > 0.0:
         a, b, c, _ = uniform4(e.seed, SENSOR | stream, 0, e.steps, e.episode, e.environment)
         low, high, both = p.position_noise_low, p.position_noise_high, p.both_signs > 0
         x, y, z = x + noise(a, low, high, both), y + noise(b, low, high, both), z + noise(c, low, high, both)
-    turned = rotation_matrix((pose[3], pose[4], pose[5], pose[6]))
-    vx, vy, vz = product(turned, (velocity[0], velocity[1], velocity[2]))
     put(e.said, (x, y, z))
-    put(e.said[3:], (vx, vy, vz))
+    put(e.said[3:], product(rotation_matrix(quaternion(pose)), triple(velocity)))
 
 
 @row

@@ -25,6 +25,7 @@ from auvbench.tasks.records import Record
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Vector: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
 
 SUCCESS = 0
 COLLISION = 1
@@ -48,7 +49,7 @@ class Vehicle(NamedTuple):
     """A vehicle after an agent step, without noise."""
 
     position: Vector  # m, world axes
-    attitude: tuple[float, float, float, float]  # unit quaternion (w, x, y, z)
+    attitude: Quaternion  # unit quaternion (w, x, y, z)
     velocity: Vector  # m/s, body axes (forward, port, up)
     rates: Vector  # rad/s, body axes
     action: Floats  # (n_u,) in [-1, 1], of this step
@@ -72,6 +73,30 @@ def put(field: Floats, vector: Vector) -> None:
 
 
 @row
+def pose_of(pose: Any, i: int) -> tuple[Vector, Quaternion]:
+    """Return the position and the attitude of vehicle i from poses (n, 7)."""
+    return (pose[i, 0], pose[i, 1], pose[i, 2]), (pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6])
+
+
+@row
+def motion_of(velocity: Any, i: int) -> tuple[Vector, Vector]:
+    """Return the linear and the angular velocity of vehicle i from velocities (n, 6)."""
+    return (velocity[i, 0], velocity[i, 1], velocity[i, 2]), (velocity[i, 3], velocity[i, 4], velocity[i, 5])
+
+
+@row
+def quaternion(pose: Any) -> Quaternion:
+    """Return the attitude of a pose (7,)."""
+    return pose[3], pose[4], pose[5], pose[6]
+
+
+@row
+def turning(velocity: Any) -> Vector:
+    """Return the angular velocity of a velocity (6,)."""
+    return velocity[3], velocity[4], velocity[5]
+
+
+@row
 def vehicle(
     i: int,
     pose: Floats,
@@ -82,11 +107,13 @@ def vehicle(
     power: Floats,
 ) -> Vehicle:
     """Return vehicle i of a batch."""
+    position, attitude = pose_of(pose, i)
+    linear, angular = motion_of(velocity, i)
     return Vehicle(
-        (pose[i, 0], pose[i, 1], pose[i, 2]),
-        (pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]),
-        (velocity[i, 0], velocity[i, 1], velocity[i, 2]),
-        (velocity[i, 3], velocity[i, 4], velocity[i, 5]),
+        position,
+        attitude,
+        linear,
+        angular,
         action[i],
         previous[i],
         force[i],

@@ -13,7 +13,7 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import AgentError
-from auvbench.pilot import observation
+from auvbench.pilot import live_observation as observation
 from auvbench.testing.draws import ConformanceError, actions, reseed_generators, run_checks, same, untouched
 
 N, STEPS = 5, 20

@@ -26,7 +26,7 @@ from auvbench.runs.progress import Watch
 from auvbench.tasks import base as tasks
 from auvbench.tasks import disturbances
 from auvbench.tasks.filters import barrier
-from auvbench.tasks.observation import check_vehicle, observation_spec
+from auvbench.tasks.observation_spec import check_vehicle, observation_spec
 from auvbench.training import worker
 from auvbench.vehicles import sheet
 

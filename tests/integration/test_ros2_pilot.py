@@ -15,10 +15,10 @@ from auvbench.integrations.ros2 import discovery, interface
 from auvbench.integrations.ros2.middleware import Session
 from auvbench.integrations.ros2.pilot import Pilot
 from auvbench.pilot.guard import Unsupervised
+from auvbench.pilot.live_observation import observe
 from auvbench.pilot.mission import Logbook
-from auvbench.pilot.observation import observe
 from auvbench.pilot.steering import Limits, Steering
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.sheet import load
 from tests import configs, dds
 from tests.waiting import LIMIT

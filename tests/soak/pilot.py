@@ -38,7 +38,7 @@ from auvbench.pilot import loop
 from auvbench.pilot.mission import Logbook
 from auvbench.pilot.steering import Limits, Steering
 from auvbench.runs import interruption
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.sheet import load
 from tests import configs
 from tests.mavlink_vehicle import ArduSub, free_port

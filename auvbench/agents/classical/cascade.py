@@ -26,7 +26,7 @@ from auvbench.config import schema
 from auvbench.config.algorithms.cascade import Cascade as Gains
 from auvbench.errors import ConfigError
 from auvbench.observation import BODY, ObservationSpec
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]

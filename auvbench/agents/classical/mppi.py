@@ -30,7 +30,7 @@ from auvbench.config import schema
 from auvbench.config.algorithms.mppi import MPPI
 from auvbench.dynamics import frames
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.symbolic import RIGID
 from auvbench.vehicles.vehicle_model import VehicleModel
 

@@ -22,7 +22,7 @@ from auvbench.config import schema
 from auvbench.dynamics import frames
 from auvbench.observation import BODY
 from auvbench.registry import TASKS
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require
 
 Floats = NDArray[np.float64]

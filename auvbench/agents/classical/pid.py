@@ -18,7 +18,7 @@ from auvbench.config import schema
 from auvbench.config.algorithms.pid import PID
 from auvbench.errors import ConfigError
 from auvbench.registry import TASKS
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.actuators import BuoyancyEngine, Fin, MassShifter, Thruster
 from auvbench.vehicles.vehicle_model import VehicleModel
 

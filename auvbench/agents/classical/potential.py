@@ -21,7 +21,7 @@ from auvbench.config.tasks import blocks
 from auvbench.errors import ConfigError
 from auvbench.observation import ObservationSpec
 from auvbench.registry import TASKS
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.actuators import Fin
 from auvbench.vehicles.vehicle_model import VehicleModel
 

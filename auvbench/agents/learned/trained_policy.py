@@ -24,7 +24,7 @@ from auvbench.config import schema
 from auvbench.config.algorithms.residual import PPOResidual, SACResidual
 from auvbench.errors import RunError
 from auvbench.registry import AGENTS, resolve
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.untrusted import archives, reading
 from auvbench.vehicles.vehicle_model import VehicleModel
 

@@ -30,7 +30,7 @@ from auvbench.integrations.ardusub.spec import ArduSub
 from auvbench.runs import interruption
 from auvbench.simulators.base import IntArray
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]

@@ -279,7 +279,7 @@ def _setup(given: argparse.Namespace) -> Steering:
             reset=lambda episodes: None, act=policy.act
         )  # a policy in a file has no state
     else:
-        from auvbench.tasks.observation import observation_spec
+        from auvbench.tasks.observation_spec import observation_spec
 
         vehicle = sheet.load(given.vehicle or sheet.DEFAULT)
         frequency = given.frequency or 10.0
@@ -300,7 +300,7 @@ def _setup(given: argparse.Namespace) -> Steering:
 def _excitation(given: argparse.Namespace) -> Steering:
     """Return what flies a manoeuvre for identification once, from where the vehicle is armed."""
     from auvbench.pilot.steering import Steering
-    from auvbench.tasks.observation import observation_spec
+    from auvbench.tasks.observation_spec import observation_spec
     from auvbench.vehicles import sheet
 
     vehicle = sheet.load(given.vehicle or sheet.DEFAULT)
@@ -404,8 +404,8 @@ def task_of_policy(
     Raises:
         UserError: a pilot cannot give the reference of the task, or cannot supply an observation.
     """
-    from auvbench.pilot.observation import supplied
-    from auvbench.tasks.observation import observation_spec
+    from auvbench.pilot.live_observation import supplied
+    from auvbench.tasks.observation_spec import observation_spec
 
     named = card.document["task"]
     trained = str(named.get("name", DEFAULT_TASK))

@@ -12,7 +12,7 @@ from auvbench.integrations.ros2 import discovery, interface
 from auvbench.integrations.ros2.middleware import Session
 from auvbench.pilot import loop
 from auvbench.pilot.guard import Guard
-from auvbench.pilot.observation import yaw_of
+from auvbench.pilot.live_observation import yaw_of
 from auvbench.pilot.possible import is_turn
 from auvbench.pilot.steering import Steering
 

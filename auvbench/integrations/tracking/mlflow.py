@@ -21,9 +21,9 @@ def start(key: str, config: Mapping[str, Any], name: str) -> Run:
     """Open the logged run with this key; see `auvbench.tracking.start`."""
     client = MlflowClient()
     place = experiment_of(str(config["name"]))
-    found = client.search_runs([place], filter_string=f"tags.`{KEY}` = '{key}'")
-    if found:
-        run = found[0].info.run_id
+    runs = client.search_runs([place], filter_string=f"tags.`{KEY}` = '{key}'")
+    if runs:
+        run = runs[0].info.run_id
         client.update_run(run, status="RUNNING")
     else:
         run = client.create_run(place, tags={KEY: key}, run_name=name).info.run_id
@@ -40,8 +40,8 @@ def prepare(experiment: str) -> None:
 def experiment_of(name: str) -> str:
     """Return the id of an experiment; create it if it does not exist."""
     client = MlflowClient()
-    found = client.get_experiment_by_name(name)
-    return str(found.experiment_id if found else client.create_experiment(name))
+    experiment = client.get_experiment_by_name(name)
+    return str(experiment.experiment_id if experiment else client.create_experiment(name))
 
 
 class Run:

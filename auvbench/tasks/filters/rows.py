@@ -29,6 +29,7 @@ from auvbench.dynamics.vectors import (
     transposed_product,
 )
 from auvbench.tasks.filters.quadratic import nearest
+from auvbench.tasks.rows import motion_of, pose_of
 from auvbench.worlds.casting import distance_to
 from auvbench.worlds.solids import position_at, triple
 
@@ -286,7 +287,7 @@ def command_of(table: Floats, span: Floats, force: float) -> float:
     return float(span[0] + (low + min(max(share, 0.0), 1.0)) * (span[1] - span[0]) / (POINTS - 1))
 
 
-@compiled("dynamics", "worlds")
+@compiled("dynamics", "worlds", "tasks")
 def protect(
     start: int,
     stop: int,
@@ -335,12 +336,14 @@ def protect(
     for i in range(start, stop):
         for j in range(n):
             forces[j] = force_of(tables[j], spans[j], action[i, j])
+        position, attitude = pose_of(pose, i)
+        linear, angular = motion_of(velocity, i)
         count = constraints(
             p,
-            (pose[i, 0], pose[i, 1], pose[i, 2]),
-            (pose[i, 3], pose[i, 4], pose[i, 5], pose[i, 6]),
-            (velocity[i, 0], velocity[i, 1], velocity[i, 2]),
-            (velocity[i, 3], velocity[i, 4], velocity[i, 5]),
+            position,
+            attitude,
+            linear,
+            angular,
             steps[i] * p.duration,
             solids[i, : counts[i]],
             heights,

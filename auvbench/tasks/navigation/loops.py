@@ -27,7 +27,7 @@ from auvbench.tasks.navigation.state import (
 )
 from auvbench.tasks.navigation.turns import attitude_of, multiply, turn
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import between, put, row, triple
+from auvbench.tasks.rows import between, put, quaternion, row, triple, turning
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -41,11 +41,11 @@ FASTEST = 50.0
 @row
 def see(d: Record, pose: Floats, velocity: Floats) -> None:
     """Take the true motion at the end of an interval."""
-    q = pose[3], pose[4], pose[5], pose[6]
-    put(d.true_position, (pose[0], pose[1], pose[2]))
-    put(d.true_velocity, rotate(rotation_matrix(q), (velocity[0], velocity[1], velocity[2])))
+    q = quaternion(pose)
+    put(d.true_position, triple(pose))
+    put(d.true_velocity, rotate(rotation_matrix(q), triple(velocity)))
     imu.put_attitude(d.true_attitude, q)
-    put(d.true_rates, (velocity[3], velocity[4], velocity[5]))
+    put(d.true_rates, turning(velocity))
 
 
 @row
@@ -220,9 +220,8 @@ def conclude(
         if p.is_filter > 0:
             ekf.propagate(d, p, P)
         show(d, P, shown, i, pose, velocity)
-    x, y, z = triple(d.true_position)
-    error = x - pose[0], y - pose[1], z - pose[2]
-    d.error = between((x, y, z), (pose[0], pose[1], pose[2]))
+    error = subtract(triple(d.true_position), triple(pose))
+    d.error = between(triple(d.true_position), triple(pose))
     d.error_squared_sum += d.error * d.error
     d.counted += 1.0
     if p.is_filter > 0:

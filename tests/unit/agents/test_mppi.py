@@ -12,7 +12,7 @@ from auvbench.agents.classical.sampling import AIM, NODES, Sampler, charge, weig
 from auvbench.dynamics import frames
 from auvbench.envs.batch import Batch
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles import sheet
 from tests import configs
 

@@ -18,12 +18,12 @@ from auvbench.evaluation.replay import read_mission
 from auvbench.integrations.commands import pilot as command
 from auvbench.integrations.commands.pilot import task_of, task_of_policy
 from auvbench.pilot.excite import Excite
+from auvbench.pilot.live_observation import observe, supplied
 from auvbench.pilot.mission import Logbook, Mission
-from auvbench.pilot.observation import observe, supplied
 from auvbench.pilot.steering import Limits, Steering
 from auvbench.record import record_columns
 from auvbench.registry import TASKS
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.sheet import load
 from tests import configs
 from tests.waiting import LIMIT

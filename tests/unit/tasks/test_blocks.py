@@ -24,10 +24,10 @@ from auvbench.errors import AgentError, ConfigError, UserError
 from auvbench.evaluation import reference
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
 from auvbench.integrations.commands import pilot
-from auvbench.pilot import observation
+from auvbench.pilot import live_observation as observation
 from auvbench.registry import BLOCKS
 from auvbench.runs.identity import relevant, run_id
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles import sheet
 from tests import configs
 from tests.packages import EXAMPLE, Site, site
@@ -347,7 +347,7 @@ def test_a_pilot_takes_a_policy_s_blocks_from_its_card(site: Site) -> None:
 def test_a_pilot_compiles_nothing_for_it(site: Site) -> None:
     measuring(site)
     code = (
-        "import sys; from auvbench.registry import BLOCKS; from auvbench.pilot.observation import supplied; "
+        "import sys; from auvbench.registry import BLOCKS; from auvbench.pilot.live_observation import supplied; "
         "BLOCKS.choose('doppler', 'dopplers==1.0'); print('doppler' in supplied(), 'numba' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

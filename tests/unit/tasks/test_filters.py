@@ -30,7 +30,7 @@ from auvbench.tasks.filters import barrier
 from auvbench.tasks.filters.echoes import SCANS, Echoes
 from auvbench.tasks.filters.quadratic import PENALTY, nearest
 from auvbench.tasks.filters.rows import command_of, force_of, largest_speed, still_acceleration
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
 

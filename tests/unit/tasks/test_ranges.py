@@ -21,7 +21,7 @@ from auvbench.envs.batch import Batch
 from auvbench.envs.settings import configuration
 from auvbench.errors import ConfigError
 from auvbench.evaluation.protocol import fingerprint, resolve_conditions
-from auvbench.pilot import observation
+from auvbench.pilot import live_observation as observation
 from auvbench.registry import BLOCKS
 from auvbench.runs import identity
 from auvbench.testing import blocks as conformance
