@@ -226,26 +226,35 @@ def headline(ranking: Ranking) -> str:
         return f"No agent can be compared with {primary.baseline}: a verdict needs at least {FEWEST} trainings of each learner."
     ahead = primary.having(AHEAD)
     first = (
-        _lead(max(ahead, key=lambda c: m.sign * c.difference.value), primary, m, ranking.task)
+        _lead(max(ahead, key=lambda c: m.sign * c.difference.value), ranking, m)
         if ahead
         else f"No agent is ahead of {primary.baseline} in {name(m)}"
     )
     return "; ".join(filter(None, [first, _counts(primary, m)])) + "."
 
 
-def _lead(best: Against, primary: Primary, m: Measure, task: str) -> str:
+def _lead(best: Against, ranking: Ranking, m: Measure) -> str:
     gain, interval = rounded_difference(best.difference, m)
-    agent, r = best.agent, best.reliability
-    if best.trainings:
+    assert ranking.primary is not None
+    agent, baseline, r = best.agent, ranking.primary.baseline, best.reliability
+    controllers = {row.label for row in ranking.rows if not row.trained}
+    turned = agent in controllers  # then the trainings are the baseline's
+    ending = ""
+    if r:
+        of = f"its {r.trainings}" if turned else f"{r.trainings}"
+        ending = f", and {r.count} of {of} trainings are not behind"
+    if best.trainings and not turned:
         agent = f"The typical training of {agent}"
-    reached = TASKS[task].reached if task in TASKS else ""
+    if best.trainings and (turned or baseline in {row.label for row in ranking.rows if row.trained}):
+        baseline = f"the typical training of {baseline}"
+    reached = TASKS[ranking.task].reached if ranking.task in TASKS else ""
     if reached and m.column in LIMITED_BY_STEPS:
-        text = f"{agent} reaches {reached} {gain} sooner than {primary.baseline}{interval}"
+        text = f"{agent} reaches {reached} {gain} sooner than {baseline}{interval}"
     elif reached and m.name == "success_rate":
-        text = f"{agent} reaches {gain} more of the {reached} than {primary.baseline}{interval}"
+        text = f"{agent} reaches {gain} more of the {reached} than {baseline}{interval}"
     else:
-        text = f"{agent} is ahead of {primary.baseline} by {gain} in {name(m)}{interval}"
-    return f"{text}, and {r.count} of {r.trainings} trainings are not behind" if r else text
+        text = f"{agent} is ahead of {baseline} by {gain} in {name(m)}{interval}"
+    return f"{text}{ending}"
 
 
 def _counts(primary: Primary, m: Measure) -> str:

@@ -11,6 +11,7 @@ from auvbench.analysis.primary import headline
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Against, Primary, Ranking
 from auvbench.statistics import Estimate
+from auvbench.statistics.reliability import Reliability
 from tests.unit.analysis.agents import agent
 
 
@@ -35,6 +36,20 @@ def test_who_is_ahead_and_how_many_are_not() -> None:
     assert headline(ranking_with("par1_steps", *verdicts)) == (
         "A1 reaches waypoints 28.0 steps sooner than PID [27.0, 29.0]; 1 agent is also ahead, 1 is equivalent to PID "
         "within 11 steps, 3 are behind, 1 is open."
+    )
+
+
+def test_a_controller_ahead_of_a_learner() -> None:
+    ranking = rank([agent("sac"), agent("pid", seeds=1)], rank_by="par1_steps")
+    sac, pid = (
+        next(row.label for row in ranking.rows if row.trained is trained) for trained in (True, False)
+    )
+    none = Reliability(0, 8, 0.0, 0.31, 0.9, None)
+    against = Against(pid, Estimate(-28.0, -29.0, -27.0), "ahead", trainings=8, enough=6, reliability=none)
+    primary = Primary("par1_steps", sac, 11.0, 0.95, (against,))
+    assert headline(replace(ranking, primary=primary)) == (
+        f"{pid} reaches waypoints 28.0 steps sooner than the typical training of {sac} [27.0, 29.0], and 0 of its 8 trainings "
+        "are not behind."
     )
 
 
