@@ -334,9 +334,20 @@ def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropp
         if not at_bound:
             return free
         for k in at_bound:
-            reasons[names[k]] = "the fit ran to its bound"
+            reasons[names[k]] = _at_bound(residuals.parameters[k], float(x[k]))
             x[k] = 0.0
         dropped = True
+
+
+def _at_bound(parameter: Parameter, x: float) -> str:
+    """Return why a parameter at a bound is not identified."""
+    if parameter.name.startswith("gain.") and x < 0.0:
+        thruster = parameter.name.partition(".")[2]
+        return (
+            f"the fit ran to its bound, {parameter.value(-BOUND):.2g}: {thruster} hardly acts as drawn, and the other numbers make up"
+            " for it; correct its gain, position or direction in the sheet"
+        )
+    return "the fit ran to its bound"
 
 
 def _reason(names: Sequence[str], free: Sequence[int], covariance: FloatArray, worst: int) -> str:

@@ -97,6 +97,30 @@ def interpolated(log: Log) -> FloatArray:
     return known
 
 
+def turns(angles: FloatArray, others: FloatArray) -> FloatArray:
+    """Return the rotations (..., 3) in rad from attitudes `others` to attitudes `angles` (..., 3).
+
+    The vectors have components along the heading of the other attitude, to its port side, and up. At small tilt they are the
+    differences of roll, pitch and yaw. Beyond, those differences mean nothing: two vehicles that pass the vertical on two sides
+    have half a turn between their rolls.
+    """
+    with np.errstate(invalid="ignore"):
+        w, x, y, z = np.moveaxis(frames.quaternion(angles), -1, 0)
+        a, b, c, d = np.moveaxis(frames.quaternion(others), -1, 0)
+        real = w * a + x * b + y * c + z * d
+        vector = np.stack(
+            [x * a - w * b - y * d + z * c, y * a - w * c - z * b + x * d, z * a - w * d - x * c + y * b],
+            axis=-1,
+        )
+        vector *= np.where(real < 0.0, -1.0, 1.0)[..., None]
+        sine = np.linalg.norm(vector, axis=-1)
+        angle = 2.0 * np.arctan2(sine, np.abs(real))
+        vector *= np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 2.0)[..., None]
+        cosine, sine = np.cos(others[..., 2]), np.sin(others[..., 2])
+        east, north, up = np.moveaxis(vector, -1, 0)
+        return np.stack([cosine * east + sine * north, cosine * north - sine * east, up], axis=-1)
+
+
 def _half_width(log: Log, index: int) -> int:
     """Return how many measurements on each side give a derivative."""
     return max(1, round(SPAN / log.interval(CHANNELS[index])))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.identification.log import CHANNELS
+from auvbench.identification.log import CHANNELS, Log
 from auvbench.identification.parameters import Parameter, values_of
 from auvbench.identification.windows import Predictor, Windows
 
@@ -15,8 +15,13 @@ FloatArray = NDArray[np.float64]
 
 DISTURBED = (3, 4, *range(6, 12))
 """First states whose effect is simulated: tilt, velocity and rates. Position and yaw only shift a prediction."""
+TRUSTED = 0.1
+"""Smallest standard deviation of a measured velocity or rate at a start, as a share of that of the residuals. Noise that changes
+slowly hides between two rows."""
 SMALL = 1e-3
 """Step of finite differences, of states in SI units and of normalised parameters."""
+FLIPPED = 1.0
+"""Change of a residual over `SMALL` that is no derivative: an attitude error of half a turn changes its sign."""
 LOST = 1e3
 """Error of a prediction that is not finite."""
 FLOORS = (1e-3,) * 3 + (5e-4,) * 3 + (2e-3,) * 3 + (1e-3,) * 3
@@ -44,12 +49,13 @@ class Residuals:
         self.weight = np.ones(len(self.channels))
         self.shift = np.zeros((self.windows.n, len(CHANNELS)))
         """Correction (n, 12) of the first states from which predictions start, in standard deviations."""
+        self._noise = np.array([_noise(log) for log in self.windows.logs])
         self._spread = self._start_spread()
         self._gain: tuple[FloatArray, FloatArray] | None = None
 
     def _first_sigma(self) -> FloatArray:
         """Return a tenth of what each channel changes in a window, as a first guess."""
-        change = self.windows.measured - self.windows.state[:, None]
+        change = self.windows.error(self.windows.state[:, None])
         spread = np.sqrt(np.nanmean(change[..., self.channels] ** 2, axis=(0, 1)))
         return np.asarray(np.maximum(0.1 * spread, np.array(FLOORS)[self.channels]))
 
@@ -68,7 +74,7 @@ class Residuals:
         """Return `raw` (k, n, m, channels) at k points."""
         starts = [self.state if state is None else state for state in states or [None] * len(points)]
         predicted = self.predictor.many([values_of(self.parameters, x) for x in points], starts)
-        error = (predicted - self.windows.measured)[..., self.channels]
+        error = self.windows.error(predicted)[..., self.channels]
         # A step of the fit may try a vehicle that no time step resolves.
         return np.where(self.there, np.nan_to_num(error, nan=LOST, posinf=LOST, neginf=-LOST), 0.0)
 
@@ -92,7 +98,7 @@ class Residuals:
         n, m, c = base.shape
         effect = np.zeros((n, m, c, len(CHANNELS)))
         for index, other in zip(DISTURBED, others, strict=True):
-            effect[..., index] = (other - base) / SMALL
+            effect[..., index] = _slope(base, other, SMALL)
         for index in (0, 1, 2, 5):  # A shift of position or yaw only shifts its own channel.
             if index in self.channels:
                 column = self.channels.index(index)
@@ -103,14 +109,20 @@ class Residuals:
         self._gain = G, -np.einsum("nij,nrj->nir", inverse, G)
 
     def _start_spread(self) -> FloatArray:
-        """Return standard deviations (n, 12) of the first states."""
+        """Return standard deviations (n, 12) of the first states.
+
+        Residuals are larger than the noise where the model is wrong. A first rate that is as free would bend each prediction
+        towards its window, and hide what is wrong.
+        """
         noise = np.array(FLOORS)
         noise[self.channels] = self.sigma
         table = np.zeros((len(self.windows.motions), len(CHANNELS)))
-        for row, motion in zip(table, self.windows.motions, strict=True):
+        for row, motion, own in zip(table, self.windows.motions, self._noise, strict=True):
             for index, source in enumerate(motion.source):
                 if source == "measured":
                     row[index] = noise[index]
+                    if index >= 6:
+                        row[index] = min(max(own[index], TRUSTED * noise[index]), noise[index])
                 elif index >= 6:
                     size = float(np.std(motion.state[:, index]))
                     derived = motion.spread[index] * noise[index - 6] + 0.3 * size
@@ -155,7 +167,7 @@ class Residuals:
         base, *others = self._many([x, *(x + step * unit[k] for step, k in zip(steps, free, strict=True))])
         return np.column_stack(
             [
-                self.vector((other - base) / step, unit[k], change=True)
+                self.vector(_slope(base, other, step), unit[k], change=True)
                 for other, step, k in zip(others, steps, free, strict=True)
             ]
         )
@@ -190,3 +202,22 @@ class Residuals:
             power = float(np.sum(limited**2))
             together = float(np.sum(sums**2)) / power if power > 0.0 else 1.0
             self.weight[column] = 1.0 / max(1.0, together)
+
+
+def _noise(log: Log) -> FloatArray:
+    """Return the standard deviation (12,) of the noise from row to row of each channel; infinite where it was not measured.
+
+    The second difference of white noise has six times its variance.
+    """
+    found = np.full(len(CHANNELS), np.inf)
+    for index, column in enumerate(log.measured.T):
+        second = np.diff(column[np.isfinite(column)], 2)
+        if second.size:
+            found[index] = np.sqrt(np.pi / 2.0 / 6.0) * np.abs(second).mean()
+    return found
+
+
+def _slope(base: FloatArray, other: FloatArray, step: float) -> FloatArray:
+    """Return a derivative of residuals by a finite difference; 0 where one of the two is lost or turns by more than half a turn."""
+    change = other - base
+    return np.asarray(np.where(np.abs(change) > FLIPPED, 0.0, change) / step)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics import frames
 from auvbench.identification import motion
 from auvbench.identification.log import CHANNELS, Log, LogError
-from auvbench.identification.windows import Predictor, Windows, step_of
+from auvbench.identification.windows import Predictor, Windows, step_of, tumbles
 from auvbench.vehicles.identified import Identified
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -121,6 +121,7 @@ def horizons(logs: Sequence[Log]) -> Windows:
         time=np.tile(np.array(HORIZONS), (len(start), 1)),
         measured=np.array(measured),
         channels=tuple(k for k, name in enumerate(CHANNELS) if any(log.has(name) for log in logs)),
+        tumbling=tumbles(motions, logs, number, np.array(start), HORIZONS[-1]),
     )
 
 
@@ -140,15 +141,15 @@ def validate(
     windows = horizons(logs)
     still = np.broadcast_to(windows.state[:, None], windows.measured.shape)
     predictions = [
-        Prediction(HOLD, still - windows.measured),
-        Prediction(CONSTANT, _constant(windows) - windows.measured),
+        Prediction(HOLD, windows.error(still)),
+        Prediction(CONSTANT, windows.error(_constant(windows))),
     ]
     for name, vehicle, identified in vehicles:
         predictor = Predictor(windows, vehicle)
         delay = {"delay": identified.delay} if identified else {}
         predicted = predictor.states(delay)
         band = _band(predictor, predicted, identified, seed) if identified else None
-        predictions.append(Prediction(name, predicted - windows.measured, band))
+        predictions.append(Prediction(name, windows.error(predicted), band))
     remarks = tuple(dict.fromkeys(remark for log in logs for remark in log.remarks))
     return Validation(
         tuple(logs), windows.n, tuple(CHANNELS[k] for k in windows.channels), tuple(predictions), remarks
@@ -182,7 +183,7 @@ def _band(predictor: Predictor, predicted: FloatArray, identified: Identified, s
                 base[HORIZONS.index(horizon), CHANNELS.index(channel)] = error
     drawn = [relative(identified, draw) for draw in identified.draws(DRAWS, np.random.default_rng(seed))]
     states = predictor.many(drawn)
-    spread = np.sqrt(np.mean((states - predicted) ** 2, axis=0))
+    spread = np.sqrt(np.mean(predictor.windows.error(states, predicted) ** 2, axis=0))
     # 1.645: the 90 % quantile of a normal error's size.
     return np.asarray(np.sqrt(base**2 + (1.645 * np.nan_to_num(spread, nan=0.0, posinf=1e3)) ** 2))
 
@@ -202,7 +203,7 @@ def quantiles(
 ) -> dict[str, dict[float, float]]:
     """Return the 90 % quantiles of the absolute errors of a vehicle on logs, by channel and horizon in s."""
     windows = horizons(logs)
-    error = np.abs(Predictor(windows, vehicle).states(dict(values)) - windows.measured)
+    error = np.abs(windows.error(Predictor(windows, vehicle).states(dict(values))))
     table: dict[str, dict[float, float]] = {}
     for index in windows.channels:
         for h, horizon in enumerate(HORIZONS):

@@ -13,7 +13,7 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.layout import LANES
 from auvbench.identification import inputs as actuation
 from auvbench.identification import motion
-from auvbench.identification.log import CHANNELS, STEEP, Log
+from auvbench.identification.log import ATTITUDE, CHANNELS, STEEP, Log
 from auvbench.identification.parameters import gains, with_values
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles.actuators import Actuator, Thruster
@@ -31,6 +31,8 @@ MOST_LANES = 4096
 """Largest number of vehicles that are simulated together."""
 CHECKS = 40
 """Largest number of measurements of a window that are compared."""
+TUMBLING = np.radians(60.0)
+"""Tilt from which attitudes are compared by the rotation between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,11 +57,28 @@ class Windows:
     """(n, m, 12), NaN where nothing was measured or the window has fewer rows."""
     channels: tuple[int, ...]
     """Channels that some log measured."""
+    tumbling: NDArray[np.bool_]
+    """(n,) whether the vehicle's tilt exceeds `TUMBLING`, in logs with roll, pitch and yaw."""
 
     @property
     def n(self) -> int:
         """Return the number of windows."""
         return int(self.start.size)
+
+    def error(self, states: FloatArray, others: FloatArray | None = None) -> FloatArray:
+        """Return states (..., n, m, 12) less what was measured, or less other states.
+
+        In tumbling windows, the errors of roll, pitch and yaw are `motion.turns`.
+        """
+        others = self.measured if others is None else others
+        error = states - others
+        if self.tumbling.any():
+            others = np.broadcast_to(others, error.shape)
+            error[..., self.tumbling, :, ATTITUDE] = motion.turns(
+                np.broadcast_to(states, error.shape)[..., self.tumbling, :, ATTITUDE],
+                others[..., self.tumbling, :, ATTITUDE],
+            )
+        return np.asarray(error)
 
 
 def cut(logs: Sequence[Log], length: float, stride: float | None = None) -> Windows:
@@ -82,7 +101,9 @@ def cut(logs: Sequence[Log], length: float, stride: float | None = None) -> Wind
         time[k, : rows.size] = log.time[rows] - start[k]
         measured[k, : rows.size] = log.measured[rows]
     measured[:, 0] = np.nan  # The first row is the start itself.
-    measured[..., [3, 5]] = np.where(np.abs(measured[..., 4:5]) > STEEP, np.nan, measured[..., [3, 5]])
+    tumbling = tumbles(motions, logs, [number for number, _ in thinned], start, length)
+    steep = (np.abs(measured[..., 4:5]) > STEEP) & ~tumbling[:, None, None]
+    measured[..., [3, 5]] = np.where(steep, np.nan, measured[..., [3, 5]])
     return Windows(
         logs=tuple(logs),
         motions=motions,
@@ -94,7 +115,28 @@ def cut(logs: Sequence[Log], length: float, stride: float | None = None) -> Wind
         time=time,
         measured=measured,
         channels=tuple(k for k, name in enumerate(CHANNELS) if any(log.has(name) for log in logs)),
+        tumbling=tumbling,
     )
+
+
+def tumbles(
+    motions: Sequence[motion.Motion],
+    logs: Sequence[Log],
+    number: Sequence[int],
+    start: FloatArray,
+    length: float,
+) -> NDArray[np.bool_]:
+    """Return whether the vehicle tumbles in each window (n,), which starts in log `number` (n,) at `start` (n,)."""
+    upright = []
+    for log, states in zip(logs, motions, strict=True):
+        roll, pitch, _ = states.state[:, ATTITUDE].T
+        whole = all(source == "measured" for source in states.source[ATTITUDE])
+        upright.append(np.cos(roll) * np.cos(pitch) if whole else np.ones(log.time.size))
+    found = []
+    for k, at in zip(number, start.tolist(), strict=True):
+        first, last = np.searchsorted(logs[k].time, [at - 1e-9, at + length + 1e-9])
+        found.append(bool(upright[k][first:last].min() < np.cos(TUMBLING)))
+    return np.array(found, dtype=np.bool_)
 
 
 def step_of(logs: Sequence[Log]) -> float:

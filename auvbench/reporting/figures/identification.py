@@ -66,7 +66,7 @@ def residuals(fit: Fit) -> Drawing:
         axes = canvas.subplots(rows, columns, sharex=True, squeeze=False).ravel()
         for ax, channel in zip(axes, channels, strict=False):
             for values, colour, line in ((fit.before, BEFORE, "--"), (fit.predicted, AFTER, "-")):
-                error = values[..., channel] - windows.measured[..., channel]
+                error = windows.error(values)[..., channel]
                 means = [_rms(error[place == k]) for k in range(10)]
                 ax.plot(0.5 * (edges[1:] + edges[:-1]), means, line, color=colour, marker="o", markersize=3)
             ax.set_ylim(bottom=0.0)

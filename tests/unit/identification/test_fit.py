@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from auvbench.errors import ConfigError
-from auvbench.identification import gate, manoeuvres, parameters, sheets
-from auvbench.identification.fit import Fit, fit
+from auvbench.identification import gate, manoeuvres, motion, parameters, sheets
+from auvbench.identification.fit import Fit, _at_bound, fit
 from auvbench.identification.log import CHANNELS, Log
+from auvbench.identification.parameters import Parameter
+from auvbench.identification.residuals import Residuals
 from auvbench.identification.windows import Held, Predictor, cut
 from auvbench.vehicles import sheet, signals
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -250,3 +252,58 @@ def test_a_held_input_after_a_lag_is_exact() -> None:
 def test_the_covariance_of_a_sheet_has_no_negative_eigenvalue() -> None:
     steps = 1e3 * np.random.default_rng(0).standard_normal((5, 22))  # fewer replicates than numbers
     assert np.linalg.eigvalsh(np.array(sheets.rounded(np.cov(steps, rowvar=False))))[0] > -1e-6
+
+
+def test_attitudes_on_two_sides_of_the_vertical_are_close() -> None:
+    # The bow points up but for 2 degrees; roll and yaw of the two differ by half a turn.
+    before, after = np.array([0.1, 1.536, 0.2]), np.array([0.1 + np.pi, 1.536, 0.2 + np.pi])
+    assert np.linalg.norm(motion.turns(after, before)) == pytest.approx(2.0 * (0.5 * np.pi - 1.536), rel=1e-6)
+    level = np.array([0.01, -0.02, 2.0])
+    np.testing.assert_allclose(motion.turns(level + 0.01, level), 0.01, atol=3e-4)
+    np.testing.assert_allclose(motion.turns(level, level), 0.0, atol=1e-12)
+    # A turn about the vertical is a turn of yaw at every tilt, also of more than half a turn.
+    np.testing.assert_allclose(
+        motion.turns(before + np.array([0.0, 0.0, 4.0]), before), [0.0, 0.0, 4.0 - 2.0 * np.pi], atol=1e-9
+    )
+
+
+def test_a_tumbling_vehicle_is_compared_by_rotations() -> None:
+    time = 0.02 * np.arange(200)
+    measured = np.full((200, 12), np.nan)
+    measured[:, 3:6] = 0.1, 0.0, 0.2
+    measured[100:, 4] = np.minimum(0.05 * np.arange(100), 1.5)
+    log = Log("turn", "", time, "wrench", (), np.zeros((200, 6)), measured, segments=((0, 200),))
+    windows = cut([log], 1.0)
+    assert windows.tumbling.tolist() == [False, False, True, True]
+    other = windows.measured.copy()
+    other[..., 3] += np.pi
+    other[..., 5] += np.pi
+    error = windows.error(other)
+    np.testing.assert_allclose(error[0, 1:, [3, 5]], np.pi)
+    assert np.nanmax(np.abs(error[3, -5:, 3:6])) < 0.2
+    # Without yaw, roll is not compared near the vertical.
+    measured[:, 5] = np.nan
+    windows = cut([log], 1.0)
+    assert not windows.tumbling.any()
+    assert np.isnan(windows.measured[3, :, 3]).all()
+
+
+def test_a_start_has_the_noise_of_its_measurement() -> None:
+    vehicle, log = flown({"added_mass.yaw": 3.0}, ["yaw"], 10.0, noise={"yaw": 0.002, "r": 0.01})
+    windows = cut([log], 2.0)
+    residuals = Residuals(Predictor(windows, vehicle), parameters.choose(vehicle, ["added_mass.yaw"], False))
+    r, yaw = CHANNELS.index("r"), CHANNELS.index("yaw")
+    residuals.sigma[:] = 0.08
+    spread = residuals._start_spread()[0]
+    assert spread[r] == pytest.approx(0.01, rel=0.3)
+    assert spread[yaw] == 0.08  # A shift of yaw bends no prediction.
+    residuals.sigma[:] = 0.004
+    assert residuals._start_spread()[0, r] == 0.004
+    residuals.sigma[:] = 0.5
+    assert residuals._start_spread()[0, r] == 0.05
+
+
+def test_a_thruster_that_does_not_act_is_named() -> None:
+    gain = Parameter("gain.T6", "1", 1.0, 0.3)
+    assert "T6 hardly acts as drawn" in _at_bound(gain, -4.0)
+    assert _at_bound(gain, 4.0) == "the fit ran to its bound"
