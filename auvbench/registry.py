@@ -326,7 +326,9 @@ AGENTS: Kind[AgentSpec] = Kind(
     {
         **_lines(f"{_ALGORITHMS}.sb3", *_SB3),
         **_lines(f"{_ALGORITHMS}.residual", "ppo_residual", "sac_residual"),
-        **_files(_ALGORITHMS, "pid", "alos", "apf", "lqr", "smc", "adrc", "mpc", "mppi", "random", "onnx"),
+        **_files(
+            _ALGORITHMS, "pid", "alos", "apf", "lqr", "smc", "adrc", "mpc", "mppi", "random", "onnx", "pets"
+        ),
     },
 )
 

@@ -128,19 +128,19 @@ def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
         "variables": {name: recursive_getattr(model, name).detach() for name in variables},
     }
     optimizers = {name: recursive_getattr(model, name).state_dict() for name in names if "optimizer" in name}
-    return {"policy": _plain(policy), "optimizers": _plain(optimizers)}
+    return {"policy": plain(policy), "optimizers": plain(optimizers)}
 
 
-def _plain(node: Any) -> Any:
+def plain(node: Any) -> Any:
     """Return the same values with new containers and interned strings.
 
     The written bytes then depend only on the values. A pickle refers back to objects that it has met before,
     and a restored optimizer shares other objects than one that was never saved.
     """
     if isinstance(node, Mapping):
-        return {_plain(key): _plain(value) for key, value in node.items()}
+        return {plain(key): plain(value) for key, value in node.items()}
     if isinstance(node, (list, tuple)):
-        return type(node)([_plain(value) for value in node])
+        return type(node)([plain(value) for value in node])
     if isinstance(node, torch.Tensor):
         return node.detach().clone()  # it may be a view of a larger tensor, which would be written as a whole
     return sys.intern(node) if isinstance(node, str) else node

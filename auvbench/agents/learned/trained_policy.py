@@ -160,7 +160,7 @@ class LearnedPolicy(FrozenPolicy):
     def __init__(self, config: schema.TrainConfig, folder: Path, vehicle: VehicleModel) -> None:
         torch.set_num_threads(1)
         policy = _policy(config, vehicle)
-        weights = _read_weights(folder / learners.WEIGHTS, policy.state_dict())
+        weights = read_weights(folder / learners.WEIGHTS, policy.state_dict())
         statistics = _read_statistics(folder / learners.STATISTICS, observed(config, vehicle))
         policy.load_state_dict(weights)
         policy.set_training_mode(False)
@@ -197,7 +197,7 @@ def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
     return policy
 
 
-def _read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+def read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Return the tensors of a policy.
 
     Raises:
