@@ -66,7 +66,7 @@ class Prediction:
             rows = pushed[k].baddbmm_(states[k], self._motion)
             for weight, bias in self._layers:
                 rows = torch.bmm(nn.functional.silu(rows, inplace=True), weight).add_(bias)
-            change, spread = rows.split(SIZE, dim=2)
+            change, spread = rows[..., :SIZE], rows[..., SIZE:]
             deviation = torch.exp(0.5 * bounded(spread, self._low, self._high)).mul_(self._scale)
             torch.add(states[k], change, out=states[k + 1])
             states[k + 1].addcmul_(deviation, noise[k])
@@ -122,8 +122,11 @@ class Returns:
         require_known(config)
         self._task: Any = config.task
         self._reward: Any = config.reward
-        self._gamma, self._tail = config.algo.gamma, config.algo.terminal_weight  # type: ignore[attr-defined]
+        self._gamma, self._tail = config.algo.gamma, config.algo.terminal_weight
         self._dt = 1.0 / config.step.frequency
+        p = self._reward
+        self._decay = p.rate if p.name == "exponential" else 1.0 / p.length
+        """1/m"""
         self._has_yaw = TASKS[config.task.name].has_yaw
 
     def __call__(self, aim: Tensor, previous: Tensor, actions: Tensor, states: Tensor) -> Tensor:
@@ -148,48 +151,44 @@ class Returns:
         change = (actions - before).square().mean(-1)[:, None]
         start = torch.linalg.vector_norm(aim[:3]).expand(1, *distance.shape[1:])
         reward = self._steps(distance, torch.cat([start, distance[:-1]]), yaw_error, effort, change)
-        failed = distance > self._task.bounds if hasattr(self._task, "bounds") else None
-        return self._summed(reward, distance, failed)
+        return self._summed(reward, distance)
 
     def _steps(
         self, distance: Tensor, last: Tensor, yaw_error: Tensor, effort: Tensor, change: Tensor
     ) -> Tensor:
         """Return the reward (H, members, n) of steps that do not end the episode."""
-        p = self._reward
+        p, reward = self._reward, torch.exp(-distance * self._decay)
         if p.name == "thesis":
-            return torch.where(distance < last, p.k * torch.exp(-distance / p.length), p.regress)
+            return torch.where(distance < last, reward.mul(p.k), p.regress)
         if p.name == "exponential":
-            return p.k * torch.exp(-p.rate * distance)
+            return reward.mul(p.k)
         off = torch.remainder(yaw_error + math.pi, 2.0 * math.pi) - math.pi
-        reward = torch.exp(-distance / p.length) + p.yaw * torch.exp(-off.abs() / p.yaw_length)
-        reward = reward - p.effort * effort - p.change * change
+        reward += p.yaw * torch.exp(-off.abs() / p.yaw_length)
+        reward -= p.effort * effort + p.change * change
         if p.name == "goal":
-            reward = reward + p.fine * torch.exp(-distance / p.fine_length)
-        return p.k * reward
+            reward += p.fine * torch.exp(-distance / p.fine_length)
+        return reward.mul(p.k)
 
-    def _summed(self, reward: Tensor, distance: Tensor, failed: Tensor | None) -> Tensor:
+    def _summed(self, reward: Tensor, distance: Tensor) -> Tensor:
         """Return the discounted sums (members, n) up to the end of the episode; the last reward counts `terminal_weight` times."""
-        p, horizon = self._reward, len(reward)
+        p = self._reward
         factor = p.k if p.name in ("tracking", "goal") else 1.0
-        weight = self._gamma ** torch.arange(horizon, dtype=torch.float32)
-        weight[-1] *= self._tail
         over = torch.zeros_like(reward, dtype=torch.bool)
-        bonus = torch.zeros_like(reward)
         if radius := getattr(self._task, "goal_radius", 0.0):
-            reached = distance < radius
-            over |= reached
-            bonus = torch.where(reached, factor * getattr(p, "success", 0.0), bonus)
-        if failed is not None:
-            over |= failed
-            bonus = torch.where(failed, factor * p.failure, bonus)
+            over = distance < radius
+            success = factor * getattr(p, "success", 0.0)
+            reward = torch.where(over, success if p.name == "thesis" else reward + success, reward)
+        if bounds := getattr(self._task, "bounds", 0.0):
+            over = distance > bounds
+            reward = torch.where(
+                over, p.failure if p.name == "exponential" else reward + factor * p.failure, reward
+            )
+        weight = self._gamma ** torch.arange(len(reward), dtype=torch.float32)[:, None, None]
+        weight = torch.where(over, weight, torch.cat([weight[:-1], weight[-1:] * self._tail]))
         # A step counts if no earlier one ended the episode.
         alive = torch.ones_like(reward)
         alive[1:] = torch.cumprod((~over[:-1]).float(), dim=0)
-        value = torch.where(over, (reward + bonus) if p.name != "thesis" else bonus, reward)
-        # The end of an episode is not the end of the horizon: it counts once.
-        weight = weight[:, None, None]
-        counted = torch.where(over, torch.clamp_max(weight, 1.0), weight)
-        return (alive * counted * value).sum(0)
+        return (alive * weight * reward).sum(0)
 
 
 def require_known(config: schema.TrainConfig) -> None:
@@ -209,7 +208,7 @@ def require_known(config: schema.TrainConfig) -> None:
         )
     if getattr(config.reward, "velocity", 0.0) > 0.0:
         raise ConfigError(
-            f"reward.velocity={config.reward.velocity:g}: algo=pets does not predict the velocity error; use 0"  # type: ignore[attr-defined]
+            f"reward.velocity={config.reward.velocity:g}: algo=pets does not predict the velocity error; use 0"
         )
     if config.task.position_frame != "body":
         raise ConfigError(

@@ -23,7 +23,7 @@ import torch
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Actions, Callbacks, Components, Integers, Observations
-from auvbench.agents.classical.sampling import weights
+from auvbench.agents.classical.sampling import weights as mppi_weights
 from auvbench.agents.learned.ensemble import Ensemble, fit
 from auvbench.agents.learned.imagined import MOTION, SIZE, Prediction, Returns, followed, require_known
 from auvbench.agents.learned.state import plain
@@ -40,6 +40,8 @@ Floats = NDArray[np.float32]
 FILE = "ensemble.pt"
 FIRST_ITERATIONS = 4
 """improvements of the first plan of an episode; later plans are improved once"""
+SPREAD = 0.7
+"""standard deviation of random actions"""
 FIT, EXPLORE, TRAIN, TEST = range(4)
 """streams of draws"""
 
@@ -181,7 +183,7 @@ class PETSLearner:
         for _ in range(1 if step else FIRST_ITERATIONS):
             self.failed += not self._improve(plan, reading, plans.aims[i], generator)
         plans.steps[i] += 1
-        return plan[0].copy()
+        return np.array(plan[0])
 
     def _estimate(self, reading: Floats, plans: Plans, i: int) -> None:
         """Estimate row i's position and yaw errors: the mean of all readings, moved along, or of the last 1 / `reading_share`."""
@@ -206,7 +208,9 @@ class PETSLearner:
             motion = observation[self._columns]
             states = self._prediction.roll_out(motion, previous, candidates, torch.from_numpy(noise))
             value = self._returns(torch.from_numpy(aim), previous, candidates, states).mean(0)
-        weight = weights(-value.numpy().astype(np.float64), np.zeros(len(value)), self.algo.temperature, 0.0)
+        weight = mppi_weights(
+            -value.numpy().astype(np.float64), np.zeros(len(value)), self.algo.temperature, 0.0
+        )
         if weight is None:
             return False
         plan[:] = np.einsum("i,kia->ka", weight, actions)
@@ -220,7 +224,7 @@ class PETSLearner:
         for k in range(1, self._horizon):
             noise[k] = self._keep * noise[k - 1] + fresh * noise[k]
         both = np.concatenate([np.zeros_like(noise[:, :1]), noise, -noise], axis=1)[:, :n]
-        return np.clip(plan[:, None] + both, -1.0, 1.0)
+        return np.asarray(np.clip(plan[:, None] + both, -1.0, 1.0))
 
     def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:
         """Train as the contract says: act, and fit the ensemble to all transitions every `algo.fit_every` steps.
@@ -263,7 +267,7 @@ class PETSLearner:
         white = np.random.default_rng([self._seed, EXPLORE, steps]).standard_normal(self._explored.shape)
         fresh = math.sqrt(1.0 - self._keep**2)
         self._explored = (self._keep * self._explored + fresh * white).astype(np.float32)
-        return np.clip(0.7 * self._explored, -1.0, 1.0)
+        return np.asarray(np.clip(SPREAD * self._explored, -1.0, 1.0))
 
     def _fit(self, steps: int, callbacks: Callbacks) -> None:
         """Fit the ensemble to all transitions."""
@@ -281,8 +285,8 @@ class PETSLearner:
             batch=self.algo.batch_size,
             generator=np.random.default_rng([self._seed, FIT, steps]),
         )
-        if not math.isfinite(loss):
-            raise TrainingError(f"step {steps}: the loss of the ensemble became {loss}")
+        if not all(bool(torch.isfinite(parameter).all()) for parameter in self.ensemble.parameters()):
+            raise TrainingError(f"step {steps}: the weights of the ensemble are not finite")
         self._prediction = None
         callbacks.log({"train/loss": loss, "train/transitions": float(len(inputs))}, steps)
 
@@ -298,7 +302,11 @@ class PETSLearner:
         Raises:
             RunError: the file is missing, damaged, or of other networks than the configuration's.
         """
-        self.ensemble.load_state_dict(read_weights(folder / FILE, self.ensemble.state_dict()))
+        weights = read_weights(folder / FILE, self.ensemble.state_dict())
+        for name in ("input_scale", "output_scale"):
+            if not bool((weights[name] > 0.0).all()):
+                raise RunError(f"{folder / FILE}: {name} contains a number that is not positive")
+        self.ensemble.load_state_dict(weights)
         self._prediction = None
 
     def state(self) -> Components:
@@ -308,7 +316,7 @@ class PETSLearner:
         assert self._optimizer is not None
         assert observation is not None
         assert explored is not None
-        arrays = {
+        arrays: dict[str, NDArray[Any]] = {
             "episodes": plans.episodes,
             "steps": plans.steps,
             "actions": plans.actions,
@@ -356,4 +364,4 @@ class PETSLearner:
 def _passed(before: int, steps: int, algo: Any) -> bool:
     """Return whether a step passed a time to fit: the end of the random actions, or a multiple of `fit_every` after it."""
     start, every = algo.learning_starts, algo.fit_every
-    return before < start or (steps - start) // every > (before - start) // every
+    return bool(before < start or (steps - start) // every > (before - start) // every)

@@ -212,7 +212,7 @@ def test_a_thousand_steps_suffice_for_waypoints() -> None:
         def __getattr__(self, name: str) -> Any:
             return lambda *arguments: 0
 
-    agent.learn(batch, config, Session())  # type: ignore[arg-type]
+    agent.learn(batch, config, Session())
     records = roll_out(
         config, agent, episodes=np.arange(10), seed=6, batch=10, scenarios="validation"
     ).records
