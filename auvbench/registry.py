@@ -413,7 +413,7 @@ WORLDS: Kind[WorldSpec] = Kind(
     f"{_WORLDS}:WorldSpec",
     {
         **{name: f"{_WORLDS}:{name}_" for name in ("open", "field")},
-        **_lines(_WORLDS, "tank", "slope", "rough", "bottom", "pillars"),
+        **_lines(_WORLDS, "tank", "slope", "rough", "bottom", "pillars", "pipeline"),
     },
 )
 

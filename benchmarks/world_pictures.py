@@ -24,6 +24,7 @@ KEYS = {
     "rough": ("world.height=1.5",),
     "seabed": ("task.start_low=14",),
     "field": ("world.density=0.04",),
+    "pipeline": ("world.height=0.05", "world.radius=0.6", "world.sway=8", "world.altitude=8"),
 }
 SPAN, STEPS = 22.0, 240
 
@@ -51,7 +52,11 @@ def draw(axes: Any, batch: Batch, vertical: bool) -> None:
         labels = "m from start to dock", "z in m"
     else:
         b = a
-        grid = np.array([[goal[0] + x, goal[1] + y, goal[2]] for y in b for x in a])
+        world = batch.task.world
+        assert world is not None
+        # A pipeline is far below the dock.
+        z = world.solids[0, 1]["position"][2] if world.settings.name == "pipeline" else goal[2]
+        grid = np.array([[goal[0] + x, goal[1] + y, z] for y in b for x in a])
         marks = [(p - goal)[:2] for p in (start, goal)]
         labels = "m east of the dock", "m north of the dock"
     distances = section(batch, grid).reshape(STEPS, STEPS)
@@ -63,7 +68,7 @@ def draw(axes: Any, batch: Batch, vertical: bool) -> None:
 
 
 def main() -> None:
-    """Draw each world from above and from the side, at the depth of the dock and through start and dock."""
+    """Draw each world from above and from the side, at the depth of the dock or the pipe and through start and dock."""
     names = [*(name for name in WORLDS if name not in ("open", "bottom")), "seabed"]
     figure = Figure(figsize=(3.0 * len(names), 6.0), layout="constrained")
     FigureCanvasAgg(figure)

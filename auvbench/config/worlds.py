@@ -79,6 +79,18 @@ class Rough(Solid):
 
 
 @dataclass(kw_only=True)
+class Pipeline(Rough):
+    """A pipeline on a bottom."""
+
+    radius: float = number(0.01, 10.0)  # m
+    burial: float = number(0.0, 1.0)
+    sway: float = number(0.0, 100.0)  # m
+    wave: float = number(1.0, 1e4)  # m
+    beyond: float = number(0.0, 1000.0)  # m
+    piece: float = number(0.1, 100.0)  # m
+
+
+@dataclass(kw_only=True)
 class BottomFile:
     """Keys of the file of a bottom."""
 
@@ -164,6 +176,7 @@ open_ = WorldSpec("open", "open water", "", Open)
 tank = WorldSpec("tank", "tank with walls and bottom", f"{_CODE}.tank:TankWorld", Tank)
 slope = WorldSpec("slope", "sloping bottom", f"{_CODE}.slope:SlopeWorld", Slope)
 rough = WorldSpec("rough", "rough bottom", f"{_CODE}.rough:RoughWorld", Rough)
+pipeline = WorldSpec("pipeline", "pipeline on a bottom", f"{_CODE}.pipeline:PipelineWorld", Pipeline)
 bottom = WorldSpec(
     "bottom", "bottom from a file", f"{_CODE}.bottom:BottomWorld", Bottom, f"{_CODE}.bottom:settled"
 )

@@ -407,6 +407,10 @@ class Task:
         """Return the goal (3,) of environment i in m: waypoint, station, dock, end of the path or curve."""
         return np.array(self.reference[i])
 
+    def line(self, i: int) -> Floats | None:
+        """Return points (k, 3) in m of the path of environment i; None in a task without a path."""
+        return None
+
     def outlines(self, i: int, low: Floats, high: Floats) -> Floats:
         """Return the segments (k, 2, 3) in m that show the world of environment i, which is not open, inside a box."""
         assert self.world is not None

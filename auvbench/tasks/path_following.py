@@ -227,6 +227,14 @@ class PathFollowingTask(TrackingTask):
     def goal(self, i: int) -> Floats:
         return np.array(self.episodes[i].points[self._last()])
 
+    def line(self, i: int) -> Floats:
+        from scipy.interpolate import CubicHermiteSpline  # a quarter of a second
+
+        points = np.array(self.episodes[i].points[: self._last() + 1])
+        # The slopes of Catmull and Rom are central differences, and differences at the ends.
+        curve = CubicHermiteSpline(np.arange(len(points)), points, np.gradient(points, axis=0))
+        return np.asarray(curve(np.linspace(0.0, self._last(), SAMPLES * self._last() + 1)))
+
     def _last(self) -> int:
         """Return the index of the last waypoint."""
         return int(self.parameters[0].waypoints) - 1

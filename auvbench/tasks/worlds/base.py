@@ -20,6 +20,9 @@ class Episode(NamedTuple):
     start: Floats  # (3,) m
     goal: Floats  # (3,) m
     key: Key  # key of its draws
+    line: Floats | None = (
+        None  # (k, 3) m, path of the task; None: the task has none, or the world does not follow it
+    )
 
     def draws(self, block: int) -> tuple[float, float, float, float]:
         """Return four numbers in (0, 1); each `block` has its own."""
@@ -40,6 +43,8 @@ class World:
     """largest number of solids"""
     inside: ClassVar[str] = "inside the bottom"
     """where a point is that is not in the water, for messages"""
+    follows: ClassVar[bool] = False
+    """whether it depends on the path of the task"""
     heights: Floats = NO_HEIGHTS
     """m, of its terrain"""
     fingerprint: bytes = b""

@@ -79,7 +79,8 @@ class Surroundings:
         for i in indices.tolist():
             e = task.episodes[i]
             own = int(e.seed), task.stream, int(e.episode), int(e.environment)
-            episode = Episode(np.array(e.start), task.goal(i), key_of(self.settings.seed, own))
+            line = task.line(i) if self.world.follows else None
+            episode = Episode(np.array(e.start), task.goal(i), key_of(self.settings.seed, own), line)
             solids, remembered = self.world.draw(episode)
             self.solids[i, : len(solids)] = solids
             e.solids, e.contact, e.near_time = len(solids), 0, 0.0

@@ -181,7 +181,7 @@ def test_metrics_know_all_worlds() -> None:
 # --- Draws -----------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("world", ["slope", "rough", "pillars", "field"])
+@pytest.mark.parametrize("world", ["slope", "rough", "pillars", "field", "pipeline"])
 def test_a_world_is_a_function_of_the_key_of_its_episode(world: str) -> None:
     many, few = batch(world, n=5, seed=7), batch(world, n=2, seed=7)
     many.reset()
@@ -279,6 +279,51 @@ def test_a_fractal_bottom_has_the_height_and_roughness_that_are_asked_for() -> N
         # Variance of a difference over a distance: distance^(2 H).
         assert 0.5 * math.log(steps[1] / steps[0]) / math.log(4.0) == pytest.approx(hurst, abs=0.12)
     assert (fractal(1, 16, 0.5, 1.0) != fractal(2, 16, 0.5, 1.0)).any()
+
+
+def ends_of(pipe: Any) -> Floats:
+    """Return the ends (k, 2, 3) in m of the axes of capsules."""
+    half = pipe["half"][:, 2:] * pipe["along_z"]
+    return np.stack([pipe["position"] - half, pipe["position"] + half], axis=1)
+
+
+def test_a_pipe_lies_on_the_bottom_from_the_start_to_the_goal() -> None:
+    docking = batch(
+        "pipeline", "world.height=0.5", "world.burial=0.25", "world.beyond=4", "task.start_high=12"
+    )
+    docking.reset()
+    assert docking.task.world is not None
+    world: Any = docking.task.world.world
+    for i in range(docking.n):
+        bottom, *_ = solids = solids_of(docking, i)
+        ends = ends_of(solids[1:])
+        assert ends[1:, 0] == pytest.approx(ends[:-1, 1])
+        points = oracle.own_axes(bottom, ends.reshape(-1, 3))
+        height = points[:, 2] - oracle.height(world.grid, 1.0, np.zeros(3), points)
+        assert height == pytest.approx(0.5 * 0.25)  # half of the radius
+        assert 1.5 < np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).min() < 2.5
+        start, goal = np.array(docking.task.episodes[i].start)[:2], docking.task.goal(i)[:2]
+        way = (goal - start) / np.linalg.norm(goal - start)
+        along, aside = (ends[:, :, :2] - start) @ way, (ends[:, :, :2] - start) @ [-way[1], way[0]]
+        assert along.min() == pytest.approx(-4.0, abs=0.5)
+        assert along.max() == pytest.approx(np.linalg.norm(goal - start) + 4.0, abs=0.5)
+        assert 0.0 < np.abs(aside).max() <= 3.0
+
+
+def test_a_pipe_lies_below_the_path_of_path_following() -> None:
+    following = batch(
+        "pipeline", "task.climb=0", "task.waypoints=4", "world.beyond=0", task="path_following", n=2
+    )
+    following.task.interpret()
+    following.reset()
+    for i in range(2):
+        path = following.task.line(i)
+        points = following.task.episodes[i].points[:4]
+        assert path[::16] == pytest.approx(points, abs=1e-12)
+        corners = ends_of(solids_of(following, i)[1:]).reshape(-1, 3)
+        apart = np.linalg.norm(corners[:, None, :2] - path[None, :, :2], axis=2)
+        assert apart.min(axis=1).max() < 0.6  # the points of the path are 1 m apart
+        assert apart.min(axis=0).max() < 1.1
 
 
 def discs_of(batch: Batch, i: int) -> Floats:
@@ -390,6 +435,8 @@ def test_bad_hulls_are_refused(radius: float, length: float | None, words: str) 
         (["world=field", "world.radius_low=2"], "world.radius_high"),
         (["world=pillars", "world.count=40"], "overlap"),
         (["world=tank", "world.length=-1"], "world.length=-1"),
+        (["world=pipeline", "world.radius=-1"], "world.radius=-1"),
+        (["world=pipeline", "world.burial=1.5"], "world.burial=1.5"),
         (["world=tank", "simulator=gazebo"], "simulator=fossen, or world=open"),
         (["world=tank", "simulator=ros2"], "simulator=fossen, or world=open"),
         (["world=tank", "world.dip=1"], "dip"),
@@ -407,6 +454,8 @@ def test_wrong_worlds_are_refused(words: list[str], message: str) -> None:
         (["world=tank", "task=waypoint", "task.start=[40,0,-20]"], "a start at .* is outside the tank"),
         (["world=tank", "task=docking", "task.dock=[31,0,-20]", "task.start_low=15"], "outside the tank"),
         (["world=slope", "world.depth=15", "task=docking"], "is inside the bottom"),
+        (["world=pipeline", "world.altitude=0", "world.radius=2", "world.sway=0", "task=waypoint"], "the bottom or the pipe"),
+        (["world=pipeline", "world.piece=0.1", "task=docking"], "world.piece=0.1: the pipe of .* must be at least 0.1"),
         (["world=pillars", "task=docking", "world.turn=0", "world.count=18", "task.start_low=6", "task.start_high=6"],
          "inside a pillar"),
         (["world=field", "world.density=0.12", "world.gap=0", "world.vehicle_radius=1.5", "task=waypoint"],
