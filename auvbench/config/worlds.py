@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar
 
-from auvbench.config.fields import below, choice_of, number, require
+from auvbench.config.fields import below, choice_of, later, number, require
 from auvbench.errors import ConfigError
 from auvbench.registry import WORLDS, Spec
 
@@ -140,6 +140,8 @@ class Field(Solid):
     gap: float = number(0.0, 100.0)  # m
     free: float = number(0.0, 1000.0)  # m
     margin: float = number(1.0, 1000.0)  # m
+    moving: float = later(number(0.0, 1.0), 0.0)
+    speed: float = later(number(0.0, 5.0, open_low=True), 0.2)  # m/s
 
     def check(self) -> None:
         low, high = self.radius_low, self.radius_high

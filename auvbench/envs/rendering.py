@@ -82,8 +82,10 @@ class Trail:
 
     waypoint: Floats  # (3,) m, the goal of a task with another
     dock_yaw: float | None = None  # rad, in which a dock is entered
-    outlines: Callable[[Floats, Floats], Floats] | None = None
-    """segments of the world inside a box (see `Task.outlines`); None in open water"""
+    outlines: Callable[[Floats, Floats, float], Floats] | None = None
+    """segments of the world inside a box after a time (see `Task.outlines`); None in open water"""
+    moves: bool = False
+    """whether these change"""
     position: list[Floats] = field(default_factory=list)  # (3,) m
     yaw: list[float] = field(default_factory=list)  # rad
     distance: list[float] = field(default_factory=list)  # m
@@ -217,7 +219,12 @@ class Scene:
         trail, position = self._trail, np.asarray(self._trail.position)
         clock = self._duration * np.arange(len(position))
         inside = ((position >= self._low) & (position <= self._high)).all() and clock[-1] <= self._end
-        if not inside or max(trail.distance) > self._farthest or len(self._commands) != self._count():
+        if (
+            trail.moves
+            or not inside
+            or max(trail.distance) > self._farthest
+            or len(self._commands) != self._count()
+        ):
             self._prepare(position)
         above = self._axes[1]
         arm = 0.05 * (above.get_xlim()[1] - above.get_xlim()[0])
@@ -248,10 +255,11 @@ class Scene:
         from matplotlib.layout_engine import ConstrainedLayoutEngine
 
         trail = self._trail
+        now = (len(position) - 1) * self._duration
         points = np.vstack([position, trail.waypoint[None]])
         room = max(3.0, 0.25 * float(np.ptp(points, axis=0).max()))
         self._low, self._high = points.min(0) - room, points.max(0) + room
-        while self._end < (len(position) - 1) * self._duration:
+        while self._end < now:
             self._end *= 2.0
         self._farthest = 1.25 * max(*trail.distance, tolerance(self._task))
         with own_style(LOOK):
@@ -268,7 +276,7 @@ class Scene:
                 farthest=self._farthest,
                 force=self._force,
                 dock_yaw=trail.dock_yaw,
-                outlines=trail.outlines and trail.outlines(self._low - room, self._high + room),
+                outlines=trail.outlines and trail.outlines(self._low - room, self._high + room, now),
             )
             figure.suptitle(" ", fontsize=10)
             self._canvas.draw()
@@ -325,7 +333,9 @@ class Renderer:
             self._scenes[i] = None
             task = self._batch.task
             around = partial(task.outlines, i) if task.world else None
-            trail = self._trails[i] = Trail(task.goal(i), task.dock_yaw(i), around)
+            trail = self._trails[i] = Trail(
+                task.goal(i), task.dock_yaw(i), around, bool(task.world and task.world.moves)
+            )
             trail.add(state.pose[i], state.distance[i])
 
     def follow(self, i: int, pose: Any, distance: float, force: Any, outcome: str | None = None) -> None:

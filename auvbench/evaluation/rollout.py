@@ -238,7 +238,8 @@ def _one_batch(
             spare(result.ended)
     for i, episode in episode_of.items() if task.world else ():
         path = paths[episode]
-        path.outlines = task.outlines(i, *round_path(np.array([*path.position, path.waypoint])))
+        box = round_path(np.array([*path.position, path.waypoint]))
+        path.outlines = task.outlines(i, *box, len(path.command) * task.duration)
     return [rows[i] for i in range(0, environments.n, team)]
 
 

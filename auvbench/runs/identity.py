@@ -71,6 +71,8 @@ LATER: dict[str, Any] = {
     },
     "algo.heading_integral_time": None,
     "world": {"name": "open"},
+    "world.moving": 0.0,
+    "world.speed": 0.2,
     "sensors": {"name": "none"},
     "navigation.dvl_scale": False,
     "navigation.heading_bias": False,

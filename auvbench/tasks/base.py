@@ -411,10 +411,12 @@ class Task:
         """Return points (k, 3) in m of the path of environment i; None in a task without a path."""
         return None
 
-    def outlines(self, i: int, low: Floats, high: Floats) -> Floats:
-        """Return the segments (k, 2, 3) in m that show the world of environment i, which is not open, inside a box."""
+    def outlines(self, i: int, low: Floats, high: Floats, time: float) -> Floats:
+        """Return the segments (k, 2, 3) in m that show the world of environment i, which is not open, inside a box, after a time in s
+        of the episode.
+        """
         assert self.world is not None
-        return self.world.outlines(i, int(self.episodes[i].solids), low, high)
+        return self.world.outlines(i, int(self.episodes[i].solids), low, high, time)
 
     def dock_yaw(self, i: int) -> float | None:
         """Return the yaw in rad with which a vehicle enters the dock of environment i; None in a task without a dock."""

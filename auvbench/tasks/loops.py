@@ -150,7 +150,7 @@ def {name}(
 _SENSED = {
     "sensed": "seats, counts, solids, heights, states, memories, settings, rays,",
     "owned": "solids, heights = borrowed(solids), borrowed(heights)",
-    "scene": "seen = scene(solids[i], counts[i], heights, seats[i], stream)",
+    "scene": "seen = scene(solids[i], counts[i], heights, e.steps * p.duration, seats[i], stream)",
 }
 """lines of the loop that observes with range sensors"""
 

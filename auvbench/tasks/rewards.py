@@ -213,7 +213,7 @@ def gym_dockauv_sight(e: Record, v: Vehicle, p: Record, solids: Any, heights: An
 
     The rays are those of its radar: 7 rows over 60 degrees and 9 columns over 80 degrees, of 10 m.
     """
-    rotation = rotation_matrix(v.attitude)
+    rotation, time = rotation_matrix(v.attitude), e.steps * p.duration
     total, weighted = 0.0, 0.0
     for i in range(-3, 4):
         for j in range(-4, 5):
@@ -221,7 +221,7 @@ def gym_dockauv_sight(e: Record, v: Vehicle, p: Record, solids: Any, heights: An
             direction = product(
                 rotation, scale(1.0 / math.sqrt(1.0 + aside * aside + up * up), (1.0, aside, up))
             )
-            distance, _ = first_hit(solids[: e.solids], heights, 0.0, v.position, direction, RAY_LENGTH)
+            distance, _ = first_hit(solids[: e.solids], heights, time, v.position, direction, RAY_LENGTH)
             weight = (1.0 - abs(i) / 3.0) * (1.0 - abs(j) / 4.0) + 0.01
             total += weight
             weighted += weight * max((distance / RAY_LENGTH) ** 2, 0.001)

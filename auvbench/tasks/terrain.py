@@ -65,7 +65,8 @@ def refer(e: Record, v: Vehicle, p: Record) -> None:
 @row
 def look(e: Record, v: Vehicle, p: Record, solids: Any, heights: Any) -> None:
     """Measure the altitude; rewards see its error as a detour."""
-    e.altitude_error = range_below(solids[: e.solids], heights, v.position, DEEPEST) - p.altitude
+    time = e.steps * p.duration
+    e.altitude_error = range_below(solids[: e.solids], heights, time, v.position, DEEPEST) - p.altitude
     e.detour = abs(e.altitude_error)
 
 

@@ -122,6 +122,7 @@ def first_hit(
 def nearest_along(
     solids: Any,
     heights: Floats,
+    time: float,
     origin: Vector,
     rotation: Matrix,
     rays: Floats,
@@ -129,11 +130,12 @@ def nearest_along(
     stop: int,
     longest: float,
 ) -> float:
-    """Return the distance in m of the first surface that any of some rays meets at time 0; `longest` if none does.
+    """Return the distance in m of the first surface that any of some rays meets; `longest` if none does.
 
     Args:
         solids: (n,) records of SOLID.
         heights: (m,) m, of all terrain.
+        time: s, for solids that move.
         origin: m, world axes.
         rotation: from the axes of the rays to the world's.
         rays: (k, 3) directions of length 1; first .. stop - 1 are used.
@@ -143,14 +145,14 @@ def nearest_along(
     """
     nearest = longest
     for k in range(first, stop):
-        nearest, _ = first_hit(solids, heights, 0.0, origin, product(rotation, triple(rays[k])), nearest)
+        nearest, _ = first_hit(solids, heights, time, origin, product(rotation, triple(rays[k])), nearest)
     return nearest
 
 
 @compiled("dynamics")
-def range_below(solids: Any, heights: Floats, point: Vector, longest: float) -> float:
-    """Return the distance in m from a point down to the first surface at time 0; `longest` if none is nearer."""
-    distance, _ = first_hit(solids, heights, 0.0, point, (0.0, 0.0, -1.0), longest)
+def range_below(solids: Any, heights: Floats, time: float, point: Vector, longest: float) -> float:
+    """Return the distance in m from a point down to the first surface; `longest` if none is nearer."""
+    distance, _ = first_hit(solids, heights, time, point, (0.0, 0.0, -1.0), longest)
     return distance
 
 

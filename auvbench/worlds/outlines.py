@@ -22,16 +22,20 @@ LINES = 12
 """lines of a bottom or a wall in each direction, at most"""
 
 
-def outlines(solids: Solids, heights: Floats, low: Floats, high: Floats) -> Segments:
-    """Return the segments (k, 2, 3) in m of solids at time 0, inside a box.
+def outlines(solids: Solids, heights: Floats, low: Floats, high: Floats, time: float = 0.0) -> Segments:
+    """Return the segments (k, 2, 3) in m of solids inside a box; a solid that moves has a line from where it was at time 0.
 
     Args:
         heights: m, of all height fields (see `solids.terrain`).
         low: (3,) m, lowest corner of the box.
         high: (3,) m, highest corner of the box.
+        time: s.
     """
-    parts = [np.zeros((0, 2, 3))]
-    for solid in solids:
+    now = solids.copy()
+    now["position"] += time * solids["velocity"]
+    trails = np.stack([solids["position"], now["position"]], axis=1)
+    parts = [trails[solids["velocity"].any(axis=1)]]
+    for solid in now:
         if solid["kind"] == TERRAIN:
             parts.append(_terrain(solid, heights, low, high))
         else:

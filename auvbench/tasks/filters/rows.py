@@ -221,11 +221,15 @@ def constraints(
         for s in range(solids.shape[0]):
             solid = solids[s]
             off = subtract(centre, position_at(solid, time))
-            room = reach + solid.reach
+            near, drift = reach, dot(triple(solid.velocity), triple(solid.velocity))
+            if drift > 0.0:
+                drift = fastest + math.sqrt(drift)
+                near = drift * p.horizon + 0.5 * drift * drift / p.brake + p.margin + hull.radius
+            room = near + solid.reach
             if dot(off, off) > room * room:
                 continue
-            distance, gradient = distance_to(solid, heights, time, centre, reach)
-            if distance >= reach:
+            distance, gradient = distance_to(solid, heights, time, centre, near)
+            if distance >= near:
                 continue
             d = distance - hull.radius - p.margin
             normal = transposed_product(R, gradient)

@@ -82,24 +82,25 @@ def period(p: Record, altitude: float) -> float:
 
 
 @row
-def height_along(p: Record, solids: Any, heights: Any, origin: Vector, way: Vector) -> float:
+def height_along(p: Record, solids: Any, heights: Any, time: float, origin: Vector, way: Vector) -> float:
     """Return the altitude in m that a beam sees, its distance times the cosine of its tilt; 0 if no echo returns.
 
     Args:
         p: parameters.
         solids: what is in the water.
         heights: m, of terrain.
+        time: s since the start of the episode.
         origin: m, of the beam, world axes.
         way: its direction, world axes.
     """
     upright = p.dvl_cosine
     longest = p.dvl_high / upright
-    distance, solid = first_hit(solids, heights, 0.0, origin, way, longest + 1.0)
+    distance, solid = first_hit(solids, heights, time, origin, way, longest + 1.0)
     if distance > longest or distance * upright < p.dvl_low:
         return 0.0
     # From just before the surface, where its gradient is its normal.
     spot = add(origin, scale(distance - min(1e-3, 0.5 * distance), way))
-    _, normal = distance_to(solids[solid], heights, 0.0, spot, 1.0)
+    _, normal = distance_to(solids[solid], heights, time, spot, 1.0)
     return distance * upright if -dot(normal, way) > p.dvl_flattest else 0.0
 
 
@@ -147,7 +148,7 @@ def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: An
     d.beams, total = 0, 0.0
     for i in range(BEAMS):
         way = beam(p, i)
-        altitude = height_along(p, solids, heights, origin, product(rotation, way)) if able else 0.0
+        altitude = height_along(p, solids, heights, d.time, origin, product(rotation, way)) if able else 0.0
         d.valid[i] = 1 if altitude > 0.0 else 0
         d.beams += d.valid[i]
         total += altitude

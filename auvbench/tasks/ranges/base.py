@@ -35,16 +35,17 @@ class Scene(NamedTuple):
     solids: Any  # (most,) records, the first `n_solids` exist
     n_solids: int
     heights: Any  # m, of terrain
+    time: float  # s since the start of the episode
     position: Vector  # m, world axes
     rotation: Matrix  # from body to world axes
     stream: int  # flag of the streams of random numbers
 
 
 @row
-def scene(solids: Any, n_solids: int, heights: Any, pose: Any, stream: int) -> Scene:
-    """Return what a vehicle at a pose (7,) can measure."""
+def scene(solids: Any, n_solids: int, heights: Any, time: float, pose: Any, stream: int) -> Scene:
+    """Return what a vehicle at a pose (7,) can measure at a time in s."""
     rotation: Matrix = rotation_matrix((pose[3], pose[4], pose[5], pose[6]))
-    return Scene(solids, n_solids, heights, (pose[0], pose[1], pose[2]), rotation, stream)
+    return Scene(solids, n_solids, heights, time, (pose[0], pose[1], pose[2]), rotation, stream)
 
 
 @row
@@ -60,7 +61,8 @@ def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: 
         longest: m.
     """
     solids = scene.solids[: scene.n_solids]
-    return float(nearest_along(solids, scene.heights, scene.position, rotation, rays, first, stop, longest))
+    here = scene.time, scene.position
+    return float(nearest_along(solids, scene.heights, *here, rotation, rays, first, stop, longest))
 
 
 @row

@@ -33,7 +33,7 @@ def level(scene: Scene, v: tuple[float, float, float], out: Any) -> None:
 @row
 def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Scene, out: Any) -> None:
     """Write the nearest solids, the nearest first; memory has room for their distances and indices."""
-    time, found = e.steps * p.duration, 0
+    time, found = scene.time, 0
     for k in range(scene.n_solids):
         s = scene.solids[k]
         off = subtract(scene.position, add(triple(s.position), scale(time, triple(s.velocity))))

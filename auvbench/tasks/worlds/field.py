@@ -20,6 +20,8 @@ TRIES = 20
 """fields that are drawn until one can be passed"""
 SIZES = 10_000
 """Block of the draws of kinds and heights; the blocks below it draw places"""
+MOTIONS = SIZES + MOST
+"""Block of the draws of motions"""
 
 
 class FieldWorld(World):
@@ -48,11 +50,23 @@ class FieldWorld(World):
                 # On the map, start and goal are at the middle of a cell.
                 ratio = max(1.0, length / distance) if distance > 0.0 else 1.0
                 solids = [self._obstacle(k, disc, episode) for k, disc in enumerate(discs)]
+                for k in range(len(solids)) if s.moving > 0.0 else ():
+                    self._move(solids[k], *episode.draws(MOTIONS + k)[:2])
                 return np.concatenate([none(), *solids]), {"way_ratio": ratio, "way_clearance_m": room}
         raise ConfigError(
             f"world.density={s.density:g}: no vehicle with a radius of {self.radius:.2g} m can pass any of {TRIES} fields; reduce "
             "world.density or raise world.gap"
         )
+
+    def _move(self, obstacle: Solids, share: float, bearing: float) -> None:
+        """Let an obstacle (1,) move in a level direction if its draw is below the share of those that move."""
+        if share < self.settings.moving:
+            angle = 2.0 * math.pi * bearing
+            obstacle["velocity"] = (
+                self.settings.speed * math.cos(angle),
+                self.settings.speed * math.sin(angle),
+                0.0,
+            )
 
     def _obstacle(self, k: int, disc: Floats, episode: Episode) -> Any:
         """Return obstacle k (1,): a cylinder from the surface to the depth limit, or a sphere or a box near the depths of start and

@@ -134,9 +134,16 @@ class Surroundings:
         clearance(scene, self.heights, 0.0, points, FAR, distances, nearest, np.empty((len(points), 3)))
         return distances
 
-    def outlines(self, i: int, count: int, low: Floats, high: Floats) -> Floats:
-        """Return the segments (k, 2, 3) in m that show the solids of episode i inside a box with corners `low` and `high`."""
-        return outlines(self.solids[i, :count], self.heights, low, high)
+    @property
+    def moves(self) -> bool:
+        """Whether solids move."""
+        return bool(getattr(self.settings, "moving", 0.0) > 0.0)
+
+    def outlines(self, i: int, count: int, low: Floats, high: Floats, time: float) -> Floats:
+        """Return the segments (k, 2, 3) in m that show the solids of episode i, after a time in s, inside a box with corners `low` and
+        `high`.
+        """
+        return outlines(self.solids[i, :count], self.heights, low, high, time)
 
     def name(self, i: int, count: int) -> str:
         """Return the name of the world of episode i: two worlds with the same solids have the same name."""

@@ -33,6 +33,7 @@ from auvbench.tasks.filters.rows import command_of, force_of, largest_speed, sti
 from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
+from auvbench.worlds.solids import sphere
 
 Floats = NDArray[np.float64]
 VEHICLE = "vehicle=bluerov2_2026"
@@ -235,6 +236,25 @@ def test_a_command_that_leads_nowhere_keeps_its_bits_and_a_resumed_episode_too()
     for _ in range(20):
         assert one.step(hard).observation.tobytes() == other.step(hard).observation.tobytes()
     assert one.task.filter.tallies.tobytes() == other.task.filter.tallies.tobytes()
+
+
+def test_a_vehicle_gets_out_of_the_way_of_a_solid_that_moves() -> None:
+    one = batch(n=2)
+    one.reset()
+    assert one.task.world is not None
+    for i, speed in enumerate((0.3, 0.0)):
+        solid = sphere(one.simulator.pose[i, :3] + [0.0, 4.0, 0.0], 1.0, [0.0, -speed, 0.0])
+        one.task.world.solids[i, 0], one.task.episodes[i].solids = solid[0], 1
+    begin = one.simulator.pose[:, :3].copy()
+    for _ in range(200):
+        one.step(np.zeros_like(one._action))
+    way = np.linalg.norm(one.simulator.pose[:, :3] - begin, axis=1)
+    # In 20 s the first sphere moves by 6 m, from 4 m on one side to 2 m on the other.
+    assert way[0] > 1.0
+    assert one.task.filter.tallies[0, 0] > 0
+    assert one.task.filter.tallies[1, 0] == 0
+    assert (one.task.episodes.clearance > 0.0).all()
+    assert (one.task.episodes.contact == 0).all()
 
 
 def test_an_environment_of_gymnasium_has_the_filter() -> None:

@@ -63,14 +63,14 @@ def part(one: Batch, seen: Any, name: str) -> Any:
     return seen[..., one.task.spec[f"range.{name}"]]
 
 
-def measured(one: Batch, rays: Floats, i: int, high: float) -> Floats:
+def measured(one: Batch, rays: Floats, i: int, high: float, time: float = 0.0) -> Floats:
     """Return the distances in m along rays (k, 3) of body axes from vehicle i."""
     assert one.task.world is not None
     pose = one.simulator.pose[i]
     world = np.ascontiguousarray(rays @ rotation(pose[3:]).T)
     ranges, hits = np.empty(len(rays)), np.empty(len(rays), np.int64)
     solids = one.task.world.solids[i, : one.task.episodes[i].solids]
-    cast(solids, one.task.world.heights, 0.0, np.tile(pose[:3], (len(rays), 1)), world, high, ranges, hits)
+    cast(solids, one.task.world.heights, time, np.tile(pose[:3], (len(rays), 1)), world, high, ranges, hits)
     return ranges
 
 
@@ -94,6 +94,21 @@ def test_ideal_rays_are_those_of_gym_dockauv_and_show_how_close_a_wall_is() -> N
         distance = np.min([*walls, bottom], axis=0)
         np.testing.assert_allclose(seen[-1, i], 1.0 - np.minimum(distance, 10.0) / 10.0, atol=2e-6)
     assert 0.1 < (seen[-1] > 0.0).mean() < 1.0
+
+
+def test_rays_meet_a_solid_that_moves_where_it_is_now() -> None:
+    one = batch()
+    one.reset()
+    assert one.task.world is not None
+    assert one.task.sensors is not None
+    one.task.world.solids["velocity"][:, 1] = -0.5, 0.0, 0.0  # the wall in the east comes nearer
+    for step in range(40):
+        seen = part(one, one.step(actions(one, step)).observation, "ideal")
+    (rays,) = (sensor.rays for sensor in one.task.sensors.sensors if sensor.name == "range.ideal")
+    for i in range(one.n):
+        now, then = (measured(one, rays, i, 10.0, time) for time in (4.0, 0.0))
+        assert seen[i] == pytest.approx(1.0 - now / 10.0, abs=2e-6)
+    assert (now < then - 0.5).any()
 
 
 def test_an_echo_sounder_gives_the_nearest_echo_in_its_cone() -> None:

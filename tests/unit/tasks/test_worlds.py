@@ -60,9 +60,14 @@ def bits(batch: Batch) -> dict[str, bytes]:
 # --- Contact --------------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("world", ["tank", "slope", "pillars", "field"])
-def test_clearance_is_the_distance_from_the_nearest_solid_and_contact_ends_the_episode(world: str) -> None:
-    words = ["world.length=17", "world.width=17"] if world == "tank" else []
+@pytest.mark.parametrize(
+    ("world", "speed"), [("tank", 0.0), ("slope", 0.0), ("pillars", 0.0), ("field", 0.0), ("field", 0.5)]
+)
+def test_clearance_is_the_distance_from_the_nearest_solid_and_contact_ends_the_episode(
+    world: str, speed: float
+) -> None:
+    words = [f"world.moving={speed > 0.0:d}", f"world.speed={speed}"] if speed else []
+    words += ["world.length=17", "world.width=17"] if world == "tank" else []
     words += ["world.altitude=1", "world.dip=0.5"] if world == "slope" else []
     words += ["world.density=0.05", "world.free=0.5"] if world == "field" else []
     task = batch(world, *words, "task.start_high=8", "task.bounds=60", "world.near=0.8", n=32)
@@ -81,7 +86,12 @@ def test_clearance_is_the_distance_from_the_nearest_solid_and_contact_ends_the_e
                 paths[i].append(result.final_state.pose[k, :3])
     assert any(record["hit"] for record in records.values())
     for i, record in records.items():
-        room = [oracle.signed_distance(solid, np.array(paths[i])) - RADIUS for solid in scenes[i]]
+        time = task.task.duration * np.arange(len(paths[i]))[:, None]
+        assert np.linalg.norm(scenes[i]["velocity"], axis=1) == pytest.approx(speed)
+        room = [
+            oracle.signed_distance(solid, np.array(paths[i]) - time * solid["velocity"]) - RADIUS
+            for solid in scenes[i]
+        ]
         clearance = np.min(room, axis=0)
         assert record["clearance_min_m"] == pytest.approx(clearance.min(), abs=1e-9)
         assert record["near_time_s"] == pytest.approx(task.task.duration * (clearance[1:] < 0.8).sum())
@@ -352,6 +362,40 @@ def test_a_field_has_its_density_and_gaps_and_keeps_start_and_goal_free() -> Non
     assert kinds == {0, 2, 3}
 
 
+def test_a_share_of_the_obstacles_moves_and_the_others_keep_their_bits() -> None:
+    still, moving = batch("field", n=8), batch("field", "world.moving=0.3", "world.speed=0.5", n=8)
+    for one in (still, moving):
+        one.reset()
+    shares, bearings = [], []
+    for i in range(8):
+        one, other = np.array(solids_of(still, i)), np.array(solids_of(moving, i))
+        velocity = other["velocity"].copy()
+        other["velocity"] = 0.0
+        assert one.tobytes() == other.tobytes()
+        moves = velocity.any(axis=1)
+        assert not velocity[:, 2].any()
+        assert np.linalg.norm(velocity[moves], axis=1) == pytest.approx(0.5)
+        shares += moves.tolist()
+        bearings += np.arctan2(*velocity[moves, 1::-1].T).tolist()
+    assert 0.15 < np.mean(shares) < 0.45
+    assert min(bearings) < -1.5
+    assert max(bearings) > 1.5
+    assert moving.task.world is not None
+    assert moving.task.world.moves
+    name = moving.task.world.name(0, int(moving.task.episodes[0].solids))
+    assert name != still.task.world.name(0, int(still.task.episodes[0].solids))  # type: ignore[union-attr]
+
+
+def test_runs_in_a_field_at_rest_keep_their_ids() -> None:
+    values: Any = OmegaConf.to_container(compose("train", ["algo=pid", "world=field"]))
+    earlier = copy.deepcopy(values)
+    del earlier["world"]["moving"], earlier["world"]["speed"]
+    assert identity.run_id(values) == identity.run_id(earlier)
+    assert typed(OmegaConf.create(earlier)).world.moving == 0.0
+    values["world"]["moving"] = 0.5
+    assert identity.run_id(values) != identity.run_id(earlier)
+
+
 def test_the_shortest_way() -> None:
     nothing = np.empty((0, 3))
     assert shortest_way(nothing, 0.3, 10.0, 5.0)[0] == pytest.approx(10.0)
@@ -434,6 +478,8 @@ def test_bad_hulls_are_refused(radius: float, length: float | None, words: str) 
         (["world=field", "world.density=0.15"], "must be at most"),
         (["world=field", "world.radius_low=2"], "world.radius_high"),
         (["world=pillars", "world.count=40"], "overlap"),
+        (["world=field", "world.moving=1.5"], "world.moving=1.5"),
+        (["world=field", "world.speed=-1"], "world.speed=-1"),
         (["world=tank", "world.length=-1"], "world.length=-1"),
         (["world=pipeline", "world.radius=-1"], "world.radius=-1"),
         (["world=pipeline", "world.burial=1.5"], "world.burial=1.5"),

@@ -96,11 +96,11 @@ def test_the_bottom_is_where_the_file_has_it_and_mirrored_beyond(tmp_path: Path,
     drawn = np.random.default_rng(1).uniform([-5.0, -20.0], [5.0, 20.0], (20, 2))
     on_vertices = np.round(drawn)
     for x, y in on_vertices:
-        depth = range_below(solids[0, :1], heights, (x, y, 0.0), 1e3)
+        depth = range_below(solids[0, :1], heights, 0.0, (x, y, 0.0), 1e3)
         assert -depth == pytest.approx(bottom(x + east, np.array([y + north]))[0], abs=1e-9)
     edge = X[-1] - east
     inside, beyond = (
-        range_below(solids[0, :1], heights, (edge + side, 3.0, 0.0), 1e3) for side in (-2.5, 2.5)
+        range_below(solids[0, :1], heights, 0.0, (edge + side, 3.0, 0.0), 1e3) for side in (-2.5, 2.5)
     )
     assert inside == pytest.approx(beyond, abs=1e-9)
 

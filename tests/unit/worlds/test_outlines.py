@@ -57,5 +57,14 @@ def test_clipping_keeps_what_is_inside_and_nothing_else() -> None:
     assert np.linalg.norm(kept[:, 1] - kept[:, 0], axis=1).sum() == pytest.approx(total, rel=2e-3)
 
 
+def test_a_solid_that_moves_is_drawn_where_it_is_with_a_line_from_where_it_was() -> None:
+    ball = solids.sphere([0.0, 0.0, 0.0], 0.5, velocity=[0.5, 0.0, 0.0])
+    drawn = outlines(ball, solids.NO_HEIGHTS, np.full(3, -9.0), np.full(3, 9.0), 4.0)
+    line, circles = drawn[0], drawn[1:]
+    assert line == pytest.approx(np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]]))
+    assert np.linalg.norm(circles - [2.0, 0.0, 0.0], axis=2) == pytest.approx(0.5)
+    assert ball["position"].tolist() == [[0.0, 0.0, 0.0]]
+
+
 def test_no_solids_make_no_segments() -> None:
     assert outlines(solids.none(), solids.NO_HEIGHTS, LOW, HIGH).shape == (0, 2, 3)
