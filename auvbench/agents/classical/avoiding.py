@@ -9,16 +9,18 @@ import numpy as np
 from auvbench.agents.classical.observer import turned
 from auvbench.config import schema
 from auvbench.config.worlds import Solid
+from auvbench.dynamics import frames
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.lanes import quaternion, vector
 from auvbench.dynamics.layout import POSE, record
 from auvbench.dynamics.vectors import add, product, rotation_matrix
 from auvbench.tasks.ranges.specs import NUMBERS
 from auvbench.tasks.worlds.contact import HULL
-from auvbench.tasks.worlds.surroundings import hull_of
+from auvbench.tasks.worlds.surroundings import SIDE, hull_of
 from auvbench.vehicles.vehicle_model import VehicleModel
-from auvbench.worlds.casting import nearest_surface
+from auvbench.worlds.casting import clearance, nearest_surface
 from auvbench.worlds.kinds import Floats
+from auvbench.worlds.routes import CORNERS, route
 from auvbench.worlds.solids import NO_HEIGHTS, SOLID, reach_of
 
 NEARNESS = record(
@@ -63,6 +65,45 @@ class Avoidance:
             solid["radius"], solid["half"] = row[10], row[11:]
             solid["reach"] = reach_of(kind, float(solid["radius"]), solid["half"])
         return solids.view(np.float64).reshape(len(rows), SOLID.itemsize // 8)
+
+    def way(self, solids: Floats, position: Floats, goal: Floats, lengths: Floats) -> Floats:
+        """Return the points (n, 3) in m of the shortest way past solids that are `lengths` (n,) m from its start; without a way, of
+        the straight line.
+
+        Args:
+            solids: (k, size), see `solids`.
+            position: (3,) m, start of the way.
+            goal: (3,) m.
+            lengths: (n,) m, rising.
+        """
+        hull, corners = self.hull.view(HULL)[0], np.empty((CORNERS, 3))
+        start, end = ((float(x), float(y), float(z)) for x, y, z in (position, goal))
+        radius = float(hull["radius"] - hull["first"])
+        count = route(solids.view(SOLID)[:, 0], NO_HEIGHTS, start, end, radius, SIDE, corners)
+        line = corners[:count] if count else np.array([position, goal])
+        at = np.concatenate([[0.0], np.linalg.norm(np.diff(line, axis=0), axis=1).cumsum()])
+        return np.stack([np.interp(lengths, at, axis) for axis in line.T], axis=1)
+
+    def clearances(self, solids: Floats, poses: Floats, longest: float) -> tuple[Floats, Floats]:
+        """Return the clearances (count, n) in m of the hull's spheres, at most about `longest`, and their gradients (count, n, 3).
+
+        Args:
+            solids: (k, size), see `solids`.
+            poses: (n, 7).
+            longest: m.
+        """
+        hull = self.hull.view(HULL)[0]
+        ahead = frames.rotation(poses[:, 3:])[:, :, 0]
+        arms = hull["first"] + hull["spacing"] * np.arange(hull["count"])
+        points = (poses[:, :3] + arms[:, None, None] * ahead).reshape(-1, 3)
+        distances, nearest = np.empty(len(points)), np.empty(len(points), np.int64)
+        gradients = np.empty((len(points), 3))
+        scene = solids.view(SOLID)[:, 0]
+        clearance(
+            scene, NO_HEIGHTS, 0.0, points, longest + float(hull["radius"]), distances, nearest, gradients
+        )
+        shape = len(arms), len(poses)
+        return (distances - hull["radius"]).reshape(shape), gradients.reshape(*shape, 3)
 
 
 @compiled("dynamics", "worlds", "tasks/worlds")

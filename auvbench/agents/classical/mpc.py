@@ -12,12 +12,18 @@ over the thrusts u of a horizon, constant in blocks that grow with time. States 
 2022, a dual active-set method). The model has the thrusters' lags unless they are short; the state comes from `observer.Observer`,
 that is, from the noisy readings.
 
+Where the task observes the nearest solids (`solids`), the targets are points of the shortest way past them (`avoiding.Avoidance.way`), at
+times at which a vehicle of 0.7 of the largest speed is there, and each node has the cost c |clearance wanted - clearance|^2 of a smaller
+clearance, linearised about the plan: alone, it would stop plans before flat faces. Where the task observes the shortest way (`way`), the
+target is its point.
+
 A failed solve keeps the plan of the previous step, advanced by one step. Failures are counted, and so are
 solves that took longer than the agent's step (a simulation waits for them; a vehicle would not).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -25,10 +31,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.agents.base import Integers
+from auvbench.agents.classical.avoiding import Avoidance
+from auvbench.agents.classical.observer import turned
 from auvbench.agents.classical.planner import FIRST_ITERATIONS, Planner
 from auvbench.agents.classical.shooting import Program
 from auvbench.config import schema
 from auvbench.config.algorithms.mpc import MPC
+from auvbench.dynamics import frames
+from auvbench.tasks.observation import observation_spec
 from auvbench.vehicles.curves import Lag
 from auvbench.vehicles.symbolic import RIGID, symbolic
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -38,6 +48,8 @@ Floats = NDArray[np.float64]
 # Thrusters whose mean delays are a smaller share of the agent's step act at once in plans, not in the filter: their
 # states would double the time of a solve.
 PROMPT = 0.25
+CRUISE = 0.7
+"""share of the largest speed at which plans follow a way among solids"""
 PLANNED = ("X", "U", "depth", "applied")
 """arrays that a plan carries from step to step"""
 
@@ -51,7 +63,13 @@ class MPCController(Planner):
         super().__init__(config, vehicle)
         model = symbolic(vehicle)
         prompt = model.n_x > RIGID and all(unit.lag.delay < PROMPT * self.dt for unit in vehicle.units)
-        self.program = Program(symbolic(without_lags(vehicle)) if prompt else model, algo)
+        spec = observation_spec(config.task, vehicle.actuators)
+        self._way = spec["way"] if "way" in spec.blocks else None
+        self.avoidance = Avoidance(config, vehicle, spec["solids"]) if "solids" in spec.blocks else None
+        self.program = Program(symbolic(without_lags(vehicle)) if prompt else model, algo, self.avoidance)
+        times = self.program.interval * np.arange(1, self.program.N + 1)
+        self.lengths: Floats = np.asarray(CRUISE * algo.effort * largest_speed(vehicle) * times)
+        """(N,) m, of the way to the nodes among solids"""
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:
@@ -77,6 +95,13 @@ class MPCController(Planner):
         else:
             plan.advance(self.dt / self.program.interval)
         plan.reference = self.observer.reference(i, self.program.interval, self.program.N)
+        if self._way is not None:
+            plan.reference[:] = state[:3] + turned(reading[self._way], float(frames.yaw(state[3:7])))
+        if self.avoidance is not None:
+            plan.solids = self.avoidance.solids(reading, state[:3], float(frames.yaw(state[3:7])))
+            if len(plan.solids):
+                goal = self.observer.reference(i, self.program.interval, 1)[0]
+                plan.reference = self.avoidance.way(plan.solids, state[:3], goal, self.lengths)
         plan.yaw = self.observer.yaw_target[i] if self.turns else None
         for _ in range(FIRST_ITERATIONS if first else 1):
             if first:
@@ -89,6 +114,14 @@ class MPCController(Planner):
         the agent's step.
         """
         return {"solves": self.planned, "failed_solves": self.failed, "late_solves": self.late}
+
+
+def largest_speed(vehicle: VehicleModel) -> float:
+    """Return the speed in m/s along x at which the drag is as large as the largest thrust."""
+    thrust = float((vehicle.allocation[0, :, None] * vehicle.force_limits).max(axis=1).sum())
+    linear, quadratic = float(vehicle.linear_damping[0]), float(vehicle.quadratic_damping[0])
+    root = math.sqrt(linear * linear + 4.0 * quadratic * thrust)
+    return 2.0 * thrust / (linear + root) if linear + root > 0.0 else 0.0
 
 
 def without_lags(vehicle: VehicleModel) -> VehicleModel:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from auvbench.agents.classical.avoiding import Avoidance
 from auvbench.agents.classical.cascade import wrap
 from auvbench.config.algorithms.mpc import MPC
 from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require
@@ -45,6 +46,8 @@ class Plan:
         """(N, 3) future positions of the reference at the nodes, m"""
         self.yaw: float | None = None
         """desired yaw in rad; None if it is free"""
+        self.solids: Floats | None = None
+        """(k, size) solids near the vehicle, see `Avoidance.solids`; None or (0, size): open water"""
 
     def advance(self, share: float) -> None:
         """Advance the plan in time by a share of an interval."""
@@ -57,9 +60,11 @@ class Plan:
 class Program:
     """Optimal control problem, linearised about a plan and solved once per call."""
 
-    def __init__(self, model: SymbolicModel, algo: MPC) -> None:
+    def __init__(self, model: SymbolicModel, algo: MPC, avoidance: Avoidance | None = None) -> None:
         ca = require()
         self.model = model
+        self.avoidance = avoidance
+        self.clearance, self.clearance_weight = algo.clearance, algo.clearance_weight
         self.N = sum(BLOCKS)
         self.interval = algo.horizon / self.N
         self.substeps = max(1, int(np.ceil(self.interval / LONGEST_SUBSTEP - 1e-9)))
@@ -211,6 +216,10 @@ class Program:
             for weight, value, slope in _attitude(plan, S, d):
                 H[:n, :n] += weight * slope.T @ slope
                 g[:n] += weight * slope.T @ value
+        if plan.solids is not None and len(plan.solids):
+            value, slope = self._nearness(plan, plan.solids, S, d)
+            H[:n, :n] += self.clearance_weight * slope.T @ slope
+            g[:n] += self.clearance_weight * slope.T @ value
         # Thrust and its changes, block by block; each block starts where it was.
         U = plan.U[:, self._first] / self.scale[:, None]
         applied = plan.applied / self.scale
@@ -234,6 +243,14 @@ class Program:
         H[n, n] = DEPTH_PRICE
         g[n] = DEPTH_PRICE
         return H, g
+
+    def _nearness(self, plan: Plan, solids: Floats, S: Floats, d: Floats) -> tuple[Floats, Floats]:
+        """Return how much the clearance of each node is too small (m,), and slopes (m, n), for the nodes at which it is."""
+        assert self.avoidance is not None
+        room, away = self.avoidance.clearances(solids, plan.X[:7, 1:].T, self.clearance)
+        missing = self.clearance - room - np.einsum("jkc,kc->jk", away, d[1:, :3])
+        slopes = -np.einsum("jkc,kcn->jkn", away, S[1:, :3])
+        return missing[missing > 0.0], slopes[missing > 0.0]
 
     def _bounds(self, plan: Plan) -> tuple[Floats, Floats]:
         """Return the bounds of the changes (n + 1,): thrusts stay within their limits, the slack is not negative."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from auvbench.config.algorithms import AgentSpec, Algorithm
-from auvbench.config.schema import number
+from auvbench.config.schema import later, number
 
 
 @dataclass(kw_only=True)
@@ -17,6 +17,8 @@ class MPC(Algorithm):
     change_weight: float = number(0.0, 1e6)
     spin_weight: float = number(0.0, 1e6)
     damping: float = number(0.0, 1e6)
+    clearance: float = later(number(0.0, 100.0), 0.5)  # m
+    clearance_weight: float = later(number(0.0, 1e6), 20.0)  # 1/m2
 
 
 SPEC = AgentSpec("mpc", "MPC", MPC, "auvbench.agents.classical.mpc:MPCController", knows=("model",))

@@ -1,4 +1,4 @@
-"""The block `solids`, and the price of clearances in sampled plans."""
+"""The block `solids`, and what clearances cost in the plans of MPPI and MPC."""
 
 from __future__ import annotations
 
@@ -126,21 +126,50 @@ def test_the_price_is_that_of_the_formula(count: int) -> None:
     np.testing.assert_allclose(cost, expected, rtol=1e-12)
     assert 20 < (free < 0.0).sum() < 380
     assert (free > clearance).sum() > 20
+    room, away = avoidance.clearances(floats, pose, 20.0)
+    np.testing.assert_allclose(room.min(axis=0), free, atol=1e-12)
+    moved = pose.copy()
+    moved[:, :3] += 1e-6 * away[0]
+    further, _ = avoidance.clearances(floats, moved, 20.0)
+    np.testing.assert_allclose((further - room)[0] / 1e-6, 1.0, atol=1e-3)
 
 
-# --- MPPI ------------------------------------------------------------------------------------------------------------------------
+def test_a_way_leads_round_what_is_shown_at_the_given_lengths() -> None:
+    config = configuration(overrides=["task=transit_solids", "vehicle=bluerov2_2026", "algo=pid"])
+    avoidance = Avoidance(config, sheet.load(config.vehicle), slice(0, MOST * NUMBERS))
+    start, goal, lengths = (
+        np.array([1.0, 0.0, -5.0]),
+        np.array([11.0, 0.0, -6.0]),
+        np.linspace(0.1, 20.0, 200),
+    )
+    wall = box([6.0, 0.0, -5.0], [1.0, 5.0, 8.0])
+    way = avoidance.way(wall.view(np.float64).reshape(1, -1), start, goal, lengths)
+    radius = float(avoidance.hull[0])
+    assert distances(wall, way).min() > radius
+    assert way[-1] == pytest.approx(goal)
+    steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    assert steps.max() == pytest.approx(0.1)
+    assert 11.0 < steps.sum() < 13.5
+    shut = plane([6.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
+    straight = avoidance.way(shut.view(np.float64).reshape(1, -1), start, goal, lengths)
+    np.testing.assert_allclose(straight[:, 1], 0.0)
 
 
-def mppi(*words: str) -> Any:
+# --- MPPI and MPC ------------------------------------------------------------------------------------------------------------------------
+
+
+def planner(algo: str, *words: str) -> Any:
     pytest.importorskip("casadi")
-    chosen = ["task=transit_solids", "vehicle=bluerov2_2026", "algo=mppi", "algo.samples=64"]
+    chosen = ["task=transit_solids", "vehicle=bluerov2_2026", f"algo={algo}"]
+    chosen += ["algo.samples=64"] if algo == "mppi" else []
     config = configuration(overrides=[*chosen, *words])
     return config, make(config, sheet.load(config.vehicle))
 
 
-def test_it_brakes_for_a_wall_that_it_is_shown() -> None:
+@pytest.mark.parametrize("algo", ["mppi", "mpc"])
+def test_it_brakes_for_a_wall_that_it_is_shown(algo: str) -> None:
     """The goal is behind a wall: without the block the plan leads through it."""
-    config, agent = mppi("noise=none")
+    config, agent = planner(algo, "noise=none")
     ahead = batch_of("validation", config, np.arange(1), SEED)
     reading = ahead.reset().copy()
     spec = ahead.task.spec
@@ -155,7 +184,8 @@ def test_it_brakes_for_a_wall_that_it_is_shown() -> None:
             reading[0, spec["solids"].start : spec["solids"].start + NUMBERS] = first
         agent.reset(np.arange(1))
         agent.act(reading)
-        plan = agent.plans[0] @ agent.vehicle.allocation[0]
+        thrusts = agent.plans[0] if algo == "mppi" else agent.plans[0].U.T
+        plan = thrusts @ agent.vehicle.allocation[0]
         commands.append(float(plan[:6].mean()))
     free, braked = commands
     assert free > 10.0
@@ -163,8 +193,10 @@ def test_it_brakes_for_a_wall_that_it_is_shown() -> None:
 
 
 @pytest.mark.slow
-def test_it_passes_fields_by_which_straight_ways_collide() -> None:
-    config, agent = mppi("algo.samples=128", "world.density=0.03")
+@pytest.mark.parametrize("algo", ["mppi", "mpc"])
+def test_it_passes_fields_by_which_straight_ways_collide(algo: str) -> None:
+    samples = ["algo.samples=128"] if algo == "mppi" else []
+    config, agent = planner(algo, "world.density=0.03", *samples)
     records = roll_out(
         config, agent, episodes=np.arange(4), seed=SEED, batch=4, scenarios="validation"
     ).records
@@ -174,8 +206,9 @@ def test_it_passes_fields_by_which_straight_ways_collide() -> None:
 
 
 def test_without_the_block_it_knows_no_solid() -> None:
-    _, agent = mppi("task=transit_map")
-    assert agent.avoidance is None
+    for algo in ("mppi", "mpc"):
+        _, agent = planner(algo, "task=transit_map")
+        assert agent.avoidance is None
 
 
 def test_open_water_has_nothing_to_show(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -101,7 +101,7 @@ def test_rays_meet_a_solid_that_moves_where_it_is_now() -> None:
     one.reset()
     assert one.task.world is not None
     assert one.task.sensors is not None
-    one.task.world.solids["velocity"][:, 1] = -0.5, 0.0, 0.0  # the wall in the east comes nearer
+    one.task.world.solids["velocity"] = 0.5 * one.task.world.solids["along_z"]  # bottom and walls come nearer
     for step in range(40):
         seen = part(one, one.step(actions(one, step)).observation, "ideal")
     (rays,) = (sensor.rays for sensor in one.task.sensors.sensors if sensor.name == "range.ideal")
