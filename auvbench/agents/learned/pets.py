@@ -32,7 +32,7 @@ from auvbench.config import schema
 from auvbench.config.algorithms.pets import PETS
 from auvbench.envs.batch import Batch, Transition
 from auvbench.errors import RunError, TrainingError
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float32]

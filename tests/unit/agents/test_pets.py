@@ -16,7 +16,7 @@ from auvbench.agents.learned.pets import PETSLearner, Plans, Transitions
 from auvbench.envs.batch import Batch
 from auvbench.evaluation.rollout import roll_out
 from auvbench.tasks import rewards
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles import sheet
 from tests import configs
 
