@@ -17,9 +17,18 @@ import pandas as pd
 NO_BREAK = "\u00a0"
 """a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
-LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TUNING, WAYPOINT = (
+LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TRANSFER, TUNING, WAYPOINT = (
     ROOT / "results" / name
-    for name in ("leaderboard", "navigation", "robust", "station", "suite", "tuning", "waypoint-2026")
+    for name in (
+        "leaderboard",
+        "navigation",
+        "robust",
+        "station",
+        "suite",
+        "transfer",
+        "tuning",
+        "waypoint-2026",
+    )
 )
 SEARCHED = {"pid": "PID", "lqr": "LQR", "smc": "SMC", "mpc": "MPC"}
 AGENTS = ("MPC", "PPO added to PID", "PID", "PPO", "SAC")
@@ -186,6 +195,22 @@ def sensors_waypoints() -> str:
     return _table(("mean time to a waypoint", *SENSORS), [row["agent"] for row in rows], columns)
 
 
+def transfer() -> str:
+    """Return what agents with several sheets reach on the true vehicle, in still water and in a current."""
+    rows = [row for row in _rows(TRANSFER, "table.csv") if row["task"] == "waypoint"]
+    agents = [row["agent"] for row in rows]
+    waters = ("hidden", "hidden-current")
+    columns = [[_reached(*found, best=False) for found in times] for times in _times(TRANSFER, rows, waters)]
+    held = [row for row in _rows(TRANSFER, "conditions.csv") if row["task"] == "station_keeping"]
+    for condition in waters:
+        found = {row["agent"]: row for row in held if row["condition"] == condition}
+        columns.append(
+            [f"{100 * float(found[a]['mean_position_error_rms_m']):.1f}{NO_BREAK}cm" for a in agents]
+        )
+    heads = ("waypoints: mean time", "in 0.25 m/s", "stations: RMS error", "in 0.25 m/s")
+    return _table(("agent", *heads), agents, columns)
+
+
 def suite() -> str:
     """Return what the typical training of each agent reaches on each task, with a sign of its verdict against PID."""
     rows = _rows(SUITE, "table.csv")
@@ -277,6 +302,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "robust": robust,
     "sensors": sensors,
     "sensors_waypoints": sensors_waypoints,
+    "transfer": transfer,
     "station": station,
     "suite": suite,
     "cases": cases,
@@ -310,6 +336,7 @@ PAGES = {
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
     "results/navigation/README.md": ("sensors", "sensors_waypoints"),
+    "results/transfer/README.md": ("transfer",),
     "results/station/README.md": ("station",),
     "results/suite/README.md": ("suite", "cases", "currents"),
     "results/tuning/README.md": ("elsewhere",),

@@ -38,7 +38,7 @@ from auvbench.agents.classical.shooting import Program
 from auvbench.config import schema
 from auvbench.config.algorithms.mpc import MPC
 from auvbench.dynamics import frames
-from auvbench.tasks.observation import observation_spec
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.curves import Lag
 from auvbench.vehicles.symbolic import RIGID, symbolic
 from auvbench.vehicles.vehicle_model import VehicleModel
