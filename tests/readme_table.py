@@ -197,7 +197,7 @@ def sensors_waypoints() -> str:
 
 def transfer() -> str:
     """Return what agents with several sheets reach on the true vehicle, in still water and in a current."""
-    rows = [row for row in _rows(TRANSFER, "table.csv") if row["task"] == "waypoint"]
+    rows = [row for row in _rows(TRANSFER, "table.csv") if row["vehicle"] == "several sheets"]
     agents = [row["agent"] for row in rows]
     waters = ("hidden", "hidden-current")
     columns = [[_reached(*found, best=False) for found in times] for times in _times(TRANSFER, rows, waters)]

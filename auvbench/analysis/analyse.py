@@ -176,7 +176,7 @@ def _study(
 
 
 def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
-    """Return the score across tasks; None for one task.
+    """Return the score across tasks; None for one task, or if no task has an agent that is 0 on its scale.
 
     Of several sections with the same task, the largest counts.
     """
@@ -184,6 +184,8 @@ def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
     for report in reports:
         parts.setdefault(report.section.vehicle, report)
     if len({_task(report) for report in parts.values()}) < 2:
+        return None
+    if not any(agent.key.get("algo") == score.ZERO for report in parts.values() for agent in report.agents):
         return None
     place_of = {name: place for place, name in enumerate(TASKS)}
     parts = dict(sorted(parts.items(), key=lambda part: place_of.get(_task(part[1]), len(place_of))))

@@ -20,14 +20,11 @@ from auvbench.vehicles.inspect import AXES
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
 
 GRID = 0.02
 """Time in s between two samples of the comparison."""
 LATEST = 0.15
 """Largest time in s by which the motion may follow the command."""
-DAMPING = (1.0, 2.0, 4.0, 8.0)
-"""Factors on the sheet's damping that are tried: with too little of it the motion seems to lead the command."""
 FARTHEST = 0.3
 """Largest shift in s that is compared."""
 SMALLEST = 0.6
@@ -115,12 +112,15 @@ def _judge(
     if varied < EXCITED or max(_interval(logs[number], k) for number in seen) > COARSEST:
         return Verdict(AXES[k], command, moved, state="not resolved")
     shifts = np.arange(-round(FARTHEST / GRID), round(FARTHEST / GRID) + 1)
-    signals = [
-        part
-        for number in seen
-        for part in _signals(k, logs[number], vehicle, wrenches[number], motions[number])
-    ]
-    correlation = max((_correlation(signals, shifts, factor) for factor in DAMPING), key=np.max)
+    products, powers = np.zeros(shifts.size), np.zeros((shifts.size, 2))
+    for number in seen:
+        for tau, force in _signals(k, logs[number], vehicle, wrenches[number], motions[number]):
+            for place, shift in enumerate(shifts.tolist()):
+                early = tau[max(0, -shift) : tau.size - max(0, shift)]
+                late = force[max(0, shift) : force.size - max(0, -shift)]
+                products[place] += early @ late
+                powers[place] += early @ early, late @ late
+    correlation = products / np.sqrt(np.maximum(powers[:, 0] * powers[:, 1], 1e-30))
     best = int(np.argmax(correlation))
     lag, peak = float(shifts[best] * GRID), float(correlation[best])
     late_enough = (shifts * GRID > -1e-9) & (shifts * GRID <= LATEST)
@@ -138,27 +138,6 @@ def _judge(
     return Verdict(AXES[k], command, moved, lag, peak, state)
 
 
-def _correlation(
-    signals: Sequence[tuple[FloatArray, FloatArray, FloatArray]], shifts: IntArray, factor: float
-) -> FloatArray:
-    """Return the correlation (shifts,) of the commanded force with the force that the motion shows so many samples later.
-
-    Args:
-        signals: result of `_signals`, of all segments.
-        shifts: numbers of samples.
-        factor: on the damping.
-    """
-    products, powers = np.zeros(shifts.size), np.zeros((shifts.size, 2))
-    for tau, undamped, damping in signals:
-        force = undamped + factor * damping
-        for place, shift in enumerate(shifts.tolist()):
-            early = tau[max(0, -shift) : tau.size - max(0, shift)]
-            late = force[max(0, shift) : force.size - max(0, -shift)]
-            products[place] += early @ late
-            powers[place] += early @ early, late @ late
-    return np.asarray(products / np.sqrt(np.maximum(powers[:, 0] * powers[:, 1], 1e-30)))
-
-
 def _interval(log: Log, k: int) -> float:
     """Return the time in s between two measurements of the velocity of an axis, or of what it is derived from."""
     name = CHANNELS[6 + k] if log.has(CHANNELS[6 + k]) else CHANNELS[k]
@@ -167,10 +146,8 @@ def _interval(log: Log, k: int) -> float:
 
 def _signals(
     k: int, log: Log, vehicle: VehicleModel, wrench: FloatArray, state: motion.Motion
-) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
-    """Return the commanded force, and the force that the motion shows without damping and of damping (samples,), of each segment and
-    without their means.
-    """
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Return the commanded force and the force that the motion shows (samples,) of each segment, without their means."""
     signals = []
     kernel = np.ones(SMOOTH) / SMOOTH
     for first, last in log.segments:
@@ -181,16 +158,14 @@ def _signals(
         tau = wrench[first:last, k][np.searchsorted(time, grid, side="right") - 1]
         states = np.column_stack([np.interp(grid, time, column) for column in state.state[first:last].T])
         states[:, 6:] = np.column_stack([np.convolve(column, kernel, "same") for column in states[:, 6:].T])
-        change = np.gradient(states[:, 6:], GRID, axis=0)
-        parts = (tau, undamped(vehicle, states, change)[:, k], damping(vehicle, states)[:, k])
-        smooth = [np.convolve(part, kernel, "same")[SMOOTH:-SMOOTH] for part in parts]
-        command, force, drag = (part - part.mean() for part in smooth)
-        signals.append((command, force, drag))
+        force = needed(vehicle, states, np.gradient(states[:, 6:], GRID, axis=0))[:, k]
+        tau, force = (np.convolve(part, kernel, "same")[SMOOTH:-SMOOTH] for part in (tau, force))
+        signals.append((tau - tau.mean(), force - force.mean()))
     return signals
 
 
-def undamped(vehicle: VehicleModel, states: FloatArray, change: FloatArray) -> FloatArray:
-    """Return the wrench (T, 6) that Fossen's equations without damping need for states (T, 12) with the acceleration `change` (T, 6)."""
+def needed(vehicle: VehicleModel, states: FloatArray, change: FloatArray) -> FloatArray:
+    """Return the wrench (T, 6) that Fossen's equations need for states (T, 12) with the acceleration `change` (T, 6)."""
     nu = states[:, 6:]
     v, omega = nu[:, :3], nu[:, 3:]
     momentum = nu @ (vehicle.M_RB + vehicle.coriolis_sign * vehicle.M_A).T
@@ -199,13 +174,8 @@ def undamped(vehicle: VehicleModel, states: FloatArray, change: FloatArray) -> F
     up = frames.rotation(frames.quaternion(states[:, 3:6]))[:, 2]
     arm = vehicle.buoyancy * vehicle.center_of_buoyancy - vehicle.weight * vehicle.center_of_gravity
     restoring = np.column_stack([(vehicle.buoyancy - vehicle.weight) * up, np.cross(arm, up)])
-    return np.asarray(change @ vehicle.M.T + coriolis - restoring)
-
-
-def damping(vehicle: VehicleModel, states: FloatArray) -> FloatArray:
-    """Return the wrench (T, 6) of damping of states (T, 12), in the direction of the motion."""
-    nu = states[:, 6:]
-    return np.asarray((vehicle.linear_damping + vehicle.quadratic_damping * np.abs(nu)) * nu)
+    damping = (vehicle.linear_damping + vehicle.quadratic_damping * np.abs(nu)) * nu
+    return np.asarray(change @ vehicle.M.T + coriolis + damping - restoring)
 
 
 def reasons(verdicts: Sequence[Verdict], names: Sequence[str]) -> dict[str, str]:
@@ -232,7 +202,7 @@ def warning(verdicts: Sequence[Verdict]) -> str:
         parts.append(
             f"the commands do not lead the motion on {closed}: the log looks closed loop, and these axes stay at the sheet's"
             f" values; record a telegraph signal without a controller (accepted: {SMALLEST:g} or more at 0 to"
-            f" {1e3 * LATEST:.0f} ms)"
+            f" {1e3 * LATEST:.0f} ms). Was there none? A vehicle with far more damping than the sheet looks like this too: gate=off"
         )
     if against:
         parts.append(

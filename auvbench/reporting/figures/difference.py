@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from matplotlib.ticker import NullLocator
 from auvbench.analysis.formatting import name, size, unit_of_difference
 from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
-from auvbench.analysis.records import Against, Primary
+from auvbench.analysis.records import Against, Primary, Row
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, Scene
 
@@ -53,7 +54,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     if primary is None:
         return None
     m = measure(primary.measure)
-    rows = [primary.of(row.label) or row.label for row in scene.ranking.rows]
+    rows = [_compared(primary, row) or row.label for row in scene.ranking.rows]
     labels = [_label(row) if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
     labels = [textwrap.fill(label, LETTERS, break_long_words=False) for label in labels]
     width = AXIS + LETTER * max(len(line) for label in labels for line in label.split("\n"))
@@ -106,6 +107,12 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     if logarithmic:
         caption += f" The axis is linear to {size(2 * primary.margin, m)} and logarithmic beyond."
     return Drawing(figure, f"Difference from {primary.baseline}", caption)
+
+
+def _compared(primary: Primary, row: Row) -> Against | None:
+    """Return the comparison of a row; of a controller without the trainings that are not behind, which are the baseline's."""
+    against = primary.of(row.label)
+    return against if against is None or row.trained else replace(against, reliability=None)
 
 
 def _of_learners(primary: Primary) -> str:

@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 from auvbench.analysis.formatting import capitalized, counted
+from auvbench.analysis.labels import VEHICLE
 from auvbench.analysis.pairwise import UNDECIDED
 from auvbench.analysis.primary import headline
 from auvbench.analysis.records import Comparison, Ranking, Row
@@ -66,7 +67,8 @@ def csv(ranking: Ranking) -> str:
         line |= _against(ranking, row)
         line |= {"rank": row.rank, "rank_low": row.rank_interval[0], "rank_high": row.rank_interval[1]}
         line["compared"] = int(row.compared)
-        line |= {key: row.key.get(key) for key in keys}
+        # The column `vehicle` is that of the section.
+        line |= {"sheet" if key == VEHICLE else key: row.key.get(key) for key in keys}
         line |= {
             "seeds": " ".join(map(str, row.seeds)),
             "succeeded": row.succeeded if row.trained else None,
