@@ -112,8 +112,8 @@ def test_mpc_knows_depth_limits_in_waypoint_and_transit_only() -> None:
 def test_the_page_names_each_kind_of_learner_that_cannot_be_exported() -> None:
     (refused,) = found("policies-as-files.md", r"\| refused \| (.*?) \|")
     kept = {name for name, spec in AGENTS.items() if spec.learns and not spec.exportable}
-    assert kept == {"recurrent_ppo", "ppo_residual", "sac_residual"}
-    for kind in ("recurrent policies", "residual policies", "controllers"):
+    assert kept == {"recurrent_ppo", "ppo_residual", "sac_residual", "pets"}
+    for kind in ("recurrent policies", "residual policies", "PETS", "controllers"):
         assert kind in refused
 
 
