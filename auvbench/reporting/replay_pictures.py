@@ -64,6 +64,9 @@ def _accuracy(r: Record) -> str:
         "cross_track_rms_m",
         "position_error_rms_m",
         "final_position_error_m",
+        "altitude_error_rms_m",
+        "clearance_min_m",
+        "final_distance_m",  # of every task
     )
     name = next(name for name in names if name in r)
     return f"{next(m.title for m in metrics.registered() if m.name == name)} {float(r[name]):.2f} m"

@@ -17,6 +17,7 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
 from auvbench.evaluation.replay import replay
 from auvbench.identification import csv_log
+from auvbench.record import record_columns
 from auvbench.registry import TASKS
 from auvbench.reporting import replay_pictures as films
 from auvbench.runs.directory import RunDirectory
@@ -229,3 +230,10 @@ def test_signals_without_a_name_are_drawn_and_written_next_to_the_figure(run, tm
 def test_signals_that_cannot_be_written(run, words, message, capsys):
     assert main(["replay", str(run), *(word.format(run=run) for word in words)]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("task", list(TASKS))
+def test_each_task_has_an_accuracy_that_a_summary_can_name(task: str) -> None:
+    for world in ("open", "field"):
+        record = dict.fromkeys(record_columns(task, world), 1.5)
+        assert films._accuracy(record).endswith(" 1.50 m")
