@@ -241,8 +241,9 @@ def _lead(best: Against, ranking: Ranking, m: Measure) -> str:
     turned = agent in controllers  # then the trainings are the baseline's
     ending = ""
     if r:
-        of = f"its {r.trainings}" if turned else f"{r.trainings}"
-        ending = f", and {r.count} of {of} trainings are not behind"
+        ending = f", and {r.count} of {r.trainings} trainings are not behind"
+        if turned:
+            ending = f", and {r.trainings - r.count} of {r.trainings} trainings of {baseline} are behind"
     if best.trainings and not turned:
         agent = f"The typical training of {agent}"
     if best.trainings and (turned or baseline in {row.label for row in ranking.rows if row.trained}):

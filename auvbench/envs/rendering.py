@@ -85,7 +85,7 @@ class Trail:
     outlines: Callable[[Floats, Floats, float], Floats] | None = None
     """segments of the world inside a box after a time (see `Task.outlines`); None in open water"""
     moves: bool = False
-    """whether these change"""
+    """whether its solids move"""
     position: list[Floats] = field(default_factory=list)  # (3,) m
     yaw: list[float] = field(default_factory=list)  # rad
     distance: list[float] = field(default_factory=list)  # m

@@ -185,8 +185,15 @@ def information(
     return np.asarray(J.T @ J)
 
 
+def _undamped(parameter: Parameter, x: float) -> bool:
+    """Return whether a damping ran to its lower bound: it is as good as 0, which many vehicles have."""
+    return "damping" in parameter.name and x <= parameter.range(BOUND)[0] + 1e-3
+
+
 def _estimate(parameter: Parameter, x: float, sd: float, quantile: float, kept: str) -> Estimate:
     low, high = parameter.value(x - quantile * sd), parameter.value(x + quantile * sd)
+    if _undamped(parameter, x):
+        low = 0.0
     return Estimate(parameter, x, low, high, sd, kept)
 
 
@@ -328,7 +335,7 @@ def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropp
         for k in free:
             low, high = residuals.parameters[k].range(BOUND)
             physical = not residuals.parameters[k].log  # such as a delay of 0
-            undamped = "damping" in names[k] and x[k] < 0.0  # as good as 0, which many vehicles have
+            undamped = _undamped(residuals.parameters[k], float(x[k]))
             if not physical and not undamped and min(x[k] - low, high - x[k]) < 1e-3:
                 at_bound.append(k)
         if not at_bound:

@@ -202,7 +202,7 @@ def warning(verdicts: Sequence[Verdict]) -> str:
         parts.append(
             f"the commands do not lead the motion on {closed}: the log looks closed loop, and these axes stay at the sheet's"
             f" values; record a telegraph signal without a controller (accepted: {SMALLEST:g} or more at 0 to"
-            f" {1e3 * LATEST:.0f} ms). Was there none? A vehicle with far more damping than the sheet looks like this too: gate=off"
+            f" {1e3 * LATEST:.0f} ms). If no controller ran, give gate=off: a vehicle with far more damping than the sheet's looks the same"
         )
     if against:
         parts.append(

@@ -102,6 +102,9 @@ def cut(logs: Sequence[Log], length: float, stride: float | None = None) -> Wind
         measured[k, : rows.size] = log.measured[rows]
     measured[:, 0] = np.nan  # The first row is the start itself.
     tumbling = tumbles(motions, logs, [number for number, _ in thinned], start, length)
+    # The rotation between two attitudes needs all three angles.
+    partly = np.isnan(measured[..., ATTITUDE]).any(axis=-1) & tumbling[:, None]
+    measured[..., ATTITUDE] = np.where(partly[..., None], np.nan, measured[..., ATTITUDE])
     steep = (np.abs(measured[..., 4:5]) > STEEP) & ~tumbling[:, None, None]
     measured[..., [3, 5]] = np.where(steep, np.nan, measured[..., [3, 5]])
     return Windows(

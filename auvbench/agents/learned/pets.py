@@ -31,7 +31,7 @@ from auvbench.agents.learned.trained_policy import read_weights
 from auvbench.config import schema
 from auvbench.config.algorithms.pets import PETS
 from auvbench.envs.batch import Batch, Transition
-from auvbench.errors import RunError, TrainingError
+from auvbench.errors import ConfigError, RunError, TrainingError
 from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -50,12 +50,19 @@ def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
     """Refuse a task for which PETS cannot plan.
 
     Raises:
-        ConfigError: the task's reward is not a function of the observation, or the motion is not observed.
+        ConfigError: the task's reward is not a function of the observation, the motion is not observed, or the training ends before the
+            ensemble learns.
     """
     require_known(config)
     spec = observation_spec(config.task, vehicle.actuators)
     for block in ("position_error", "yaw_error", *MOTION, "previous_action"):
         spec[block]
+    assert isinstance(config.algo, PETS)
+    if config.train.total_steps <= config.algo.learning_starts:
+        raise ConfigError(
+            f"train.total_steps={config.train.total_steps}: must be more than algo.learning_starts="
+            f"{config.algo.learning_starts}, the steps with random actions"
+        )
 
 
 class Transitions:

@@ -20,9 +20,8 @@ class Episode(NamedTuple):
     start: Floats  # (3,) m
     goal: Floats  # (3,) m
     key: Key  # key of its draws
-    line: Floats | None = (
-        None  # (k, 3) m, path of the task; None: the task has none, or the world does not follow it
-    )
+    line: Floats | None = None
+    """(k, 3) m, path of the task; None: the task has none, or the world does not follow it"""
 
     def draws(self, block: int) -> tuple[float, float, float, float]:
         """Return four numbers in (0, 1); each `block` has its own."""
@@ -65,7 +64,7 @@ class World:
     """numbers that an episode remembers"""
 
     def stand(self, episode: Episode, rises: NDArray[np.float64], highest: float) -> float:
-        """Return the z in m of a bottom's reference level: `depth` or, without it, `altitude` below start and goal.
+        """Return the z in m of a bottom's reference level: `depth` or, without it, `altitude` below start, goal and path.
 
         Args:
             episode: with start and goal.
@@ -74,8 +73,9 @@ class World:
         """
         if self.settings.depth is not None:
             return -float(self.settings.depth)
-        points = np.array([episode.start[2], episode.goal[2]])
-        return float((points - rises).min()) - highest - float(self.settings.altitude)
+        points = np.array([episode.start[2], episode.goal[2]]) - rises
+        lowest = float(points.min()) if episode.line is None else min(points.min(), episode.line[:, 2].min())
+        return float(lowest) - highest - float(self.settings.altitude)
 
 
 def key_of(seed: int | None, own: Key) -> Key:

@@ -48,8 +48,8 @@ def test_a_controller_ahead_of_a_learner() -> None:
     against = Against(pid, Estimate(-28.0, -29.0, -27.0), "ahead", trainings=8, enough=6, reliability=none)
     primary = Primary("par1_steps", sac, 11.0, 0.95, (against,))
     assert headline(replace(ranking, primary=primary)) == (
-        f"{pid} reaches waypoints 28.0 steps sooner than the typical training of {sac} [27.0, 29.0], and 0 of its 8 trainings "
-        "are not behind."
+        f"{pid} reaches waypoints 28.0 steps sooner than the typical training of {sac} [27.0, 29.0], and 8 of 8 trainings "
+        f"of {sac} are behind."
     )
 
 

@@ -28,6 +28,7 @@ from auvbench.registry import TASKS, WORLDS
 from auvbench.runs import identity
 from auvbench.tasks.worlds.rough import fractal
 from auvbench.vehicles import sheet
+from auvbench.worlds.casting import clearance
 from auvbench.worlds.kinds import KINDS
 from auvbench.worlds.passage import CELL, scatter, shortest_way
 from tests.reference import solids as oracle
@@ -334,6 +335,18 @@ def test_a_pipe_lies_below_the_path_of_path_following() -> None:
         apart = np.linalg.norm(corners[:, None, :2] - path[None, :, :2], axis=2)
         assert apart.min(axis=1).max() < 0.6  # the points of the path are 1 m apart
         assert apart.min(axis=0).max() < 1.1
+
+
+def test_a_path_that_climbs_stays_above_the_pipe_and_the_bottom() -> None:
+    following = batch("pipeline", task="path_following", n=8)
+    following.task.interpret()
+    following.reset()
+    for i in range(8):
+        path = following.task.line(i)
+        solids, heights = solids_of(following, i), following.task.world.heights
+        distances, nearest = np.empty(len(path)), np.empty(len(path), np.int64)
+        clearance(solids, heights, 0.0, path, 100.0, distances, nearest, np.empty((len(path), 3)))
+        assert distances.min() > 1.0
 
 
 def discs_of(batch: Batch, i: int) -> Floats:
