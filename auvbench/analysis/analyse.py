@@ -13,7 +13,7 @@ from auvbench.analysis.conditions import default, sealed_note
 from auvbench.analysis.declaration import Analysed, Plan, declared_rows, sentence, undeclared
 from auvbench.analysis.effort import with_effort
 from auvbench.analysis.findings import find
-from auvbench.analysis.grouping import Section, sections, split_problems, subject_of
+from auvbench.analysis.grouping import SEVERAL, Section, sections, split_problems, subject_of
 from auvbench.analysis.load import agents, load, require
 from auvbench.analysis.measures import in_unit, to_rank_by
 from auvbench.analysis.names import name_agents
@@ -176,7 +176,7 @@ def _study(
 
 
 def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
-    """Return the score across tasks; None for one task, or if no task has an agent that is 0 on its scale.
+    """Return the score across tasks; None for one task, or if agents have several sheets, so that none is the PID of the scale.
 
     Of several sections with the same task, the largest counts.
     """
@@ -185,7 +185,7 @@ def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
         parts.setdefault(report.section.vehicle, report)
     if len({_task(report) for report in parts.values()}) < 2:
         return None
-    if not any(agent.key.get("algo") == score.ZERO for report in parts.values() for agent in report.agents):
+    if any(subject.startswith(SEVERAL) for subject in parts):
         return None
     place_of = {name: place for place, name in enumerate(TASKS)}
     parts = dict(sorted(parts.items(), key=lambda part: place_of.get(_task(part[1]), len(place_of))))

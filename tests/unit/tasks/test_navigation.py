@@ -152,7 +152,7 @@ def test_pings_come_at_the_rate_of_the_altitude_and_no_echo_returns_from_too_far
 
     def altitude(z: float, tilt: float = 0.0) -> float:
         R = rotation(quaternion([tilt, 0.0, 0.0]))
-        return dvl.height_along(p, bottom, solids.NO_HEIGHTS, (0.0, 0.0, z), tuple(R @ dvl.beam(p, 0)))
+        return dvl.height_along(p, bottom, solids.NO_HEIGHTS, 0.0, (0.0, 0.0, z), tuple(R @ dvl.beam(p, 0)))
 
     assert altitude(-30.0) == pytest.approx(30.0)
     assert altitude(-9.0) == 0.0  # 51 m
