@@ -23,7 +23,7 @@ from auvbench.errors import ConfigError, VehicleError
 from auvbench.evaluation import reference, sealed
 from auvbench.evaluation.rollout import batch_of, embedded
 from auvbench.registry import DISTURBANCES, TASKS
-from auvbench.runs.identity import digest_of, without_descriptions
+from auvbench.runs.identity import digest_of, relevant, without_descriptions
 from auvbench.vehicles import sheet
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -291,7 +291,8 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
         "vehicle": without_descriptions(config.vehicle),
         "simulator": {key: value for key, value in asdict(config.simulator).items() if key not in _NO_ROWS},
         "frequency": config.step.frequency if condition.fixed_frequency else None,
-        **({"world": asdict(config.world)} if config.world.solid else {}),
+        # Without keys that were added later and change nothing, as in a run's identity.
+        **(relevant({"world": asdict(config.world)}) if config.world.solid else {}),
     }
 
 
