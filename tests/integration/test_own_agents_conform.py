@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -14,6 +16,7 @@ from auvbench.config.algorithms import learns
 from auvbench.integrations.gazebo import bindings
 from auvbench.registry import AGENTS, SIMULATORS
 from auvbench.testing import SIMULATOR_CHECKS, check_simulator
+from auvbench.training import validation
 
 ON_POLICY = ("algo.n_envs=2", "algo.n_steps=32", "algo.batch_size=32", "algo.net_arch=[8]")
 OFF_POLICY = (
@@ -73,8 +76,16 @@ def test_no_agent_and_no_simulator_is_left_out() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("agent", [name for name in OVERRIDES if learns({"agent": name})])
-def test_a_learner_keeps_its_contract(agent: str) -> None:
+def test_a_learner_keeps_its_contract(agent: str, monkeypatch: pytest.MonkeyPatch) -> None:
     torch.set_num_threads(1)
+    whole = validation.evaluate_config
+
+    def few(composed: Any) -> Any:
+        """Return the protocol of tests during training with three episodes: PETS plans each step of each."""
+        settings = whole(composed)
+        return replace(settings, protocol=replace(settings.protocol, episodes=3))
+
+    monkeypatch.setattr(validation, "evaluate_config", few)
     testing.check_agent(f"algo={agent}", *OVERRIDES[agent], steps=STEPS)
 
 
