@@ -86,14 +86,19 @@ def primary_analysis(
         if not trainings and not tests.p[i, b] < level:
             difference = replace(difference, low=min(difference.low, 0.0), high=max(difference.high, 0.0))
         reliable = reliability_of(agents, typical, i, b, margin, confidence)
+        turned = typical.trainings[i] <= 1
         if limited[i] and limited[b]:
-            comparisons.append(Against(agent.label, difference, OPEN, None, trainings, enough, reliable))
+            comparisons.append(
+                Against(agent.label, difference, OPEN, None, trainings, enough, reliable, turned)
+            )
             continue
         verdict = verdict_of(difference, margin, m)
         few = 0 < trainings < enough
         plan = needed(typical, i, b, margin, level) if verdict == OPEN and not few else None
         reliable = reliability_of(agents, typical, i, b, margin, confidence, verdict)
-        comparisons.append(Against(agent.label, difference, verdict, plan, trainings, enough, reliable))
+        comparisons.append(
+            Against(agent.label, difference, verdict, plan, trainings, enough, reliable, turned)
+        )
     by_rank = baseline is None and learns(chosen)
     return Primary(m.name, chosen.label, margin, confidence, tuple(comparisons), by_rank)
 
@@ -234,19 +239,17 @@ def headline(ranking: Ranking) -> str:
 
 
 def _lead(best: Against, ranking: Ranking, m: Measure) -> str:
-    gain, interval = rounded_difference(best.difference, m)
     assert ranking.primary is not None
+    gain, interval = rounded_difference(best.difference, m)
     agent, baseline, r = best.agent, ranking.primary.baseline, best.reliability
-    controllers = {row.label for row in ranking.rows if not row.trained}
-    turned = agent in controllers  # then the trainings are the baseline's
     ending = ""
-    if r:
+    if r and best.of_baseline:
+        ending = f", and {r.trainings - r.count} of {r.trainings} trainings of {baseline} are behind"
+    elif r:
         ending = f", and {r.count} of {r.trainings} trainings are not behind"
-        if turned:
-            ending = f", and {r.trainings - r.count} of {r.trainings} trainings of {baseline} are behind"
-    if best.trainings and not turned:
+    if best.trainings and not best.of_baseline:
         agent = f"The typical training of {agent}"
-    if best.trainings and (turned or baseline in {row.label for row in ranking.rows if row.trained}):
+    if best.trainings and any(row.trained and row.label == baseline for row in ranking.rows):
         baseline = f"the typical training of {baseline}"
     reached = TASKS[ranking.task].reached if ranking.task in TASKS else ""
     if reached and m.column in LIMITED_BY_STEPS:

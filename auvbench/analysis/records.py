@@ -230,6 +230,13 @@ class Against:
     """trainings of the agent that are not behind the baseline; if only the baseline learns, its trainings
     that are not behind the agent
     """
+    of_baseline: bool = False
+    """whether `reliability` is that of the baseline's trainings"""
+
+    @property
+    def own_reliability(self) -> Reliability | None:
+        """Return the trainings of the agent that are not behind the baseline; None for a controller."""
+        return None if self.of_baseline else self.reliability
 
     @property
     def few(self) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import textwrap
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from matplotlib.ticker import NullLocator
 from auvbench.analysis.formatting import name, size, unit_of_difference
 from auvbench.analysis.measures import measure
 from auvbench.analysis.primary import AHEAD, BEHIND, EQUIVALENT, OPEN
-from auvbench.analysis.records import Against, Primary, Row
+from auvbench.analysis.records import Against, Primary
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, Scene
 
@@ -54,7 +53,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     if primary is None:
         return None
     m = measure(primary.measure)
-    rows = [_compared(primary, row) or row.label for row in scene.ranking.rows]
+    rows = [primary.of(row.label) or row.label for row in scene.ranking.rows]
     labels = [_label(row) if isinstance(row, Against) else f"{row} (baseline)" for row in rows]
     labels = [textwrap.fill(label, LETTERS, break_long_words=False) for label in labels]
     width = AXIS + LETTER * max(len(line) for label in labels for line in label.split("\n"))
@@ -109,12 +108,6 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     return Drawing(figure, f"Difference from {primary.baseline}", caption)
 
 
-def _compared(primary: Primary, row: Row) -> Against | None:
-    """Return the comparison of a row; of a controller without the trainings that are not behind, which are the baseline's."""
-    against = primary.of(row.label)
-    return against if against is None or row.trained else replace(against, reliability=None)
-
-
 def _of_learners(primary: Primary) -> str:
     """Return the caption's sentences on the row of a learner, and on verdicts from few trainings."""
     if not any(c.reliability for c in primary.comparisons):
@@ -148,9 +141,9 @@ def _line(ax: Axes, against: Against, y: float, scale: float, ends: tuple[float,
         markerfacecolor=_face(look),
         markersize=5.5,
     )
-    if against.reliability:
+    if own := against.own_reliability:
         ax.annotate(
-            f"{against.reliability.count} of {against.reliability.trainings}",
+            f"{own.count} of {own.trainings}",
             (1.0, y),
             (5, 0),
             xycoords=("axes fraction", "data"),

@@ -200,9 +200,8 @@ def not_behind(ranking: Ranking) -> list[_Column]:
         return []
 
     def reliable(row: Row) -> Cell:
-        # Of a controller against a learner, the trainings are the baseline's.
-        against = primary.of(row.label) if row.trained else None
-        return reliability_cell(against.reliability if against else None)
+        against = primary.of(row.label)
+        return reliability_cell(against.own_reliability if against else None)
 
     return [(Heading(not_behind_title(primary.baseline), "trainings", hint=NOT_BEHIND), reliable)]
 
@@ -226,7 +225,7 @@ def notes(ranking: Ranking) -> list[str]:
     """Return the notes below the main table, without markup, the most important first."""
     counts = sorted({row.episodes for row in ranking.rows})
     episodes = " to ".join(str(c) for c in dict.fromkeys((counts[0], counts[-1]))) if counts else "0"
-    compared, few, more = ([], [], []) if ranking.primary is None else explained(ranking, ranking.primary)
+    compared, few, more = ([], [], []) if ranking.primary is None else explained(ranking.primary)
     declared = " ".join(line for line in (ranking.sealed, ranking.declaration) if line)
     lines = [
         *compared,
@@ -244,7 +243,7 @@ def notes(ranking: Ranking) -> list[str]:
     return [*lines, *limit_lines(ranking)] if optional_columns.OVER_BEST_KNOWN in ranking.columns else lines
 
 
-def explained(ranking: Ranking, primary: Primary) -> tuple[list[str], list[str], list[str]]:
+def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
     """Return the notes on what is compared, on too few trainings, and on everything else."""
     m = measure(primary.measure)
     best = (
@@ -279,7 +278,7 @@ def explained(ranking: Ranking, primary: Primary) -> tuple[list[str], list[str],
             f"Open with fewer than {some[0].enough} trainings: {some[0].enough} trainings that are all clearly better, or all "
             f"clearly worse, than {primary.baseline} would decide."
         )
-    more = [_reliability(ranking, primary, m)] if learner else []
+    more = [_reliability(primary, m)] if learner else []
     if any(c.verdict == OPEN and c.needed for c in primary.comparisons):
         more.append(
             "Open, with a number of trainings or episodes: this number decides with 80 % power if further ones are like these. "
@@ -288,13 +287,10 @@ def explained(ranking: Ranking, primary: Primary) -> tuple[list[str], list[str],
     return [compared], [" ".join(few)] if few else [], more
 
 
-def _reliability(ranking: Ranking, primary: Primary, m: Measure) -> str:
+def _reliability(primary: Primary, m: Measure) -> str:
     """Return the notes on the share of failing trainings that the seeds exclude, and that would change a mean."""
     margin = primary.margin if primary.margin == primary.margin else 0.0
-    trained = {row.label for row in ranking.rows if row.trained}
-    reliabilities = [
-        (c.agent, c.reliability) for c in primary.comparisons if c.reliability and c.agent in trained
-    ]
+    reliabilities = [(c.agent, c.own_reliability) for c in primary.comparisons if c.own_reliability]
     limits = {r.trainings: r.excluded for _, r in reliabilities if r.count == r.trainings}
     text = (
         f"Not behind: trainings at most {size(margin, m)} worse than {primary.baseline} on these scenarios; brackets: "

@@ -104,8 +104,7 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
         "enough": against.enough if against and against.trainings else None,
         "needed": needed.count if needed else None,
         "needed_unit": needed.unit if needed else None,
-        # Of a controller against a learner, the trainings are the baseline's.
-        **_not_behind("not_behind", against.reliability if against and row.trained else None),
+        **_not_behind("not_behind", against.own_reliability if against else None),
     }
     if primary and against is None:
         line |= {"difference": 0.0, "verdict": "baseline"}

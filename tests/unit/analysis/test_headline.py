@@ -45,7 +45,9 @@ def test_a_controller_ahead_of_a_learner() -> None:
         next(row.label for row in ranking.rows if row.trained is trained) for trained in (True, False)
     )
     none = Reliability(0, 8, 0.0, 0.31, 0.9, None)
-    against = Against(pid, Estimate(-28.0, -29.0, -27.0), "ahead", trainings=8, enough=6, reliability=none)
+    against = Against(
+        pid, Estimate(-28.0, -29.0, -27.0), "ahead", trainings=8, enough=6, reliability=none, of_baseline=True
+    )
     primary = Primary("par1_steps", sac, 11.0, 0.95, (against,))
     assert headline(replace(ranking, primary=primary)) == (
         f"{pid} reaches waypoints 28.0 steps sooner than the typical training of {sac} [27.0, 29.0], and 8 of 8 trainings "
