@@ -298,27 +298,25 @@ def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
     A protocol may fix the vehicle of its test. Then agents with the sheets of several vehicles share a section. A run without a
     usable evaluation goes to the first section of its vehicle, or else to the very first section.
     """
-    subjects: dict[str, set[str]] = {}
+    tested: dict[tuple[str, str], list[RunRecord]] = {}
     for run in runs:
         if protocol in run.evaluations:
-            subjects.setdefault(run.evaluations[protocol].fingerprint, set()).add(subject_of(run))
-    shared = {
-        fingerprint: next(iter(met)) if len(met) == 1 else None for fingerprint, met in subjects.items()
-    }
-    cells: dict[tuple[str, str], list[RunRecord]] = {}
-    for run in runs:
-        if protocol in run.evaluations:
-            fingerprint = run.evaluations[protocol].fingerprint
-            subject = shared[fingerprint] or declared.subject(SEVERAL, task_of(run))
-            cells.setdefault((subject, fingerprint), []).append(run)
+            tested.setdefault((task_of(run), run.evaluations[protocol].fingerprint), []).append(run)
+    cells = {(_subject(task, met), fingerprint): met for (task, fingerprint), met in tested.items()}
     order = sorted(cells, key=lambda cell: (-len(cells[cell]), cell))
     home = {subject: (subject, fingerprint) for subject, fingerprint in reversed(order)}
-    of_vehicle = {own: cell for cell in reversed(order) for own in subjects[cell[1]]}
+    of_vehicle = {subject_of(run): cell for cell in reversed(order) for run in cells[cell]}
     members = {cell: list(cells[cell]) for cell in order}
     for run in runs:
         if protocol not in run.evaluations:
             members[of_vehicle.get(subject_of(run), order[0])].append(run)
     return [_section(cell, home[cell[0]], cells, members[cell], protocol) for cell in order]
+
+
+def _subject(task: str, runs: Sequence[RunRecord]) -> str:
+    """Return the subject of the runs of one section."""
+    own = {subject_of(run) for run in runs}
+    return own.pop() if len(own) == 1 else declared.subject(SEVERAL, task)
 
 
 def subject_of(run: RunRecord) -> str:
