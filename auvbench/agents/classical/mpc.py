@@ -23,7 +23,6 @@ solves that took longer than the agent's step (a simulation waits for them; a ve
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -40,6 +39,7 @@ from auvbench.config.algorithms.mpc import MPC
 from auvbench.dynamics import frames
 from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.curves import Lag
+from auvbench.vehicles.inspect import terminal_speed
 from auvbench.vehicles.symbolic import RIGID, symbolic
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -119,9 +119,7 @@ class MPCController(Planner):
 def largest_speed(vehicle: VehicleModel) -> float:
     """Return the speed in m/s along x at which the drag is as large as the largest thrust."""
     thrust = float((vehicle.allocation[0, :, None] * vehicle.force_limits).max(axis=1).sum())
-    linear, quadratic = float(vehicle.linear_damping[0]), float(vehicle.quadratic_damping[0])
-    root = math.sqrt(linear * linear + 4.0 * quadratic * thrust)
-    return 2.0 * thrust / (linear + root) if linear + root > 0.0 else 0.0
+    return terminal_speed(thrust, float(vehicle.linear_damping[0]), float(vehicle.quadratic_damping[0]))
 
 
 def without_lags(vehicle: VehicleModel) -> VehicleModel:

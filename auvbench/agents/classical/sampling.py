@@ -185,9 +185,8 @@ def weights(cost: Floats, control: Floats, temperature: float, control_cost: flo
         return None
     least = cost[finite].min()
     scale = max(temperature * (np.median(cost[finite]) - least), np.finfo(np.float64).tiny)
-    with np.errstate(
-        over="ignore"
-    ):  # where most samples have the least cost, another may be infinitely far from it
+    # Where most samples have the least cost, another may be infinitely far from it.
+    with np.errstate(over="ignore"):
         exponent = np.where(finite, -(cost - least) / scale - control_cost * control, -np.inf)
     weight = np.exp(exponent - exponent.max())
     return np.asarray(weight / weight.sum())
