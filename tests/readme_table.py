@@ -157,30 +157,36 @@ def station() -> str:
     """Return how near agents stay to a station in sea state 3 on models of the vehicle, and how many stations they hold."""
     ranked = [row for row in _rows(STATION, "table.csv") if row["agent"] != "random"]
     agents = [row["agent"] for row in sorted(ranked, key=lambda row: float(row["mean_position_error_rms_m"]))]
-    rows = _rows(STATION, "conditions.csv")
-    errors = [
-        {row["agent"]: 100 * float(row["mean_position_error_rms_m"]) for row in rows if row["condition"] == c}
-        for c in SEA.values()
-    ]
-    least = [min(found[a] for a in agents) for found in errors]
-    columns = [
-        [f"**{found[a]:.1f} cm**" if found[a] == best else f"{found[a]:.1f} cm" for a in agents]
-        for found, best in zip(errors, least, strict=True)
-    ]
+    columns = []
+    for values in _errors(STATION, agents, tuple(SEA.values())):
+        cells = [f"{value:.1f} cm" for value in values]
+        columns.append(
+            [
+                f"**{cell}**" if value == min(values) else cell
+                for cell, value in zip(cells, values, strict=True)
+            ]
+        )
     heads = ("agent", *SEA, *(f"held, {title}" for title in list(SEA)[1:]))
     held = [_success(STATION, agents, condition) for condition in list(SEA.values())[1:]]
     return _table(heads, agents, [*columns, *held])
+
+
+def _errors(study: Path, agents: Sequence[str], conditions: Sequence[str]) -> list[list[float]]:
+    """Return RMS position errors in cm at stations, of each agent of a study under each condition."""
+    rows = [row for row in _rows(study, "conditions.csv") if row["task"] == "station_keeping"]
+    found = {(row["agent"], row["condition"]): row for row in rows}
+    column = "mean_position_error_rms_m"
+    return [[100 * float(found[agent, condition][column]) for agent in agents] for condition in conditions]
 
 
 def sensors() -> str:
     """Return how near agents stay to a station with what each set of sensors lets them know, in cm."""
     rows = [row for row in _rows(NAVIGATION, "conditions.csv") if row["task"] == "station_keeping"]
     agents = sorted({row["agent"] for row in rows})
-    columns = []
-    for condition in SENSORS.values():
-        found = {r["agent"]: r for r in rows if r["condition"] == condition}
-        values = {a: 100 * float(found[a]["mean_position_error_rms_m"]) for a in agents}
-        columns.append([f"{values[a]:.{0 if values[a] >= 100 else 1}f}{NO_BREAK}cm" for a in agents])
+    columns = [
+        [f"{value:.{0 if value >= 100 else 1}f}{NO_BREAK}cm" for value in values]
+        for values in _errors(NAVIGATION, agents, tuple(SENSORS.values()))
+    ]
     return _table(("RMS position error", *SENSORS), agents, columns)
 
 
@@ -201,12 +207,8 @@ def transfer() -> str:
     agents = [row["agent"] for row in rows]
     waters = ("hidden", "hidden-current")
     columns = [[_reached(*found, best=False) for found in times] for times in _times(TRANSFER, rows, waters)]
-    held = [row for row in _rows(TRANSFER, "conditions.csv") if row["task"] == "station_keeping"]
-    for condition in waters:
-        found = {row["agent"]: row for row in held if row["condition"] == condition}
-        columns.append(
-            [f"{100 * float(found[a]['mean_position_error_rms_m']):.1f}{NO_BREAK}cm" for a in agents]
-        )
+    for values in _errors(TRANSFER, agents, waters):
+        columns.append([f"{value:.1f}{NO_BREAK}cm" for value in values])
     heads = ("waypoints: mean time", "in 0.25 m/s", "stations: RMS error", "in 0.25 m/s")
     return _table(("agent", *heads), agents, columns)
 

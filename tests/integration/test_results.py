@@ -198,7 +198,7 @@ def test_the_cases_of_the_answer_on_disturbances_are_those_of_the_table() -> Non
 
 def test_the_studies_are_few_and_small_files() -> None:
     files = [path for path in (ROOT / "results").rglob("*") if path.is_file() and "report" not in path.parts]
-    assert len(files) < 140
+    assert len(files) < 125
     assert sum(path.stat().st_size for path in files) < 15_000_000
 
 
