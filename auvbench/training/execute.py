@@ -42,7 +42,7 @@ def check_runnable(config: schema.TrainConfig) -> None:
 
     Raises:
         ConfigError: the vehicle cannot do the task or lacks the failing actuator, the controller cannot steer
-            it, Gazebo is not installed, or a start or a goal is not in the water of its world.
+            it, the learner cannot learn the task, Gazebo is not installed, or a start or a goal is not in the water of its world.
         VehicleError: Gazebo cannot simulate the vehicle.
         MissingExtraError: the controller, or train.log, needs a package that is not installed.
     """
@@ -59,6 +59,8 @@ def check_runnable(config: schema.TrainConfig) -> None:
     algo = residual.base if isinstance(residual, Residual) else config.algo
     if algo.agent in AGENTS.own and not learns(algo):
         agents.make(dataclasses.replace(config, algo=algo), vehicle)
+    elif algo.agent in AGENTS.own and (check := AGENTS[algo.agent].check):
+        resolve(check)(config, vehicle)
 
 
 def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:

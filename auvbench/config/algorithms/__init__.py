@@ -97,7 +97,7 @@ class AgentSpec(Spec):
     """
     check: str = ""
     """`module:function` of configuration and vehicle that raises an error, when a run begins, if the agent cannot
-    steer the vehicle. For auvbench's own agents.
+    steer the vehicle; a learner's, which starts no program, also before a run is made. For auvbench's own agents.
     """
 
     @classmethod

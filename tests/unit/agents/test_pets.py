@@ -198,6 +198,7 @@ def test_what_cannot_be_planned_is_refused_in_one_line(
     lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("note:")]
     assert len(lines) == 1
     assert said in lines[0]
+    assert not (tmp_path / "outputs").exists()
 
 
 @pytest.mark.slow
