@@ -58,6 +58,9 @@ class StandIn:
         self.target: tuple[float, float, float] | None = None
         self.yaw_target = 0.0
         self.velocity_target = (0.0, 0.0, 0.0)
+        self.has_gps = parameters.get("SIM_GPS1_ENABLE", 1.0) > 0.0
+        self.place, self.motion = [0.0] * 3, (0.0,) * 3
+        self.pinged = -math.inf
 
     def wants(self, name: str) -> float:
         return self.parameters.get(f"SIM_{name}", 0.0)
@@ -92,6 +95,19 @@ class StandIn:
         self.state = json.loads(line)
         self.count += 1
 
+    @property
+    def position(self) -> list[float]:
+        return self.state["position"] if self.has_gps else self.place
+
+    @property
+    def velocity(self) -> tuple[float, ...]:
+        return tuple(self.state["velocity"]) if self.has_gps else self.motion
+
+    def knows_its_position(self) -> bool:
+        """Return whether GPS or recent pings of a DVL tell it."""
+        listens = self.parameters.get("VISO_TYPE") == 1.0 and self.parameters.get("EK3_SRC1_VELXY") == 6.0
+        return self.has_gps or (listens and self.state["timestamp"] - self.pinged < 0.5)
+
     def pwm(self) -> list[int]:
         if not self.armed:
             return [1500] * self.frame.motors
@@ -112,7 +128,7 @@ class StandIn:
         north, east, down = (
             a - b + v - u
             for a, b, v, u in zip(
-                self.target, self.state["position"], self.velocity_target, self.state["velocity"], strict=True
+                self.target, self.position, self.velocity_target, self.velocity, strict=True
             )
         )
         forward, starboard = self.turned(north, east, -1.0)
@@ -122,7 +138,15 @@ class StandIn:
     def take(self, message: Any) -> None:
         kind = message.get_type()
         if kind == "COMMAND_LONG" and message.command == 176 and not self.wants("NO_MODE"):
-            self.mode = int(message.param2)
+            if int(message.param2) not in (GUIDED, 16) or self.knows_its_position():
+                self.mode = int(message.param2)
+        elif kind == "VISION_POSITION_DELTA":
+            seconds = 1e-6 * message.time_delta_usec
+            ahead, starboard, down = message.position_delta
+            moved = (*self.turned(ahead, starboard), down)
+            self.place = [a + b for a, b in zip(self.place, moved, strict=True)]
+            self.motion = tuple(x / seconds for x in moved)
+            self.pinged = self.state["timestamp"]
         elif kind == "COMMAND_LONG" and message.command == 400:
             self.armed, self.since = not self.wants("NEVER_ARMS"), self.state["timestamp"]
         elif kind == "COMMAND_LONG" and message.command == 512:
@@ -135,7 +159,7 @@ class StandIn:
             self.sticks = message.x / 1e3, message.y / 1e3, (message.z - 500) / 500, message.r / 1e3
         elif kind == "SET_POSITION_TARGET_LOCAL_NED" and self.mode == GUIDED:
             north, east = self.turned(message.x, message.y)
-            x, y, z = self.state["position"]
+            x, y, z = self.position
             self.target, self.yaw_target = (x + north, y + east, z + message.z), message.yaw
             self.velocity_target = (*self.turned(message.vx, message.vy), message.vz)
 

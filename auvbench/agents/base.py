@@ -34,8 +34,9 @@ class Agent(Protocol):
     * `row_by_row = True` in its class: a batch does not make its actions faster, so processes share the episodes of a
     test;
     * `ended(rows)`: called with the rows of the batch that have ended;
-    * `simulator(config, vehicle)`: the simulator of its tests, with one vehicle, for an agent whose own loop
-      moves the actuators within an agent step; its actions are then only recorded, not applied;
+    * `simulator(config, vehicle, navigation)`: the simulator of its tests, with one vehicle, for an agent whose own loop
+      moves the actuators within an agent step; its actions are then only recorded, not applied. `navigation` has the
+      vehicle's sensors, None if agents know the truth;
     * `notes()`: counters by name since the agent's creation; a test's summary has their sums.
     """
 

@@ -148,7 +148,7 @@ def roll_out(
         numbers = episodes[start : start + batch]
         environments = batch_of(scenarios, config, numbers, seed)
         if own is not None:
-            environments.simulator = own(config, environments.vehicle)
+            environments.simulator = own(config, environments.vehicle, environments.navigation)
         actuators = environments.vehicle.actuators
         followed = numbers[: max(0, trajectories - start)].tolist()
         agent.reset(rows_of(numbers, environments.team))

@@ -13,11 +13,15 @@ import pytest
 
 from auvbench.cli import main
 from auvbench.config import schema
+from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError, TrainingError
 from auvbench.evaluation.rollout import Rollout, roll_out
-from auvbench.integrations.ardusub import sitl
+from auvbench.integrations.ardusub import dvl, sitl
 from auvbench.integrations.ardusub.agent import ArduSubAgent, Piloted
+from auvbench.integrations.ardusub.radio import Radio
+from auvbench.integrations.ardusub.sensors import Vector
 from auvbench.integrations.ardusub.sitl import VARIABLE
+from auvbench.tasks.navigation.state import DVL
 from auvbench.vehicles import sheet
 from tests import configs
 from tests.ardusub_stand_in import installed
@@ -99,9 +103,55 @@ def test_currents_waves_and_faults_reach_the_vehicle(program: Path) -> None:
         assert rows(flown(contest(*disturbance)))[0]["position_error_rms_m"] != calm
 
 
+ON_DVL = ("world=slope", "sensors=dvl_a50", "navigation=ekf")
+
+
+def test_a_dvl_takes_the_place_of_gps(program: Path) -> None:
+    # The stand-in refuses the mode without recent pings, and its position is their sum.
+    (record,) = rows(flown(contest(*ON_DVL, "sensors.dvl.lever=[0.2,0,-0.1]")))
+    assert record["final_distance_m"] < 0.5 * record["initial_distance_m"]
+    assert 0.0 < record["navigation_error_rms_m"] < 1.0
+    # What it flies by is the DVL: without lock it gets no ping.
+    (lost,) = rows(flown(contest(*ON_DVL, "sensors.dvl.lost=1")))
+    assert lost["final_distance_m"] > record["final_distance_m"]
+
+
+def test_a_ping_has_the_sensors_velocity_in_axes_of_ardusub() -> None:
+    config = contest(*ON_DVL, "sensors.dvl.merit_low=1e-5", "sensors.dvl.merit_high=1e-5")
+    batch = Batch(config, n=1, seed=3)
+    batch.reset()
+    assert batch.navigation is not None
+    forwarder, radio = dvl.Forwarder(batch.navigation), Heard()
+    forwarder.begin()
+    for _ in range(20):
+        batch.step(np.full((1, 8), 0.4))
+        forwarder.forward(radio)
+        forwarder.forward(radio)  # a ping is sent once
+    d = batch.navigation.state[0]
+    elapsed, (ahead, starboard, down), _, confidence = radio.heard[-1]
+    assert (ahead, -starboard, -down) == pytest.approx(tuple(d.dvl_velocity))
+    assert abs(down) > 1e-3
+    assert confidence == pytest.approx(100.0, abs=0.01)
+    assert len(radio.heard) <= 20
+    assert sum(entry[0] for entry in radio.heard) == pytest.approx(float(d.stamp[DVL]))
+    assert elapsed > 0.0
+
+
+class Heard(Radio):
+    """A radio that keeps what it is to send."""
+
+    def __init__(self) -> None:
+        self.heard: list[tuple[float, Vector, Vector, float]] = []
+
+    def moved(self, elapsed: float, velocity: Vector, rates: Vector, confidence: float) -> None:
+        self.heard.append((elapsed, velocity, rates, confidence))
+
+
 @pytest.mark.parametrize(
     ("overrides", "key"),
     [
+        (("sensors=bluerov2", "navigation=ekf"), "algo.mode=guided"),
+        (("world=slope", "sensors=dvl_usbl", "navigation=ekf"), "sensors.usbl"),
         (("noise=thesis",), "noise=thesis"),
         (("disturbance=delay",), "disturbance.delay"),
         (("disturbance=sensor",), "disturbance.sensor"),
@@ -189,7 +239,7 @@ def test_a_process_ends_with_its_episode(program: Path) -> None:
     config = contest()
     vehicle = sheet.load(config.vehicle)
     agent = ArduSubAgent(config, vehicle)
-    piloted = agent.simulator(config, vehicle)
+    piloted = agent.simulator(config, vehicle, None)
     assert isinstance(piloted, Piloted)
     piloted.reset(np.arange(1), np.array([[1.0, 2.0, -5.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6)))
     process = piloted.running._process

@@ -4,25 +4,28 @@ ArduSub changes its PWM hundreds of times in an agent step. The agent therefore 
 tests: the embedded one, with steps as long as every agent's, in which each packet from ArduSub advances the
 vehicle. The agent gives orders once per agent step, from the same observation as all agents: a target in mode
 GUIDED, or a pilot's sticks in POSHOLD and ALT_HOLD. All other information comes from ArduSub's own sensors,
-which ArduSub simulates from the true motion.
+which ArduSub simulates from the true motion. With an estimator (`navigation=ekf`) the observation is its estimate, and
+ArduSub gets the pings of the vehicle's DVL, if it has one, in place of GPS.
 """
 
 from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.cascade import Estimator, to_body
-from auvbench.config import navigation, schema, simulators
+from auvbench.config import schema, simulators
 from auvbench.config.disturbances import COMMANDS, READINGS, TIMING, alterations
 from auvbench.errors import ConfigError, TrainingError
-from auvbench.integrations.ardusub import sitl
+from auvbench.integrations.ardusub import dvl, sitl
 from auvbench.integrations.ardusub.frames import HIGH, NEUTRAL, Motors, driven, motors_of
 from auvbench.integrations.ardusub.radio import MODES, dialect
 from auvbench.integrations.ardusub.sensors import Sensors
@@ -32,6 +35,9 @@ from auvbench.simulators.base import IntArray
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.vehicle_model import VehicleModel
+
+if TYPE_CHECKING:
+    from auvbench.tasks.navigation.estimator import Navigation
 
 Floats = NDArray[np.float64]
 
@@ -65,14 +71,19 @@ class ArduSubAgent:
         self._program = sitl.find(algo.sha256)[0]
         dialect()
 
-    def simulator(self, config: schema.TrainConfig, vehicle: VehicleModel) -> Piloted:
+    def simulator(
+        self, config: schema.TrainConfig, vehicle: VehicleModel, navigation: Navigation | None
+    ) -> Piloted:
         """Return the simulator for a test's condition, with this agent's ArduSub at the thrusters.
 
         Raises:
             ConfigError: the condition has an effect that cannot reach ArduSub's sensors or outputs.
         """
         refuse(config)
-        self._vehicle = Piloted(vehicle, self._motors, self._algo, self._program)
+        dvl.check(config, self._algo.mode)
+        forwarder = dvl.Forwarder(navigation) if navigation is not None and config.sensors.dvl else None
+        parameters = dvl.parameters(config) | self._algo.parameters
+        self._vehicle = Piloted(vehicle, self._motors, self._algo.mode, parameters, self._program, forwarder)
         return self._vehicle
 
     def reset(self, episodes: Integers) -> None:
@@ -111,13 +122,20 @@ class ArduSubAgent:
 
     def start(self, vehicle: VehicleModel) -> None:
         """Start ArduSub once and stop it."""
-        piloted = Piloted(vehicle, self._motors, self._algo, self._program)
+        piloted = Piloted(vehicle, self._motors, self._algo.mode, self._algo.parameters, self._program)
         piloted.reset(np.arange(1), np.array([[0.0, 0.0, -5.0, 1.0, 0.0, 0.0, 0.0]]), np.zeros((1, 6)))
         piloted.stop()
 
 
 def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-    """Start ArduSub once, so that a run with an unsuitable program fails at its start."""
+    """Start ArduSub once, so that a run with an unsuitable program fails at its start.
+
+    Raises:
+        ConfigError: see `ArduSubAgent` and `dvl.check`.
+        TrainingError: ArduSub does not start or arm.
+    """
+    assert isinstance(config.algo, ArduSub)
+    dvl.check(config, config.algo.mode)
     ArduSubAgent(config, vehicle).start(vehicle)
 
 
@@ -127,16 +145,33 @@ class Piloted(FossenSimulator):
     An episode begins with a new process. The vehicle is held at its start until ArduSub's estimator has
     settled and ArduSub has armed; then the clock of the episode starts. PWM is converted linearly to a
     command, 1100 to 1900 us to -1 to 1, so that ArduSub has the same thruster forces as every agent.
+
+    Args:
+        vehicle: vehicle.
+        motors: its motors in ArduSub's order.
+        mode: one of `MODES`.
+        parameters: ArduSub's parameters by name.
+        path: path of ArduSub's program.
+        forwarder: DVL that takes the place of GPS.
     """
 
-    def __init__(self, vehicle: VehicleModel, motors: Motors, algo: ArduSub, path: Path) -> None:
+    def __init__(
+        self,
+        vehicle: VehicleModel,
+        motors: Motors,
+        mode: str,
+        parameters: Mapping[str, float],
+        path: Path,
+        forwarder: dvl.Forwarder | None = None,
+    ) -> None:
         super().__init__(vehicle, 1)
         self.outputs = np.zeros((1, len(vehicle.actuators)))
         """(1, n_u) commands in [-1, 1] from ArduSub's present PWM"""
         self.pilot: sitl.Sitl | None = None
         self.settled = 0.0
         """ArduSub's time in s before the episode"""
-        self._motors, self._algo, self._path = motors, algo, path
+        self._motors, self._mode, self._named, self._path = motors, mode, parameters, path
+        self._forwarder = forwarder
         self._sensors = Sensors(self)
 
     def reset(
@@ -151,10 +186,13 @@ class Piloted(FossenSimulator):
         self.stop()
         frame = self._motors.frame
         assert frame is not None
-        parameters = {"FRAME_CONFIG": frame.config, **self._algo.parameters}
+        parameters = {"FRAME_CONFIG": frame.config, **self._named}
         tied = partial(interruption.die_with_parent, os.getpid())
         self.pilot = sitl.Sitl(self._path, parameters, tied)
-        self.settled = self.pilot.settle(self._sensors.reset(), MODES[self._algo.mode])
+        has_dvl = self._forwarder is not None
+        self.settled = self.pilot.settle(self._sensors.reset(), MODES[self._mode], has_dvl)
+        if self._forwarder is not None:
+            self._forwarder.begin()
         self._read(self.pilot.packet.pwm)
 
     @property
@@ -183,6 +221,8 @@ class Piloted(FossenSimulator):
             TrainingError: ArduSub disarms, ends or falls silent.
         """
         pilot = self.running
+        if self._forwarder is not None:
+            self._forwarder.forward(pilot.radio)
         count = max(1, math.ceil(duration * pilot.packet.frame_rate - 1e-9))
         force, power = np.zeros_like(self.command_force), np.zeros_like(self.power)
         for _ in range(count):
@@ -204,9 +244,6 @@ def refuse(config: schema.TrainConfig) -> None:
     """
     if not isinstance(config.simulator, simulators.Fossen):
         raise ConfigError(f"simulator={config.simulator.name}: algo=ardusub needs simulator=fossen")
-    if config.world.solid:
-        raise ConfigError(f"world={config.world.name}: algo=ardusub is tested in open water; use world=open")
-    navigation.refuse(config, "algo=ardusub")
     if config.filter.acts:
         raise ConfigError(f"filter={config.filter.name}: not available with algo=ardusub; use filter=none")
     noise, disturbance = config.noise, config.disturbance

@@ -140,6 +140,24 @@ class Radio:
             *(*offset, *velocity, 0.0, 0.0, 0.0, yaw, 0.0),
         )
 
+    def moved(
+        self,
+        elapsed: float,
+        velocity: tuple[float, float, float],
+        rates: tuple[float, float, float],
+        confidence: float,
+    ) -> None:
+        """Send a velocity that was measured over ground.
+
+        Args:
+            elapsed: s since the last one.
+            velocity: m/s, ahead, starboard and down in body axes.
+            rates: rad/s, about the same axes.
+            confidence: %, 100 for the best.
+        """
+        turned, way = ([elapsed * x for x in vector] for vector in (rates, velocity))
+        self._link.vision_position_delta_send(0, round(1e6 * elapsed), turned, way, confidence)
+
     def stick(self, forward: float, starboard: float, up: float, turn: float) -> None:
         """Move a pilot's sticks, each in [-1, 1]; neutral sticks also show that the pilot is present."""
         x, y, z, r = (round(1000.0 * value) for value in (forward, starboard, up, turn))

@@ -61,6 +61,8 @@ LOWERING = 1.0
 """mean speed in m/s at which the vehicle is lowered to its depth"""
 ASKED = 0.5
 """ArduSub's time in s between two attempts to arm, and between two heartbeats of the pilot"""
+PING = 0.1
+"""ArduSub's time in s between two pings of a DVL while the vehicle is held"""
 
 _HOME = "55,10,0,0"
 """latitude, longitude, altitude, heading of the world's origin at sea level; ArduPilot takes 0,0 as unknown"""
@@ -90,6 +92,7 @@ class Sitl:
         self._count = -1
         self._peer: Any = None
         self._asked = -ASKED
+        self._has_dvl, self._pinged = False, 0.0
         self._folder = Path(tempfile.mkdtemp(prefix="auvbench-ardusub-"))
         self._physics = loopback_socket()
         self.radio = Radio(path, parameters)
@@ -156,17 +159,17 @@ class Sitl:
         lines = [line for line in (self.radio.said, *text.splitlines()[-1:]) if line]
         return f"; it said: {lines[0]}" if lines else ""
 
-    def settle(self, still: SensorState, mode: int) -> float:
+    def settle(self, still: SensorState, mode: int, has_dvl: bool = False) -> float:
         """Move the held vehicle to its start, armed and in `mode`; return the duration in s of ArduSub's
         time.
 
         The vehicle is held at the surface until ArduSub's estimator has settled, then lowered. ArduSub takes
-        its pressure at the start as the surface's, and a jump of the position as a sensor fault.
+        its pressure at the start as the surface's, and a jump of the position as a sensor fault. Meanwhile a DVL has no errors.
 
         Raises:
             TrainingError: ArduSub was not ready within `SETTLING`, or is not a submarine.
         """
-        begun = self.time
+        begun, self._has_dvl = self.time, has_dvl
         x, y, depth = still.position
         ahead, starboard, down = still.specific_force
         surface = replace(still, position=(x, y, 0.0))
@@ -184,19 +187,27 @@ class Sitl:
                 velocity=(0.0, 0.0, speed * depth / lowering),
                 specific_force=(force * ahead, force * starboard, force * down),
             )
-            self.exchange(still_there, self.packet.duration)
+            self._hold(still_there)
             self._stay_known()
         lowered = self.time
         while not (self.radio.armed and self.radio.mode == mode):
             self._wait(still, mode, lowered, arm=True)
         return self.time - begun
 
+    def _hold(self, held: SensorState) -> None:
+        """Let a packet's time pass with the level vehicle held."""
+        self.exchange(held, self.packet.duration)
+        elapsed = self.time - self._pinged
+        if self._has_dvl and elapsed >= PING:
+            self.radio.moved(elapsed, held.velocity, (0.0, 0.0, 0.0), 100.0)
+            self._pinged = self.time
+
     def _wait(self, held: SensorState, mode: int, begun: float, arm: bool = False) -> None:
         """Let a little time pass with the vehicle held; request what is missing."""
         if self.time - begun > SETTLING:
             raise TrainingError(f"{self.path}: did not {self._lacking(mode)}")
         for _ in range(20):
-            self.exchange(held, self.packet.duration)
+            self._hold(held)
         if not self._stay_known():
             return
         self.radio.ask()
