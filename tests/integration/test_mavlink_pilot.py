@@ -87,6 +87,18 @@ def test_armed_elsewhere_in_manual_it_steers(bridge):
     bridge.until(lambda: bridge.vehicle.sticks and bridge.vehicle.sticks[-1][0] > 100, step=0.05)
 
 
+def test_a_vehicle_that_is_armed_before_is_said_to_be(clock):
+    made = Bridge(clock, free_port())
+    made.vehicle.armed = True
+    with made.vehicle:
+        made.open()
+        try:
+            assert "it is armed already: disarm it first, or give --arm" in made.pilot.cue
+            assert not made.pilot.armed
+        finally:
+            made.pilot.close("the test is over")
+
+
 def test_armed_elsewhere_in_another_mode_it_is_left_alone(bridge):
     bridge.vehicle.mode, bridge.vehicle.armed = 2, True
     bridge.until(lambda: any("its mode is 2" in text for text in bridge.said))

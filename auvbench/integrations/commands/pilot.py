@@ -239,7 +239,7 @@ def _over_mavlink(given: argparse.Namespace, setup: Steering, options: dict[str,
 
     def begin() -> None:
         print(pilot.about())
-        when = "" if given.arm else " when you arm it in MANUAL"
+        when = "" if given.arm else f" {pilot.cue}"
         print(
             f"{setup.name} steers {pilot.vehicle.who} at {setup.frequency:g} Hz{when}; Enter or Ctrl-C disarms",
             flush=True,

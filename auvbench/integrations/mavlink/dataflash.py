@@ -1,11 +1,12 @@
 """Read ArduSub's DataFlash logs (`.BIN`) with pymavlink.
 
 Messages: RCOU pulse widths; ATT attitude; IMU rates and specific force of the first sensor; XKF1 position and velocity of the first
-core; CTUN altitude where there is no XKF1; BAT voltage of the first battery. Axes are NED and FRD.
+core; CTUN altitude where there is no XKF1; BAT voltage of the first battery; MODE and ARM. Axes are NED and FRD.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -22,6 +23,7 @@ from auvbench.errors import ConfigError, MissingExtraError
 from auvbench.identification import csv_log, inputs
 from auvbench.identification.log import Log, LogError, Motors
 from auvbench.integrations.ardusub.frames import motors_of
+from auvbench.integrations.ardusub.radio import MANUAL
 from auvbench.untrusted import reading
 from auvbench.untrusted.text import short
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -40,8 +42,12 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
     "XKF1": {"PN": "x_m", "PE": "y_m", "PD": "z_m", "VN": "vn", "VE": "ve", "VD": "vd"},
     "CTUN": {"Alt": "altitude"},
     "BAT": {"Volt": "voltage_V"},
+    "MODE": {},
+    "ARM": {},
 }
 """Fields of the messages that are read, and the columns that they become."""
+OPEN_LOOP = "open_loop"
+"""Column: 1 where the vehicle is armed in MANUAL, else 0. A controller, a person's hands or the deck move it elsewhere."""
 INSTANCE = ("I", "Instance", "Inst", "C")
 """Fields with the number of a sensor or core; only number 0 is read."""
 
@@ -77,7 +83,29 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
         raise LogError(
             f"{path}: has no RCOU messages, the outputs of the thrusters; set LOG_BITMASK to log RC output"
         )
-    return [driven(csv_log.parse(log_table(rows), str(path), digest, "ned"), motors)]
+    return [driven(open_loop(rows, str(path), digest), motors)]
+
+
+def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
+    """Return the log of the time in MANUAL, or of all rows without such a time.
+
+    Args:
+        rows: rows with `OPEN_LOOP`, as far as it is known.
+        name: name of the file.
+        digest: its SHA-256.
+
+    Raises:
+        LogError: a check fails.
+    """
+    table = log_table(rows)
+    used = table.pop(OPEN_LOOP).ffill() == 1.0 if OPEN_LOOP in table else np.ones(len(table), bool)
+    if not used.any() or used.all():
+        return csv_log.parse(table, name, digest, "ned")
+    steps = np.diff(table["t_s"], append=table["t_s"].iloc[-1])
+    left_out = float(steps[~used].sum())
+    log = csv_log.parse(table[used].reset_index(drop=True), name, digest, "ned")
+    remark = f"{name}: {left_out:.0f} s in other modes than MANUAL, or disarmed, are not used"
+    return replace(log, remarks=(*log.remarks, remark))
 
 
 def driven(log: Log, names: Sequence[str] | None) -> Log:
@@ -100,11 +128,18 @@ def driven(log: Log, names: Sequence[str] | None) -> Log:
 def _rows(log: Any) -> list[dict[str, float]]:
     """Return a row with its time for each message that is read."""
     rows = []
+    mode = armed = math.nan
     while (message := log.recv_match(type=list(FIELDS))) is not None:
         kind = message.get_type()
         if kind != "ATT" and any(getattr(message, name, 0) for name in INSTANCE if kind != "RCOU"):
             continue
         row = {"t_s": 1e-6 * float(message.TimeUS)}
+        if kind == "MODE":
+            mode = float(message.ModeNum)
+        elif kind == "ARM":
+            armed = float(message.ArmState)
+        if not math.isnan(mode):
+            row[OPEN_LOOP] = float(mode == MANUAL and armed != 0.0)
         for field, column in FIELDS[kind].items():
             value = getattr(message, field, None)
             if value is not None:

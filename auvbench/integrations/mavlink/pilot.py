@@ -98,6 +98,14 @@ class Pilot(loop.Pilot):
             + "".join(f"; it does not steer {axis}" for axis in none)
         )
 
+    @property
+    def cue(self) -> str:
+        """Return when the pilot begins to steer without --arm."""
+        begins = "when you arm it in MANUAL"
+        return (
+            f"{begins}; it is armed already: disarm it first, or give --arm" if self.vehicle.armed else begins
+        )
+
     # The network of `loop.Pilot`.
 
     def _receive(self, seconds: float) -> None:

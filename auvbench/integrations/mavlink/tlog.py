@@ -2,7 +2,7 @@
 
 Messages: SERVO_OUTPUT_RAW pulse widths; ATTITUDE attitude and rates; RAW_IMU, or else SCALED_IMU2, specific force;
 LOCAL_POSITION_NED position and velocity; SCALED_PRESSURE2 depth where there is no position; VISION_POSITION_DELTA velocity of a
-DVL, in place of LOCAL_POSITION_NED's; BATTERY_STATUS voltage of the first battery. Axes are NED and FRD.
+DVL, in place of LOCAL_POSITION_NED's; BATTERY_STATUS voltage of the first battery; HEARTBEAT mode. Axes are NED and FRD.
 
 A file has packets of MAVLink, each after eight bytes with the time at which the computer received it, in us.
 """
@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from auvbench.errors import MissingExtraError
-from auvbench.identification import csv_log
 from auvbench.identification.log import Log, LogError
+from auvbench.integrations.ardusub.radio import MANUAL
 from auvbench.integrations.mavlink import dataflash
 from auvbench.untrusted import reading
 
@@ -45,8 +45,13 @@ FIELDS: Mapping[str, Mapping[str, tuple[str, float]]] = {
     "SCALED_PRESSURE2": {"press_abs": ("pressure", 100.0)},
     "VISION_POSITION_DELTA": {},
     "BATTERY_STATUS": {},
+    "HEARTBEAT": {},
 }
 """Fields of the messages that are read, the columns that they become, and factors to the columns' units."""
+ARMED = 128
+"""MAV_MODE_FLAG_SAFETY_ARMED of a heartbeat's `base_mode`."""
+NO_AUTOPILOT = 8
+"""MAV_AUTOPILOT_INVALID, of a camera or a ground station."""
 WATER = 9.80665e3
 """Pressure per depth in Pa/m, of fresh water; the depth begins at 0 where the log is shallowest."""
 RARE = 0.2
@@ -85,7 +90,7 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
         raise LogError(
             f"{path}: has no SERVO_OUTPUT_RAW messages, the outputs of the thrusters; set SR0_RC_CHAN=20 and record again"
         )
-    log = csv_log.parse(dataflash.log_table(rows), str(path), sha256(data).hexdigest(), "ned")
+    log = dataflash.open_loop(rows, str(path), sha256(data).hexdigest())
     return [dataflash.driven(_with_remark(log, rows), motors)]
 
 
@@ -124,10 +129,15 @@ def _rows(messages: list[tuple[float, Any]], name: str) -> list[dict[str, float]
     system = next((m.get_srcSystem() for _, m in messages if m.get_type() == "SERVO_OUTPUT_RAW"), None)
     left_out = {"SCALED_IMU2"} if "RAW_IMU" in kinds else set()
     booted = next((at - 1e-3 * m.time_boot_ms for at, m in messages if hasattr(m, "time_boot_ms")), 0.0)
-    latest, rows = -np.inf, []
+    latest, rows, state = -np.inf, [], {}
     for received, message in messages:
         kind = message.get_type()
         if kind in left_out or (message.get_srcSystem() != system and kind != "VISION_POSITION_DELTA"):
+            continue
+        if kind == "HEARTBEAT":
+            if message.autopilot != NO_AUTOPILOT:
+                armed = message.base_mode & ARMED > 0
+                state = {dataflash.OPEN_LOOP: float(armed and message.custom_mode == MANUAL)}
             continue
         time = received - booted
         if hasattr(message, "time_boot_ms"):
@@ -141,7 +151,7 @@ def _rows(messages: list[tuple[float, Any]], name: str) -> list[dict[str, float]
             clock = 1e-6 * message.time_usec
             time = clock + _WRAP * round((time - clock) / _WRAP)
         if values := _values(kind, message, "VISION_POSITION_DELTA" in kinds):
-            rows.append({"t_s": round(time, 6), **values})
+            rows.append({"t_s": round(time, 6), **state, **values})
     surface = max((row["altitude"] for row in rows if "altitude" in row), default=0.0)
     return [{**row, "altitude": row["altitude"] - surface} if "altitude" in row else row for row in rows]
 

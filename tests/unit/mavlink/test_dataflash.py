@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,8 @@ FORMATS = {
     "IMU": (3, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "CTUN": (4, "Qf", "TimeUS,Alt"),
     "BAT": (5, "QBf", "TimeUS,Inst,Volt"),
+    "MODE": (6, "QBBB", "TimeUS,Mode,ModeNum,Rsn"),
+    "ARM": (7, "QB", "TimeUS,ArmState"),
 }
 """number, types and labels of messages"""
 
@@ -34,8 +37,11 @@ def packet(name: str, *values: float) -> bytes:
     return bytes((0xA3, 0x95, number)) + struct.pack(f"<{types}", *whole)
 
 
-def written(without: str = "") -> bytes:
-    """Return a file in which yaw turns, and each message but `without` comes."""
+def written(without: str = "", changes: Mapping[float, tuple[str, int]] | None = None) -> bytes:
+    """Return a file in which yaw turns, and each message but `without` comes.
+
+    `changes` are modes and states of arming by the time in s from which they hold.
+    """
     data = b""
     for name, (number, types, labels) in {
         "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
@@ -46,6 +52,9 @@ def written(without: str = "") -> bytes:
         data += b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, size, *texts)
     for t in TIME:
         us = 1e6 * t + 1e6
+        if what := (changes or {}).get(round(t, 2)):
+            kind, number = what
+            data += packet(kind, us, *((number, number, 0) if kind == "MODE" else (number,)))
         pulse = 1600 if t % 2.0 < 1.0 else 1400
         rows = {
             "RCOU": (us, *[pulse] * 6),
@@ -72,6 +81,19 @@ def test_messages_become_columns(tmp_path: Path) -> None:
     np.testing.assert_allclose(yaw - yaw[0], -0.5 * np.sin(TIME), atol=1e-4)
     assert log.voltage is not None
     assert np.all(log.voltage == 15.5)
+
+
+def test_only_the_time_in_manual_is_used(tmp_path: Path) -> None:
+    path = tmp_path / "dive.BIN"
+    path.write_bytes(written(changes={0.0: ("MODE", 2), 1.0: ("MODE", 19), 2.0: ("ARM", 1), 4.0: ("ARM", 0)}))
+    (log,) = readers.read([path])
+    assert log.duration == pytest.approx(3.0, abs=0.06)
+    assert log.remarks[-1].endswith("2 s in other modes than MANUAL, or disarmed, are not used")
+    # Of a log without MANUAL everything is used: its gate is the commands' correlation with the motion.
+    path.write_bytes(written(changes={0.0: ("MODE", 2)}))
+    (log,) = readers.read([path])
+    assert log.duration == pytest.approx(5.0)
+    assert not any("MANUAL" in remark for remark in log.remarks)
 
 
 def test_outputs_drive_the_motors_of_a_frame(tmp_path: Path) -> None:

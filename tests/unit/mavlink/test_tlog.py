@@ -22,8 +22,9 @@ TIME = STEP * np.arange(ROWS)
 YAW = 3.0 + 0.5 * np.sin(TIME)
 
 
-def packets(k: int, dvl: bool, position: bool) -> list[Any]:
+def packets(k: int, dvl: bool, position: bool, manual: tuple[float, float] = (0.0, 0.0)) -> list[Any]:
     t = TIME[k]
+    base, custom = (128, 19) if manual[0] <= t < manual[1] else (0, 2)
     ms, us = round(1e3 * (BOOT + t)), round(1e6 * (BOOT + t))
     yaw = (YAW[k] + np.pi) % (2.0 * np.pi) - np.pi
     pulses = [1500 + (100 if t % 2.0 < 1.0 else -100) * (j < 6) for j in range(8)]
@@ -34,7 +35,8 @@ def packets(k: int, dvl: bool, position: bool) -> list[Any]:
         mavlink.MAVLink_raw_imu_message(us, 0, 0, -1000, 0, 0, 0, 0, 0, 0),
         mavlink.MAVLink_scaled_imu2_message(ms, 0, 0, -500, 0, 0, 0, 0, 0, 0),
         mavlink.MAVLink_scaled_pressure2_message(ms, 1013.25 + 98.0665 * 0.1 * t, 0.0, 2000),
-        mavlink.MAVLink_heartbeat_message(12, 3, 0, 0, 4, 3),
+        mavlink.MAVLink_heartbeat_message(12, 3, base, custom, 4, 3),
+        mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3),
     ]
     if k % 10 == 0:
         volts = [15800, *[65535] * 9]
@@ -51,14 +53,20 @@ def packets(k: int, dvl: bool, position: bool) -> list[Any]:
 
 
 def write(
-    path: Path, *, dvl: bool = False, position: bool = False, drop: str = "", shift: float = 0.0
+    path: Path,
+    *,
+    dvl: bool = False,
+    position: bool = False,
+    drop: str = "",
+    shift: float = 0.0,
+    manual: tuple[float, float] = (0.0, 0.0),
 ) -> None:
     """Write a log; `drop` is a message that is left out, `shift` in s what the autopilot's clock loses in mid-log."""
     vehicle, station = mavlink.MAVLink(None, 1, 1), mavlink.MAVLink(None, 255, 190)
     data = b""
     for k in range(ROWS):
         stamp = struct.pack(">Q", round(1e6 * (CLOCK + TIME[k])))
-        for message in packets(k, dvl, position):
+        for message in packets(k, dvl, position, manual):
             if message.get_type() == drop:
                 continue
             if hasattr(message, "time_boot_ms") and k > ROWS // 2:
@@ -91,6 +99,13 @@ def test_messages_become_columns(tmp_path: Path) -> None:
     assert log.voltage is not None
     assert np.all(log.voltage == 15.8)
     assert not log.has("x")
+
+
+def test_only_the_time_in_manual_is_used(tmp_path: Path) -> None:
+    write(tmp_path / "dive.tlog", manual=(1.0, 4.0))
+    [log] = readers.read([str(tmp_path / "dive.tlog")])
+    assert log.duration == pytest.approx(3.0, abs=0.1)
+    assert log.remarks[-1].endswith("2 s in other modes than MANUAL, or disarmed, are not used")
 
 
 @pytest.mark.parametrize("dvl", [False, True])
