@@ -28,6 +28,7 @@ from auvbench.runs.pool import Pool
 from auvbench.vehicles import sheet
 from auvbench.vehicles.symbolic import symbolic
 from tests import configs
+from tests.conftest import Once
 
 NEAR = "task.waypoint_low=[-5,-5,-24]", "task.waypoint_high=[5,5,-16]"
 """waypoints that are a few seconds away"""
@@ -49,7 +50,7 @@ def wrong_bounds(limits, protocol, config):
     return wrong
 
 
-def protocol_of(*overrides: str, episodes: int = 3, **changes: Any) -> schema.Protocol:
+def protocol_of(*overrides: str, episodes: int = 2, **changes: Any) -> schema.Protocol:
     protocol = configs.protocol(f"protocol.episodes={episodes}")
     return replace(protocol, overrides=[*protocol.overrides, *overrides], **changes)
 
@@ -66,12 +67,12 @@ def near() -> tuple[schema.Protocol, dict[str, Any]]:
 
 
 @pytest.fixture(scope="module")
-def computed(
-    near: tuple[schema.Protocol, dict[str, Any]], tmp_path_factory: pytest.TempPathFactory
-) -> tuple[Path, files.Limits]:
-    root = tmp_path_factory.mktemp("computed")
-    with Pool(1, PRELOAD) as pool:
-        compute(*near, root, pool)
+def computed(near: tuple[schema.Protocol, dict[str, Any]], once: Once) -> tuple[Path, files.Limits]:
+    def make(folder: Path) -> None:
+        with Pool(1, PRELOAD) as pool:
+            compute(*near, folder, pool)
+
+    root = once("bounds", make)
     limits = files.read(root / "test-bluerov2")
     assert limits is not None
     return root, limits
@@ -160,7 +161,7 @@ def test_what_is_found_arrives_and_is_quicker_than_controllers(
     (condition,) = resolve_conditions(protocol, config)
     agents = controllers(condition.config)
     quickest = [
-        min(map(len, commands(condition.config, agents, protocol, episode).values())) for episode in range(3)
+        min(map(len, commands(condition.config, agents, protocol, episode).values())) for episode in range(2)
     ]
     steps = np.array([bound.steps for bound in held])
     assert (steps <= quickest).all()
@@ -194,19 +195,17 @@ def test_workers_and_interruptions_change_nothing(
         assert mine == (computed[0] / "test-bluerov2" / name).read_bytes(), name
 
 
-def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(
-    near: tuple[schema.Protocol, dict[str, Any]], computed: tuple[Path, files.Limits], tmp_path: Path
-) -> None:
-    root, limits = computed
-    protocol, config = near
-    mine = fingerprint(protocol, resolve_conditions(protocol, config))
-    found, said = files.find("test", "bluerov2", mine, [root])
+def test_limits_of_other_scenarios_and_damaged_ones_are_not_used(tmp_path: Path) -> None:
+    shipped = files.read(files.shipped() / "test-bluerov2")
+    assert shipped is not None
+    mine = "f" * 16  # which no shipped limits have
+    files.write(tmp_path / "test-bluerov2", replace(shipped, about=replace(shipped.about, fingerprint=mine)))
+    found, said = files.find("test", "bluerov2", mine, [tmp_path])
     assert found is not None
     assert said == []
-    none, said = files.find("test", "bluerov2", "0" * 16, [root])
+    none, said = files.find("test", "bluerov2", "0" * 16, [tmp_path])
     assert none is None
     assert "of other scenarios" in said[0]
-    files.write(tmp_path / "test-bluerov2", limits)
     table = tmp_path / "test-bluerov2" / "bounds.jsonl"
     table.write_bytes(table.read_bytes().replace(b'"episode": 0', b'"episode": 10'))
     none, said = files.find("test", "bluerov2", mine, [tmp_path])
