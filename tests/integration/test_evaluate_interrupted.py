@@ -44,7 +44,7 @@ def test_it_says_what_is_kept_and_ends_at_once(runs: Path, when: str) -> None:
         "evaluate",
         "outputs",
         "protocol=robustness",
-        "protocol.episodes=20",
+        "protocol.episodes=5",
         "--workers",
         "2",
     ]

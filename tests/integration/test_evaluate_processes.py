@@ -20,7 +20,7 @@ from tests.unit.runs.test_damage import frozen
 from tests.waiting import LIMIT, until
 
 # Long enough to be met in the midst of it: random agents swim until their time is over.
-LONG = ["protocol.episodes=400", "protocol.batch=50", "protocol.trajectories=0"]
+LONG = ["protocol.episodes=100", "protocol.batch=50", "protocol.trajectories=0"]
 BRIEF = ["protocol.episodes=4", "protocol.trajectories=1"]
 
 
@@ -96,7 +96,7 @@ def _lives(process: psutil.Process) -> bool:
 @pytest.mark.slow
 def test_three_at_once_test_each_run_once(runs: list[RunDirectory], tmp_path: Path) -> None:
     three = [
-        evaluate(tmp_path, "protocol.episodes=60", "protocol.trajectories=0", workers=1) for _ in range(3)
+        evaluate(tmp_path, "protocol.episodes=20", "protocol.trajectories=0", workers=1) for _ in range(3)
     ]
     said = [(process.wait(), *process.communicate()) for process in three]
     assert all("Traceback" not in error for _, _, error in said)
@@ -107,7 +107,7 @@ def test_three_at_once_test_each_run_once(runs: list[RunDirectory], tmp_path: Pa
             assert "is testing it by test; skipped" in error
     tested = sum(out.count(": success ") for _, out, _ in said)
     assert tested == len(runs)
-    protocol = compose("evaluate", ["protocol.episodes=60", "protocol.trajectories=0"])
+    protocol = compose("evaluate", ["protocol.episodes=20", "protocol.trajectories=0"])
     from auvbench.config.validate import evaluate_config
 
     assert all(is_done(run, evaluate_config(protocol).protocol) for run in runs)
