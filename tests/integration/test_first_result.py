@@ -84,11 +84,11 @@ def test_every_algorithm_trains_and_is_evaluated(outputs, folder):
         weights = torch.load(run / "model" / "policy.pt", weights_only=True)
         assert all(torch.isfinite(tensor).all() for tensor in weights.values())
     assert (
-        auvbench("evaluate", "outputs", "protocol.episodes=7", "protocol.trajectories=2", "--workers", "1")
+        auvbench("evaluate", "outputs", "protocol.episodes=3", "protocol.trajectories=2", "--workers", "1")
         == 0
     )
     tested = rows(run / "evaluations" / "test" / "episodes.csv")
-    assert [row["episode"] for row in tested] == [str(e) for e in range(7)]
+    assert [row["episode"] for row in tested] == [str(e) for e in range(3)]
     with np.load(run / "evaluations" / "test" / "trajectories.npz", allow_pickle=False) as archive:
         assert len(archive["position_nominal_0"]) == int(tested[0]["steps"]) + 1
         assert np.linalg.norm(
@@ -100,10 +100,10 @@ def test_every_algorithm_trains_and_is_evaluated(outputs, folder):
 def test_from_nothing_to_a_ranked_table(folder, capsys):
     for algo in ("ppo", "pid", "random"):
         assert auvbench("train", f"algo={algo}", *SMALL[algo], *SHORT) == 0
-    assert auvbench("evaluate", "outputs", "protocol.episodes=20", "--workers", "1") == 0
+    assert auvbench("evaluate", "outputs", "protocol.episodes=8", "--workers", "1") == 0
     tested = capsys.readouterr().out
     assert tested.count(": success ") == 3
-    assert auvbench("evaluate", "outputs", "protocol.episodes=20", "--workers", "1") == 0
+    assert auvbench("evaluate", "outputs", "protocol.episodes=8", "--workers", "1") == 0
     assert ": success " not in capsys.readouterr().out
     assert auvbench("report", "outputs", "--no-figures") == 0
     printed = capsys.readouterr().out
@@ -151,8 +151,8 @@ def test_the_same_configuration_gives_the_same_bits(outputs, folder):
 )
 def test_rows_do_not_depend_on_the_batch(outputs, folder):
     tables = []
-    for batch in (500, 4, 1):
-        protocol = ["protocol.episodes=6", f"protocol.batch={batch}", "protocol.trajectories=0"]
+    for batch in (500, 2, 1):
+        protocol = ["protocol.episodes=3", f"protocol.batch={batch}", "protocol.trajectories=0"]
         assert auvbench("evaluate", "outputs", *protocol, "--force", "--workers", "1") == 0
         tables.append((only_run(folder) / "evaluations" / "test" / "episodes.csv").read_bytes())
     assert tables[0] == tables[1] == tables[2]

@@ -42,7 +42,7 @@ def summary(run: RunDirectory) -> dict[str, Any]:
 def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
     pytest.importorskip("casadi")
     found = []
-    for workers in (1, 2, 3):
+    for workers in (1, 3):
         run = frozen(tmp_path / str(workers), "algo=mpc", "algo.horizon=2.0", "task.max_steps=60")
         told: list[tuple[str, int]] = []
         with Pool(workers, parallel.PRELOAD) as pool:
@@ -56,9 +56,9 @@ def test_rows_do_not_depend_on_the_number_of_workers(tmp_path: Path) -> None:
         assert told[0] == ("nominal", 0)
         assert sum(ended for _, ended in told) == 4
         found.append((rows(run), summary(run)["conditions"]))
-    assert found[0][0] == found[1][0] == found[2][0]
+    assert found[0][0] == found[1][0]
     counts = [conditions[0].pop("notes") for _, conditions in found]
-    assert found[0][1] == found[1][1] == found[2][1]
+    assert found[0][1] == found[1][1]
     # How many came late is the machine's affair.
     assert all(count["failed_solves"] == 0 for count in counts)
     assert len({count["solves"] for count in counts}) == 1
