@@ -31,7 +31,7 @@ from tests.conftest import Once
 from tests.onnx_files import model, saved
 from tests.unit.runs.test_damage import frozen
 
-BRIEF = ["protocol.episodes=8", "--workers", "1"]
+BRIEF = ["protocol.episodes=3", "--workers", "1"]
 
 
 def trained(folder: Path, *overrides: str) -> RunDirectory:
@@ -329,7 +329,7 @@ def test_an_exported_policy_has_the_outcomes_of_its_run(tmp_path: Path) -> None:
     mine = prepare(compose("train", entered(done.path, tmp_path / "runs")))
     assert mine.id.startswith(run.id)
     assert cli.main(["train", *entered(done.path, tmp_path / "runs")]) == 0
-    assert cli.main(["evaluate", str(tmp_path / "runs"), "protocol.episodes=40", "--workers", "1"]) == 0
+    assert cli.main(["evaluate", str(tmp_path / "runs"), "protocol.episodes=20", "--workers", "1"]) == 0
     rows = []
     for one in (run, mine):
         lines = (one.evaluation("test") / "episodes.csv").read_text().splitlines()
