@@ -54,17 +54,23 @@ def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_fork_server() -> Iterator[dict[str, Any]]:
+def one_fork_server(state: None) -> Iterator[dict[str, Any]]:
     """Keep the fork server between the commands of this process: each would import torch anew, 3 s of processor time.
 
     A command that ends kills its workers one by one, where outside of tests they die with their server. A command with
-    another environment or import path gets another server.
+    another environment or import path gets another server; the usual one is put aside meanwhile.
     """
     from auvbench.runs import pool
 
     server: Any = forkserver._forkserver
     modules: set[str] = set()
-    ground: list[object] = []
+    aside: dict[str, Any] = {}
+
+    def surroundings() -> list[object]:
+        return [{k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"}, list(sys.path)]
+
+    usual = surroundings()
+    ground = [*usual]
 
     def running() -> psutil.Process | None:
         with suppress(psutil.NoSuchProcess):
@@ -73,10 +79,19 @@ def one_fork_server() -> Iterator[dict[str, Any]]:
         return None
 
     def start_server(preload: Sequence[str]) -> None:
-        here = [{k: v for k, v in os.environ.items() if k != "PYTEST_CURRENT_TEST"}, list(sys.path)]
-        if running() is None or here != ground or not modules.issuperset(preload):
-            modules.update(preload)
+        here = surroundings()
+        if here != ground:
+            if ground == usual and running() is not None:
+                aside.update(vars(server))
+                vars(server).update(vars(forkserver.ForkServer()), _lock=server._lock)
+            else:
+                stop()
+            if here == usual:
+                vars(server).update(aside)
+                aside.clear()
             ground[:] = here
+        if running() is None or not modules.issuperset(preload):
+            modules.update(preload)
             stop()  # `start` calls the function that keeps it
             start(sorted(modules))
 
@@ -91,6 +106,8 @@ def one_fork_server() -> Iterator[dict[str, Any]]:
         patch.setattr(pool, "start_server", start_server)
         patch.setattr(pool, "stop_server", stop_server)
         yield {"start_server": start, "stop_server": stop}
+    stop()
+    vars(server).update(aside)
     stop()
 
 
