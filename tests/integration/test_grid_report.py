@@ -39,7 +39,7 @@ def make(folder: Path) -> None:
     assert main(["train", "-m", "algo=ppo", *PPO, *SHORT, out]) == 0
     assert main(["train", "-m", "algo=sac", *SAC, *SHORT, out]) == 0
     assert main(["train", "algo=pid", "seed=0", "name=grid", out]) == 0
-    assert main(["evaluate", str(folder), "protocol.episodes=12", "protocol.trajectories=2"]) == 0
+    assert main(["evaluate", str(folder), "protocol.episodes=6", "protocol.trajectories=2"]) == 0
     assert main(["report", str(folder / "grid"), "--baseline", "pid", "--study", "thesis"]) == 0
 
 
