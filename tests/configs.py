@@ -6,7 +6,6 @@ them.
 
 from __future__ import annotations
 
-import copy
 from functools import cache
 from typing import Any
 
@@ -14,6 +13,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from auvbench.config import schema
 from auvbench.config.compose import compose
+from auvbench.config.copies import copied
 from auvbench.config.validate import evaluate_config, train_config
 
 
@@ -34,7 +34,7 @@ def original(*overrides: str) -> tuple[str, ...]:
 
 def composed(*overrides: str) -> DictConfig:
     """Return the configuration of a training, as `compose` does."""
-    return copy.deepcopy(_composed("train", original(*overrides)))
+    return copied(_composed("train", original(*overrides)))
 
 
 def training(*overrides: str) -> schema.TrainConfig:
@@ -51,4 +51,4 @@ def plain(*overrides: str) -> dict[str, Any]:
 
 def protocol(*overrides: str) -> schema.Protocol:
     """Return the typed, checked protocol of `auvbench evaluate`."""
-    return evaluate_config(copy.deepcopy(_composed("evaluate", overrides))).protocol
+    return evaluate_config(copied(_composed("evaluate", overrides))).protocol
