@@ -10,8 +10,8 @@ PIP = $(BIN)/python -m pip install --progress-bar off --root-user-action ignore 
 SHELL := bash
 SHOWN = > >(awk '/(Downloading|Using cached) .* MB\)$$/ {file = $$(NF-2); sub(".*/", "", file); print "  " file, $$(NF-1), $$NF; fflush()} \
   /^Installing collected/ {print "  unpacking"; fflush()} /^ERROR/ {failed = 1} failed' >&2) 2>&1
-# One torch thread per process; tests run in parallel on all cores.
-JOBS ?= auto
+# One torch thread per process; tests run in parallel on all cores, with one process more, since some tests wait.
+JOBS ?= $(shell expr $$(getconf _NPROCESSORS_ONLN) + 1)
 PYTEST = $(BIN)/python -m pytest -n $(JOBS) --dist worksteal -q
 export OMP_NUM_THREADS ?= 1
 # Keep bytecode, since hundreds of test processes import the same modules.
@@ -67,8 +67,10 @@ demo: $(STAMP) ## train PPO with five seeds; test PID, MPC and PPO; rank them
 	$(BIN)/auvbench evaluate outputs/quickstart protocol.episodes=25
 	$(BIN)/auvbench report outputs/quickstart
 
+# .ci/run chooses the quick and the slow tests at once: two sessions would import, train and compile for their tests twice.
+TESTS ?= not slow
 test: $(TOOLS) ## run the quick tests, as before every commit
-	$(PYTEST) $(ARGS) -m "not slow"
+	$(PYTEST) $(ARGS) -m "$(TESTS)"
 
 test-slow: $(TOOLS) ## run the tests that take seconds each: trainings, kills, virtual environments, browsers, ROS 2
 	$(PYTEST) $(ARGS) -m "slow and not long"
