@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from tests.waiting import LIMIT, until
 AUVBENCH = [sys.executable, "-m", "auvbench"]
 KILLS = int(os.environ.get("AUVBENCH_KILLS", "2"))
 """`make soak` sets more"""
+Command = Callable[..., "subprocess.CompletedProcess[str]"]
 GRID = """
 # @package _global_
 hydra:
@@ -53,6 +55,19 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.fixture
+def here(folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Command:
+    """Return `auvbench` for this process, in somebody's working directory."""
+    monkeypatch.chdir(folder)
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        code = main(list(arguments))
+        said = capsys.readouterr()
+        return subprocess.CompletedProcess(arguments, code, said.out, said.err)
+
+    return run
+
+
 def result(run: RunDirectory) -> dict[str, bytes]:
     """What a run ends with."""
     names = ("train/episodes.csv", "model/policy.pt", "model/normalisation.npz")
@@ -68,12 +83,12 @@ def words(output: str) -> list[list[str]]:
 
 
 @pytest.mark.slow
-def test_an_experiment_is_started_narrowed_and_typed_again(folder: Path) -> None:
-    done = auvbench(folder, "train", "experiment=study", "algo=random,pid", "reward.k=40")
+def test_an_experiment_is_started_narrowed_and_typed_again(folder: Path, here: Command) -> None:
+    done = here("train", "experiment=study", "algo=random,pid", "reward.k=40")
     assert done.returncode == 0, done.stderr
     assert ["missing", "3", "started"] in words(done.stdout)
     # A value that no grid has replaces the axis: one more run, of the two grids' 8 + 1 that are left to do.
-    again = auvbench(folder, "train", "experiment=study", "algo=random,pid", "seed=0,7", "reward.k=40")
+    again = here("train", "experiment=study", "algo=random,pid", "seed=0,7", "reward.k=40")
     assert again.returncode == 0, again.stderr
     assert ["complete", "2", "skipped"] in words(again.stdout)
     assert ["missing", "2", "started"] in words(again.stdout)
@@ -98,21 +113,25 @@ def test_nothing_starts_when_one_job_is_wrong(
 
 
 @pytest.mark.slow
-def test_editing_yaml_during_a_sweep_changes_nothing_and_a_changed_config_is_refused(folder: Path) -> None:
-    done = auvbench(folder, "train", "-m", "algo=random", "seed=0,1")
+def test_editing_yaml_during_a_sweep_changes_nothing_and_a_changed_config_is_refused(
+    folder: Path, here: Command
+) -> None:
+    done = here("train", "-m", "algo=random", "seed=0,1")
     assert done.returncode == 0, done.stderr
     run = next(iter(named(folder).values()))
     run.config_path.write_text(run.config_path.read_text().replace("k: 1", "k: 2", 1))
-    refused = auvbench(folder, "train", "-m", "algo=random", f"seed={run.manifest()['seed']},5")
+    refused = here("train", "-m", "algo=random", f"seed={run.manifest()['seed']},5")
     assert refused.returncode == 2
     assert "its id is random-bluerov2_2026-k2-" in refused.stderr
     assert refused.stderr.count("\n") == 1
 
 
 @pytest.mark.slow
-def test_a_worker_of_a_sweep_and_a_process_of_its_own_compute_the_same_bits(folder: Path) -> None:
-    arguments = ["algo=ppo", "train.total_steps=6000"]
-    swept = auvbench(folder, "train", "-m", *arguments, "seed=0,1", "name=swept")
+def test_a_worker_of_a_sweep_and_a_process_of_its_own_compute_the_same_bits(
+    folder: Path, here: Command
+) -> None:
+    arguments = ["algo=ppo", "train.total_steps=3000", "task.max_steps=200"]
+    swept = here("train", "-m", *arguments, "seed=0,1", "name=swept")
     assert swept.returncode == 0, swept.stderr
     alone = auvbench(folder, "train", *arguments, "seed=1", "name=alone")
     assert alone.returncode == 0, alone.stderr
