@@ -280,7 +280,7 @@ def test_measure_names_its_option():
 @pytest.mark.slow
 def test_false_discoveries_are_as_rare_as_promised():
     """Six equal agents with ten seeds: rarely is any pair resolved, in at most 5 % of the reports."""
-    rng, wrong, n = np.random.default_rng(5), 0, 100
+    rng, wrong, n = np.random.default_rng(5), 0, 200
     base = agent(seeds=10, episodes=60)
     for _ in range(n):
         hard = rng.normal(size=60)
