@@ -198,6 +198,17 @@ def relative(identified: Identified, draw: dict[str, float]) -> dict[str, float]
     return values
 
 
+def share_of_holding(
+    logs: Sequence[Log], vehicle: VehicleModel, values: Mapping[str, float], horizon: float = 1.0
+) -> dict[str, float]:
+    """Return a vehicle's root mean square error after `horizon` s over that of holding the value, by channel."""
+    windows, h = horizons(logs), HORIZONS.index(horizon)
+    still = np.broadcast_to(windows.state[:, None], windows.measured.shape)
+    own = Prediction("", windows.error(Predictor(windows, vehicle).states(dict(values)))).rms()[h]
+    held = Prediction(HOLD, windows.error(still)).rms()[h]
+    return {CHANNELS[k]: float(own[k] / held[k]) for k in windows.channels if held[k] > 0.0}
+
+
 def quantiles(
     logs: Sequence[Log], vehicle: VehicleModel, values: Mapping[str, float]
 ) -> dict[str, dict[float, float]]:

@@ -16,7 +16,14 @@ from auvbench.identification.advise import Advice
 from auvbench.identification.fit import CONTRADICTED, IDENTIFIED, Estimate, Fit
 from auvbench.identification.gate import Verdict, warning
 from auvbench.identification.log import CHANNELS, UNITS
-from auvbench.identification.validation import BAND, HOLD, HORIZONS, Prediction, Validation
+from auvbench.identification.validation import (
+    BAND,
+    HOLD,
+    HORIZONS,
+    Prediction,
+    Validation,
+    share_of_holding,
+)
 from auvbench.reporting.figures import identification as figures
 from auvbench.reporting.figures import style
 from auvbench.reporting.figures.scene import Drawing, Figure
@@ -25,7 +32,10 @@ from auvbench.reporting.page.writer import document
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table
 from auvbench.reporting.tables.terminal import TableView
 from auvbench.reporting.write import text
+from auvbench.vehicles.inspect import AXES
 
+VELOCITIES = slice(6, 12)
+"""Channels of velocities and rates, in the order of axes."""
 WIDTH = 150
 """Characters of a line of the tables for the terminal."""
 
@@ -98,19 +108,19 @@ def _state(estimate: Estimate) -> str:
     return "identified, given the numbers that stay"
 
 
-def excitation_table(verdicts: Sequence[Verdict]) -> Table:
-    """Return what the commands did on each axis."""
+def excitation_table(fit: Fit, verdicts: Sequence[Verdict]) -> Table:
+    """Return what the commands did on each axis, and how well the fitted vehicle predicts its velocity."""
+    shares = share_of_holding(fit.logs, fit.vehicle, {e.parameter.name: e.value for e in fit.estimates})
+    missed = {axis: shares.get(name, math.nan) for axis, name in zip(AXES, CHANNELS[VELOCITIES], strict=True)}
     lines = tuple(
         Line(
             (
                 Cell(verdict.axis),
                 Cell(f"{100 * verdict.command:.1f}", sort=verdict.command),
-                Cell(number(verdict.moved), sort=None if math.isnan(verdict.moved) else verdict.moved),
-                Cell(number(1e3 * verdict.lag), sort=None if math.isnan(verdict.lag) else verdict.lag),
-                Cell(
-                    number(verdict.correlation, 2),
-                    sort=None if math.isnan(verdict.correlation) else verdict.correlation,
-                ),
+                Cell(number(verdict.moved), sort=_or_none(verdict.moved)),
+                Cell(number(1e3 * verdict.lag), sort=_or_none(verdict.lag)),
+                Cell(number(verdict.correlation, 2), sort=_or_none(verdict.correlation)),
+                Cell(number(100 * missed[verdict.axis]), sort=_or_none(missed[verdict.axis])),
                 Cell(verdict.state),
             )
         )
@@ -122,14 +132,19 @@ def excitation_table(verdicts: Sequence[Verdict]) -> Table:
         Heading("speed", "m/s, rad/s", hint="95 % quantile"),
         Heading("motion follows by", "ms"),
         Heading("correlation"),
+        Heading("error after 1 s", "% of holding", hint="near 100: the sheet lacks what moves the vehicle"),
         Heading("", words=True),
     )
     return Table(headings, lines, "excitation of each axis")
 
 
+def _or_none(value: float) -> float | None:
+    return None if math.isnan(value) else value
+
+
 def terminal(fit: Fit, verdicts: Sequence[Verdict], advice: Sequence[Advice]) -> str:
     """Return the tables of an identification, and the next manoeuvre."""
-    parts = [_printed(parameters_table(fit)), _printed(excitation_table(verdicts))]
+    parts = [_printed(parameters_table(fit)), _printed(excitation_table(fit, verdicts))]
     if advice:
         parts.append(f"Next: {advice[0].text}")
     return "\n".join(parts)
@@ -167,7 +182,7 @@ def write_identification(
     body = (
         Part("answer", "Numbers", _warned(verdicts), (parameters_table(fit),), _some(embedded, "parameters")),
         Part("fit", "Measured and predicted", (), (), _some(embedded, "prediction", "residuals")),
-        Part("excitation", "Excitation", (), (excitation_table(verdicts),)),
+        Part("excitation", "Excitation", (), (excitation_table(fit, verdicts),)),
         Part("next", "Next manoeuvre", texts, (_advice_table(advice),) if advice else ()),
     )
     windows = fit.windows

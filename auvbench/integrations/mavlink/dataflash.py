@@ -149,7 +149,14 @@ def _rows(log: Any) -> list[dict[str, float]]:
 
 
 def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
-    """Return the table of `csv_log`: one row per time, inputs held, from the first output on."""
+    """Return the table of `csv_log`: one row per time, inputs held, from the first output on.
+
+    The autopilot logs its outputs more rarely than it changes them, so that an output began at some time since the one before:
+    on average half an interval ago, which is where it is put.
+    """
+    sampled = np.array([row["t_s"] for row in rows if "C1_us" in row])
+    ago = 0.5 * float(np.median(np.diff(sampled))) if sampled.size > 1 else 0.0
+    rows = [{**row, "t_s": round(row["t_s"] - ago, 6)} if "C1_us" in row else row for row in rows]
     table = pd.DataFrame(rows).groupby("t_s", as_index=False).first().sort_values("t_s")
     outputs = [name for name in FIELDS["RCOU"].values() if name in table]
     # An output that is always 0 is not in use.

@@ -72,12 +72,14 @@ def test_messages_become_columns(tmp_path: Path) -> None:
     file = tmp_path / "dive.BIN"
     file.write_bytes(written())
     [log] = readers.read([str(file)])
-    np.testing.assert_allclose(log.time, TIME, atol=1e-6)
+    # An output holds from the middle between it and the one before: half of 0.05 s earlier than it was logged.
+    np.testing.assert_allclose(log.time[::2], TIME, atol=1e-6)
+    np.testing.assert_allclose(log.time[1::2], TIME + 0.025, atol=1e-6)
     assert log.kind == "pwm"
-    np.testing.assert_array_equal(log.inputs[:, 5], np.where(TIME % 2.0 < 1.0, 1600.0, 1400.0))
-    np.testing.assert_allclose(log.measured[:, CHANNELS.index("z")], -0.1 * TIME, atol=1e-5)
-    np.testing.assert_allclose(log.measured[:, CHANNELS.index("r")], -0.5 * np.cos(TIME), atol=1e-6)
-    yaw = log.measured[:, CHANNELS.index("yaw")]
+    np.testing.assert_array_equal(log.inputs[::2, 5], np.where(TIME % 2.0 < 1.0, 1600.0, 1400.0))
+    np.testing.assert_allclose(log.measured[1::2, CHANNELS.index("z")], -0.1 * TIME, atol=1e-5)
+    np.testing.assert_allclose(log.measured[1::2, CHANNELS.index("r")], -0.5 * np.cos(TIME), atol=1e-6)
+    yaw = log.measured[1::2, CHANNELS.index("yaw")]
     np.testing.assert_allclose(yaw - yaw[0], -0.5 * np.sin(TIME), atol=1e-4)
     assert log.voltage is not None
     assert np.all(log.voltage == 15.5)
@@ -92,7 +94,7 @@ def test_only_the_time_in_manual_is_used(tmp_path: Path) -> None:
     # Of a log without MANUAL everything is used: its gate is the commands' correlation with the motion.
     path.write_bytes(written(changes={0.0: ("MODE", 2)}))
     (log,) = readers.read([path])
-    assert log.duration == pytest.approx(5.0)
+    assert log.duration == pytest.approx(5.025)
     assert not any("MANUAL" in remark for remark in log.remarks)
 
 

@@ -87,15 +87,17 @@ def test_messages_become_columns(tmp_path: Path) -> None:
     write(tmp_path / "dive.tlog")
     [log] = readers.read([str(tmp_path / "dive.tlog")])
     assert (log.kind, log.actuators) == ("pwm", tuple(f"C{k}" for k in range(1, 9)))
-    np.testing.assert_allclose(log.time, TIME, atol=1e-9)
-    np.testing.assert_array_equal(log.inputs[:, 0], np.where(TIME % 2.0 < 1.0, 1600.0, 1400.0))
+    # Outputs, half an interval before they were logged, and then measurements.
+    np.testing.assert_allclose(log.time[::2], TIME, atol=1e-9)
+    np.testing.assert_allclose(log.time[1::2], TIME + 0.5 * STEP, atol=1e-9)
+    np.testing.assert_array_equal(log.inputs[::2, 0], np.where(TIME % 2.0 < 1.0, 1600.0, 1400.0))
     assert np.all(log.inputs[:, 7] == 1500.0)
     # Yaw and its rate are positive to starboard in the file, to port here; roll never changes.
     np.testing.assert_allclose(np.diff(column(log, "yaw")[1]), -np.diff(YAW), atol=1e-5)
     np.testing.assert_allclose(column(log, "r")[1], -0.5 * np.cos(TIME), atol=1e-6)
     np.testing.assert_allclose(column(log, "z")[1], -0.1 * TIME, atol=1e-4)
     assert log.acceleration is not None
-    np.testing.assert_allclose(log.acceleration, [[0.0, 0.0, 9.80665]] * ROWS, atol=1e-9)
+    np.testing.assert_allclose(log.acceleration[1::2], [[0.0, 0.0, 9.80665]] * ROWS, atol=1e-9)
     assert log.voltage is not None
     assert np.all(log.voltage == 15.8)
     assert not log.has("x")
