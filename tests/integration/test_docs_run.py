@@ -24,6 +24,7 @@ from auvbench.commands import plan
 from auvbench.config import complete as completing
 from auvbench.config import compose, grids
 from auvbench.metrics import Metric
+from auvbench.reporting import replay_pictures
 from tests import synthetic
 from tests.conftest import Once
 from tests.docs_blocks import MISTAKES, PAGES, ROOT, steps
@@ -203,6 +204,7 @@ def test_the_commands_of_the_example_of_a_team_run(
 ) -> None:
     shutil.copytree(ROOT / "examples/team", tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(replay_pictures, "LONGEST", 10)
     for kind, text in steps(tmp_path / "README.md"):
         assert kind == "auvbench"
         run(text)
