@@ -19,6 +19,7 @@ import pandas as pd
 from auvbench import metrics
 from auvbench.analysis.archive import EPISODES, RUNS, TRAIN, Archive
 from auvbench.analysis.damage import Damage, check_digest, finite, named
+from auvbench.config.tasks.formation import MOST as MOST_VEHICLES
 from auvbench.runs import integrity
 from auvbench.runs.directory import RunDirectory
 from auvbench.statistics.intervals import FloatArray
@@ -27,12 +28,12 @@ from auvbench.untrusted.text import short
 
 NAME = "trajectories.npz"
 REQUIRED = ("waypoint", "position", "time")
-OPTIONAL = ("reference", "dock_yaw", "outlines", "yaw", "command")
+OPTIONAL = ("reference", "dock_yaw", "outlines", "yaw", "command", "others")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredPath:
-    """Trajectory of a vehicle in one test episode."""
+    """Trajectory of a vehicle, or of a team, in one test episode."""
 
     episode: int
     waypoint: tuple[float, float, float]  # m; the goal, in tasks without waypoints
@@ -43,6 +44,9 @@ class StoredPath:
     outlines: FloatArray | None = None  # (k, 2, 3) m, segments of a world; missing in a published study
     yaw: FloatArray | None = None  # (T + 1,) rad; missing in a published study
     command: FloatArray | None = None  # (T, n_u) N; missing in a published study
+    others: FloatArray | None = (
+        None  # (T + 1, V - 1, 3) m, the other vehicles of a team; missing in a published study
+    )
 
 
 TRAINING, VALIDATION = "train/episodes.csv", "train/validation.csv"
@@ -318,6 +322,8 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
         shapes["command"] = (len(position) - 1, *path["command"].shape[1:2])
     if "outlines" in path:
         shapes["outlines"] = (len(path["outlines"]), 2, 3)
+    if "others" in path:
+        shapes["others"] = (len(position), *(min(n, MOST_VEHICLES - 1) for n in path["others"].shape[1:2]), 3)
     for name, array in path.items():
         if array.shape != shapes.get(name, array.shape):
             raise ValueError(f"{name}_{suffix} has shape {array.shape}, expected {shapes[name]}")
@@ -326,5 +332,5 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
     x, y, z = path["waypoint"].tolist()
     yaw = float(path["dock_yaw"][0]) if "dock_yaw" in path else None
     moving, solids = path.get("reference"), path.get("outlines")
-    signals = path.get("yaw"), path.get("command")
-    return StoredPath(episode, (x, y, z), position, path["time"], moving, yaw, solids, *signals)
+    more = path.get("yaw"), path.get("command"), path.get("others")
+    return StoredPath(episode, (x, y, z), position, path["time"], moving, yaw, solids, *more)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from omegaconf import DictConfig
 
@@ -23,6 +24,7 @@ from auvbench.commands import plan
 from auvbench.config import complete as completing
 from auvbench.config import compose, grids
 from auvbench.metrics import Metric
+from auvbench.reporting import replay_pictures
 from tests import synthetic
 from tests.conftest import Once
 from tests.docs_blocks import MISTAKES, PAGES, ROOT, steps
@@ -193,6 +195,22 @@ def test_the_blocks_of_a_page_run(
             run(text)
             if sheet.exists():
                 shutil.copy(ROOT / "examples/polyu.yaml", sheet)  # as the page asks the reader to
+
+
+@pytest.mark.long
+@pytest.mark.slow
+def test_the_commands_of_the_example_of_a_team_run(
+    small: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(ROOT / "examples/team", tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(replay_pictures, "LONGEST", 10)
+    for kind, text in steps(tmp_path / "README.md"):
+        assert kind == "auvbench"
+        run(text)
+    agents = pd.read_csv("outputs/team/report/table.csv")["agent"]
+    assert sorted(agents) == ["PID", "PPO"]
+    assert Path("team.gif").read_bytes().startswith(b"GIF89a")
 
 
 def test_what_is_not_run_is_named_and_counted() -> None:

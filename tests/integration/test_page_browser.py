@@ -11,12 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from auvbench.commands.report import main
 from auvbench.reporting.figures import colour_of
 from tests import page_data
-from tests.synthetic import ROBUSTNESS, reconfigure, write_experiment
+from tests.synthetic import ROBUSTNESS, reconfigure, seal, write_experiment
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 CHROMEDRIVER = shutil.which("chromedriver")
@@ -243,6 +244,27 @@ def test_3d_view_shows_another_episode(opened: Driver) -> None:
     assert picture(opened) != first
     assert picture(opened, "distance") != chart
     assert "episode 1" in str(find(opened, "#scene").get_attribute("aria-label"))
+
+
+def test_3d_view_draws_the_other_vehicles_of_a_team(browser: Driver, tmp_path: Path) -> None:
+    seen, names = [], []
+    for vehicles in (1, 3):
+        parts = page_data.parts(tmp_path / str(vehicles), algorithms=("pid",), seeds=(0,), episodes=5)
+        evaluation = parts["runs"][0].directory / "evaluations" / "test"
+        with np.load(evaluation / "trajectories.npz") as there:
+            arrays = dict(there)
+        if vehicles > 1:
+            position = arrays["position_nominal_0"]
+            arrays["others_nominal_0"] = np.stack([position + 4.0, position - 4.0], 1)
+        np.savez(evaluation / "trajectories.npz", **arrays)
+        seal(evaluation / "summary.json")
+        emulate(browser, 1280, 900)
+        load(browser, page_data.write(tmp_path / str(vehicles) / "report" / "index.html", **parts))
+        picture(browser)
+        seen.append(colours(browser)[colour_of(parts["agents"])["PID"].colour.lower()])
+        names.append([option.text for option in Select(find(browser, "#signal")).options])
+    assert seen[1] > 1.5 * seen[0]
+    assert [name for name in names[1] if name not in names[0]] == ["smallest separation, m"]
 
 
 def test_the_chart_under_the_3d_view_shows_other_signals(opened: Driver) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +56,11 @@ def test_a_team_is_one_row_in_training_tests_and_replays(algo: list[str], tmp_pa
     np.testing.assert_array_equal(shown.others, others)
     assert shown.record["formation_error_rms_m"] == rows["formation_error_rms_m"][1]
     assert main(["report", str(tmp_path / "default"), "--protocol", "own"]) == 0
+    page = (tmp_path / "default" / "report" / "index.html").read_text(encoding="utf-8")
+    data = json.loads(re.findall(r'<script type="application/json" id="data">(.*)</script>', page)[0])
+    (track,) = data["episodes"][1]["tracks"]
+    paths = [np.frombuffer(base64.b64decode(text), "<i2").reshape(-1, 3) for text in track["others"]]
+    np.testing.assert_allclose(np.stack(paths, 1) * track["unit"], others, atol=0.0051)
 
 
 def test_rows_do_not_depend_on_the_size_of_a_batch() -> None:

@@ -32,6 +32,7 @@ PROGRAMS = {
     "tianshou_": ("tianshou",),
     "minari_": ("minari[hdf5,create]",),
     "d3rlpy_": ("d3rlpy",),
+    "benchmarl_": ("benchmarl", "pettingzoo"),
 }
 """What each script needs besides auvbench; a script ends with one line, `trained N steps; NAME VERSION`."""
 

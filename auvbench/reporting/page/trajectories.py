@@ -2,7 +2,7 @@
 
 A run's `evaluations/<protocol>/trajectories.npz` has, for its first few episodes,
 `position_<condition>_<episode>` (T+1, 3) m, `time_...` (T+1,) s and `waypoint_...` (3,) m; if the reference
-moves, `reference_...` (T+1, 3) m; for a dock, `dock_yaw_...` (1,) rad; and `yaw_...` (T+1,) rad and `command_...` (T, n_u) N. The page has at most `POINTS`
+moves, `reference_...` (T+1, 3) m; for a team of V vehicles, `others_...` (T+1, V-1, 3) m; for a dock, `dock_yaw_...` (1,) rad; and `yaw_...` (T+1,) rad and `command_...` (T, n_u) N. The page has at most `POINTS`
 positions of each path, equally spaced in steps, as little-endian int16 counts of `unit` metres in base64. The
 unit is 1 cm if the path stays within 327 m, otherwise the smallest unit that fits.
 """
@@ -87,13 +87,13 @@ def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any
 
     A track becomes `{agent, seed, run, outcome, dt, end, unit, points}`. `points` is base64 of int16 (n, 3)
     counts of `unit` metres; point i is at min(i dt, end) seconds after the start. `reference` has as many
-    points of a moving reference. `signals` are base64 of int16 (n,) counts, by name, of `units`: `speed` in m/s and, if they are
+    points of a moving reference, and so has each of `others`, the paths of a team's other vehicles. `signals` are base64 of int16 (n,) counts, by name, of `units`: `speed` in m/s and, if they are
     stored, `yaw` in degrees and `command`, the norm of the actuators' forces in N.
     """
     worlds = _worlds(tracks)
     budget -= sum(len(packed["outlines"]) for packed in worlds.values())
     # Three signals take as much as a line.
-    count = sum(2 + (track.path.reference is not None) for track in tracks)
+    count = sum(1 + len(_lines(track.path)) for track in tracks)
     # 6 bytes per point, 4 characters per 3 bytes
     points = max(24, min(POINTS, budget // max(1, count) // 8))
     episodes: dict[int, dict[str, Any]] = {}
@@ -132,10 +132,10 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
     stride = max(1, math.ceil(steps / (points - 1)))
     indices = np.minimum(np.arange(0, math.ceil(steps / stride) + 1) * stride, steps)
     duration = float(path.time[-1] - path.time[0])
-    lines = {"points": path.position[indices]}
-    if path.reference is not None:
-        lines["reference"] = path.reference[indices]
-    unit = max(UNIT, max(float(np.abs(line).max(initial=0.0)) for line in lines.values()) / 32767.0)
+    lines = [line[indices] for line in _lines(path)]
+    unit = max(UNIT, max(float(np.abs(line).max(initial=0.0)) for line in lines) / 32767.0)
+    first, *more = (_counts(line, unit) for line in lines)
+    reference = {} if path.reference is None else {"reference": more.pop(0)}
     return {
         "agent": track.agent,
         "seed": track.run.seed,
@@ -144,9 +144,18 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
         "dt": round(duration / max(1, steps) * stride, 9),
         "end": round(duration, 6),
         "unit": unit,
-        **{name: _counts(line, unit) for name, line in lines.items()},
+        "points": first,
+        **reference,
+        **({"others": more} if more else {}),
         **_pack_signals(path, indices, duration / max(1, steps)),
     }
+
+
+def _lines(path: StoredPath) -> list[NDArray[np.float64]]:
+    """Return the lines (T + 1, 3) in m of a path: the vehicle, its reference if it has one, the other vehicles of its team."""
+    reference = [] if path.reference is None else [path.reference]
+    others = [] if path.others is None else list(path.others.swapaxes(0, 1))
+    return [path.position, *reference, *others]
 
 
 def _pack_signals(path: StoredPath, indices: NDArray[np.int64], dt: float) -> dict[str, dict[str, Any]]:

@@ -158,6 +158,7 @@ def _data(
         "goal": "goal" if task is None else task.goal,
         "cone": _length(config.get("task.cone"), 0.0),
         "reach": _length(config.get("task.standoff"), 0.0),
+        "team": any(track.path.others is not None for track in tracks),
         "goal_radius": _length(config.get("task.goal_radius", config.get("task.tolerance", 0.0)), 3.0),
         "depth": [_length(config.get("task.depth_low"), -60.0), _length(config.get("task.depth_high"), -1.0)],
         "episodes": trajectories.pack(tracks),

@@ -61,3 +61,15 @@ def test_a_reference_and_the_yaw_of_a_dock_are_read_where_they_are_stored(tmp_pa
         drawn(run, reference_nominal_0=reference[1:])
     with pytest.raises(Damage, match="not finite"):
         drawn(run, reference_nominal_0=reference, dock_yaw_nominal_1=np.array([np.nan], dtype=np.float32))
+
+
+def test_the_other_vehicles_of_a_team_are_read_where_they_are_stored(tmp_path: Path) -> None:
+    (run,) = write_experiment(tmp_path, algorithms=("pid",), seeds=(0,), episodes=5)
+    with np.load(run / "evaluations" / "test" / NAME) as there:
+        others = there["position_nominal_0"][:, None].repeat(7, axis=1) + np.arange(7.0)[:, None]
+    first, second, *_ = drawn(run, others_nominal_0=others)
+    np.testing.assert_array_equal(first.others, others)
+    assert second.others is None
+    for wrong in (others[1:], others[:, 0], others[:, :, :2], others[:, [*range(7), 0]]):
+        with pytest.raises(Damage, match="others_nominal_0 has shape"):
+            drawn(run, others_nominal_0=wrong)

@@ -265,6 +265,20 @@ def test_a_reference_is_packed_with_its_path(run: RunRecord) -> None:
     assert "dock_yaw" not in plain
 
 
+def test_the_other_vehicles_of_a_team_are_packed_with_its_path(run: RunRecord) -> None:
+    position = np.cumsum(np.random.default_rng(2).normal(0, 0.1, (600, 3)), axis=0)
+    others = np.stack([position + 3.0, position - 400.0], axis=1)
+    team = trajectories.pack([track_of(run, position, reference=position + 1.0, others=others)])[0]["tracks"][
+        0
+    ]
+    for text, shift in zip([team["reference"], *team["others"]], (1.0, 3.0, -400.0), strict=True):
+        away = unpacked(team | {"points": text}) - unpacked(team)
+        np.testing.assert_allclose(away, shift, atol=2 * team["unit"])
+    assert "others" not in trajectories.pack([track_of(run, position)])[0]["tracks"][0]
+    many = trajectories.pack([track_of(run, position, others=others)] * 50, budget=50_000)[0]["tracks"]
+    assert len(json.dumps(many)) < 100_000
+
+
 def test_signals_are_packed_with_their_path(run: RunRecord) -> None:
     """A vehicle that turns once at 2 m/s, and a command of 3 and 4 N."""
     turn = np.linspace(0.0, 2.0 * np.pi, 201)

@@ -3,6 +3,9 @@ const Scene = (() => {
   "use strict";
   const { DASHES, palette, contrast, prepare, halo, text } = Pen;
 
+  /** The paths of all vehicles: of each track the first one, and the other vehicles of its team. */
+  const vehicles = (tracks) => tracks.flatMap((track) => [track, ...track.mates]);
+
   /** The box around start, goal, reference and the paths shown, in whole steps; on the way to a waypoint, all the water. */
   function bounds({ world, waypoint, start, guide, tracks }) {
     const whole = world.goal === "waypoint";
@@ -18,7 +21,7 @@ const Scene = (() => {
     };
     take(start);
     take(waypoint, whole ? 0 : Math.max(0.5, world.goal_radius, world.reach));
-    for (const points of [...(guide ? [guide] : []), ...tracks.map((track) => track.xyz)]) take(points);
+    for (const points of [...(guide ? [guide] : []), ...vehicles(tracks).map((track) => track.xyz)]) take(points);
     const span = Math.max(...sides.map((k) => high[k] - low[k]));
     const step = span > 160 ? 50 : whole || span > 40 ? 10 : span > 16 ? 5 : span > 8 ? 2 : 1;
     for (const k of sides) {
@@ -256,7 +259,7 @@ const Scene = (() => {
     context.globalAlpha = 1;
     if (contrast(track.colour, colours.raised) < 2) halo(context, colours, 4.2, () => line(context, project, past));
     context.strokeStyle = track.colour;
-    context.lineWidth = 2.2;
+    context.lineWidth = track.isMate ? 1.2 : 2.2;
     context.setLineDash(DASHES[track.dash] ?? []);
     line(context, project, past);
     context.setLineDash([]);
@@ -314,9 +317,9 @@ const Scene = (() => {
       context.arc(start[0], start[1], 4, 0, 2 * Math.PI);
       context.stroke();
     }
-    for (const track of tracks) path(context, project, track, time, box.planes[0], colours);
+    for (const track of vehicles(tracks)) path(context, project, track, time, box.planes[0], colours);
     for (const track of tracks) if (track.guide) aim(context, project, track, time);
-    for (const track of tracks) vehicle(context, project, track, time, colours);
+    for (const track of vehicles(tracks)) vehicle(context, project, track, time, colours);
     if (start) mark(context, start, "start", colours, 12);
     const reached = project(waypoint);
     if (reached) mark(context, reached, yaw === undefined ? world.goal : "dock", colours, world.goal_radius * reached[2] + 10);

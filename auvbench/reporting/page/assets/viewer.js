@@ -32,11 +32,19 @@
     track.distance = Float32Array.from({ length: track.xyz.length / 3 }, (_, i) =>
       Math.hypot(...[0, 1, 2].map((k) => track.xyz[3 * i + k] - (track.guide ? track.guide[3 * i + k] : waypoint[k]))));
     Object.assign(track, { colour: world.agents[track.agent].colour, dash: world.agents[track.agent].dash });
+    track.mates = (track.others ?? []).map((line) => ({ ...track, xyz: metres(line, track.unit), isMate: true }));
     return track;
   }
 
   /** A coordinate of the positions: 0 east, 1 north, 2 up. */
   const axis = (k) => (track) => Float32Array.from({ length: track.xyz.length / 3 }, (_, i) => track.xyz[3 * i + k]);
+  /** The smallest distance between two vehicles of a team. */
+  const separation = ({ xyz, mates }) => {
+    const lines = [xyz, ...mates.map((mate) => mate.xyz)];
+    const apart = (a, b, i) => Math.hypot(...[0, 1, 2].map((k) => a[3 * i + k] - b[3 * i + k]));
+    return Float32Array.from({ length: mates.length ? xyz.length / 3 : 0 }, (_, i) =>
+      Math.min(...lines.flatMap((a, n) => lines.slice(n + 1).map((b) => apart(a, b, i)))));
+  };
   const stored = (name) => (track) => (track.signals?.[name] ? metres(track.signals[name], track.units[name]) : new Float32Array());
   const SIGNALS = [
     ["distance", "distance, m", (track) => track.distance],
@@ -46,6 +54,7 @@
     ["speed", "speed, m/s", stored("speed")],
     ["yaw", "heading, degrees", stored("yaw")],
     ["command", "commanded force, N", stored("command")],
+    ["separation", "smallest separation, m", separation],
   ].map(([name, label, make]) => ({ name, label, of: (track) => ((track.drawn ??= {})[name] ??= make(track)) }));
 
   /** The signal that is chosen. */
@@ -274,7 +283,8 @@
   plot.addEventListener("pointermove", scrub);
 
   for (const { name, label } of SIGNALS) {
-    const has = ["distance", "up", "east", "north"].includes(name) || world.episodes.some((e) => e.tracks.some((track) => track.signals?.[name]));
+    const has = ["distance", "up", "east", "north"].includes(name) || (name === "separation" && world.team)
+      || world.episodes.some((e) => e.tracks.some((track) => track.signals?.[name]));
     if (has) signals.add(new Option(label, name));
   }
   signals.addEventListener("change", () => {
