@@ -340,7 +340,7 @@ TASKS: Kind[TaskSpec] = Kind(
     _files(
         _TASKS,
         *("waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"),
-        *("transit", "terrain", "formation"),
+        *("transit", "terrain", "formation", "rendezvous"),
     ),
 )
 

@@ -50,6 +50,7 @@ TASKS = (
     "transit",
     "terrain",
     "formation",
+    "rendezvous",
 )
 """auvbench's own tasks."""
 
