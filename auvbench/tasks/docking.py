@@ -8,6 +8,7 @@ path to the reference never leads through the dock.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -161,7 +162,7 @@ class DockingTask(TrackingTask):
         ("dock_angle", "f8"),  # rad, to the axis of the dock, now
     )
     transient = ("dock_angle",)
-    reference_columns = (
+    reference_columns: ClassVar[tuple[str, ...]] = (
         *fingerprint.COLUMNS,
         "yaw_error_rms_rad",
         "final_position_error_m",
