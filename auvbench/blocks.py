@@ -31,6 +31,9 @@ LARGEST = 1e6
 LOOK_AHEAD = 1.5
 """m along a way, from its point nearest to the vehicle to the point that `way` shows"""
 
+PINGS = 4
+"""pings of a target that a vehicle remembers"""
+
 BODY_AXES = "body axes (forward, port, up)"
 
 READS = ("pose", "velocity", "action", "goal", "preview", "task", "team", "solids", "navigation")
@@ -291,6 +294,23 @@ def write_messages(m: Reading, e: Any, p: Any, out: Any) -> None:
         at += 7
 
 
+def write_target(m: Reading, e: Any, p: Any, out: Any) -> None:
+    x, y, z = m.position
+    believed, covariance = e.estimate, e.covariance
+    write_levelled(m, believed[0] - x, believed[1] - y, e.depth - z, out)
+    out[3] = math.sqrt(covariance[0, 0] + covariance[1, 1])
+
+
+def write_pings(m: Reading, e: Any, p: Any, out: Any) -> None:
+    x, y, _ = m.position
+    for k in range(PINGS):
+        heard = e.pings[k]
+        at = 5 * k
+        write_levelled(m, heard[0] - x, heard[1] - y, heard[2], out[at : at + 3])
+        out[at + 3] = heard[3]
+        out[at + 4] = e.steps * p.duration - heard[4]
+
+
 def write_levelled(m: Reading, x: float, y: float, z: float, out: Any) -> None:
     """Write a vector of world axes in levelled body axes."""
     out[0] = m.cosine * x + m.sine * y
@@ -383,6 +403,23 @@ def _messages(s: Setting) -> Block:
     return Block("messages", labels, "1", bounds, meaning, BODY)
 
 
+def _target(s: Setting) -> Block:
+    labels = (*(f"target_{axis}_m" for axis in "xyz"), "target_sd_m")
+    level, rise = _apart(s)
+    meaning = "believed place of the target less position (m), and its standard deviation (m)"
+    return Block("target", labels, "m", (level, level, rise, LARGEST), meaning, BODY)
+
+
+def _pings(s: Setting) -> Block:
+    names = ("x_m", "y_m", "height_m", "range_m", "age_s")
+    labels = tuple(f"pings_{ping}_{name}" for ping in range(1, PINGS + 1) for name in names)
+    meaning = (
+        "the last pings of the target: where the vehicle heard it less position (m), height of the target over that place (m), "
+        "range (m), time since it was sent (s)"
+    )
+    return Block("pings", labels, "1", (LARGEST,) * len(labels), meaning, BODY)
+
+
 def _apart(s: Setting) -> tuple[float, float]:
     """Return bounds in m, level and vertical, of a vector to another point than the reference: twice the way to it."""
     return 2.0 * math.hypot(*s.bounds[:2]), 2.0 * s.bounds[2]
@@ -409,3 +446,5 @@ specific_force = BlockSpec("specific_force", write_specific_force, _specific_for
 sensor_age = BlockSpec("sensor_age", write_sensor_age, _sensor_age, ("navigation",))
 slot = BlockSpec("slot", write_slot, _slot, ("team",))
 messages = BlockSpec("messages", write_messages, _messages, ("pose", "team"))
+target = BlockSpec("target", write_target, _target, ("pose", "task"))
+pings = BlockSpec("pings", write_pings, _pings, ("pose", "task"))

@@ -340,7 +340,7 @@ TASKS: Kind[TaskSpec] = Kind(
     _files(
         _TASKS,
         *("waypoint", "station_keeping", "trajectory_tracking", "path_following", "docking"),
-        *("transit", "terrain", "formation"),
+        *("transit", "terrain", "formation", "rendezvous", "tracking"),
     ),
 )
 
@@ -376,7 +376,7 @@ BLOCKS: Kind[BlockSpec] = Kind(
             *("yaw_error", "position_error", "velocity_error", "velocity", "angular_velocity"),
             *("gravity", "depth_margin", "previous_action", "preview", "goal_error", "way"),
             *("position_sd", "specific_force", "sensor_age"),
-            *("slot", "messages"),
+            *("slot", "messages", "target", "pings"),
         ),
         **{
             f"range.{name}": f"auvbench.tasks.ranges.specs:{name}"

@@ -99,6 +99,8 @@ class Task:
     """blocks of an observation that a fingerprint covers; empty: all blocks of the task"""
     reference_key: ClassVar[str] = "reference"
     """name of the reference in `info`"""
+    hidden: ClassVar[bool] = False
+    """whether agents never know the reference: the task writes what the vehicle believes into `believed`, also where it knows its pose"""
     owners: tuple[str, str] | None = None
     """names and packages of task and reward if a package has one of them: `installed` checks their results"""
 
@@ -157,7 +159,7 @@ class Task:
         self.preview: Floats = np.zeros((n, points, 3))
         """m, future positions of the references"""
         self.navigation_name = config.navigation.name
-        estimated = is_estimated(config)
+        estimated = is_estimated(config) or self.hidden
         self.believed: Any = records.table(n, (*self.own_fields, *BELIEF), owner_name) if estimated else None
         """(n,) episodes as an estimator believes them to be, which observations read; None: the true ones"""
         self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))

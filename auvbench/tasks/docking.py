@@ -8,6 +8,7 @@ path to the reference never leads through the dock.
 from __future__ import annotations
 
 import math
+from typing import ClassVar
 
 import numpy as np
 
@@ -125,8 +126,14 @@ def refer(e: Record, v: Vehicle, p: Record) -> None:
 def step(e: Record, v: Vehicle, p: Record) -> int:
     """Return the outcome of an agent step, or GOES_ON."""
     surge, sway, heave = v.velocity
-    e.dock_yaw_error = abs(e.yaw_error)
     e.speed = math.sqrt(surge**2 + sway**2 + heave**2)
+    return int(judged(e, v, p))
+
+
+@row
+def judged(e: Record, v: Vehicle, p: Record) -> int:
+    """Return the outcome of a step with the speed `e.speed` relative to the dock, or GOES_ON."""
+    e.dock_yaw_error = abs(e.yaw_error)
     add_errors(e)
     if leaves_water(v, p):
         return COLLISION
@@ -151,11 +158,11 @@ class DockingTask(TrackingTask):
     fields = (
         ("dock_distance", "f8"),  # m, now
         ("dock_yaw_error", "f8"),  # rad, now
-        ("speed", "f8"),  # m/s, now
+        ("speed", "f8"),  # m/s relative to the dock, now
         ("dock_angle", "f8"),  # rad, to the axis of the dock, now
     )
     transient = ("dock_angle",)
-    reference_columns = (
+    reference_columns: ClassVar[tuple[str, ...]] = (
         *fingerprint.COLUMNS,
         "yaw_error_rms_rad",
         "final_position_error_m",
@@ -167,12 +174,13 @@ class DockingTask(TrackingTask):
     def goal(self, i: int) -> Floats:
         return np.array(self.episodes[i].goal)
 
-    def dock_yaw(self, i: int) -> float:
+    def dock_yaw(self, i: int) -> float | None:
         return float(self.episodes[i].reference_yaw)
 
     def misplaced(self, i: int) -> str:
-        p, way = self.parameters[0], self.goal(i) - self.episodes[i].start
-        distance, yaw = float(np.linalg.norm(way)), self.dock_yaw(i)
+        p, e = self.parameters[0], self.episodes[i]
+        way, yaw = e.goal - e.start, float(e.reference_yaw)
+        distance = float(np.linalg.norm(way))
         if distance > p.bounds:
             return f"is {distance:g} m from the dock; must be at most task.bounds={p.bounds:g} m"
         ahead = way[0] * math.cos(yaw) + way[1] * math.sin(yaw)

@@ -174,7 +174,7 @@ def test_each_task_is_drawn_with_its_reference_or_its_dock(task, tmp_path, monke
     path = next((tmp_path / "default").glob("*/manifest.json")).parent
     protocol = evaluate_config(compose("evaluate", [])).protocol
     shown = replay(RunDirectory(path), protocol, "nominal", 0)
-    moving = ("trajectory_tracking", "path_following", "terrain", "formation")
+    moving = ("trajectory_tracking", "path_following", "terrain", "formation", "rendezvous", "tracking")
     assert (shown.reference is not None) == (task in moving)
     assert (shown.others is not None) == (task == "formation")
     assert (shown.dock_yaw is not None) == (task == "docking")

@@ -82,13 +82,15 @@ def test_each_kind_has_an_example_that_exists(kind: str) -> None:
 
 
 def test_a_task_of_auvbench_is_its_code_its_declaration_its_yaml_and_a_line() -> None:
-    """A reward is for this task only, and `scenario_sets.py` has its published scenario sets."""
+    """A reward is for this task only, `scenario_sets.py` has its published scenario sets, and rendezvous is docking with a moving dock."""
     assert house.naming("docking", "conf/task") == [
         "auvbench/config/rewards.py",
         "auvbench/config/tasks/docking.py",
+        "auvbench/config/tasks/rendezvous.py",
         "auvbench/evaluation/scenario_sets.py",
         "auvbench/registry.py",
         "auvbench/tasks/docking.py",
+        "auvbench/tasks/rendezvous.py",
         "conf/task/docking.yaml",
     ]
 

@@ -70,7 +70,9 @@ def test_a_new_metric_and_a_new_block_change_no_fingerprint(
     monkeypatch.setattr(metrics, "METRICS", [*metrics.METRICS, added])
     record.forget()
     # A block that the task did not have, and none that it has twice.
-    more = {"docking": "preview", "waypoint": "velocity_error"}.get(task, "goal_error")
+    more = {"docking": "preview", "rendezvous": "preview", "waypoint": "velocity_error"}.get(
+        task, "goal_error"
+    )
     spec = dataclasses.replace(TASKS[task], blocks=(more, *TASKS[task].blocks))
     monkeypatch.setitem(TASKS.entered, task, spec)
     try:

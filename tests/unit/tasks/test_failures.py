@@ -27,6 +27,8 @@ LOST = {
     "trajectory_tracking": {"position_error_rms_m": 5.0, "yaw_error_rms_rad": math.pi, "lag_s": 60.0},
     "path_following": {"cross_track_rms_m": 10.0, "yaw_error_rms_rad": math.pi, "speed_error_m_per_s": 0.8},
     "docking": {"final_position_error_m": 25.0, "yaw_error_rms_rad": math.pi, "final_yaw_error_rad": math.pi},
+    "tracking": {"position_error_rms_m": 8.0, "yaw_error_rms_rad": math.pi, "target_error_rms_m": 8.0},
+    "rendezvous": {"final_gap_m": 25.0, "yaw_error_rms_rad": math.pi, "final_course_error_rad": math.pi},
 }
 
 

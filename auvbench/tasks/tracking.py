@@ -1,0 +1,354 @@
+"""Target tracking: follow a moving target of which the vehicle hears only acoustic ranges (docs/moving-targets.md).
+
+The target is a point on a curve of `trajectory_tracking`. The true reference, for rewards and metrics, circles round the true target;
+the reference that agents observe circles in the same way round the place where an estimator believes the target to be. From a vehicle
+that circles, ranges show the place of a target in all directions (Masmitja et al., "Dynamic robotic tracking of underwater targets using
+reinforcement learning", Science Robotics 8, 2023).
+
+The estimator is a second-order extended Kalman filter with a target of nearly constant velocity (Bar-Shalom, Li and Kirubarajan,
+"Estimation with applications to tracking and navigation", 2001, sections 6.2 and 10.3).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar
+
+from auvbench.blocks import PINGS
+from auvbench.config.ranges import SOUND
+from auvbench.config.tasks.tracking import TargetTracking
+from auvbench.dynamics.compiled import borrowed, compiled
+from auvbench.dynamics.random import MESSAGE, SENSOR, normal4, uniform4
+from auvbench.dynamics.vectors import add
+from auvbench.tasks import fingerprint, records
+from auvbench.tasks.base import Floats, Integers
+from auvbench.tasks.formation import SOON
+from auvbench.tasks.records import Record
+from auvbench.tasks.rows import (
+    COLLISION,
+    GOES_ON,
+    OUT_OF_BOUNDS,
+    SUCCESS,
+    Vector,
+    Vehicle,
+    add_errors,
+    between,
+    drawn,
+    leaves_water,
+    noise,
+    put,
+    row,
+    start_in_ball,
+    triple,
+    wrap,
+)
+from auvbench.tasks.trajectory_tracking import (
+    ANY,
+    CURVES,
+    TrajectoryTrackingTask,
+    X,
+    Y,
+    Z,
+    draw_curve,
+    fastest,
+    follow,
+    place,
+)
+
+STATES = 4
+"""of the estimator: level position (m) and velocity (m/s) of the target"""
+
+
+@row
+def circle(e: Record, time: float, p: Record, target: Vector, velocity: Vector) -> None:
+    """Set the reference to a point that circles round a target at a place (m) with a velocity (m/s): bow towards the target."""
+    (x, y, z), (vx, vy, vz) = target, velocity
+    angle = e.angle + p.orbit_speed / p.orbit * time
+    c, s = math.cos(angle), math.sin(angle)
+    put(e.reference, (x + p.orbit * c, y + p.orbit * s, z))
+    put(e.reference_velocity, (vx - p.orbit_speed * s, vy + p.orbit_speed * c, vz))
+    e.reference_yaw = wrap(angle + math.pi)
+
+
+@row
+def move(e: Record, p: Record) -> None:
+    """Move the target and the true reference to the present time."""
+    time = e.steps * p.duration
+    follow(e, time)
+    put(e.target, triple(e.reference))
+    circle(e, time, p, triple(e.reference), triple(e.reference_velocity))
+
+
+@row
+def draw(e: Record, p: Record, stream: int) -> float:
+    """Draw the curve and the speed of the target, the start of the circle and of the vehicle; return the yaw at the start."""
+    turned, u, v, w = drawn(e, stream, 0)
+    kind, large, fast, bearing = drawn(e, stream, 1)
+    curve = p.curve
+    if curve == ANY:
+        curve = int(p.kinds * kind)
+    put(e.centre, triple(p.centre))
+    draw_curve(e, curve, p.size_low + (p.size_high - p.size_low) * large, stream)
+    e.rate = (p.speed_low + (p.speed_high - p.speed_low) * fast) / fastest(e)
+    e.angle = 2.0 * math.pi * bearing
+    move(e, p)
+    start_in_ball(e, p.start_radius, p, u, v, w)
+    return wrap(e.reference_yaw + p.start_yaw * (2.0 * turned - 1.0))
+
+
+@row
+def refer(e: Record, v: Vehicle, p: Record) -> None:
+    """Move the target and the true reference to the present time."""
+    move(e, p)
+
+
+@row
+def step(e: Record, v: Vehicle, p: Record) -> int:
+    """Return the outcome of an agent step, or GOES_ON."""
+    add_errors(e)
+    away = between(v.position, triple(e.target))
+    e.farthest = max(e.farthest, away)
+    if leaves_water(v, p) or away < p.clearance:
+        return COLLISION
+    if away > p.bounds:
+        return OUT_OF_BOUNDS
+    if e.steps >= p.max_steps:
+        return SUCCESS
+    return GOES_ON
+
+
+@row
+def begin_estimate(b: Record, p: Record, target: Vector, east: float, north: float) -> None:
+    """Begin an estimate about a target (m), with two standard normal errors of what the vehicle knows at the start."""
+    x, y, z = target
+    b.estimate[0], b.estimate[1] = x + p.prior * east, y + p.prior * north
+    b.depth = z
+    for axis in range(2):
+        b.covariance[axis, axis] = p.prior * p.prior
+        b.covariance[axis + 2, axis + 2] = 0.5 * p.speed_high * p.speed_high
+
+
+@row
+def predict(b: Record, dt: float, q: float) -> None:
+    """Move an estimate by a time in s: x' = F x, P' = F P F^T + Q, with an acceleration of spectral density q in m^2/s^3."""
+    P = b.covariance
+    for axis in range(2):
+        b.estimate[axis] += b.estimate[axis + 2] * dt
+    for axis in range(2):
+        for j in range(STATES):
+            P[axis, j] += dt * P[axis + 2, j]
+    for axis in range(2):
+        for i in range(STATES):
+            P[i, axis] += dt * P[i, axis + 2]
+    for axis in range(2):
+        P[axis, axis] += q * dt * dt * dt / 3.0
+        P[axis, axis + 2] += 0.5 * q * dt * dt
+        P[axis + 2, axis] += 0.5 * q * dt * dt
+        P[axis + 2, axis + 2] += q * dt
+
+
+@row
+def gain(b: Record, i: int, ux: float, uy: float, late: float) -> float:
+    """Return row i of P H^T for a range along (ux, uy) to where the target was some time ago in s."""
+    P = b.covariance
+    return float(ux * (P[i, 0] - late * P[i, 2]) + uy * (P[i, 1] - late * P[i, 3]))
+
+
+@row
+def correct(b: Record, here: Vector, distance: float, late: float, variance: float) -> None:
+    """Correct an estimate by the range in m, heard at a place, to where the target was some time ago in s, with a variance in m^2."""
+    x, y, z = here
+    P = b.covariance
+    dx, dy = b.estimate[0] - late * b.estimate[2] - x, b.estimate[1] - late * b.estimate[3] - y
+    dz = b.depth - z
+    h = max(math.sqrt(dx * dx + dy * dy + dz * dz), 1e-3)
+    ux, uy = dx / h, dy / h
+    g0, g1 = gain(b, 0, ux, uy, late), gain(b, 1, ux, uy, late)
+    g2, g3 = gain(b, 2, ux, uy, late), gain(b, 3, ux, uy, late)
+    # Second-order terms: half the traces of M and M M, with M the Hessian of the range times the covariance of that place.
+    xx = P[0, 0] - 2.0 * late * P[0, 2] + late * late * P[2, 2]
+    yy = P[1, 1] - 2.0 * late * P[1, 3] + late * late * P[3, 3]
+    xy = P[0, 1] - late * (P[0, 3] + P[1, 2]) + late * late * P[2, 3]
+    a, o, d = (1.0 - ux * ux) / h, -ux * uy / h, (1.0 - uy * uy) / h
+    m00, m01, m10, m11 = a * xx + o * xy, a * xy + o * yy, o * xx + d * xy, o * xy + d * yy
+    bent = 0.5 * (m00 + m11)
+    spread = 0.5 * (m00 * m00 + 2.0 * m01 * m10 + m11 * m11)
+    s = ux * (g0 - late * g2) + uy * (g1 - late * g3) + spread + variance
+    wrong = (distance - h - bent) / s
+    gains = (g0, g1, g2, g3)
+    for i in range(STATES):
+        b.estimate[i] += gains[i] * wrong
+    for i in range(STATES):
+        for j in range(STATES):
+            P[i, j] -= gains[i] * gains[j] / s
+
+
+@row
+def remember(b: Record, k: int, here: Vector, distance: float, sent: float) -> None:
+    """Write ping k that the vehicle heard at a place (m): range in m, and when it was sent in s."""
+    x, y, z = here
+    b.pings[k, 0], b.pings[k, 1], b.pings[k, 2] = x, y, b.depth - z
+    b.pings[k, 3], b.pings[k, 4] = distance, sent
+
+
+@row
+def stay_within(b: Record, here: Vector, most: float) -> None:
+    """Keep the believed target at most some m from a place, level: otherwise the episode would have ended."""
+    x, y, _ = here
+    dx, dy = b.estimate[0] - x, b.estimate[1] - y
+    away = math.sqrt(dx * dx + dy * dy)
+    if away > most:
+        b.estimate[0], b.estimate[1] = x + dx * (most / away), y + dy * (most / away)
+
+
+@compiled("dynamics", ".")
+def listen(
+    rows: Integers, pose: Floats, offset: Floats, true: Any, believed: Any, parameters: Any, stream: int
+) -> None:
+    """Let vehicles hear the target and estimate its place, and move the references that they believe in.
+
+    Ping k is sent at k `ping_interval`. It arrives after the time of transmission and the way of the sound, which is the range: clocks
+    are synchronous. At the start a ping arrives at once.
+
+    Args:
+        rows: environments (k,).
+        pose: (n, 7) measured.
+        offset: (n, 4) errors of the readings.
+        true: (n,) episodes with the true positions.
+        believed: (n,) episodes as the vehicles believe them to be.
+        parameters: (1,)
+        stream: flag of the random streams.
+    """
+    p = parameters[0]
+    pose, offset = borrowed(pose), borrowed(offset)
+    both = p.both_signs > 0
+    # Errors of the vehicle's own position count as errors of the range.
+    variance = p.range_noise * p.range_noise + p.position_noise_high * p.position_noise_high
+    for n in range(rows.shape[0]):
+        i = rows[n]
+        e, b = true[i], believed[i]
+        here = add(triple(pose[i]), triple(offset[i]))
+        if p.position_noise_high > 0.0:
+            # The noise of the observation's position.
+            ux, uy, uz, _ = uniform4(e.seed, SENSOR | stream, 0, e.steps, e.episode, e.environment)
+            low, high = p.position_noise_low, p.position_noise_high
+            here = add(
+                here, (noise(ux, low, high, both), noise(uy, low, high, both), noise(uz, low, high, both))
+            )
+        now = e.steps * p.duration
+        b.steps = e.steps
+        begins = e.steps == 0
+        sent = b.next_ping * p.ping_interval
+        s = e.rate * sent
+        was = (place(e, s, X), place(e, s, Y), place(e, s, Z))
+        way = between(triple(e.position), was)
+        arrives = begins or sent + p.transmission + way / p.sound_speed <= now + SOON
+        if not begins:
+            predict(b, p.duration, p.agility)
+        if arrives:
+            error, east, north, _ = normal4(
+                e.seed, MESSAGE | stream, 0, b.next_ping, e.episode, e.environment
+            )
+            lost, _, _, _ = uniform4(e.seed, MESSAGE | stream, 1, b.next_ping, e.episode, e.environment)
+            distance = max(way + p.range_noise * error, 0.0)
+            if begins:
+                begin_estimate(b, p, was, east, north)
+                for k in range(PINGS):
+                    remember(b, k, here, distance, now)
+            elif lost >= p.message_loss:
+                for k in range(PINGS - 1, 0, -1):
+                    for j in range(5):
+                        b.pings[k, j] = b.pings[k - 1, j]
+                _, _, b.depth = was
+                remember(b, 0, here, distance, sent)
+            if begins or lost >= p.message_loss:
+                correct(b, here, distance, now - sent, variance)
+            b.next_ping += 1
+        stay_within(b, here, p.bounds)
+        guess = (b.estimate[0], b.estimate[1], b.depth)
+        circle(b, now, p, guess, (b.estimate[2], b.estimate[3], 0.0))
+        if not begins:
+            miss = between(guess, triple(e.target))
+            b.miss_squared_sum += miss * miss
+
+
+class TargetTrackingTask(TrajectoryTrackingTask):
+    """N episodes of target tracking."""
+
+    draw = staticmethod(draw)
+    refer = staticmethod(refer)
+    step = staticmethod(step)
+    hidden = True
+    fields = (
+        *TrajectoryTrackingTask.fields,
+        ("angle", "f8"),  # rad, where the circle round the target begins
+        ("target", "f8", (3,)),  # m, the true one
+        ("farthest", "f8"),  # m, largest distance to the target so far
+        ("estimate", "f8", (STATES,)),  # m and m/s, believed level place and velocity of the target
+        ("covariance", "f8", (STATES, STATES)),
+        ("depth", "f8"),  # m, z of the target in the last ping
+        (
+            "pings",
+            "f8",
+            (PINGS, 5),
+        ),  # x, y (m), height of the target (m), range (m), time (s); the newest first
+        ("next_ping", "i8"),  # number of the next ping
+        ("miss_squared_sum", "f8"),  # m^2
+    )
+    transient = ("farthest", "estimate", "covariance", "depth", "pings", "miss_squared_sum")
+    taken = ("_true", "_told", "_own")
+    reference_columns: ClassVar[tuple[str, ...]] = (
+        *fingerprint.COLUMNS,
+        "position_error_rms_m",
+        "yaw_error_rms_rad",
+        "target_error_rms_m",
+        "target_distance_max_m",
+    )
+    reference_blocks: ClassVar[tuple[str, ...]] = (*fingerprint.BLOCKS, "target", "pings")
+
+    def _take(self, *, interpreted: bool) -> None:
+        super()._take(interpreted=interpreted)
+        self._true, self._told, self._own = map(
+            records.plain, (self.episodes, self.believed, self.parameters)
+        )
+
+    def own_parameters(self, task: Any) -> dict[str, Any]:
+        assert isinstance(task, TargetTracking)
+        curves = (*CURVES[:3], "any")
+        return {
+            **records.of_schema(task),
+            "curve": ANY if task.curve == "any" else curves.index(task.curve),
+            "kinds": float(len(curves) - 1),
+            "agility": task.agility,
+            "transmission": task.transmission,
+            "sound_speed": SOUND,
+        }
+
+    def begin_belief(self, indices: Integers) -> None:
+        """Leave the beliefs to `observe`."""
+
+    def move_belief(self, start: int, stop: int, *motion: Floats) -> None:
+        """Leave the beliefs to `observe`."""
+
+    def observe(
+        self,
+        pose: Floats,
+        velocity: Floats,
+        indices: Integers | None = None,
+        seats: Floats | None = None,
+    ) -> Any:
+        rows = self._all if indices is None else indices
+        begun = rows[self.episodes.steps[rows] == 0]
+        if len(begun):
+            super().begin_belief(begun)
+        listen(rows, pose, self.offset, self._true, self._told, self._own, self.stream)
+        return super().observe(pose, velocity, indices, seats)
+
+    def own_metrics(self, i: int) -> dict[str, float]:
+        e, bounds = self.episodes[i], self.limits["bounds"]
+        squared = float(self.believed[i].miss_squared_sum) / max(float(e.steps), 1.0)
+        return {
+            **self.errors(i, bounds),
+            "target_error_rms_m": math.sqrt(squared),
+            "target_distance_max_m": float(e.farthest),
+        }
