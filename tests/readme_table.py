@@ -171,9 +171,11 @@ def station() -> str:
     return _table(heads, agents, [*columns, *held])
 
 
-def _errors(study: Path, agents: Sequence[str], conditions: Sequence[str]) -> list[list[float]]:
-    """Return RMS position errors in cm at stations, of each agent of a study under each condition."""
-    rows = [row for row in _rows(study, "conditions.csv") if row["task"] == "station_keeping"]
+def _errors(
+    study: Path, agents: Sequence[str], conditions: Sequence[str], task: str = "station_keeping"
+) -> list[list[float]]:
+    """Return RMS position errors in cm at a task, of each agent of a study under each condition."""
+    rows = [row for row in _rows(study, "conditions.csv") if row["task"] == task]
     found = {(row["agent"], row["condition"]): row for row in rows}
     column = "mean_position_error_rms_m"
     return [[100 * float(found[agent, condition][column]) for agent in agents] for condition in conditions]
@@ -207,9 +209,18 @@ def transfer() -> str:
     agents = [row["agent"] for row in rows]
     waters = ("hidden", "hidden-current")
     columns = [[_reached(*found, best=False) for found in times] for times in _times(TRANSFER, rows, waters)]
-    for values in _errors(TRANSFER, agents, waters):
-        columns.append([f"{value:.1f}{NO_BREAK}cm" for value in values])
-    heads = ("waypoints: mean time", "in 0.25 m/s", "stations: RMS error", "in 0.25 m/s")
+    for task in ("station_keeping", "trajectory_tracking"):
+        for values in _errors(TRANSFER, agents, waters, task):
+            columns.append([f"{value:.1f}{NO_BREAK}cm" for value in values])
+    current = "in 0.25 m/s"
+    heads = (
+        "waypoints: mean time",
+        current,
+        "stations: RMS error",
+        current,
+        "trajectories: RMS error",
+        current,
+    )
     return _table(("agent", *heads), agents, columns)
 
 
