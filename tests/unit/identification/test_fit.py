@@ -14,6 +14,7 @@ from auvbench.identification.fit import Fit, _at_bound, fit
 from auvbench.identification.log import CHANNELS, Log
 from auvbench.identification.parameters import Parameter
 from auvbench.identification.residuals import Residuals
+from auvbench.identification.validation import share_of_holding
 from auvbench.identification.windows import Held, Predictor, cut
 from auvbench.vehicles import sheet, signals
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -112,6 +113,13 @@ def test_a_wrong_sheet_predicts_worse_before_than_after() -> None:
     )
     assert after < 0.2 * before
     assert result.sigma["r"] == pytest.approx(0.005, rel=0.2)
+
+
+def test_the_error_over_that_of_holding_shows_what_a_sheet_lacks() -> None:
+    vehicle, log = flown(TRUTH, ["yaw"], 20.0, noise={"r": 1e-4})
+    true, own = (share_of_holding([log], vehicle, values)["r"] for values in (TRUTH, {}))
+    assert true < 0.02
+    assert own > 5.0 * true
 
 
 @pytest.mark.slow
