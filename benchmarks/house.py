@@ -86,7 +86,6 @@ class Measure:
 
 
 @cache
-@cache
 def sources(folder: Path = PACKAGE) -> list[tuple[Path, ast.Module]]:
     """Return the Python files of a folder with their syntax trees."""
     return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in sorted(folder.rglob("*.py"))]

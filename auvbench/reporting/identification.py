@@ -6,6 +6,7 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -108,9 +109,14 @@ def _state(estimate: Estimate) -> str:
     return "identified, given the numbers that stay"
 
 
+@lru_cache(maxsize=1)  # for the page and the terminal
+def _shares(fit: Fit) -> dict[str, float]:
+    return share_of_holding(fit.logs, fit.vehicle, {e.parameter.name: e.value for e in fit.estimates})
+
+
 def excitation_table(fit: Fit, verdicts: Sequence[Verdict]) -> Table:
-    """Return what the commands did on each axis, and how well the fitted vehicle predicts its velocity."""
-    shares = share_of_holding(fit.logs, fit.vehicle, {e.parameter.name: e.value for e in fit.estimates})
+    """Return what the commands did on each axis, and the fitted vehicle's error of its velocity on the same logs."""
+    shares = _shares(fit)
     missed = {axis: shares.get(name, math.nan) for axis, name in zip(AXES, CHANNELS[VELOCITIES], strict=True)}
     lines = tuple(
         Line(
@@ -132,7 +138,11 @@ def excitation_table(fit: Fit, verdicts: Sequence[Verdict]) -> Table:
         Heading("speed", "m/s, rad/s", hint="95 % quantile"),
         Heading("motion follows by", "ms"),
         Heading("correlation"),
-        Heading("error after 1 s", "% of holding", hint="near 100: the sheet lacks what moves the vehicle"),
+        Heading(
+            "error after 1 s",
+            "% of holding",
+            hint="on these logs; near 100: the sheet lacks what moves the vehicle",
+        ),
         Heading("", words=True),
     )
     return Table(headings, lines, "excitation of each axis")

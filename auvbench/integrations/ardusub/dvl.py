@@ -41,9 +41,7 @@ def check(config: schema.TrainConfig, mode: str) -> None:
     sensors = config.sensors
     names = sensors.names()
     if unread := [name for name in ("usbl", "gnss") if name in names]:
-        raise ConfigError(
-            f"sensors.{unread[0]}: cannot be given to algo=ardusub; use sensors=dvl_a50, or bluerov2"
-        )
+        raise ConfigError(f"sensors.{unread[0]}: cannot be given to algo=ardusub; use sensors=dvl_a50")
     if names and sensors.dvl is None and mode != "alt_hold":
         raise ConfigError(
             f"algo.mode={mode}: ArduSub refuses it without GPS and DVL; use algo.mode=alt_hold, or sensors=dvl_a50"

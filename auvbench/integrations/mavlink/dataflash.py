@@ -21,7 +21,7 @@ import pandas as pd
 from auvbench.dynamics import frames
 from auvbench.errors import ConfigError, MissingExtraError
 from auvbench.identification import csv_log, inputs
-from auvbench.identification.log import Log, LogError, Motors
+from auvbench.identification.log import GAP, Log, LogError, Motors
 from auvbench.integrations.ardusub.frames import motors_of
 from auvbench.integrations.ardusub.radio import MANUAL
 from auvbench.untrusted import reading
@@ -47,7 +47,7 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
 }
 """Fields of the messages that are read, and the columns that they become."""
 OPEN_LOOP = "open_loop"
-"""Column: 1 where the vehicle is armed in MANUAL, else 0. A controller, a person's hands or the deck move it elsewhere."""
+"""Column: 1 where the vehicle is armed in MANUAL, else 0. Otherwise a controller, a person or the deck moves it."""
 INSTANCE = ("I", "Instance", "Inst", "C")
 """Fields with the number of a sensor or core; only number 0 is read."""
 
@@ -98,13 +98,22 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
         LogError: a check fails.
     """
     table = log_table(rows)
-    used = table.pop(OPEN_LOOP).ffill() == 1.0 if OPEN_LOOP in table else np.ones(len(table), bool)
+    time = table["t_s"].to_numpy()
+    used = np.ones(len(table), bool)
+    if OPEN_LOOP in table:
+        used = (table.pop(OPEN_LOOP).ffill() == 1.0).to_numpy(copy=True)
     if not used.any() or used.all():
         return csv_log.parse(table, name, digest, "ned")
-    steps = np.diff(table["t_s"], append=table["t_s"].iloc[-1])
-    left_out = float(steps[~used].sum())
-    log = csv_log.parse(table[used].reset_index(drop=True), name, digest, "ned")
+    # No window may cross what is left out, so that this lasts as long as a gap.
+    longest = 1.01 * max(1.0, GAP * float(np.median(np.diff(time))))
+    for left in time[1:][used[:-1] & ~used[1:]]:
+        used &= (time < left) | (time > left + longest)
+    left_out = float(np.diff(time, append=time[-1])[~used].sum())
     remark = f"{name}: {left_out:.0f} s in other modes than MANUAL, or disarmed, are not used"
+    try:
+        log = csv_log.parse(table[used].reset_index(drop=True), name, digest, "ned")
+    except LogError as error:
+        raise LogError(f"{error} ({remark.partition(': ')[2]})") from None
     return replace(log, remarks=(*log.remarks, remark))
 
 
@@ -127,7 +136,7 @@ def driven(log: Log, names: Sequence[str] | None) -> Log:
 
 def _rows(log: Any) -> list[dict[str, float]]:
     """Return a row with its time for each message that is read."""
-    rows = []
+    rows: list[dict[str, float]] = []
     mode = armed = math.nan
     while (message := log.recv_match(type=list(FIELDS))) is not None:
         kind = message.get_type()
@@ -137,6 +146,8 @@ def _rows(log: Any) -> list[dict[str, float]]:
         if kind == "MODE":
             mode = float(message.ModeNum)
         elif kind == "ARM":
+            if math.isnan(armed) and message.ArmState:
+                rows = [{**row, OPEN_LOOP: 0.0} for row in rows]  # disarmed until now
             armed = float(message.ArmState)
         if not math.isnan(mode):
             row[OPEN_LOOP] = float(mode == MANUAL and armed != 0.0)
@@ -156,7 +167,7 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     """
     sampled = np.array([row["t_s"] for row in rows if "C1_us" in row])
     ago = 0.5 * float(np.median(np.diff(sampled))) if sampled.size > 1 else 0.0
-    rows = [{**row, "t_s": round(row["t_s"] - ago, 6)} if "C1_us" in row else row for row in rows]
+    rows = [_moved(row, ago) if "C1_us" in row else row for row in rows]
     table = pd.DataFrame(rows).groupby("t_s", as_index=False).first().sort_values("t_s")
     outputs = [name for name in FIELDS["RCOU"].values() if name in table]
     # An output that is always 0 is not in use.
@@ -180,6 +191,12 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     elif "altitude" in table:
         table["depth_m"] = -table.pop("altitude")
     return table
+
+
+def _moved(row: dict[str, float], ago: float) -> dict[str, float]:
+    """Return the row of an output, some s earlier; other rows show whether the loop was open then."""
+    kept = {name: value for name, value in row.items() if name != OPEN_LOOP}
+    return {**kept, "t_s": round(row["t_s"] - ago, 6)}
 
 
 def _with_body_velocity(table: pd.DataFrame) -> pd.DataFrame:

@@ -129,7 +129,9 @@ def _rows(messages: list[tuple[float, Any]], name: str) -> list[dict[str, float]
     system = next((m.get_srcSystem() for _, m in messages if m.get_type() == "SERVO_OUTPUT_RAW"), None)
     left_out = {"SCALED_IMU2"} if "RAW_IMU" in kinds else set()
     booted = next((at - 1e-3 * m.time_boot_ms for at, m in messages if hasattr(m, "time_boot_ms")), 0.0)
-    latest, rows, state = -np.inf, [], {}
+    latest, state = -np.inf, 0.0
+    rows: list[dict[str, float]] = []
+    known = 0
     for received, message in messages:
         kind = message.get_type()
         if kind in left_out or (message.get_srcSystem() != system and kind != "VISION_POSITION_DELTA"):
@@ -137,7 +139,11 @@ def _rows(messages: list[tuple[float, Any]], name: str) -> list[dict[str, float]
         if kind == "HEARTBEAT":
             if message.autopilot != NO_AUTOPILOT:
                 armed = message.base_mode & ARMED > 0
-                state = {dataflash.OPEN_LOOP: float(armed and message.custom_mode == MANUAL)}
+                before, state = state, float(armed and message.custom_mode == MANUAL)
+                # Between two heartbeats the mode is known if both say the same.
+                for row in rows[known:]:
+                    row[dataflash.OPEN_LOOP] = min(before, state)
+                known = len(rows)
             continue
         time = received - booted
         if hasattr(message, "time_boot_ms"):
@@ -151,7 +157,7 @@ def _rows(messages: list[tuple[float, Any]], name: str) -> list[dict[str, float]
             clock = 1e-6 * message.time_usec
             time = clock + _WRAP * round((time - clock) / _WRAP)
         if values := _values(kind, message, "VISION_POSITION_DELTA" in kinds):
-            rows.append({"t_s": round(time, 6), **state, **values})
+            rows.append({"t_s": round(time, 6), dataflash.OPEN_LOOP: 0.0, **values})
     surface = max((row["altitude"] for row in rows if "altitude" in row), default=0.0)
     return [{**row, "altitude": row["altitude"] - surface} if "altitude" in row else row for row in rows]
 

@@ -87,10 +87,19 @@ def test_messages_become_columns(tmp_path: Path) -> None:
 
 def test_only_the_time_in_manual_is_used(tmp_path: Path) -> None:
     path = tmp_path / "dive.BIN"
-    path.write_bytes(written(changes={0.0: ("MODE", 2), 1.0: ("MODE", 19), 2.0: ("ARM", 1), 4.0: ("ARM", 0)}))
+    path.write_bytes(written(changes={0.0: ("MODE", 2), 1.0: ("MODE", 19), 1.5: ("ARM", 1), 4.5: ("ARM", 0)}))
     (log,) = readers.read([path])
+    # What comes before the first arming is disarmed.
     assert log.duration == pytest.approx(3.0, abs=0.06)
     assert log.remarks[-1].endswith("2 s in other modes than MANUAL, or disarmed, are not used")
+    # A visit of half a second ends a segment, as a gap does.
+    path.write_bytes(written(changes={0.0: ("MODE", 19), 2.0: ("MODE", 2), 2.5: ("MODE", 19)}))
+    (log,) = readers.read([path])
+    assert len(log.segments) == 2
+    assert log.duration == pytest.approx(5.0 - 1.0, abs=0.15)
+    path.write_bytes(written(changes={0.0: ("MODE", 19), 1.5: ("MODE", 2)}))
+    with pytest.raises(LogError, match=r"needs at least 2 s.*\(4 s in other modes than MANUAL"):
+        readers.read([path])
     # Of a log without MANUAL everything is used: its gate is the commands' correlation with the motion.
     path.write_bytes(written(changes={0.0: ("MODE", 2)}))
     (log,) = readers.read([path])
