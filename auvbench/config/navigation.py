@@ -379,5 +379,5 @@ def _check_blocks(config: TrainConfig) -> None:
             )
         if "task" in reads and is_estimated(config):
             raise ConfigError(
-                f"task.observation: {name} reads the task's own fields, which are true; use navigation={TRUTH}, or leave it out"
+                f"task.observation: {name} reads the task's own fields, which assume a known own position; use navigation={TRUTH}, or leave it out"
             )

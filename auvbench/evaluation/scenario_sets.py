@@ -54,7 +54,7 @@ SETS: tuple[ScenarioSet, ...] = (
     ScenarioSet("terrain", "2026a", ("40607b71e44a7a1e", "d03f391529746ce3", "891909e5ee3ff97e"), FIRST),
     ScenarioSet("formation", "2026a", ("e0bbc2ef54232a89", "61bf964fbb6825fe", "8b702d21262fd6c9"), FIRST),
     ScenarioSet("rendezvous", "2026a", ("97221e3f48ec18ab", "f5b65dc670751d80", "f3476a0bbba03b20"), FIRST),
-    ScenarioSet("tracking", "2026a", ("91ce1e75d15000f5", "fe7235445c5bd75f", "470fc92dcaa531b4"), FIRST),
+    ScenarioSet("tracking", "2026a", ("66303e6990503993", "76ab7190bf3f6e02", "af22cd6f1830f112"), FIRST),
 )
 """All versions, for each task from the oldest to the newest"""
 

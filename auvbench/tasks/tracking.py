@@ -14,14 +14,16 @@ from __future__ import annotations
 import math
 from typing import Any, ClassVar
 
+import numpy as np
+
 from auvbench.blocks import PINGS
 from auvbench.config.ranges import SOUND
-from auvbench.config.tasks.tracking import TargetTracking
+from auvbench.config.tasks.tracking import PRIOR_SDS, TargetTracking
 from auvbench.dynamics.compiled import borrowed, compiled
 from auvbench.dynamics.random import MESSAGE, SENSOR, normal4, uniform4
 from auvbench.dynamics.vectors import add
 from auvbench.tasks import fingerprint, records
-from auvbench.tasks.base import Floats, Integers
+from auvbench.tasks.base import Floats, Integers, Task
 from auvbench.tasks.formation import SOON
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import (
@@ -80,6 +82,17 @@ def move(e: Record, p: Record) -> None:
 
 
 @row
+def prior_errors(e: Record, p: Record, stream: int) -> tuple[float, float]:
+    """Return the errors east and north in m of the target's place that the vehicle knows at the start.
+
+    They are normal; their sum vector is shortened to PRIOR_SDS standard deviations, so that no episode starts in a collision.
+    """
+    _, east, north, _ = normal4(e.seed, MESSAGE | stream, 0, 0, e.episode, e.environment)
+    size = p.prior * min(1.0, PRIOR_SDS / max(math.hypot(east, north), 1e-9))
+    return size * east, size * north
+
+
+@row
 def draw(e: Record, p: Record, stream: int) -> float:
     """Draw the curve and the speed of the target, the start of the circle and of the vehicle; return the yaw at the start."""
     turned, u, v, w = drawn(e, stream, 0)
@@ -91,8 +104,12 @@ def draw(e: Record, p: Record, stream: int) -> float:
     draw_curve(e, curve, p.size_low + (p.size_high - p.size_low) * large, stream)
     e.rate = (p.speed_low + (p.speed_high - p.speed_low) * fast) / fastest(e)
     e.angle = 2.0 * math.pi * bearing
-    move(e, p)
+    follow(e, 0.0)
+    # A start on the circle round the true target would show the target's place.
+    (x, y, z), (east, north) = triple(e.reference), prior_errors(e, p, stream)
+    circle(e, 0.0, p, (x + east, y + north, z), triple(e.reference_velocity))
     start_in_ball(e, p.start_radius, p, u, v, w)
+    move(e, p)
     return wrap(e.reference_yaw + p.start_yaw * (2.0 * turned - 1.0))
 
 
@@ -119,9 +136,9 @@ def step(e: Record, v: Vehicle, p: Record) -> int:
 
 @row
 def begin_estimate(b: Record, p: Record, target: Vector, east: float, north: float) -> None:
-    """Begin an estimate about a target (m), with two standard normal errors of what the vehicle knows at the start."""
+    """Begin an estimate about a target (m), with the errors (m) of what the vehicle knows at the start."""
     x, y, z = target
-    b.estimate[0], b.estimate[1] = x + p.prior * east, y + p.prior * north
+    b.estimate[0], b.estimate[1] = x + east, y + north
     b.depth = z
     for axis in range(2):
         b.covariance[axis, axis] = p.prior * p.prior
@@ -222,7 +239,7 @@ def listen(
     p = parameters[0]
     pose, offset = borrowed(pose), borrowed(offset)
     both = p.both_signs > 0
-    # Errors of the vehicle's own position count as errors of the range.
+    # Noise of the vehicle's own position counts as noise of the range; its bias and drift do not.
     variance = p.range_noise * p.range_noise + p.position_noise_high * p.position_noise_high
     for n in range(rows.shape[0]):
         i = rows[n]
@@ -246,12 +263,11 @@ def listen(
         if not begins:
             predict(b, p.duration, p.agility)
         if arrives:
-            error, east, north, _ = normal4(
-                e.seed, MESSAGE | stream, 0, b.next_ping, e.episode, e.environment
-            )
+            error, _, _, _ = normal4(e.seed, MESSAGE | stream, 0, b.next_ping, e.episode, e.environment)
             lost, _, _, _ = uniform4(e.seed, MESSAGE | stream, 1, b.next_ping, e.episode, e.environment)
             distance = max(way + p.range_noise * error, 0.0)
             if begins:
+                east, north = prior_errors(e, p, stream)
                 begin_estimate(b, p, was, east, north)
                 for k in range(PINGS):
                     remember(b, k, here, distance, now)
@@ -343,6 +359,15 @@ class TargetTrackingTask(TrajectoryTrackingTask):
             super().begin_belief(begun)
         listen(rows, pose, self.offset, self._true, self._told, self._own, self.stream)
         return super().observe(pose, velocity, indices, seats)
+
+    def misplaced(self, i: int) -> str:
+        p, e = self.parameters[0], self.episodes[i]
+        away = float(np.linalg.norm(e.target - e.start))
+        if away > p.bounds:
+            return f"is {away:g} m from the target; must be at most task.bounds={p.bounds:g} m"
+        if away < p.clearance:
+            return f"is {away:g} m from the target; must be at least task.clearance={p.clearance:g} m"
+        return Task.misplaced(self, i)
 
     def own_metrics(self, i: int) -> dict[str, float]:
         e, bounds = self.episodes[i], self.limits["bounds"]

@@ -12,6 +12,9 @@ from auvbench.config.tasks.formation import HEADER, OVERHEAD, PER_BYTE
 from auvbench.config.tasks.trajectory_tracking import TrajectoryTracking
 from auvbench.metrics import column
 
+PRIOR_SDS = 2.5
+"""largest error of the target's place at the start, in standard deviations `prior`"""
+
 
 @dataclass(kw_only=True)
 class TargetTracking(TrajectoryTracking):
@@ -34,13 +37,15 @@ class TargetTracking(TrajectoryTracking):
 
     @property
     def agility(self) -> float:
-        """Spectral density of the target's acceleration in m^2/s^3 that the estimator assumes: the square of the fastest turn of a circle,
-        lasting for the time in which the reference moves by the orbit's radius.
+        """Spectral density of the target's acceleration in m^2/s^3 that the estimator assumes: the squared largest centripetal
+        acceleration, times the time in which the reference moves by `orbit`.
         """
         return (self.speed_high**2 / self.size_low) ** 2 * self.orbit / self.orbit_speed
 
     def check(self) -> None:
         """Reject starts out of bounds or in a collision, and pings that overlap."""
+        what = f"be less than task.bounds={self.bounds:g}"
+        feasible.refuse(self.orbit >= self.bounds, "orbit", self, what, "a larger distance is out of bounds")
         most = self.bounds - self.orbit
         what = f"be at most {most:g}, task.bounds less task.orbit"
         feasible.refuse(self.start_radius > most, "start_radius", self, what, "the start is beside the orbit")
@@ -49,9 +54,18 @@ class TargetTracking(TrajectoryTracking):
         feasible.refuse(
             self.orbit <= least, "orbit", self, what, "a smaller distance from the target is a collision"
         )
+        most = (min(self.bounds - self.orbit, self.orbit - self.clearance) - self.start_radius) / PRIOR_SDS
+        why = f"starts are up to {PRIOR_SDS:g} task.prior nearer to the target, or farther from it"
+        feasible.refuse(self.prior > most, "prior", self, f"be at most {most:.4g}", why)
         least = self.transmission + 2.0 * self.bounds / SOUND
         what = f"be at least {least:.4g}, the time in which a ping is sent and heard"
         feasible.refuse(self.ping_interval < least, "ping_interval", self, what)
+
+    def check_length(self, frequency: float) -> None:
+        super().check_length(frequency)
+        what = f"be at least {1.0 / frequency:.4g} s, one agent step (step.frequency={frequency:g} Hz)"
+        why = "the vehicle hears at most one ping in a step"
+        feasible.refuse(self.ping_interval < 1.0 / frequency, "ping_interval", self, what, why)
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
         # The target is believed to be within the bounds; the reference is on a circle round it.

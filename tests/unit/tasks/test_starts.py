@@ -194,6 +194,7 @@ def test_a_short_path_is_followed_to_its_end() -> None:
         ("station_keeping", [12, 0, -20, 0], "is 12 m from the reference; must be at most task.bounds=10 m"),
         ("trajectory_tracking", [40, 0, -20, 0], "m from the reference; must be at most task.bounds=5 m"),
         ("path_following", [400, 0, -20, 0], "m from the reference; must be at most task.bounds=10 m"),
+        ("tracking", [40, 0, -20, 0], "m from the target; must be at most task.bounds=8 m"),
         ("docking", [26, 0, -20, 0], "is 26 m from the dock; must be at most task.bounds=25 m"),
         ("docking", [0, 0, -19.2, 0], "outside of the cone in front of it; must be at least task.clearance=1 m there"),
     ],

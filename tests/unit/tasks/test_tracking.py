@@ -43,6 +43,27 @@ def test_the_observation_has_only_what_was_heard() -> None:
         assert not np.array_equal(here.task.reference, there.task.reference)
 
 
+def test_the_start_shows_the_target_no_better_than_the_prior() -> None:
+    """The circle's angle is known: the start less that part of the circle is a place of the target."""
+    n = 200
+    batch = batch_of("tracking", n=n)
+    e = batch.task.episodes
+    start, target = batch.simulator.pose[:, :3], e.target
+    away = np.linalg.norm(start - target, axis=1)
+    assert away.min() >= 1.0
+    assert away.max() <= 8.0
+    shown = start[:, :2] - 4.0 * np.stack([np.cos(e.angle), np.sin(e.angle)], axis=1)
+    off = shown - target[:, :2]
+    assert 0.9 < np.sqrt((off**2).mean()) < 1.15
+    yaw = np.arctan2(-np.sin(e.angle), -np.cos(e.angle))
+    assert np.abs(np.angle(np.exp(1j * (e.start_yaw - yaw)))).max() <= np.pi / 6 + 1e-9
+    # The estimator begins about the same believed place.
+    wide = batch_of("tracking", "task.range_noise=1000", "task.start_radius=0", n=20)
+    believed, angle = wide.task.believed.estimate[:, :2], wide.task.episodes.angle
+    circle = 4.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    np.testing.assert_allclose(wide.simulator.pose[:, :2], believed + circle, atol=0.05)
+
+
 def test_nothing_is_heard_if_every_ping_is_lost() -> None:
     batch = batch_of("tracking", "task.message_loss=1")
     for _ in range(30):
@@ -84,6 +105,12 @@ def test_an_episode_ends_by_the_distance_to_the_target(away: float, outcome: int
 @pytest.mark.parametrize(
     ("override", "message"),
     [
+        ("task.orbit=10", "task.orbit=10: must be less than task.bounds=8"),
+        ("task.prior=1.2", "task.prior=1.2: must be at most 1: starts"),
+        (
+            "step.frequency=0.8",
+            "task.ping_interval=1: must be at least 1.25 s, one agent step \\(step.frequency=0.8 Hz\\)",
+        ),
         ("task.orbit=1.2", "task.orbit=1.2: must be more than 1.5"),
         ("task.ping_interval=0.3", "task.ping_interval=0.3: must be at least 0.3657"),
         ("task.start_radius=5", "task.start_radius=5: must be at most 4, task.bounds less task.orbit"),
