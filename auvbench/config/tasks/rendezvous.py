@@ -42,6 +42,7 @@ SPEC = TaskSpec(
     FOUR_ENDS,
     ("goal", "tracking", "exponential"),
     schema=Rendezvous,
+    goal="dock when the time is up",
     shared=("yaw_error_rms_rad", *POINTS),
     metrics=(
         column(
