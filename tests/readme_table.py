@@ -17,9 +17,10 @@ import pandas as pd
 NO_BREAK = "\u00a0"
 """a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
-LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TRANSFER, TUNING, WAYPOINT = (
+FORMATION, LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TRANSFER, TUNING, WAYPOINT = (
     ROOT / "results" / name
     for name in (
+        "formation",
         "leaderboard",
         "navigation",
         "robust",
@@ -79,6 +80,16 @@ SENSORS = {  # title, condition
     "lock half the time": "half-lock",
     "no DVL, but the sheet": "no-dvl-model",
     "no DVL": "no-dvl",
+}
+MESSAGES = {  # title, condition: how often a vehicle is heard
+    "every 1.5 s": "acoustic",
+    "at once": "ideal",
+    "every 4.2 s": "bytes=88",
+    "every 11.4 s": "bytes=280",
+    "60 % lost": "loss=0.6",
+    "none": "no-message",
+    "in 0.25 m/s": "current",
+    "none, in 0.25 m/s": "current-no-message",
 }
 MODELS = {
     "training vehicle": "nominal",
@@ -172,12 +183,15 @@ def station() -> str:
 
 
 def _errors(
-    study: Path, agents: Sequence[str], conditions: Sequence[str], task: str = "station_keeping"
+    study: Path,
+    agents: Sequence[str],
+    conditions: Sequence[str],
+    task: str = "station_keeping",
+    column: str = "mean_position_error_rms_m",
 ) -> list[list[float]]:
-    """Return RMS position errors in cm at a task, of each agent of a study under each condition."""
+    """Return RMS errors in cm at a task, of each agent of a study under each condition."""
     rows = [row for row in _rows(study, "conditions.csv") if row["task"] == task]
     found = {(row["agent"], row["condition"]): row for row in rows}
-    column = "mean_position_error_rms_m"
     return [[100 * float(found[agent, condition][column]) for agent in agents] for condition in conditions]
 
 
@@ -222,6 +236,14 @@ def transfer() -> str:
         current,
     )
     return _table(("agent", *heads), agents, columns)
+
+
+def formation() -> str:
+    """Return the mean error of a team's relative positions with messages that are rare or get lost."""
+    agents = sorted({row["agent"] for row in _rows(FORMATION, "conditions.csv")})
+    errors = _errors(FORMATION, agents, tuple(MESSAGES.values()), "formation", "mean_formation_error_rms_m")
+    columns = [[f"{value:.1f}{NO_BREAK}cm" for value in values] for values in errors]
+    return _table(("formation error", *MESSAGES), agents, columns)
 
 
 def suite() -> str:
@@ -316,6 +338,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "sensors": sensors,
     "sensors_waypoints": sensors_waypoints,
     "transfer": transfer,
+    "formation": formation,
     "station": station,
     "suite": suite,
     "cases": cases,
@@ -350,6 +373,7 @@ PAGES = {
     "results/robust/README.md": ("robust",),
     "results/navigation/README.md": ("sensors", "sensors_waypoints"),
     "results/transfer/README.md": ("transfer",),
+    "results/formation/README.md": ("formation",),
     "results/station/README.md": ("station",),
     "results/suite/README.md": ("suite", "cases", "currents"),
     "results/tuning/README.md": ("elsewhere",),

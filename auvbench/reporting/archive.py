@@ -17,6 +17,7 @@ from auvbench.analysis.evaluations import disagreement
 from auvbench.analysis.recorded import paths, training
 from auvbench.analysis.records import Evaluation, RunRecord
 from auvbench.errors import ReportError
+from auvbench.registry import TASKS
 from auvbench.runs import history, integrity
 from auvbench.runs.atomic_io import write_atomic
 from auvbench.untrusted import tables
@@ -37,7 +38,7 @@ COMPACT = (
     "final_position_error_m",
     "energy_J",
 )
-"""columns of a compact table: the ranking measure of each task, and the energy"""
+"""columns of a compact table, besides the ranking measures of the tasks that came later"""
 DIGITS = 3
 """significant digits of the measures in a compact table; their means are more exact"""
 
@@ -188,7 +189,8 @@ def _labelled(frame: pd.DataFrame, run: str, protocol: str) -> pd.DataFrame:
 
 
 def _compacted(frame: pd.DataFrame) -> pd.DataFrame:
-    table = frame.filter(items=COMPACT).copy()
+    ranking = (TASKS[name].primary.removeprefix("mean_") for name in TASKS)
+    table = frame.filter(items=list(dict.fromkeys((*COMPACT, *ranking)))).copy()
     for name in table.select_dtypes("float").columns.drop("frequency_hz", errors="ignore"):
         table[name] = [float(f"{value:.{DIGITS}g}") for value in table[name]]
     return table
