@@ -14,6 +14,8 @@ from PIL import Image
 
 from auvbench import cli
 from auvbench.analysis.archive import FOLLOWING
+from auvbench.registry import TASKS
+from auvbench.reporting.archive import _compacted
 from auvbench.reporting.tables.text_formats import escape
 from auvbench.runs import integrity
 from tests.numbers import assert_same_numbers
@@ -177,6 +179,17 @@ def test_every_number_is_kept(grid, tmp_path):
     energy = pd.read_csv(grid[0] / "evaluations/robustness/episodes.csv")["energy_J"]
     mine = further.loc[further["run"] == grid[0].name, "energy_J"]
     assert mine.tolist() == [float(f"{value:.3g}") for value in energy]
+
+
+@pytest.mark.parametrize("task", list(TASKS))
+def test_a_compact_table_has_what_ranks_each_task(task):
+    primary = TASKS[task].primary
+    needed = "steps" if primary.startswith("par1") else primary.removeprefix("mean_")
+    frame = pd.DataFrame({"frequency_hz": [10.0], "outcome": ["success"], needed: [0.12345]})
+    frame["return"] = 1.0
+    table = _compacted(frame)
+    assert table[needed].iloc[0] == pytest.approx(frame[needed].iloc[0], rel=1e-2)
+    assert "return" not in table
 
 
 @pytest.mark.slow
