@@ -111,6 +111,7 @@ def test_a_dvl_takes_the_place_of_gps(program: Path) -> None:
     (record,) = rows(flown(contest(*ON_DVL, "sensors.dvl.lever=[0.2,0,-0.1]")))
     assert record["final_distance_m"] < 0.5 * record["initial_distance_m"]
     assert 0.0 < record["navigation_error_rms_m"] < 1.0
+    assert 1.0 < record["clearance_min_m"] < 12.0  # from the bottom, 8 m below the station
     # What it flies by is the DVL: without lock it gets no ping.
     (lost,) = rows(flown(contest(*ON_DVL, "sensors.dvl.lost=1")))
     assert lost["final_distance_m"] > record["final_distance_m"]

@@ -543,11 +543,3 @@ def test_a_start_that_is_placed_into_a_solid_is_refused_and_changes_nothing() ->
     with pytest.raises(ConfigError, match=r"options\['pose'\]: world=tank: a start at"):
         placed.reset(pose=np.tile([40.0, 0.0, -20.0, 1.0, 0.0, 0.0, 0.0], (2, 1)))
     assert bits(placed) == before
-
-
-def test_ardusub_is_tested_in_open_water() -> None:
-    from auvbench.integrations.ardusub.agent import refuse
-
-    config = configuration(overrides=["world=tank", "algo=ardusub", "noise=none", "vehicle=bluerov2_heavy"])
-    with pytest.raises(ConfigError, match="world=tank: algo=ardusub"):
-        refuse(config)
