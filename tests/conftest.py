@@ -45,7 +45,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+def state_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """One state directory for all processes of the session: its key signs the runs that they share."""
     root = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
@@ -54,7 +54,7 @@ def state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def one_fork_server(state: None) -> Iterator[dict[str, Any]]:
+def one_fork_server(state_home: None) -> Iterator[dict[str, Any]]:
     """Keep the fork server between the commands of this process: each would import torch anew, 3 s of processor time.
 
     A command that ends kills its workers one by one, where outside of tests they die with their server. A command with
