@@ -39,7 +39,7 @@ def complete(line: str) -> list[str]:
         ),
         ("auvbench train algo=sac algo.buf", ["algo.buffer_size="]),
         ("auvbench train reward.k", ["reward.k="]),
-        ("auvbench evaluate outputs protocol=f", ["protocol=frequency_sweep"]),
+        ("auvbench evaluate outputs protocol=fr", ["protocol=frequency_sweep"]),
         ("auvbench report outputs --rank-by mean_en", ["mean_energy_J"]),
         ("auvbench vehicles rex", ["rexrov"]),
         ("auvbench submit outputs --protocol frequ", ["frequency_sweep"]),
