@@ -44,9 +44,8 @@ class StoredPath:
     outlines: FloatArray | None = None  # (k, 2, 3) m, segments of a world; missing in a published study
     yaw: FloatArray | None = None  # (T + 1,) rad; missing in a published study
     command: FloatArray | None = None  # (T, n_u) N; missing in a published study
-    others: FloatArray | None = (
-        None  # (T + 1, V - 1, 3) m, the other vehicles of a team; missing in a published study
-    )
+    # (T + 1, V - 1, 3) m, the other vehicles of a team; missing in a published study
+    others: FloatArray | None = None
 
 
 TRAINING, VALIDATION = "train/episodes.csv", "train/validation.csv"

@@ -114,8 +114,11 @@ def _identify(
     file = folder / f"{name}.yaml"
     write_atomic(file, sheets.dump(found).encode())
     advice = advise.advise(result)
-    index = page.write_identification(folder, result, verdicts, advice, name=name, command=command)
-    print(page.terminal(result, verdicts, advice))
+    excitation = page.excitation_table(result, verdicts)
+    index = page.write_identification(
+        folder, result, verdicts, excitation, advice, name=name, command=command
+    )
+    print(page.terminal(result, excitation, advice))
     print(
         f"{os.path.relpath(file)}: use it by name after mkdir -p conf/vehicle && cp {shlex.quote(os.path.relpath(file))} conf/vehicle/"
     )

@@ -255,14 +255,6 @@ def is_estimated(config: TrainConfig) -> bool:
     return bool(config.navigation.name != TRUTH)
 
 
-def refuse(config: TrainConfig, program: str) -> None:
-    """Raise ConfigError if an estimator is chosen for a program without it, which `program` names."""
-    if is_estimated(config):
-        raise ConfigError(
-            f"navigation={config.navigation.name}: {program} has no estimator; use navigation=truth"
-        )
-
-
 def check(config: TrainConfig) -> None:
     """Check sensors and estimator against the rest of a configuration.
 

@@ -102,6 +102,11 @@ class Log:
         return float(np.median(np.diff(self.time[there])))
 
 
+def longest_step(time: FloatArray) -> float:
+    """Return the time in s between two of the times (T,) of rows above which a segment ends."""
+    return max(1.0, GAP * float(np.median(np.diff(time))))
+
+
 def checked(log: Log) -> Log:
     """Return the log with its segments and remarks.
 
@@ -112,8 +117,7 @@ def checked(log: Log) -> Log:
     _check_inputs(log)
     _check_measurements(log)
     steps = np.diff(log.time)
-    longest = max(1.0, GAP * float(np.median(steps)))
-    breaks = np.flatnonzero(steps > longest) + 1
+    breaks = np.flatnonzero(steps > longest_step(log.time)) + 1
     edges = [0, *breaks.tolist(), log.time.size]
     segments = tuple((first, last) for first, last in itertools.pairwise(edges) if last - first >= FEWEST)
     remarks = list(log.remarks)

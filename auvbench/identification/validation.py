@@ -139,9 +139,8 @@ def validate(
         LogError: the inputs do not fit a vehicle, or no window fits.
     """
     windows = horizons(logs)
-    still = np.broadcast_to(windows.state[:, None], windows.measured.shape)
     predictions = [
-        Prediction(HOLD, windows.error(still)),
+        _held(windows),
         Prediction(CONSTANT, windows.error(_constant(windows))),
     ]
     for name, vehicle, identified in vehicles:
@@ -154,6 +153,10 @@ def validate(
     return Validation(
         tuple(logs), windows.n, tuple(CHANNELS[k] for k in windows.channels), tuple(predictions), remarks
     )
+
+
+def _held(windows: Windows) -> Prediction:
+    return Prediction(HOLD, windows.error(np.broadcast_to(windows.state[:, None], windows.measured.shape)))
 
 
 def _constant(windows: Windows) -> FloatArray:
@@ -203,9 +206,8 @@ def share_of_holding(
 ) -> dict[str, float]:
     """Return a vehicle's root mean square error after `horizon` s over that of holding the value, by channel."""
     windows, h = horizons(logs), HORIZONS.index(horizon)
-    still = np.broadcast_to(windows.state[:, None], windows.measured.shape)
     own = Prediction("", windows.error(Predictor(windows, vehicle).states(dict(values)))).rms()[h]
-    held = Prediction(HOLD, windows.error(still)).rms()[h]
+    held = _held(windows).rms()[h]
     return {CHANNELS[k]: float(own[k] / held[k]) for k in windows.channels if held[k] > 0.0}
 
 

@@ -27,18 +27,9 @@ OUTPUT = "outputs"
 """value of `output` in a published configuration; the folder is not part of a run's identity"""
 EPISODES_KEPT = 100
 """largest number of trajectories of a condition"""
-COMPACT = (
-    "condition",
-    "frequency_hz",
-    "episode",
-    "outcome",
-    "steps",
-    "position_error_rms_m",
-    "cross_track_rms_m",
-    "final_position_error_m",
-    "energy_J",
-)
-"""columns of a compact table, besides the ranking measures of the tasks that came later"""
+COMPACT = ("condition", "frequency_hz", "episode", "outcome", "steps")
+"""first columns of a compact table; then come the measures that rank the agents of the tasks, and `ALSO_COMPACT`"""
+ALSO_COMPACT = ("final_position_error_m", "energy_J")
 DIGITS = 3
 """significant digits of the measures in a compact table; their means are more exact"""
 
@@ -189,8 +180,8 @@ def _labelled(frame: pd.DataFrame, run: str, protocol: str) -> pd.DataFrame:
 
 
 def _compacted(frame: pd.DataFrame) -> pd.DataFrame:
-    ranking = (TASKS[name].primary.removeprefix("mean_") for name in TASKS)
-    table = frame.filter(items=list(dict.fromkeys((*COMPACT, *ranking)))).copy()
+    ranking = dict.fromkeys(TASKS[name].primary.removeprefix("mean_") for name in TASKS)
+    table = frame.filter(items=[*COMPACT, *ranking, *ALSO_COMPACT]).copy()
     for name in table.select_dtypes("float").columns.drop("frequency_hz", errors="ignore"):
         table[name] = [float(f"{value:.{DIGITS}g}") for value in table[name]]
     return table

@@ -6,7 +6,6 @@ import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +34,6 @@ from auvbench.reporting.tables.terminal import TableView
 from auvbench.reporting.write import text
 from auvbench.vehicles.inspect import AXES
 
-VELOCITIES = slice(6, 12)
-"""Channels of velocities and rates, in the order of axes."""
 WIDTH = 150
 """Characters of a line of the tables for the terminal."""
 
@@ -109,15 +106,10 @@ def _state(estimate: Estimate) -> str:
     return "identified, given the numbers that stay"
 
 
-@lru_cache(maxsize=1)  # for the page and the terminal
-def _shares(fit: Fit) -> dict[str, float]:
-    return share_of_holding(fit.logs, fit.vehicle, {e.parameter.name: e.value for e in fit.estimates})
-
-
 def excitation_table(fit: Fit, verdicts: Sequence[Verdict]) -> Table:
     """Return what the commands did on each axis, and the fitted vehicle's error of its velocity on the same logs."""
-    shares = _shares(fit)
-    missed = {axis: shares.get(name, math.nan) for axis, name in zip(AXES, CHANNELS[VELOCITIES], strict=True)}
+    shares = share_of_holding(fit.logs, fit.vehicle, {e.parameter.name: e.value for e in fit.estimates})
+    missed = {axis: shares.get(CHANNELS[6 + k], math.nan) for k, axis in enumerate(AXES)}
     lines = tuple(
         Line(
             (
@@ -152,9 +144,9 @@ def _or_none(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def terminal(fit: Fit, verdicts: Sequence[Verdict], advice: Sequence[Advice]) -> str:
+def terminal(fit: Fit, excitation: Table, advice: Sequence[Advice]) -> str:
     """Return the tables of an identification, and the next manoeuvre."""
-    parts = [_printed(parameters_table(fit)), _printed(excitation_table(fit, verdicts))]
+    parts = [_printed(parameters_table(fit)), _printed(excitation)]
     if advice:
         parts.append(f"Next: {advice[0].text}")
     return "\n".join(parts)
@@ -169,7 +161,14 @@ def _printed(table: Table) -> str:
 
 
 def write_identification(
-    folder: Path, fit: Fit, verdicts: Sequence[Verdict], advice: Sequence[Advice], *, name: str, command: str
+    folder: Path,
+    fit: Fit,
+    verdicts: Sequence[Verdict],
+    excitation: Table,
+    advice: Sequence[Advice],
+    *,
+    name: str,
+    command: str,
 ) -> Path:
     """Write figures and the page of an identification; return the page's path.
 
@@ -192,7 +191,7 @@ def write_identification(
     body = (
         Part("answer", "Numbers", _warned(verdicts), (parameters_table(fit),), _some(embedded, "parameters")),
         Part("fit", "Measured and predicted", (), (), _some(embedded, "prediction", "residuals")),
-        Part("excitation", "Excitation", (), (excitation_table(fit, verdicts),)),
+        Part("excitation", "Excitation", (), (excitation,)),
         Part("next", "Next manoeuvre", texts, (_advice_table(advice),) if advice else ()),
     )
     windows = fit.windows

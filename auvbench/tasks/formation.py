@@ -48,9 +48,9 @@ from auvbench.tasks.rows import (
     wrap,
 )
 from auvbench.tasks.trajectory_tracking import (
-    ANY,
     CURVES,
     SINES,
+    SMOOTH,
     TrajectoryTrackingTask,
     X,
     Y,
@@ -344,12 +344,11 @@ class FormationTask(TrajectoryTrackingTask):
         assert isinstance(task, Formation)
         slots = np.zeros((MOST, 3))
         slots[: task.vehicles] = task.places
-        curves = (*CURVES[:3], "any")
         return {
             **records.of_schema(replace(task, slots=[])),
             "slots": slots,
-            "curve": ANY if task.curve == "any" else curves.index(task.curve),
-            "kinds": float(len(curves) - 1),
+            "curve": CURVES.index(task.curve),
+            "kinds": float(SMOOTH),
             "most_tilt": math.cos(task.tilt),
             "ideal": task.messages == "ideal",
             "transmission": task.transmission,

@@ -22,7 +22,7 @@ from auvbench.config.tasks.tracking import PRIOR_SDS, TargetTracking
 from auvbench.dynamics.compiled import borrowed, compiled
 from auvbench.dynamics.random import MESSAGE, SENSOR, normal4, uniform4
 from auvbench.dynamics.vectors import add
-from auvbench.tasks import fingerprint, records
+from auvbench.tasks import fingerprint, records, trajectory_tracking
 from auvbench.tasks.base import Floats, Integers, Task
 from auvbench.tasks.formation import SOON
 from auvbench.tasks.records import Record
@@ -45,17 +45,16 @@ from auvbench.tasks.rows import (
     wrap,
 )
 from auvbench.tasks.trajectory_tracking import (
-    ANY,
-    CURVES,
+    SMOOTH,
     TrajectoryTrackingTask,
     X,
     Y,
     Z,
-    draw_curve,
-    fastest,
     follow,
     place,
 )
+
+draw_curve_and_start = trajectory_tracking.draw
 
 STATES = 4
 """of the estimator: level position (m) and velocity (m/s) of the target"""
@@ -95,16 +94,10 @@ def prior_errors(e: Record, p: Record, stream: int) -> tuple[float, float]:
 @row
 def draw(e: Record, p: Record, stream: int) -> float:
     """Draw the curve and the speed of the target, the start of the circle and of the vehicle; return the yaw at the start."""
+    draw_curve_and_start(e, p, stream)
     turned, u, v, w = drawn(e, stream, 0)
-    kind, large, fast, bearing = drawn(e, stream, 1)
-    curve = p.curve
-    if curve == ANY:
-        curve = int(p.kinds * kind)
-    put(e.centre, triple(p.centre))
-    draw_curve(e, curve, p.size_low + (p.size_high - p.size_low) * large, stream)
-    e.rate = (p.speed_low + (p.speed_high - p.speed_low) * fast) / fastest(e)
+    _, _, _, bearing = drawn(e, stream, 1)
     e.angle = 2.0 * math.pi * bearing
-    follow(e, 0.0)
     # A start on the circle round the true target would show the target's place.
     (x, y, z), (east, north) = triple(e.reference), prior_errors(e, p, stream)
     circle(e, 0.0, p, (x + east, y + north, z), triple(e.reference_velocity))
@@ -303,11 +296,8 @@ class TargetTrackingTask(TrajectoryTrackingTask):
         ("estimate", "f8", (STATES,)),  # m and m/s, believed level place and velocity of the target
         ("covariance", "f8", (STATES, STATES)),
         ("depth", "f8"),  # m, z of the target in the last ping
-        (
-            "pings",
-            "f8",
-            (PINGS, 5),
-        ),  # x, y (m), height of the target (m), range (m), time (s); the newest first
+        # x, y (m), height of the target (m), range (m), time (s); the newest first
+        ("pings", "f8", (PINGS, 5)),
         ("next_ping", "i8"),  # number of the next ping
         ("miss_squared_sum", "f8"),  # m^2
     )
@@ -330,11 +320,9 @@ class TargetTrackingTask(TrajectoryTrackingTask):
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, TargetTracking)
-        curves = (*CURVES[:3], "any")
         return {
-            **records.of_schema(task),
-            "curve": ANY if task.curve == "any" else curves.index(task.curve),
-            "kinds": float(len(curves) - 1),
+            **super().own_parameters(task),
+            "kinds": float(SMOOTH),
             "agility": task.agility,
             "transmission": task.transmission,
             "sound_speed": SOUND,

@@ -33,6 +33,8 @@ from auvbench.tasks.rows import (
 
 CURVES = ("circle", "helix", "lemniscate", "random", "any")
 HELIX, LEMNISCATE, ANY = 1, 2, 4
+SMOOTH = 3
+"""number of the first curves, which are not random"""
 
 X, Y, Z = range(3)
 SINES = 3

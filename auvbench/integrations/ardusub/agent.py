@@ -188,9 +188,8 @@ class Piloted(FossenSimulator):
         assert frame is not None
         parameters = {"FRAME_CONFIG": frame.config, **self._named}
         tied = partial(interruption.die_with_parent, os.getpid())
-        self.pilot = sitl.Sitl(self._path, parameters, tied)
-        has_dvl = self._forwarder is not None
-        self.settled = self.pilot.settle(self._sensors.reset(), MODES[self._mode], has_dvl)
+        self.pilot = sitl.Sitl(self._path, parameters, tied, self._forwarder is not None)
+        self.settled = self.pilot.settle(self._sensors.reset(), MODES[self._mode])
         if self._forwarder is not None:
             self._forwarder.begin()
         self._read(self.pilot.packet.pwm)

@@ -57,7 +57,7 @@ class Forwarder:
 
     def __init__(self, navigation: Navigation) -> None:
         self._state = navigation.state[0]
-        self._seen = 0.0
+        self.begin()
 
     def begin(self) -> None:
         """Begin an episode at time 0."""

@@ -77,6 +77,7 @@ class Sitl:
         path: path of the program.
         parameters: ArduSub's parameters by name; they replace its defaults and `PARAMETERS`.
         at_birth: function called in the new process before the program starts; ties its life to this process.
+        has_dvl: whether it gets the pings of a DVL, also while the vehicle is held.
 
     Raises:
         MissingExtraError: pymavlink is not installed.
@@ -84,7 +85,11 @@ class Sitl:
     """
 
     def __init__(
-        self, path: Path, parameters: Mapping[str, float], at_birth: Callable[[], None] | None = None
+        self,
+        path: Path,
+        parameters: Mapping[str, float],
+        at_birth: Callable[[], None] | None = None,
+        has_dvl: bool = False,
     ) -> None:
         self.path = path
         self.time = 0.0
@@ -92,7 +97,7 @@ class Sitl:
         self._count = -1
         self._peer: Any = None
         self._asked = -ASKED
-        self._has_dvl, self._pinged = False, 0.0
+        self._has_dvl, self._pinged = has_dvl, 0.0
         self._folder = Path(tempfile.mkdtemp(prefix="auvbench-ardusub-"))
         self._physics = loopback_socket()
         self.radio = Radio(path, parameters)
@@ -159,7 +164,7 @@ class Sitl:
         lines = [line for line in (self.radio.said, *text.splitlines()[-1:]) if line]
         return f"; it said: {lines[0]}" if lines else ""
 
-    def settle(self, still: SensorState, mode: int, has_dvl: bool = False) -> float:
+    def settle(self, still: SensorState, mode: int) -> float:
         """Move the held vehicle to its start, armed and in `mode`; return the duration in s of ArduSub's
         time.
 
@@ -169,7 +174,7 @@ class Sitl:
         Raises:
             TrainingError: ArduSub was not ready within `SETTLING`, or is not a submarine.
         """
-        begun, self._has_dvl = self.time, has_dvl
+        begun = self.time
         x, y, depth = still.position
         ahead, starboard, down = still.specific_force
         surface = replace(still, position=(x, y, 0.0))

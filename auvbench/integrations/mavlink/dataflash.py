@@ -21,7 +21,7 @@ import pandas as pd
 from auvbench.dynamics import frames
 from auvbench.errors import ConfigError, MissingExtraError
 from auvbench.identification import csv_log, inputs
-from auvbench.identification.log import GAP, Log, LogError, Motors
+from auvbench.identification.log import Log, LogError, Motors, longest_step
 from auvbench.integrations.ardusub.frames import motors_of
 from auvbench.integrations.ardusub.radio import MANUAL
 from auvbench.untrusted import reading
@@ -105,16 +105,16 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
     if not used.any() or used.all():
         return csv_log.parse(table, name, digest, "ned")
     # No window may cross what is left out, so that this lasts as long as a gap.
-    longest = 1.01 * max(1.0, GAP * float(np.median(np.diff(time))))
+    pause = 1.01 * longest_step(time)
     for left in time[1:][used[:-1] & ~used[1:]]:
-        used &= (time < left) | (time > left + longest)
+        used &= (time < left) | (time > left + pause)
     left_out = float(np.diff(time, append=time[-1])[~used].sum())
-    remark = f"{name}: {left_out:.0f} s in other modes than MANUAL, or disarmed, are not used"
+    remark = f"{left_out:.0f} s in other modes than MANUAL, or disarmed, are not used"
     try:
         log = csv_log.parse(table[used].reset_index(drop=True), name, digest, "ned")
     except LogError as error:
-        raise LogError(f"{error} ({remark.partition(': ')[2]})") from None
-    return replace(log, remarks=(*log.remarks, remark))
+        raise LogError(f"{error} ({remark})") from None
+    return replace(log, remarks=(*log.remarks, f"{name}: {remark}"))
 
 
 def driven(log: Log, names: Sequence[str] | None) -> Log:

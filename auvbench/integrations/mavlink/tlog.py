@@ -48,10 +48,6 @@ FIELDS: Mapping[str, Mapping[str, tuple[str, float]]] = {
     "HEARTBEAT": {},
 }
 """Fields of the messages that are read, the columns that they become, and factors to the columns' units."""
-ARMED = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED of a heartbeat's `base_mode`."""
-NO_AUTOPILOT = 8
-"""MAV_AUTOPILOT_INVALID, of a camera or a ground station."""
 WATER = 9.80665e3
 """Pressure per depth in Pa/m, of fresh water; the depth begins at 0 where the log is shallowest."""
 RARE = 0.2
@@ -85,7 +81,7 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
     messages = list(_messages(data, mavlink))
     if not messages:
         raise LogError(f"{path}: not a telemetry log: it has none of the messages {', '.join(FIELDS)}")
-    rows = _rows(messages, str(path))
+    rows = _rows(messages, mavlink, str(path))
     if not any("C1_us" in row for row in rows):
         raise LogError(
             f"{path}: has no SERVO_OUTPUT_RAW messages, the outputs of the thrusters; set SR0_RC_CHAN=20 and record again"
@@ -119,7 +115,7 @@ def _messages(data: bytes, mavlink: Any) -> Iterator[tuple[float, Any]]:
         at += 8 + size
 
 
-def _rows(messages: list[tuple[float, Any]], name: str) -> list[dict[str, float]]:
+def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[dict[str, float]]:
     """Return a row with its time for each message of the autopilot that has outputs.
 
     Raises:
@@ -137,8 +133,8 @@ def _rows(messages: list[tuple[float, Any]], name: str) -> list[dict[str, float]
         if kind in left_out or (message.get_srcSystem() != system and kind != "VISION_POSITION_DELTA"):
             continue
         if kind == "HEARTBEAT":
-            if message.autopilot != NO_AUTOPILOT:
-                armed = message.base_mode & ARMED > 0
+            if message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
+                armed = message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED > 0
                 before, state = state, float(armed and message.custom_mode == MANUAL)
                 # Between two heartbeats the mode is known if both say the same.
                 for row in rows[known:]:
