@@ -262,10 +262,10 @@ def listen(
             if begins:
                 east, north = prior_errors(e, p, stream)
                 begin_estimate(b, p, was, east, north)
-                for k in range(PINGS):
+                for k in range(len(b.pings)):
                     remember(b, k, here, distance, now)
             elif lost >= p.message_loss:
-                for k in range(PINGS - 1, 0, -1):
+                for k in range(len(b.pings) - 1, 0, -1):
                     for j in range(5):
                         b.pings[k, j] = b.pings[k - 1, j]
                 _, _, b.depth = was

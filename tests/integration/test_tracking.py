@@ -139,9 +139,10 @@ def test_a_report_is_logged_with_its_table(service: str, tmp_path: Path) -> None
 
 @pytest.mark.parametrize("service", TRACKERS.own)
 def test_a_missing_client_is_named(service: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, f"auvbench.tracking.{service}", raising=False)
+    tracking.prepare.cache_clear()  # of a test before, as are the modules
+    monkeypatch.delitem(sys.modules, str(TRACKERS.choose(service).code), raising=False)
     for name in [name for name in sys.modules if name.startswith(f"{service}.")]:
-        monkeypatch.delitem(sys.modules, name)  # of a test before
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, service, None)
     with pytest.raises(MissingExtraError, match=rf"pip install 'auvbench\[{service}\]'"):
         tracking.prepare(service, "study")
