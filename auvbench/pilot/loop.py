@@ -65,6 +65,7 @@ class Pilot(ABC):
         self._now = -1.0  # s, by the vehicle's clock
         self._sim_time = sim_time
         self._slow = 0
+        self._filtered = False
         self._due = 0.0
         self._closed = False
         self._unsaid: Exception | None = None
@@ -172,6 +173,9 @@ class Pilot(ABC):
             return False
         if not limits.within(waypoint[2]):
             self._report(f"waypoint ignored: z = {waypoint[2]:g} m, must be within {limits.depths}")
+            return False
+        if self.steering.filter is not None and (room := self.steering.filter.room(np.array(waypoint))) < 0.0:
+            self._report(f"waypoint ignored: {-room:.2g} m too near to a solid for the filter")
             return False
         self.steering.end("another waypoint")
         self.steering.waypoint, self.steering.yaw = np.array(waypoint, dtype=np.float64), yaw
@@ -301,6 +305,10 @@ class Pilot(ABC):
             if self._slow in (1, 10, 100):
                 self._report(f"the controller takes longer than its step of {self.period:g} s")
         self._command(self.physical.of_action(action))
+        filtered = self.steering.filter is not None and self.steering.filter.changed > 0
+        if filtered and not self._filtered:
+            self._report("the filter changes commands")
+        self._filtered = filtered
         x, y, z = waypoint
         self._set_state(
             "flying the manoeuvre" if self.steering.once else f"steering to ({x:.1f}, {y:.1f}, {z:.1f})"

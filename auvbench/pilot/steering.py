@@ -27,6 +27,22 @@ class Controller(Protocol):
     def act(self, observation: NDArray[np.float32]) -> NDArray[np.floating]: ...
 
 
+class Filter(Protocol):
+    """The part of `auvbench.tasks.filters.flight.Protection` that a pilot uses."""
+
+    @property
+    def changed(self) -> int: ...
+
+    @property
+    def infeasible(self) -> int: ...
+
+    def begin(self) -> None: ...
+
+    def room(self, point: Floats) -> float: ...
+
+    def protect(self, pose: Floats, velocity: Floats, action: Floats) -> Floats: ...
+
+
 @dataclass(frozen=True, slots=True)
 class Limits:
     """Limits of a pilot."""
@@ -69,6 +85,8 @@ class Steering:
     name: str = ""
     """name of the controller"""
     logbook: Logbook | None = None
+    filter: Filter | None = None
+    """safety filter between the controller and the vehicle"""
     waypoint: Floats | None = None
     """(3,) waypoint or station, m"""
     yaw: float = 0.0
@@ -119,6 +137,8 @@ class Steering:
             self.mission = self._mission(pose, waypoint)
             self._action = None
             self.controller.reset(np.zeros(1, dtype=np.int64))
+            if self.filter is not None:
+                self.filter.begin()
         n_u = len(self.vehicle.actuators)
         previous = np.zeros(n_u) if self._action is None else self._action
         begun = time.monotonic()
@@ -130,9 +150,12 @@ class Steering:
             raise RunError(f"the controller's answer has shape {answer.shape}, must be {(1, n_u)}")
         if not np.all(np.isfinite(answer)):
             raise RunError("the controller's answer is not finite")
+        action: Floats = np.clip(answer[0], -1.0, 1.0)
+        if self.filter is not None:
+            action = self.filter.protect(pose, velocity, action)
         self.action_time = time.monotonic() - begun
-        self._action = np.clip(answer[0], -1.0, 1.0)
-        return self._action
+        self._action = action
+        return action
 
     def _mission(self, pose: Floats, waypoint: Floats) -> Mission:
         limits = self.limits
@@ -152,7 +175,15 @@ class Steering:
 
     def _record(self, mission: Mission | None, reason: str) -> None:
         if mission is not None and self.logbook is not None and mission.steps:
-            self.ended.append((mission, reason))
+            self.ended.append((mission, reason + self._interventions()))
+        if self.filter is not None:
+            self.filter.begin()
+
+    def _interventions(self) -> str:
+        """Return what the filter did since the mission began, for the end of a reason."""
+        if self.filter is None:
+            return ""
+        return f"; the filter changed {self.filter.changed} commands, {self.filter.infeasible} of them beyond the thrusters' limits"
 
     def write(self) -> None:
         """Write the missions that have ended. A disk may be slow or full, so the vehicle must be at rest.

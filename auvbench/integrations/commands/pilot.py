@@ -18,6 +18,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from auvbench import registry
 from auvbench.errors import ConfigError, UserError, closest
 from auvbench.grammar import Parser, number
@@ -31,7 +33,7 @@ if TYPE_CHECKING:
     from auvbench.config import tasks
     from auvbench.observation import ObservationSpec
     from auvbench.pilot.loop import Pilot
-    from auvbench.pilot.steering import Limits, Steering
+    from auvbench.pilot.steering import Filter, Limits, Steering
     from auvbench.policies.exported import Card
     from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -50,6 +52,7 @@ _EPILOG = """examples:
   auvbench pilot lqr --task station_keeping --goal 0 0 -10 --yaw 90
   ros2 service call /bluerov2_2026/pilot/arm std_srvs/srv/SetBool '{data: true}'
   auvbench pilot policy.onnx --mavlink udp:127.0.0.1:14550 --goal 5 3 -12 --arm
+  auvbench pilot policy.onnx --goal 5 3 -12 --filter cbf --tank 20 12 15
   auvbench pilot excite --axis yaw heave --mavlink udp:127.0.0.1:14550 --depth -8 -1 --arm
 
 It starts disarmed, and steers to the waypoint on /goal_pose, or keeps station at it. It commands zero thrust while the pose is too old, outside
@@ -132,6 +135,21 @@ def parser() -> Parser:
         type=number(0.1, 1000.0),
         help=f"with excite: largest distance in m from where it was armed; disarms beyond (default: {excite.REACH:g})",
     )
+    parser.add_argument(
+        "--filter", choices=("cbf",), help="safety filter: changes commands that would lead to a contact"
+    )
+    parser.add_argument(
+        "--tank",
+        type=number(0.1, 1e4),
+        nargs=3,
+        metavar=("LENGTH", "WIDTH", "DEPTH"),
+        help="with --filter: the walls and the bottom of a tank with its centre at x = y = 0, m",
+    )
+    parser.add_argument(
+        "--bottom",
+        metavar="FILE",
+        help="with --filter: a .npz or .csv file with the bottom's x_m, y_m and z_m or depth_m",
+    )
     parser.add_argument("--record", type=Path, metavar="DIR", help="record missions in a new folder")
     parser.add_argument(
         "--sim-time",
@@ -159,8 +177,15 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.runs import interruption
 
     setup = _setup(given)
+    if given.filter is not None:
+        setup.filter = protection(given, setup)
     if given.goal is not None and not setup.limits.within(given.goal[2]):
         raise UserError(f"--goal: z={given.goal[2]:g} must be within {setup.limits.depths}; see --depth")
+    if given.goal is not None and setup.filter is not None:
+        room = setup.filter.room(np.array(given.goal))
+        if room < 0.0:
+            x, y, z = given.goal
+            raise UserError(f"--goal {x:g} {y:g} {z:g}: is {-room:.2g} m too near to a solid for the filter")
     options = {"sim_time": given.sim_time, "say": lambda text: print(f"pilot: {text}", flush=True)}
     # Until the vehicle is found, Ctrl-C exits at once.
     pilot, begin, stopped = (_over_ros if given.mavlink is None else _over_mavlink)(given, setup, options)
@@ -197,6 +222,11 @@ def _check(given: argparse.Namespace) -> None:
             raise UserError(
                 f"--{flag.replace('_', '-')}: is {'not ' if exciting else ''}for {excite.NAME}; leave it out"
             )
+    for flag in ("tank", "bottom"):
+        if getattr(given, flag) is not None and given.filter is None:
+            raise UserError(f"--{flag}: needs --filter cbf, which keeps the vehicle away from it")
+    if given.tank is not None and given.bottom is not None:
+        raise UserError("--bottom: a tank has a bottom; leave out --tank or --bottom")
     if given.yaw is not None and given.goal is None:
         raise UserError(f"--yaw {given.yaw:g}: needs --goal, the station whose heading it is")
     if exciting and given.frequency is not None and given.frequency < excite.SLOWEST:
@@ -320,6 +350,37 @@ def _excitation(given: argparse.Namespace) -> Steering:
     return Steering(controller, vehicle, frequency, spec, limits, excite.NAME, once=True)
 
 
+def protection(given: argparse.Namespace, setup: Steering) -> Filter:
+    """Return the safety filter that --filter, --tank and --bottom ask for.
+
+    Raises:
+        UserError: a package that only the filter needs is not installed, or the bottom cannot be read.
+        ConfigError: the vehicle cannot brake in every direction.
+    """
+    try:
+        from auvbench.config import worlds
+        from auvbench.config.filters import Barrier
+        from auvbench.tasks.filters.flight import Protection
+        from auvbench.worlds import grids
+    except ModuleNotFoundError as error:
+        raise UserError(f"--filter {given.filter}: needs {error.name}: pip install {error.name}") from error
+    world: Any = None
+    if given.tank is not None:
+        length, width, depth = given.tank
+        world = worlds.Tank(**defaults("world", "tank") | {"length": length, "width": width, "depth": depth})
+    elif given.bottom is not None:
+        try:
+            grids.read(given.bottom, "")
+        except ValueError as error:
+            raise UserError(f"--bottom {given.bottom}: {error}") from error
+        # The file's x and y are those of the vehicle's poses.
+        file = worlds.BottomFile(file=given.bottom, sha256="", origin=[0.0, 0.0])
+        world = worlds.Bottom(**defaults("world", "bottom") | {"bottom": file})
+    limits = setup.limits
+    settings = Barrier(**defaults("filter", given.filter))
+    return Protection(settings, setup.vehicle, setup.frequency, (limits.depth_low, limits.depth_high), world)
+
+
 def _limits(given: argparse.Namespace, task: tasks.Task, **options: Any) -> Limits:
     from auvbench.pilot.steering import Limits
 
@@ -361,6 +422,7 @@ def _about(setup: Steering) -> dict[str, Any]:
     limits = setup.limits
     return {
         "controller": setup.name,
+        **({} if setup.filter is None else {"filter": "cbf"}),
         "vehicle": setup.vehicle.name,
         "actuators": list(setup.vehicle.actuators),
         "frequency_hz": setup.frequency,

@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 import subprocess
 import sys
 from types import SimpleNamespace
@@ -314,6 +315,67 @@ def test_a_manoeuvre_is_the_telegraph_signal_of_its_axis_and_ends_at_rest():
     assert not np.any(actions[400])
     manoeuvre.reset(np.zeros(1, dtype=np.int64))
     np.testing.assert_array_equal(manoeuvre.act(seen)[0], actions[0])
+
+
+def protected(*arguments):
+    given = command.parser().read(["pid", *arguments])
+    setup = command._setup(given)
+    setup.filter = command.protection(given, setup)
+    return setup
+
+
+def test_a_filter_keeps_a_pilot_off_the_walls_of_a_tank_and_says_how_often(tmp_path):
+    tank = ["--filter", "cbf", "--tank", "8", "8", "30", "--depth", "-60", "-1"]
+    setup = protected(*tank)
+    log = setup.logbook = Logbook(tmp_path / "log", {"frequency_hz": 10.0})
+    overrides = [f"vehicle={setup.vehicle.name}", "algo=pid", "noise=none", "disturbance=none"]
+    ends = []
+    for kept in (setup.filter, None):
+        batch = Batch(train_config(compose("train", overrides, folder=None)), 1, seed=3, autoreset=False)
+        batch.reset()
+        pose, velocity = batch.simulator.pose[0], batch.simulator.velocity[0]
+        x, y, z = pose[:3]
+        # Beyond the wall, which a pilot does not accept as a waypoint.
+        setup.filter, setup.waypoint = kept, np.array([x + 12.0, y, z])
+        for _ in range(120):
+            setup.advance(pose)
+            batch.step(setup.act(pose.copy(), velocity.copy())[None])
+        setup.end("the test is over")
+        setup.write()
+        ends.append(protected(*tank).filter.room(pose[:3]))
+    # Without the filter the vehicle is through the wall; with it, it waits at the margin of 0.1 m.
+    assert ends[1] < -1.0
+    assert -0.1 < ends[0] < 0.1
+    filtered, plain = log._reasons
+    assert re.search(r"; the filter changed [1-9]\d* commands, 0 of them beyond", filtered)
+    assert plain == "the test is over"
+
+
+def test_a_filter_knows_the_bottom_of_a_file_where_the_poses_are(tmp_path):
+    heights = {(x, y): -10.0 + 0.5 * x for x in range(-8, 9) for y in range(-8, 9)}
+    file = tmp_path / "bottom.csv"
+    file.write_text("x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for (x, y), z in heights.items()))
+    filtered = protected("--filter", "cbf", "--bottom", str(file)).filter
+    deep, shallow = (filtered.room(np.array([x, 2.0, -8.0])) for x in (-4.0, 2.0))
+    hull = (4.0 / math.sqrt(1.25)) - deep  # at x = -4 the plane is 4 m below, and its slope is 1 in 2
+    assert 0.2 < hull < 0.6
+    assert shallow == pytest.approx(1.0 / math.sqrt(1.25) - hull, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["--tank", "8", "8", "30"], "--tank: needs --filter cbf"),
+        (["--filter", "cbf", "--tank", "8", "8", "30", "--bottom", "b.csv"], "leave out --tank or --bottom"),
+        (["--filter", "cbf", "--bottom", "b.csv"], "--bottom b.csv: "),
+        (["--filter", "cbf", "--vehicle", "lrauv"], "needs a vehicle with only thrusters"),
+        (["--filter", "cbf", "--tank", "8", "8", "30", "--goal", "3.9", "0", "-9"], "too near to a solid"),
+        (["--filter", "cfb"], "cbf"),
+    ],
+)
+def test_a_filter_that_cannot_protect_is_refused(arguments, text, capsys):
+    assert main(["pilot", "pid", *arguments]) == 2
+    assert text in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,110 @@
+"""Protect one vehicle that a pilot steers (docs/safety.md)."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from auvbench.config.filters import Barrier
+from auvbench.config.worlds import Solid
+from auvbench.dynamics.random import WORLD
+from auvbench.registry import WORLDS, resolve
+from auvbench.tasks.filters.barrier import BarrierFilter
+from auvbench.tasks.filters.rows import CHANGED, INFEASIBLE
+from auvbench.tasks.worlds.base import Episode
+from auvbench.tasks.worlds.contact import HULL
+from auvbench.tasks.worlds.surroundings import hull_of
+from auvbench.vehicles.vehicle_model import VehicleModel
+from auvbench.worlds.casting import clearance
+from auvbench.worlds.solids import NO_HEIGHTS, SOLID
+
+Floats = NDArray[np.float64]
+
+FAR = 1e6
+"""m, room where nothing is near"""
+
+
+class Protection:
+    """Filter of the commands of one vehicle on its map.
+
+    Args:
+        settings: of the filter, which knows the map.
+        vehicle: sheet of the vehicle.
+        frequency: rate of the commands, Hz.
+        depths: lowest and highest z, m.
+        world: world with the same solids in every episode; None: open water.
+
+    Raises:
+        ConfigError: the vehicle cannot brake in every direction, or the world cannot be read.
+    """
+
+    def __init__(
+        self,
+        settings: Barrier,
+        vehicle: VehicleModel,
+        frequency: float,
+        depths: tuple[float, float],
+        world: Solid | None = None,
+    ) -> None:
+        low, high = depths
+        config: Any = SimpleNamespace(
+            filter=settings,
+            step=SimpleNamespace(frequency=frequency),
+            task=SimpleNamespace(depth_low=low, depth_high=high),
+            disturbance=SimpleNamespace(delay=SimpleNamespace(action=0.0, observation=0.0)),
+        )
+        unseen: Any = None  # observations show echoes, and the filter knows the map
+        self._filter = BarrierFilter(config, vehicle, unseen, 1)
+        self._margin = settings.margin
+        self._solids, self._heights, self._hull = np.zeros(0, SOLID), NO_HEIGHTS, np.zeros(1, HULL)
+        if world is not None:
+            self._hull = hull_of(world, vehicle).view(np.ndarray)
+            kind = resolve(WORLDS[world.name].code)(world, low, float(self._hull["radius"][0]))
+            middle = np.array([0.0, 0.0, 0.5 * (low + high)])
+            self._solids, _ = kind.draw(Episode(middle, middle, (0, WORLD, 0, 0)))
+            self._heights = kind.heights
+        # The first call compiles, which a vehicle under power must not wait for.
+        at_rest = np.array([0.0, 0.0, 0.5 * (low + high), 1.0, 0.0, 0.0, 0.0])
+        self.protect(at_rest, np.zeros(6), np.zeros(len(vehicle.actuators)))
+        self.begin()
+
+    def begin(self) -> None:
+        """Count anew."""
+        self._filter.tallies[:] = 0.0
+
+    @property
+    def changed(self) -> int:
+        """Number of commands that were changed."""
+        return int(self._filter.tallies[0, CHANGED])
+
+    @property
+    def infeasible(self) -> int:
+        """Number of commands for which the thrusters were too weak to keep every limit."""
+        return int(self._filter.tallies[0, INFEASIBLE])
+
+    def room(self, point: Floats) -> float:
+        """Return the distance in m that is left between the hull at a point (3,), in any direction, and the nearest solid's margin."""
+        if not len(self._solids):
+            return FAR
+        distance, nearest, gradient = np.empty(1), np.empty(1, np.int64), np.empty((1, 3))
+        clearance(self._solids, self._heights, 0.0, point[None], FAR, distance, nearest, gradient)
+        hull = self._hull[0]
+        return float(distance[0] - hull["radius"] + hull["first"] - self._margin)
+
+    def protect(self, pose: Floats, velocity: Floats, action: Floats) -> Floats:
+        """Return the command (n_u,) nearest to `action` that leads to no contact.
+
+        Args:
+            pose: (7,), as measured.
+            velocity: (6,) over ground, body axes, as measured.
+            action: (n_u,) in [-1, 1].
+        """
+        kept = np.array(action, dtype=np.float64)[None]
+        counts = np.array([len(self._solids)])
+        around = np.zeros(1, np.int64), counts, self._solids[None], self._heights, self._hull
+        self._filter.act(pose[None], velocity[None], kept, np.zeros((1, 0), np.float32), around, 0, 1)
+        result: Floats = kept[0]
+        return result
