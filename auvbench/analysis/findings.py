@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from auvbench.analysis.formatting import counted, difference, name, turned, unit
-from auvbench.analysis.labels import OBSERVATION, in_words, part, sort_key, unobserved
+from auvbench.analysis.labels import OBSERVATION, in_words, observed, part, sort_key
 from auvbench.analysis.measures import TIMEOUT, Measure, measure
 from auvbench.analysis.records import Agent, Finding, Ranking, learns, run_ids, task_of
 from auvbench.analysis.typical import Typical
@@ -244,7 +244,9 @@ def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> li
 
 def _level(factor: str, level: Any, levels: Sequence[Any]) -> str:
     if factor == OBSERVATION:
-        missing = unobserved(level, levels).replace("_", " ")
-        return f"policies without {missing}" if missing else "policies with all observations"
+        what, blocks = observed(level, levels)
+        if not blocks:
+            return "policies with all observations"
+        return f"policies {'with' if what == 'observed' else 'without'} {blocks.replace('_', ' ')}"
     text = part(factor, level)
     return f"policies trained with {text}" if in_words(factor, level) else text

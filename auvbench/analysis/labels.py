@@ -134,7 +134,7 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
 
     A value is left out if it is the same for all learners, or the usual one; a controller shows only what
     varies among the agents of its own algorithm. Values that the test fixes for all follow "trained with". An
-    observation is shown by the blocks that it lacks.
+    observation is shown by the blocks that it lacks or has.
 
     Args:
         keys: values by short name of a configuration key, for each agent.
@@ -160,21 +160,29 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
             if n == "algo"
             or (n not in left_out and len({str(k[n]) for k in peers}) > 1 and not _foreign(n, key, keys))
         ]
-        missing = unobserved(key.get(OBSERVATION), observations)
-        names_shown = ["unobserved" if n == OBSERVATION else n for n in shown if n != OBSERVATION or missing]
-        short.append(label_of({**key, "unobserved": missing}, names_shown, frequency_fixed))
+        what, blocks = observed(key.get(OBSERVATION), observations)
+        names_shown = [what if n == OBSERVATION else n for n in shown if n != OBSERVATION or blocks]
+        short.append(label_of({**key, what: blocks}, names_shown, frequency_fixed))
     full = [label_of(key, list(key), frequency_fixed) for key in keys]
     return [s if short.count(s) == 1 else f for s, f in zip(short, full, strict=True)]
 
 
-def unobserved(observation: Any, observations: Sequence[Any]) -> str:
-    """Return the blocks that an observation lacks, of all blocks that some agent observes.
+def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
+    """Return what distinguishes an observation from others: `unobserved` and the blocks that it lacks of all that some agent observes,
+    or, if they are fewer, `observed` and its blocks that not all agents observe.
 
-    >>> unobserved("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
-    'velocity, gravity'
+    >>> observed("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
+    ('unobserved', 'velocity, gravity')
+    >>> observed("['gravity', 'way']", ["['gravity', 'way']", "['gravity', 'range.ideal']", "['gravity', 'range.ping1d']"])
+    ('observed', 'way')
     """
-    blocks = dict.fromkeys(block for other in observations for block in _words(other))
-    return ", ".join(block for block in blocks if block not in _words(observation))
+    own = _words(observation)
+    others = [_words(other) for other in observations]
+    blocks = dict.fromkeys(block for words in others for block in words)
+    lacking = [block for block in blocks if block not in own]
+    special = [block for block in own if not all(block in words for words in others)]
+    what, shown = ("observed", special) if 0 < len(special) < len(lacking) else ("unobserved", lacking)
+    return what, ", ".join(shown)
 
 
 def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
@@ -234,7 +242,7 @@ def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:
 
 def _words(value: Any) -> list[str]:
     """Return the words of a list that is shown as text, such as an observation; empty for any other value."""
-    return re.findall(r"'(\w+)'", value) if isinstance(value, str) and value.startswith("['") else []
+    return re.findall(r"'([\w.]+)'", value) if isinstance(value, str) and value.startswith("['") else []
 
 
 def sort_key(value: Any) -> tuple[int, float, str]:

@@ -81,6 +81,7 @@ def test_every_answer_composes_and_is_valid(override):
         "reward=tracking": "waypoint",
         "reward=path": "path_following",
         "reward=goal": "docking",
+        "reward=transit": "transit",
         "reward=gym_auv_path": "path_following",
         "reward=gym_dockauv": "docking",
         "reward=gym_dockauv_radar": "docking",
