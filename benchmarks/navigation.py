@@ -41,6 +41,7 @@ LATE = "sensors.usbl.alignment=0", "sensors.usbl.outliers=0", "sensors.usbl.lost
 """a USBL whose errors are those of the filter's model"""
 LONG = 100
 """s on a trajectory"""
+TEAMS = 200
 KNOWN, LOSS = 40, 60
 """s with the DVL, then without"""
 
@@ -254,6 +255,38 @@ def losses() -> Iterator[Sequence[str]]:
             yield water, f"`{kind}`", f"{rms:.2f} m", f"{np.median(grown):.2f} m", f"{np.mean(nees):.2f}"
 
 
+def in_team(*words: str) -> tuple[list[float], Floats, int]:
+    """Return root mean squares of the errors in m of beacons and others, the NEES per coordinate of others (k,), and the number of
+    successful teams, until each episode's end.
+    """
+    one = batch("world=open", "vehicle=bluerov2_heavy", "task=formation", "sensors=team", *words, n=TEAMS)
+    agent, navigation = agents.make(one.config, one.vehicle), estimator(one)
+    agent.reset(np.arange(one.n))
+    seen, sums, won = one.task.observation, np.zeros((3, one.n)), 0
+    live = np.ones(one.n, dtype=bool)
+    while live.any():
+        transition = one.step(agent.act(seen))
+        seen, d = transition.observation, navigation.state
+        sums[:, live] = [d[name][live] for name in ("error_squared_sum", "nees", "counted")]
+        live[transition.ended] = False
+        won += sum(record["outcome"] == "success" for record in transition.records[:: one.team])
+    beacon = np.arange(one.n) % one.team < navigation.parameters[0].beacons
+    errors = [math.sqrt(sums[0, who].sum() / sums[2, who].sum()) for who in (beacon, ~beacon)]
+    return errors, (sums[1] / sums[2] / 3.0)[~beacon], won
+
+
+def messages() -> Iterator[Sequence[str]]:
+    """Measure what ranges are worth to the vehicles of a team that drift; without messages, nothing else changes."""
+    two = "task.vehicles=4", "sensors.modem.beacons=2", "sensors.usbl.vehicles=2"
+    matched = (*(word for word in MATCHED if "dvl" not in word and "gate" not in word), *LATE[:3])
+    for sensors, own in (("matched", matched), ("`team`", ())):
+        for beacons, words in (("1 of 3", ()), ("2 of 4", two)):
+            for ranges, lost in (("none", ("task.message_loss=1",)), ("independent", ("sensors.modem.memory=1e-3",)), ("as `team`", ())):  # fmt: skip
+                errors, nees, won = in_team("navigation=ekf_model", *own, *words, *lost)
+                both = (f"{error:.2f} m" for error in errors)
+                yield sensors, beacons, ranges, *both, shown(nees), f"{won} of {TEAMS}"
+
+
 def straight(*words: str) -> Floats:
     """Return the horizontal errors (draws,) at the end of a straight kilometre, as shares of it."""
     still = ("world.dip=0", "task.max_steps=1000000", "sensors.dvl.lost=0")
@@ -336,6 +369,10 @@ TABLES = {
     f"Positions: {DRAWS} trajectories of {LONG} s": (
         ("sensors", "further states", "error (RMS)", "NEES", "NIS USBL"),
         positions,
+    ),
+    f"Messages: {TEAMS} teams of 60 s, `ekf_model`": (
+        ("sensors", "beacons", "ranges", "beacons' error (RMS)", "others'", "others' NEES", "success"),
+        messages,
     ),
     "Drift over a straight kilometre": (("DVL and heading", "expected", "`ekf`", "`dead_reckoning`"), drift),
     "Speed: 1024 environments": (("navigation", "steps per second", "of truth"), speed),

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from auvbench.config.fields import below, choice_of, number, require
+from auvbench.config.fields import below, choice_of, later, number, require
 from auvbench.config.fields import name as plain_name
 from auvbench.config.ranges import SOUND
 from auvbench.errors import ConfigError
@@ -117,6 +117,7 @@ class Usbl:
     lost: float = number(0.0, 0.99)
     burst: float = number(0.01, 1e4)  # s
     delay: float = number(0.0, 10.0)  # s
+    vehicles: int = later(number(1, 8), 8)
 
     def check(self) -> None:
         """Raise ConfigError if keys contradict each other."""
@@ -138,7 +139,16 @@ class Gnss:
     offset: float = number(0.0, 100.0)  # m
 
 
-SENSORS = ("imu", "dvl", "depth", "heading", "usbl", "gnss")
+@dataclass(kw_only=True)
+class Modem:
+    """Ranges of the acoustic messages of a team (noise: the nanomodem of MARUS, as `config.tasks.formation`)."""
+
+    noise: float = number(1e-3, 100.0)  # m
+    beacons: int = number(1, 7)
+    memory: float = number(0.0, 1e6, open_low=True)  # s
+
+
+SENSORS = ("imu", "dvl", "depth", "heading", "usbl", "gnss", "modem")
 """keys of the sensors that a vehicle may have"""
 
 
@@ -153,6 +163,7 @@ class Sensors:
     heading: Heading | None = None
     usbl: Usbl | None = None
     gnss: Gnss | None = None
+    modem: Modem | None = None
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the sensors that the vehicle has."""
@@ -280,10 +291,16 @@ def check(config: TrainConfig) -> None:
             f"navigation={navigation.name}: needs sensors.{missing[0]}, which sensors={sensors.name} does not have; use "
             f"sensors={able}"
         )
-    if unread := [name for name in ("usbl", "gnss") if name in sensors.names() and not navigation.is_filter]:
+    unread = [
+        name for name in ("usbl", "gnss", "modem") if name in sensors.names() and not navigation.is_filter
+    ]
+    if unread:
+        what = "ranges" if unread[0] == "modem" else "positions"
         raise ConfigError(
-            f"sensors.{unread[0]}: navigation={navigation.name} cannot use positions; use navigation=ekf"
+            f"sensors.{unread[0]}: navigation={navigation.name} cannot use {what}; use navigation=ekf"
         )
+    if sensors.modem is not None:
+        _check_messages(sensors.modem, config)
     if sensors.gnss is not None and config.task.depth_high < -sensors.gnss.depth:
         raise ConfigError(
             f"sensors.gnss.depth={sensors.gnss.depth:g}: the vehicle stays below task.depth_high={config.task.depth_high:g} and"
@@ -330,6 +347,23 @@ def _check_alone(config: TrainConfig) -> None:
         raise ConfigError(
             f"disturbance.delay.observation={disturbance.delay.observation:g}: {chosen} has the delays of its sensors; use 0"
         )
+
+
+def _check_messages(modem: Modem, config: TrainConfig) -> None:
+    """Refuse ranges without acoustic messages or without a vehicle that takes them."""
+    task: Any = config.task
+    if getattr(task, "messages", "") != "acoustic":
+        chosen = f"task.messages={task.messages}" if hasattr(task, "messages") else f"task={task.name}"
+        raise ConfigError(
+            f"sensors.modem: {chosen} has no acoustic messages; use task=formation with task.messages=acoustic, or another "
+            "sensors="
+        )
+    what = f"be less than task.vehicles={task.team}: the others take the beacons' ranges"
+    require(modem.beacons < task.team, "sensors.modem.beacons", modem.beacons, what)
+    assert config.sensors.imu is not None
+    least = 1.0 / task.turn_time
+    what = f"be at least {least:.3g} Hz, so that no two vehicles speak between two samples"
+    require(config.sensors.imu.rate >= least, "sensors.imu.rate", config.sensors.imu.rate, what)
 
 
 def _check_rates(config: TrainConfig) -> None:

@@ -3,7 +3,7 @@
 The errors are position and velocity (world axes), attitude (world axes: R = exp([phi]x) R_estimated, section 7) and the biases of
 accelerometers and gyros (body axes). `navigation=ekf_model` has two more: a horizontal current. With `dvl_scale` and `heading_bias` the
 DVL's scale and the compass's constant error are states, and with a USBL the position at its last ping ("stochastic cloning": Roumeliotis and Burdick, ICRA 2002), so that a late position
-corrects the present one exactly. Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
+corrects the present one exactly; with a modem, also the position at a beacon's last message. Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
 when a reading arrives and at the end of an agent step. Updates are scalar, in Joseph's form. Other errors that last an episode (iron,
 density, alignment) are not states: they enlarge the standard deviation of each reading, as if they were drawn anew. A reading that the
 gate rejects many times in a row is believed, as ArduPilot's EKF3 does after a time-out.
@@ -32,6 +32,7 @@ from auvbench.tasks.navigation.state import (
     GNSS,
     HEADING,
     MODEL,
+    MODEM,
     RATE_BIAS,
     STATES,
     USBL,
@@ -208,7 +209,7 @@ def update(
         p: parameters.
         P: covariance.
         work: its row CHANGE gets the change of the states.
-        sensor: DVL, DEPTH, HEADING or MODEL.
+        sensor: DVL, DEPTH, HEADING, MODEL, GNSS or MODEM.
         part: axis or beam of a DVL's reading, which the gate judges separately; 0 for other sensors.
         innovation: reading less prediction.
         sd: standard deviation of the reading.
@@ -225,7 +226,7 @@ def update(
     gated = sensor * PARTS + part
     if nis <= p.gate:
         d.rejected[gated] = 0
-    elif sensor == MODEL or d.rejected[gated] < GATED:  # A sheet may be wrong for ever.
+    elif sensor in (MODEL, MODEM) or d.rejected[gated] < GATED:  # A sheet or a beacon may be wrong for ever.
         d.rejected[gated] += 1
         return False
     else:  # The covariance is wrong. The states that the reading shows are uncertain by the innovation, and the others keep theirs.
@@ -275,6 +276,9 @@ def inject(d: Record, p: Record, P: Floats, work: Floats) -> None:
     if p.ping_state > 0:
         k = p.ping_state
         put(d.ping_position, add(triple(d.ping_position), (x[k], x[k + 1], x[k + 2])))
+    if p.modem_state > 0:
+        k = p.modem_state
+        put(d.range_position, add(triple(d.range_position), (x[k], x[k + 1], x[k + 2])))
     half = scale(0.5, phi)
     for j in range(P.shape[0]):
         own = P[ATTITUDE, j], P[ATTITUDE + 1, j], P[ATTITUDE + 2, j]
@@ -377,10 +381,9 @@ def correct_heading(d: Record, p: Record, P: Floats, work: Floats) -> None:
 
 
 @called
-def remember(d: Record, p: Record, P: Floats) -> None:
-    """Make the present position the position at the last ping of the USBL."""
+def remember(d: Record, p: Record, P: Floats, k: int) -> None:
+    """Make the present position the past one, of a USBL's last ping or a beacon's last message, that begins at state k."""
     propagate(d, p, P)
-    k = p.ping_state
     for j in range(P.shape[0]):
         P[k, j], P[k + 1, j], P[k + 2, j] = three(P, 0, j)
     for j in range(P.shape[0]):
@@ -430,7 +433,7 @@ def correct_fix(d: Record, p: Record, P: Floats, work: Floats) -> None:
             P[i, :] = 0.0
             P[:, i] = 0.0
             P[i, i] = dot(errors, errors)
-        remember(d, p, P)
+        remember(d, p, P, k)
     work[CHANGE, :] = 0.0
     for i in range(3):
         put_sight(p, B[i], work)

@@ -106,6 +106,8 @@ class Navigation:
         rows = start, self.task.n if stop is None else stop
         own = self.task.rows, self._state, self._parameters, self.covariance, self.task.stream
         loops.sample_rows(*rows, *own, simulator.pose, simulator.velocity, *self._scene, seconds)
+        if self.parameters[0].beacons:
+            loops.range_rows(*rows, *own)
 
     def conclude(
         self, action: Floats, force: Floats, power: Floats, start: int = 0, stop: int | None = None

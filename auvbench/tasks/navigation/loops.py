@@ -11,7 +11,18 @@ from numpy.typing import NDArray
 from auvbench.dynamics.compiled import borrowed, compiled
 from auvbench.dynamics.vectors import product as rotate
 from auvbench.dynamics.vectors import rotation_matrix, subtract, transposed_product
-from auvbench.tasks.navigation import compass, dead_reckoning, dvl, ekf, gnss, imu, model, pressure, usbl
+from auvbench.tasks.navigation import (
+    compass,
+    dead_reckoning,
+    dvl,
+    ekf,
+    gnss,
+    imu,
+    model,
+    modem,
+    pressure,
+    usbl,
+)
 from auvbench.tasks.navigation.state import (
     DEPTH,
     DVL,
@@ -19,6 +30,7 @@ from auvbench.tasks.navigation.state import (
     HEADING,
     LOST,
     MODEL,
+    MODEM,
     NEVER,
     USBL,
     has_arrived,
@@ -58,6 +70,7 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     dvl.begin(e, d, p, stream)
     usbl.begin(e, d, p, stream)
     gnss.begin(e, d, p, stream)
+    modem.begin(d)
     for sensor in range(len(d.arrives)):
         d.arrives[sensor], d.stamp[sensor] = NEVER, -1.0
         d.nis[sensor] = d.innovations[sensor] = 0.0
@@ -160,9 +173,9 @@ def ping(
 @row
 def locate(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int) -> None:
     """Measure the position if USBL or GNSS are due, and correct the estimate by positions that arrive now."""
-    if p.has_usbl > 0:
+    if usbl.has(e, p):
         if is_due(d, USBL) and usbl.sense(e, d, p, stream):
-            ekf.remember(d, p, P)
+            ekf.remember(d, p, P, p.ping_state)
         if has_arrived(d, USBL):
             ekf.correct_fix(d, p, P, work)
     if p.has_gnss > 0 and is_due(d, GNSS) and gnss.sense(e, d, p, stream):
@@ -262,6 +275,26 @@ def sample_rows(
             solids[i, : counts[i]], heights, seconds,
         )  # fmt: skip
     memory[:] = 0.0  # numba frees memory after its last use, and does not see what is borrowed
+
+
+@compiled("dynamics", "worlds", "tasks", ".")
+def range_rows(
+    first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, stream: int
+) -> None:
+    """Measure ranges to beacons whose turn begins now, and correct the estimates by messages that arrive now, in the teams of rows
+    first .. stop - 1, which `sample_rows` has moved.
+    """
+    p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
+    work, covariances = borrowed(memory), borrowed(covariances)
+    for i in range(first, stop):
+        e, d, P = episodes[i], states[i], covariances[i]
+        if has_arrived(d, MODEM) and d.diverged == 0:
+            modem.correct(d, p, P, work)
+        if is_due(d, MODEM):
+            j = i - i % p.team + modem.next_speaker(d, p)
+            if modem.hears(e, d, p, stream):
+                modem.sense(e, d, p, P, stream, states[j], covariances[j])
+    memory[:] = 0.0  # as in `sample_rows`
 
 
 @compiled("dynamics", "worlds", "tasks", ".")

@@ -12,6 +12,7 @@ from scipy.special import chdtri
 
 from auvbench.config import schema
 from auvbench.config.navigation import Gnss, Model, Usbl
+from auvbench.config.tasks.formation import MOST
 from auvbench.dynamics.compiled import called
 from auvbench.dynamics.layout import Quaternion
 from auvbench.dynamics.random import NAVIGATION, normal4, uniform4
@@ -24,8 +25,9 @@ MODEL_STATES = 17
 """States of the filter with the vehicle's sheet: also errors of a horizontal current (world axes)"""
 VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS, CURRENT = 3, 6, 9, 12, 15
 """first index of each group of states; position is at 0. The DVL's scale, the compass's constant error and the position at the last ping of
-a USBL, if they are states, follow at `p.scale_state`, `p.bias_state` and `p.ping_state`."""
-DVL, DEPTH, HEADING, MODEL, USBL, GNSS = 0, 1, 2, 3, 4, 5
+a USBL, if they are states, follow at `p.scale_state`, `p.bias_state` and `p.ping_state`; at `p.modem_state` the position when a beacon sent
+its last message."""
+DVL, DEPTH, HEADING, MODEL, USBL, GNSS, MODEM = 0, 1, 2, 3, 4, 5, 6
 """index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on"""
 SOON = 1e-6
 """s: a measurement that is due this soon is due now"""
@@ -34,7 +36,7 @@ LOST = 1000.0
 NEVER = 1e300
 """s, when a reading arrives that is not under way"""
 
-_V, _Q, _S = (3,), (4,), (6,)
+_V, _Q, _S = (3,), (4,), (7,)
 FIELDS: tuple[tuple[Any, ...], ...] = (
     ("samples", "i8"),  # of the IMU in the episode
     ("time", "f8"),  # s, in the episode
@@ -82,11 +84,20 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("ping_position", "f8", _V),  # m, what the estimate says now of the position at that ping
     ("gnss_offset", "f8", (2,)),  # m
     ("gnss_fix", "f8", (2,)),  # m, measured
+    # Ranges of messages
+    ("turn", "i8"),  # number of turns that have begun
+    ("speaker", "i8"),  # index in the team of the vehicle that spoke in the last one
+    ("sent", "f8"),  # s, of the last message of a beacon that is heard
+    ("measured_range", "f8"),  # m
+    ("range_position", "f8", _V),  # m, what the estimate says now of the own position when it was sent
+    ("beacon", "f8", _V),  # m, the beacon's estimate of its position then
+    ("stated", "f8", (3, 3)),  # m2, its covariance
+    ("beacon_sent", "f8", (MOST,)),  # s, of the last range to each beacon; -1: none
     # Of each sensor
     ("due", "f8", _S),  # s, of the next measurement
     ("arrives", "f8", _S),  # s
     ("stamp", "f8", _S),  # s, of the last valid reading that arrived
-    ("rejected", "i8", (24,)),  # readings that failed the gate in a row: four parts of each
+    ("rejected", "i8", (28,)),  # readings that failed the gate in a row: four parts of each
     ("nis", "f8", _S),  # sum of normalised innovations squared
     ("innovations", "f8", _S),  # their number
     # Estimate
@@ -144,13 +155,21 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
     usbl, gnss = sensors.usbl, sensors.gnss
     current_end = STATES if model is None else MODEL_STATES
     scaled = getattr(navigation, "dvl_scale", False)
-    states = current_end + scaled + biased + (0 if usbl is None else 3)
+    modem_state = current_end + scaled + biased + (0 if usbl is None else 3)
+    modem, task = sensors.modem, config.task
+    states = modem_state + (0 if modem is None else 3)
     return {
         "states": states,
         "current_end": current_end,  # state after those of the current
         "scale_state": current_end if scaled else 0,  # 0: it is not a state
         "bias_state": current_end + scaled if biased else 0,
-        "ping_state": 0 if usbl is None else states - 3,  # 0: there is no USBL
+        "ping_state": 0 if usbl is None else modem_state - 3,  # 0: there is no USBL
+        "modem_state": 0 if modem is None else modem_state,
+        "beacons": 0 if modem is None else modem.beacons,
+        "modem_noise": 0.0 if modem is None else modem.noise,
+        "modem_memory": 1.0 if modem is None else modem.memory,
+        "team": task.team,
+        **{key: 0.0 if modem is None else float(getattr(task, key)) for key in _MESSAGES},
         "is_filter": int(navigation.is_filter),
         "gravity": gravity,
         "start_position": navigation.start.position,
@@ -178,11 +197,12 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
         "dvl_flattest": 0.0 if dvl is None else math.cos(dvl.incidence),
         **{f"dvl_{name}": 0.0 if dvl is None else float(getattr(dvl, name)) for name in _DVL},
         "has_usbl": int(usbl is not None),
+        "usbl_vehicles": 0 if usbl is None else usbl.vehicles,
         "usbl_position": [0.0] * 3 if usbl is None else usbl.position,
         **{
             f"usbl_{key.name}": 0.0 if usbl is None else float(getattr(usbl, key.name))
             for key in fields(Usbl)
-            if key.name != "position"
+            if key.name not in ("position", "vehicles")
         },
         "has_gnss": int(gnss is not None),
         **{
@@ -196,6 +216,8 @@ _DVL = (
     *("low", "high", "fastest", "merit_low", "merit_high", "scale", "mounting"),
     *("lost", "burst", "delay"),
 )
+
+_MESSAGES = ("turn_time", "transmission", "message_loss")
 
 
 def _numbers(prefix: str, sensor: Any) -> Mapping[str, float]:

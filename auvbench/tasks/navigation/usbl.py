@@ -15,16 +15,22 @@ from auvbench.dynamics.layout import Matrix, Vector
 from auvbench.dynamics.vectors import add, cross, dot, scale, subtract
 from auvbench.tasks.navigation.state import NEVER, USBL, expect, next_of_burst, normals, uniforms
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import put, row, triple
+from auvbench.tasks.rows import VEHICLE, put, row, triple
 
 STEEP = 0.5
 """square of the cosine between line of sight and vertical, from which on `sight` takes its axes from x instead of z"""
 
 
 @row
+def has(e: Record, p: Record) -> bool:
+    """Return whether the vehicle has a transponder: in a team, the first ones may have it alone."""
+    return bool(e.environment // VEHICLE < p.usbl_vehicles)
+
+
+@row
 def begin(e: Record, d: Record, p: Record, stream: int) -> None:
     """Draw the errors of the episode."""
-    if p.has_usbl == 0:
+    if not has(e, p):
         return
     turned, _, _, _ = normals(e, d, stream, 15)
     lost, _, _, _ = uniforms(e, d, stream, 17)

@@ -37,6 +37,7 @@ def play(batch: Batch, steps: int) -> None:
         pass
 
 
+RANGING = "sensors=team", "navigation=ekf_model", "noise=none"
 SAME = ("task.curve=lemniscate", "task.size_low=3", "task.size_high=6", "task.speed_low=0.3")
 
 
@@ -295,6 +296,14 @@ def test_only_whole_teams_begin() -> None:
         ),
         (["algo=ardusub"], "task.vehicles=3: algo=ardusub has one vehicle in an episode"),
         (["world=tank"], "task.vehicles=3: world=tank has one vehicle in an episode"),
+        (
+            [*RANGING, "sensors.modem.beacons=3"],
+            "sensors.modem.beacons=3: must be less than task.vehicles=3: the others take the beacons' ranges",
+        ),
+        ([*RANGING, "task.messages=ideal"], "sensors.modem: task.messages=ideal has no acoustic messages"),
+        ([*RANGING, "task=station_keeping"], "sensors.modem: task=station_keeping has no acoustic messages"),
+        ([*RANGING, "navigation=truth"], "sensors=team: navigation=truth reads no sensor"),
+        ([*RANGING, "sensors.imu.rate=1"], "sensors.imu.rate=1: must be at least 1.94 Hz"),
     ],
 )
 def test_what_a_team_cannot_do_is_refused(overrides: list[str], message: str) -> None:

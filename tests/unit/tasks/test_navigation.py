@@ -23,7 +23,7 @@ from auvbench.envs.settings import configuration
 from auvbench.errors import ConfigError
 from auvbench.runs.identity import run_id
 from auvbench.tasks import records
-from auvbench.tasks.navigation import dvl, ekf, imu, model, usbl
+from auvbench.tasks.navigation import dvl, ekf, imu, model, modem, usbl
 from auvbench.tasks.navigation.state import DVL, FIELDS, GNSS, MODEL, MODEL_STATES, STATES, USBL, VELOCITY
 from auvbench.tasks.navigation.turns import turn, vector_of
 from auvbench.worlds import solids
@@ -228,12 +228,12 @@ def test_small_turns_are_exact() -> None:
         np.testing.assert_allclose(vector_of(tuple(-np.array(turn(tuple(vector))))), vector, rtol=1e-12)
 
 
-ALL_STATES = MODEL_STATES + 5
-"""states with a current, the DVL's scale, the compass's constant error and the position at a ping"""
+ALL_STATES = MODEL_STATES + 8
+"""states with a current, the DVL's scale, the compass's constant error, the position at a ping and at a message"""
 
 
 def shifted(d: Any, x: Floats, p: Any) -> Any:
-    """Return a state whose truth is the errors x (22,) away from it."""
+    """Return a state whose truth is the errors x (25,) away from it."""
     other, work = copy.deepcopy(d), np.zeros((ekf.WORK, len(x)))
     work[ekf.CHANGE] = x
     ekf.inject(other, p, np.zeros((len(x), len(x))), work)
@@ -252,10 +252,10 @@ def test_derivatives_are_those_of_finite_differences() -> None:
     rng, small = np.random.default_rng(2), 1e-5
     p = keys(gravity=9.81, dvl_lever=[0.3, -0.2, -0.1], accelerometer_density=0.0, gyro_density=0.0,
              accelerometer_walk=0.0, gyro_walk=0.0, inflation=1.0, current_end=MODEL_STATES, scale_state=MODEL_STATES,
-             bias_state=MODEL_STATES + 1, ping_state=MODEL_STATES + 2)  # fmt: skip
+             bias_state=MODEL_STATES + 1, ping_state=MODEL_STATES + 2, modem_state=MODEL_STATES + 5)  # fmt: skip
     d = one_state(position=rng.normal(size=3), velocity=rng.normal(size=3), attitude=quaternion([0.3, -0.5, 2.0]),
                   acceleration_bias=0.1 * rng.normal(size=3), rate_bias=0.1 * rng.normal(size=3), rates=rng.normal(size=3),
-                  current=[0.3, -0.2], scale=0.1, bias=0.2, ping_position=[5.0, -3.0, -4.0], specific_force=rng.normal(size=3) + np.array([0.0, 0.0, 9.81]))  # fmt: skip
+                  current=[0.3, -0.2], scale=0.1, bias=0.2, ping_position=[5.0, -3.0, -4.0], range_position=[2.0, 3.0, -9.0], beacon=[4.0, 1.0, -9.5], specific_force=rng.normal(size=3) + np.array([0.0, 0.0, 9.81]))  # fmt: skip
     work, way = np.zeros((ekf.WORK, ALL_STATES)), (0.36, 0.48, -0.8)
 
     def check(reading: Any) -> None:
@@ -280,6 +280,9 @@ def test_derivatives_are_those_of_finite_differences() -> None:
     for line in lines[1:]:  # an angle times the range
         ekf.put_sight(p, line, work)
         check(lambda state, line=line: r * math.asin(np.dot(line, state.ping_position - boat) / r))
+
+    modem.put_derivatives(p, modem.sight(d)[0], work)
+    check(lambda state: np.linalg.norm(state.range_position - state.beacon))
 
     # The transition of ten samples, whose sums are first order in the turn of the vehicle.
     def after(state: Any) -> Any:
@@ -596,6 +599,9 @@ def test_only_a_changed_navigation_changes_the_id_of_a_run() -> None:
     ids = {named("sensors=dvl_a50", "navigation=ekf"), named("sensors=survey", "navigation=ekf"), named()}
     assert len(ids) == 3
     assert VELOCITY == 3
+    assert named("sensors=dvl_usbl", "navigation=ekf").endswith(
+        "-e778ac9a"
+    )  # as before transponders were counted
 
 
 @pytest.mark.parametrize(
