@@ -38,6 +38,7 @@ SECTIONS: tuple[tuple[str, str, str, type], ...] = (
     ("`sensors=dvl_a50`", "sensors/dvl_a50.yaml", "sensors.", navigation.Sensors),
     ("`sensors=dvl_usbl`", "sensors/dvl_usbl.yaml", "sensors.", navigation.Sensors),
     ("`sensors=gnss`", "sensors/gnss.yaml", "sensors.", navigation.Sensors),
+    ("`sensors=team`", "sensors/team.yaml", "sensors.", navigation.Sensors),
     ("`navigation=ekf`", "navigation/ekf.yaml", "navigation.", navigation.Ekf),
     ("`navigation=ekf_model`", "navigation/ekf_model.yaml", "navigation.", navigation.EkfModel),
     (
