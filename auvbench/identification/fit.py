@@ -250,8 +250,11 @@ def _blocks(windows: Windows) -> IntArray:
     return np.unique(keys, return_inverse=True)[1]
 
 
-def _sums(residuals: Residuals, x: FloatArray, blocks: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Return gradients (blocks, n_p) and Gauss-Newton matrices (blocks, n_p, n_p) of the blocks, without the prior."""
+def _sums(residuals: Residuals, x: FloatArray, blocks: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return gradients (blocks, n_p) and Gauss-Newton matrices (blocks, n_p, n_p) of the blocks, without the prior.
+
+    The third result is the change of the gradient (errors, n_p) by one standard deviation of each error of a whole log.
+    """
     everything = range(x.size)
     J = residuals.jacobian(x, everything)
     r = residuals.vector(residuals.raw(x), x)
@@ -260,21 +263,21 @@ def _sums(residuals: Residuals, x: FloatArray, blocks: IntArray) -> tuple[FloatA
     split = n * size
     count = int(blocks.max()) + 1
     gradients, matrices = np.zeros((count, x.size)), np.zeros((count, x.size, x.size))
-    for first, width in ((0, size), (split, len(CHANNELS))):
+    for first, width in ((0, size), (split, residuals.corrections)):
         rows = slice(first, first + n * width)
         part = J[rows].reshape(n, width, -1)
         weighted = part * weights[rows].reshape(n, width, 1)
         np.add.at(gradients, blocks, np.einsum("nri,nr->ni", weighted, r[rows].reshape(n, width)))
         np.add.at(matrices, blocks, np.einsum("nri,nrj->nij", weighted, part))
-    return gradients, matrices
+    return gradients, matrices, residuals.of_whole_logs(x).T @ (weights[:, None] * J)
 
 
-def _covariance(gradients: FloatArray, matrices: FloatArray) -> FloatArray:
-    """Return the covariance (n_p, n_p) with the blocks' own scatter, and the prior's share (a sandwich)."""
+def _covariance(gradients: FloatArray, matrices: FloatArray, errors: FloatArray) -> FloatArray:
+    """Return the covariance (n_p, n_p) with the blocks' own scatter, errors of whole logs, and the prior's share (a sandwich)."""
     count = len(gradients)
     bread = np.linalg.inv(matrices.sum(axis=0) + np.eye(gradients.shape[1]))
     scatter = gradients - gradients.mean(axis=0)
-    meat = scatter.T @ scatter * count / max(1, count - 1)
+    meat = scatter.T @ scatter * count / max(1, count - 1) + errors.T @ errors
     return _bounded(bread @ (meat + np.eye(gradients.shape[1])) @ bread, bread)
 
 
@@ -294,19 +297,19 @@ def _identified(
     blocks: IntArray,
     reasons: dict[str, str],
     told: Callable[[str], None],
-) -> tuple[FloatArray, tuple[FloatArray, FloatArray], float]:
+) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], float]:
     """Return the parameters after those that the logs do not identify went back to their prior, one after the other.
 
     Adds the reasons to `reasons`. The other results are the `_sums` of all parameters, and the condition number.
     """
     names = [parameter.name for parameter in residuals.parameters]
-    gradients, matrices = _sums(residuals, x, blocks)
+    gradients, matrices, errors = _sums(residuals, x, blocks)
     before = len(reasons)
     while True:
         free = [k for k, name in enumerate(names) if name not in reasons]
         if not free:
             break
-        covariance = _covariance(gradients[:, free], matrices[:, free][:, :, free])
+        covariance = _covariance(gradients[:, free], matrices[:, free][:, :, free], errors[:, free])
         # With few blocks the scatter itself is uncertain, by the ratio of Student's quantile to the normal one.
         sd = np.sqrt(np.diag(covariance)) * _quantile(len(gradients)) / _quantile(10**6)
         sd[np.abs(x[free]) > CONTRADICTED] = 0.0
@@ -317,11 +320,11 @@ def _identified(
         x[free[worst]] = 0.0
     still = _settled(residuals, x, reasons, dropped=len(reasons) > before)
     if len(reasons) > before:
-        gradients, matrices = _sums(residuals, x, blocks)
+        gradients, matrices, errors = _sums(residuals, x, blocks)
     total = matrices.sum(axis=0)[np.ix_(still, still)]
     condition = float(np.linalg.cond(total)) if still else float("inf")
     told(f"{len(still)} of {len(names)} parameters identified")
-    return x, (gradients, matrices), condition
+    return x, (gradients, matrices, errors), condition
 
 
 def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropped: bool) -> list[int]:
@@ -368,16 +371,19 @@ def _reason(names: Sequence[str], free: Sequence[int], covariance: FloatArray, w
     return f"the logs leave {100.0 * min(1.0, sd[worst]):.0f} % of the prior's uncertainty"
 
 
-def _resampled(gradients: FloatArray, matrices: FloatArray, replicates: int, seed: int) -> FloatArray:
+def _resampled(
+    gradients: FloatArray, matrices: FloatArray, errors: FloatArray, replicates: int, seed: int
+) -> FloatArray:
     """Return the covariance of bootstrap replicates (Andrews 2002: one Newton step from the fit for each).
 
-    A replicate draws blocks with replacement, and the centre of the prior from the prior.
+    A replicate draws blocks with replacement, the centre of the prior from the prior, and the errors of whole logs.
     """
     generator = np.random.default_rng(seed)
     count, size = gradients.shape
     centred = gradients - gradients.mean(axis=0)
     draws = generator.multinomial(count, np.full(count, 1.0 / count), size=replicates).astype(np.float64)
     centres = generator.standard_normal((replicates, size))
+    centres += generator.standard_normal((replicates, len(errors))) @ errors
     steps = np.empty((replicates, size))
     for k, (draw, centre) in enumerate(zip(draws, centres, strict=True)):
         H = np.einsum("b,bij->ij", draw, matrices) + np.eye(size)

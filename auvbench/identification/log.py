@@ -57,6 +57,25 @@ class Motors(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Lasting:
+    """Standard deviations of errors that outlast a window, so that the scatter of a log does not show their effect.
+
+    The first three are drawn anew for each window, and fitted there; the others are one for the whole log.
+    """
+
+    offset: FloatArray
+    """(12,) of what is measured; infinite for a channel that is not used."""
+    drift: FloatArray
+    """(12,) of what is measured, per s."""
+    early: float
+    """Time in s by which the inputs of a piece of a window are early."""
+    all_early: float
+    """Time in s by which all inputs are early."""
+    depth_scale: float
+    """Relative error of heave velocity and of changes of height, such as by salt in the water."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Log:
     """What one vehicle did under known inputs.
 
@@ -84,6 +103,8 @@ class Log:
     """(T,) supply of the thrusters, V."""
     segments: tuple[tuple[int, int], ...] = ()
     """First row and one past the last row of each part without a gap."""
+    lasting: Lasting | None = None
+    """Errors of what was measured that last; None: what was measured has only noise."""
     remarks: tuple[str, ...] = ()
     """Facts that a user should know, such as gaps."""
 

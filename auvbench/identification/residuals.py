@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.identification.log import CHANNELS, Log
+from auvbench.identification.log import CHANNELS, Lasting, Log
 from auvbench.identification.parameters import Parameter, values_of
 from auvbench.identification.windows import Predictor, Windows
 
 FloatArray = NDArray[np.float64]
 
+OWN = len(CHANNELS)
 DISTURBED = (3, 4, *range(6, 12))
 """First states whose effect is simulated: tilt, velocity and rates. Position and yaw only shift a prediction."""
 TRUSTED = 0.1
 """Smallest standard deviation of a measured velocity or rate at a start, as a share of that of the residuals. Noise that changes
 slowly hides between two rows."""
+PIECE = 0.5
+"""Duration in s of the pieces of a window whose inputs have a time error of their own: few commands change more often."""
+LATEST = 1.7
+"""Largest time error of inputs in standard deviations: sqrt(3) of a uniform one."""
 SMALL = 1e-3
 """Step of finite differences, of states in SI units and of normalised parameters."""
 FLIPPED = 1.0
@@ -28,11 +33,16 @@ FLOORS = (1e-3,) * 3 + (5e-4,) * 3 + (2e-3,) * 3 + (1e-3,) * 3
 """Smallest standard deviation of a residual of each channel."""
 
 
+NOTHING = Lasting(np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0.0, 0.0, 0.0)
+"""Errors of a log that has only noise."""
+
+
 class Residuals:
     """Residuals of one predictor as a function of normalised parameters.
 
-    The first state of a window is measured with noise. Its correction minimises the residuals of the window; it is linear in
-    them, and is computed in closed form at each evaluation (Golub and Pereyra, variable projection).
+    The first state of a window is measured with noise, and some logs have errors that last (`log.Lasting`). Their corrections
+    minimise the residuals of the window; they are linear in them, and are computed in closed form at each evaluation (Golub and
+    Pereyra, variable projection).
 
     Attributes:
         sigma: (channels,) standard deviation of the residuals.
@@ -43,12 +53,20 @@ class Residuals:
         self.predictor = predictor
         self.parameters = tuple(parameters)
         self.windows: Windows = predictor.windows
-        self.channels = list(self.windows.channels)
-        self.there = np.isfinite(self.windows.measured[..., self.channels])
+        self._lasting = tuple(log.lasting for log in self.windows.logs)
+        offset = self._sizes(lambda lasting: lasting.offset)
+        used = np.isfinite(offset)
+        self.channels = [k for k in self.windows.channels if used[:, k].any()]
+        self.there = np.isfinite(self.windows.measured[..., self.channels]) & used[:, None, self.channels]
+        self._offset = np.where(np.isfinite(offset), offset, 0.0)
         self.sigma = self._first_sigma()
         self.weight = np.ones(len(self.channels))
         self.shift = np.zeros((self.windows.n, len(CHANNELS)))
         """Correction (n, 12) of the first states from which predictions start, in standard deviations."""
+        self.wrong = np.zeros((self.windows.n, len(CHANNELS)))
+        """Offset (n, 12) of what is measured that predictions allow for, in standard deviations."""
+        self.late = np.zeros((self.windows.n, len(self._pieces()) if any(self._lasting) else 0))
+        """Time (n, pieces) by which predictions let the inputs come later, in standard deviations."""
         self._noise = np.array([_noise(log) for log in self.windows.logs])
         self._spread = self._start_spread()
         self._gain: tuple[FloatArray, FloatArray] | None = None
@@ -66,14 +84,24 @@ class Residuals:
     @property
     def state(self) -> FloatArray:
         """Return the first states (n, 12) from which predictions start."""
-        return self.windows.state + self.shift * self._spread
+        return self.windows.state + self.shift * self._spread - self._bias
+
+    @property
+    def _bias(self) -> FloatArray:
+        """Return the errors (n, 12) of what is measured that predictions allow for."""
+        return self.wrong * self._offset
 
     def _many(
         self, points: Sequence[FloatArray], states: Sequence[FloatArray | None] | None = None
     ) -> FloatArray:
         """Return `raw` (k, n, m, channels) at k points."""
         starts = [self.state if state is None else state for state in states or [None] * len(points)]
-        predicted = self.predictor.many([values_of(self.parameters, x) for x in points], starts)
+        return self._error(self.predictor.many([values_of(self.parameters, x) for x in points], starts))
+
+    def _error(self, predicted: FloatArray) -> FloatArray:
+        """Return predictions (..., n, m, 12) less measurements, of the measured channels, 0 where nothing was measured."""
+        if any(self._lasting):
+            predicted = predicted + self._bias[:, None]
         error = self.windows.error(predicted)[..., self.channels]
         # A step of the fit may try a vehicle that no time step resolves.
         return np.where(self.there, np.nan_to_num(error, nan=LOST, posinf=LOST, neginf=-LOST), 0.0)
@@ -87,7 +115,9 @@ class Residuals:
             _, z = self.project(self.raw(x))
             now = self._start_spread()
             scale = np.divide(self._spread, now, out=np.zeros_like(now), where=now > 0.0)
-            self.shift = np.clip(z, -5.0, 5.0) * scale
+            self.shift = np.clip(z[:, :OWN], -5.0, 5.0) * scale
+            if any(self._lasting):
+                self._allow(z)
         self._spread = self._start_spread()
         moved = []
         for index in DISTURBED:
@@ -105,8 +135,89 @@ class Residuals:
                 effect[:, :, column, index] = self.there[..., column]
         scaled = effect * self._spread[:, None, None, :] / self.sigma[:, None]
         G = scaled.reshape(n, m * c, len(CHANNELS))
-        inverse = np.linalg.inv(np.eye(len(CHANNELS)) + np.einsum("nri,nrj->nij", G, G))
+        if any(self._lasting):
+            errors = [error / self.sigma[:, None] for error in self._errors(effect, x)]
+            G = np.concatenate([G, *(error.reshape(n, m * c, -1) for error in errors)], axis=-1)
+        inverse = np.linalg.inv(np.eye(G.shape[-1]) + np.einsum("nri,nrj->nij", G, G))
         self._gain = G, -np.einsum("nij,nrj->nir", inverse, G)
+
+    def _sizes(self, read: Callable[[Lasting], float | FloatArray]) -> FloatArray:
+        """Return a size (n, ...) of the lasting errors of each window's log."""
+        return np.array([read(lasting or NOTHING) for lasting in self._lasting])[self.windows.log]
+
+    def _errors(self, effect: FloatArray, x: FloatArray) -> list[FloatArray]:
+        """Return how one standard deviation of each lasting error acts on the residuals (n, m, channels, k): offsets, drifts, times.
+
+        Args:
+            effect: (n, m, channels, 12) effect of first states.
+            x: normalised parameters.
+        """
+        own = np.zeros_like(effect)
+        for column, index in enumerate(self.channels):
+            own[..., column, index] = self.there[..., column]
+        drift = self._sizes(lambda lasting: lasting.drift)[:, None, None]
+        early = self._sizes(lambda lasting: lasting.early)[:, None, None, None]
+        late = np.moveaxis(self._later(x, self._pieces()), 0, -1)
+        # What is measured too high is too high at the start, too.
+        return [
+            (own - effect) * self._offset[:, None, None],
+            self.windows.time[..., None, None] * own * drift,
+            late * early,
+        ]
+
+    def _allow(self, z: FloatArray) -> None:
+        """Let predictions start with the offsets and times of corrections (n, `corrections`): their effect is not linear for long."""
+        self.wrong = np.clip(z[:, OWN : 2 * OWN], -5.0, 5.0)
+        self.late = np.clip(z[:, 3 * OWN :], -LATEST, LATEST)
+        late = np.zeros((self.windows.n, self.predictor.steps))
+        for column, piece in enumerate(self._pieces()):
+            late[:, piece] = self.late[:, column, None]
+        self.predictor.delay(late * self._sizes(lambda lasting: lasting.early)[:, None])
+
+    def _pieces(self) -> list[slice]:
+        """Return the pieces of a window's steps whose inputs have a time error of their own."""
+        width = max(1, round(PIECE / self.windows.step))
+        return [slice(first, first + width) for first in range(0, self.predictor.steps, width)]
+
+    def _later(self, x: FloatArray, pieces: Sequence[slice]) -> FloatArray:
+        """Return the derivatives of the residuals (k, n, m, channels) with respect to a delay in s of the inputs in k pieces."""
+        values = values_of(self.parameters, x)
+        base, *others = self.predictor.later(values, self.state, SMALL, [slice(0, 0), *pieces])
+        return np.stack(
+            [
+                np.where(self.there, _slope(self._error(base), self._error(other), SMALL), 0.0)
+                for other in others
+            ]
+        )
+
+    def of_whole_logs(self, x: FloatArray) -> FloatArray:
+        """Return how one standard deviation of each error of a whole log acts on `vector` (rows, errors), at the last linearisation."""
+        columns: list[FloatArray] = []
+        for number, lasting in enumerate(self._lasting):
+            if lasting is None:
+                continue
+            own = (self.windows.log == number)[:, None, None]
+            for change in (
+                lasting.all_early * self._later(x, [slice(None)])[0],
+                lasting.depth_scale * self._deeper(x),
+            ):
+                columns.append(self.vector(np.where(own, change, 0.0), np.zeros_like(x), change=True))
+        return np.column_stack(columns) if columns else np.zeros((self.weights().size, 0))
+
+    def _deeper(self, x: FloatArray) -> FloatArray:
+        """Return the derivative of the residuals (n, m, channels) with respect to the scale of the depth."""
+        state = self.state.copy()
+        state[:, 8] *= 1.0 + SMALL
+        base, other = self._many([x, x], [None, state])
+        change = _slope(base, other, SMALL)
+        moved = (
+            self.windows.measured - np.where(np.arange(len(CHANNELS)) < 3, self.windows.state, 0.0)[:, None]
+        )
+        for index in (2, 8):
+            if index in self.channels:
+                column = self.channels.index(index)
+                change[..., column] -= np.where(self.there[..., column], moved[..., index], 0.0)
+        return change
 
     def _start_spread(self) -> FloatArray:
         """Return standard deviations (n, 12) of the first states.
@@ -129,8 +240,14 @@ class Residuals:
                     row[index] = derived if source == "derived" else 0.3
         return table[self.windows.log]
 
+    @property
+    def corrections(self) -> int:
+        """Return the number of corrections of a window."""
+        assert self._gain is not None
+        return int(self._gain[0].shape[-1])
+
     def project(self, raw: FloatArray, change: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return residuals (n, m channels) in standard deviations after the correction, and corrections (n, 12).
+        """Return residuals (n, m channels) in standard deviations after the correction, and corrections (n, `corrections`).
 
         Args:
             raw: (n, m, channels) as from `raw`.
@@ -140,7 +257,10 @@ class Residuals:
         G, K = self._gain
         r = (raw / self.sigma).reshape(raw.shape[0], -1)
         if not change:
-            r = r - np.einsum("nri,ni->nr", G, self.shift)
+            r = r - np.einsum("nri,ni->nr", G[..., :OWN], self.shift)
+            if any(self._lasting):
+                r = r - np.einsum("nri,ni->nr", G[..., OWN : 2 * OWN], self.wrong)
+                r = r - np.einsum("nri,ni->nr", G[..., 3 * OWN :], self.late)
         z = np.einsum("nir,nr->ni", K, r)
         return r + np.einsum("nri,ni->nr", G, z), z
 
@@ -155,7 +275,7 @@ class Residuals:
         return np.concatenate(
             [
                 np.broadcast_to(self.weight, (n, m, c)).ravel(),
-                np.full(n * len(CHANNELS), float(self.weight.mean())),
+                np.full(n * self.corrections, float(self.weight.mean())),
                 np.ones(len(self.parameters)),
             ]
         )

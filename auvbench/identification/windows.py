@@ -175,10 +175,16 @@ class Predictor:
         self.windows = windows
         self.vehicle = vehicle
         self.by_wrench = windows.logs[0].kind == "wrench"
-        self._steps = max(1, int(np.ceil(windows.length / windows.step - 1e-9)))
+        self.steps = max(1, int(np.ceil(windows.length / windows.step - 1e-9)))
         # Larger than any input, so that the compiled model clips none.
         self._factors = np.array([4.0 * max(1e-9, *map(abs, unit.curve.limits)) for unit in vehicle.units])
         self._held: dict[tuple[float, float | None, float | None], tuple[FloatArray, list[FloatArray]]] = {}
+        self._late: FloatArray | None = None
+
+    def delay(self, late: FloatArray) -> None:
+        """Let the inputs of each step of each window come later by some s (n, steps)."""
+        self._late = late
+        self._held.clear()
 
     def states(self, values: dict[str, float], state: FloatArray | None = None) -> FloatArray:
         """Return the predicted states (n, m, 12) in the rows of the windows.
@@ -202,12 +208,42 @@ class Predictor:
         ]
         return np.concatenate(parts)
 
-    def _some(
-        self, values: Sequence[dict[str, float]], first: Sequence[FloatArray], padded: int
+    def later(
+        self, values: dict[str, float], state: FloatArray, seconds: float, pieces: Sequence[slice]
     ) -> FloatArray:
-        """Return `many` for sets that are simulated in one batch, in which each has `padded` vehicles."""
+        """Return the predicted states (k, n, m, 12) with the inputs in each of k pieces of the windows' steps later by some s."""
+        vehicle = with_values(self.vehicle, values)
+        means, now = self._inputs(vehicle, values)
+        late, _ = self._inputs(vehicle, {**values, "delay": values.get("delay", 0.0) + seconds})
+        inputs = []
+        for piece in pieces:
+            changed = means.copy()
+            changed[:, piece] = late[:, piece]
+            inputs.append((changed, now))
+        padded = -(-self.windows.n // LANES) * LANES
+        group = max(1, MOST_LANES // padded)
+        return np.concatenate(
+            [
+                self._some([values] * len(some), [state] * len(some), padded, some)
+                for some in (inputs[k : k + group] for k in range(0, len(inputs), group))
+            ]
+        )
+
+    def _some(
+        self,
+        values: Sequence[dict[str, float]],
+        first: Sequence[FloatArray],
+        padded: int,
+        inputs: Sequence[tuple[FloatArray, list[FloatArray]]] = (),
+    ) -> FloatArray:
+        """Return `many` for sets that are simulated in one batch, in which each has `padded` vehicles.
+
+        `inputs` are those of each set as of `_inputs`, if they differ.
+        """
         vehicles = [with_values(self.vehicle, some) for some in values]
-        inputs = [self._inputs(vehicle, some) for vehicle, some in zip(vehicles, values, strict=True)]
+        inputs = inputs or [
+            self._inputs(vehicle, some) for vehicle, some in zip(vehicles, values, strict=True)
+        ]
         k, n = len(values), self.windows.n
 
         def spread(arrays: Sequence[FloatArray]) -> FloatArray:
@@ -230,9 +266,9 @@ class Predictor:
                 [np.tile(gains(self.vehicle, some), (n, 1)) for some in values]
             )
             simulator.actuators[:] = spread([self._actuator_states(units, now) for _, now in inputs])
-        grid = np.empty((self._steps + 1, k * padded, 13))
+        grid = np.empty((self.steps + 1, k * padded, 13))
         grid[0] = np.column_stack([simulator.pose, simulator.velocity])
-        for step in range(self._steps):
+        for step in range(self.steps):
             if self.by_wrench:
                 simulator.external_wrench[:] = command[:, step]
             else:
@@ -271,7 +307,7 @@ class Predictor:
     ) -> tuple[FloatArray, list[FloatArray]]:
         windows = self.windows
         lags = np.array([-1.0 / unit.lag.A[0, 0] if _lagged(unit) else 0.0 for unit in vehicle.units])
-        edges = windows.step * np.arange(self._steps + 1) - delay
+        edges = windows.step * np.arange(self.steps + 1) - delay
         now: list[FloatArray] = []
         command = np.empty((0, 0, 0))
         for number, log in enumerate(windows.logs):
@@ -279,8 +315,12 @@ class Predictor:
             own = np.flatnonzero(windows.log == number)
             held = Held(log.time, values, np.zeros(6) if self.by_wrench else lags)
             if not command.size:
-                command = np.empty((windows.n, self._steps, values.shape[1]))
-            command[own] = held.means(windows.start[own, None] + edges)
+                command = np.empty((windows.n, self.steps, values.shape[1]))
+            if self._late is None:
+                command[own] = held.means(windows.start[own, None] + edges)
+            else:
+                ends = windows.start[own, None, None] + np.stack([edges[:-1], edges[1:]], axis=-1)
+                command[own] = held.means(ends - self._late[own, :, None])[..., 0, :]
             now.append(held.at(windows.start[own] - delay))
         return command, now
 
@@ -308,8 +348,8 @@ class Predictor:
             start: (vehicles, 12) first states.
             lanes: (k, n) vehicle of each window of each set.
         """
-        place = np.clip(self.windows.time / self.windows.step, 0.0, self._steps)
-        below = np.minimum(place.astype(int), self._steps - 1)
+        place = np.clip(self.windows.time / self.windows.step, 0.0, self.steps)
+        below = np.minimum(place.astype(int), self.steps - 1)
         share = (place - below)[..., None]
         angles = np.unwrap(frames.euler(grid[:, :, 3:7]), axis=0)
         angles += start[:, 3:6] - angles[0]

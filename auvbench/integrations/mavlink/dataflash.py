@@ -21,7 +21,7 @@ import pandas as pd
 from auvbench.dynamics import frames
 from auvbench.errors import ConfigError, MissingExtraError
 from auvbench.identification import csv_log, inputs
-from auvbench.identification.log import Log, LogError, Motors, longest_step
+from auvbench.identification.log import Lasting, Log, LogError, Motors, longest_step
 from auvbench.integrations.ardusub.frames import motors_of
 from auvbench.integrations.ardusub.radio import MANUAL
 from auvbench.untrusted import reading
@@ -48,6 +48,15 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
 """Fields of the messages that are read, and the columns that they become."""
 OPEN_LOOP = "open_loop"
 """Column: 1 where the vehicle is armed in MANUAL, else 0. Otherwise a controller, a person or the deck moves it."""
+GYRO_FILTER = "INS_GYRO_FILTER"
+"""Parameter: cutoff in Hz of the second-order filter of the gyro, whose delay is sqrt(2) / (2 pi cutoff) (Butterworth)."""
+OFFSET = (math.inf, math.inf, 0.0, 0.003, 0.003, 0.0, 0.04, 0.04, 0.006, *(0.0025,) * 3)
+DRIFT = (0.0, 0.0, 0.01, *(0.001,) * 3, 0.015, 0.015, 0.004, *(0.0005,) * 3)
+"""Standard deviations in SI units, and per s, of the errors of ArduSub's estimate in windows of 2 s, by the channels of a log. Its
+position over ground follows its velocity late and is not used.
+"""
+DEPTH_SCALE = 0.025
+"""Difference between the densities of sea water and fresh water (ArduSub's parameter BARO_SPEC_GRAV)."""
 INSTANCE = ("I", "Instance", "Inst", "C")
 """Fields with the number of a sensor or core; only number 0 is read."""
 
@@ -98,12 +107,13 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
         LogError: a check fails.
     """
     table = log_table(rows)
+    lasting = _lasting(2.0 * half_interval(rows))
     time = table["t_s"].to_numpy()
     used = np.ones(len(table), bool)
     if OPEN_LOOP in table:
         used = (table.pop(OPEN_LOOP).ffill() == 1.0).to_numpy(copy=True)
     if not used.any() or used.all():
-        return csv_log.parse(table, name, digest, "ned")
+        return replace(csv_log.parse(table, name, digest, "ned"), lasting=lasting)
     # No window may cross what is left out, so that this lasts as long as a gap.
     pause = 1.01 * longest_step(time)
     for left in time[1:][used[:-1] & ~used[1:]]:
@@ -114,7 +124,7 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
         log = csv_log.parse(table[used].reset_index(drop=True), name, digest, "ned")
     except LogError as error:
         raise LogError(f"{error} ({remark})") from None
-    return replace(log, remarks=(*log.remarks, f"{name}: {remark}"))
+    return replace(log, remarks=(*log.remarks, f"{name}: {remark}"), lasting=lasting)
 
 
 def driven(log: Log, names: Sequence[str] | None) -> Log:
@@ -138,11 +148,16 @@ def _rows(log: Any) -> list[dict[str, float]]:
     """Return a row with its time for each message that is read."""
     rows: list[dict[str, float]] = []
     mode = armed = math.nan
-    while (message := log.recv_match(type=list(FIELDS))) is not None:
+    late = 0.0
+    while (message := log.recv_match(type=["PARM", *FIELDS])) is not None:
         kind = message.get_type()
+        if kind == "PARM":
+            if message.Name == GYRO_FILTER and message.Value > 0.0:
+                late = math.sqrt(2.0) / (2.0 * math.pi * message.Value)
+            continue
         if kind != "ATT" and any(getattr(message, name, 0) for name in INSTANCE if kind != "RCOU"):
             continue
-        row = {"t_s": 1e-6 * float(message.TimeUS)}
+        row = {"t_s": round(1e-6 * float(message.TimeUS) - (late if kind == "IMU" else 0.0), 6)}
         if kind == "MODE":
             mode = float(message.ModeNum)
         elif kind == "ARM":
@@ -165,8 +180,7 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     The autopilot logs its outputs more rarely than it changes them, so that an output began at some time since the one before:
     on average half an interval ago, which is where it is put.
     """
-    sampled = np.array([row["t_s"] for row in rows if "C1_us" in row])
-    ago = 0.5 * float(np.median(np.diff(sampled))) if sampled.size > 1 else 0.0
+    ago = half_interval(rows)
     rows = [_moved(row, ago) if "C1_us" in row else row for row in rows]
     table = pd.DataFrame(rows).groupby("t_s", as_index=False).first().sort_values("t_s")
     outputs = [name for name in FIELDS["RCOU"].values() if name in table]
@@ -191,6 +205,26 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     elif "altitude" in table:
         table["depth_m"] = -table.pop("altitude")
     return table
+
+
+def half_interval(rows: list[dict[str, float]]) -> float:
+    """Return half of the median time in s between two outputs."""
+    sampled = np.array([row["t_s"] for row in rows if "C1_us" in row])
+    return 0.5 * float(np.median(np.diff(sampled))) if sampled.size > 1 else 0.0
+
+
+def _lasting(interval: float) -> Lasting:
+    """Return the errors of ArduSub's estimate, and of outputs that are logged every `interval` s.
+
+    An output is early or late by up to half an interval, uniformly; all of them by up to a quarter.
+    """
+    return Lasting(
+        offset=np.array(OFFSET),
+        drift=np.array(DRIFT),
+        early=interval / math.sqrt(12.0),
+        all_early=0.5 * interval / math.sqrt(12.0),
+        depth_scale=DEPTH_SCALE,
+    )
 
 
 def _moved(row: dict[str, float], ago: float) -> dict[str, float]:

@@ -10,8 +10,8 @@ import pytest
 
 from auvbench.errors import ConfigError
 from auvbench.identification import gate, manoeuvres, motion, parameters, sheets
-from auvbench.identification.fit import Fit, _at_bound, fit
-from auvbench.identification.log import CHANNELS, Log
+from auvbench.identification.fit import Fit, _at_bound, _covariance, _resampled, fit
+from auvbench.identification.log import CHANNELS, Lasting, Log
 from auvbench.identification.parameters import Parameter
 from auvbench.identification.residuals import Residuals
 from auvbench.identification.validation import share_of_holding
@@ -307,6 +307,42 @@ def test_a_start_has_the_noise_of_its_measurement() -> None:
     assert residuals._start_spread()[0, r] == 0.004
     residuals.sigma[:] = 0.5
     assert residuals._start_spread()[0, r] == 0.05
+
+
+def test_an_error_that_lasts_is_not_taken_for_motion() -> None:
+    """A velocity that is 0.05 m/s too high, and inputs that are late, change the residuals of the true numbers little if they are told."""
+    vehicle, log = flown(TRUTH, ["surge", "yaw"], 20.0, noise=dict.fromkeys(CHANNELS, 1e-4))
+    measured = log.measured.copy()
+    measured[:, 7] += 0.05
+    inputs = np.vstack([np.repeat(log.inputs[:1], 2, axis=0), log.inputs[:-2]])
+    offset = np.where(np.array(CHANNELS) == "v", 0.04, 0.0)
+    told = Lasting(offset, np.zeros(12), early=0.03, all_early=0.01, depth_scale=0.0)
+    truth = tuple(replace(parameters.known(vehicle)[name], prior=value) for name, value in TRUTH.items())
+    sizes, sensitivity = [], []
+    for lasting in (None, told):
+        wrong = replace(log, measured=measured, inputs=inputs, lasting=lasting)
+        residuals = Residuals(Predictor(cut([wrong], 2.0), vehicle), truth)
+        x = np.zeros(3)
+        for _ in range(4):
+            residuals.linearise(x)
+        r, _ = residuals.project(residuals.raw(x))
+        sizes.append(float(np.sqrt(np.mean((r.reshape(residuals.there.shape) * residuals.sigma) ** 2))))
+        sensitivity.append(residuals.of_whole_logs(x).shape[1])
+    assert sizes[1] < 0.3 * sizes[0]
+    assert sensitivity == [0, 2]
+
+
+def test_an_error_of_the_whole_log_widens_intervals() -> None:
+    gradients = np.random.default_rng(0).standard_normal((20, 2))
+    matrices = np.tile(10.0 * np.eye(2), (20, 1, 1))
+    for errors, wider in ((np.zeros((0, 2)), 1.0), (np.array([[100.0, 0.0]]), 7.0)):
+        for found in (
+            _covariance(gradients, matrices, errors),
+            _resampled(gradients, matrices, errors, 400, 0),
+        ):
+            sd = np.sqrt(np.diag(found))
+            # Without the error both are those of Gauss-Newton, 1 / sqrt(201); with it the first is nearly 100 / 201.
+            assert sd[0] == pytest.approx(wider * sd[1], rel=0.1)
 
 
 def test_a_thruster_that_does_not_act_is_named() -> None:

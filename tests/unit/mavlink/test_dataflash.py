@@ -27,6 +27,7 @@ FORMATS = {
     "BAT": (5, "QBf", "TimeUS,Inst,Volt"),
     "MODE": (6, "QBBB", "TimeUS,Mode,ModeNum,Rsn"),
     "ARM": (7, "QB", "TimeUS,ArmState"),
+    "PARM": (8, "QNff", "TimeUS,Name,Value,Default"),
 }
 """number, types and labels of messages"""
 
@@ -47,7 +48,7 @@ def written(without: str = "", changes: Mapping[float, tuple[str, int]] | None =
         "FMT": (128, "BBnNZ", "Type,Length,Name,Format,Columns"),
         **FORMATS,
     }.items():
-        size = 89 if name == "FMT" else 3 + struct.calcsize(f"<{types}")
+        size = 89 if name == "FMT" else 3 + struct.calcsize(f"<{types.replace('N', '16s')}")
         texts = (name.encode(), types.encode(), labels.encode())
         data += b"\xa3\x95\x80" + struct.pack("<BB4s16s64s", number, size, *texts)
     for t in TIME:
@@ -83,6 +84,22 @@ def test_messages_become_columns(tmp_path: Path) -> None:
     np.testing.assert_allclose(yaw - yaw[0], -0.5 * np.sin(TIME), atol=1e-4)
     assert log.voltage is not None
     assert np.all(log.voltage == 15.5)
+
+
+def test_rates_come_before_the_delay_of_their_filter(tmp_path: Path) -> None:
+    file = tmp_path / "dive.BIN"
+    data, first = written(), packet("RCOU", 1e6, *[1600] * 6)
+    at = data.index(first)
+    parameter = bytes((0xA3, 0x95, 8)) + struct.pack("<Q16sff", 900_000, b"INS_GYRO_FILTER", 20.0, 20.0)
+    file.write_bytes(data[:at] + parameter + data[at:])
+    [log] = readers.read([str(file)])
+    rates = log.time[np.isfinite(log.measured[:, CHANNELS.index("r")])]
+    turns = log.time[np.isfinite(log.measured[:, CHANNELS.index("yaw")])]
+    # Two poles of a Butterworth filter at 20 Hz.
+    np.testing.assert_allclose(turns[-1] - rates[-1], 0.01125, atol=1e-5)
+    # Outputs every 0.05 s begin at an unknown time between two of them.
+    assert log.lasting is not None
+    assert log.lasting.early == pytest.approx(0.05 / 12.0**0.5)
 
 
 def test_only_the_time_in_manual_is_used(tmp_path: Path) -> None:
