@@ -143,6 +143,7 @@ def fit(
     blocks = _blocks(windows)
     x, sums, condition = _identified(residuals, x, blocks, reasons, told)
     covariance = _resampled(*sums, replicates, seed) if replicates else _covariance(*sums)
+    covariance = _widened(covariance, max(log.lasting.factor if log.lasting else 1.0 for log in logs))
     quantile = _quantile(int(blocks.max()) + 1)
     estimates = tuple(
         _estimate(parameter, float(at), float(np.sqrt(variance)), quantile, reasons.get(parameter.name, ""))
@@ -288,6 +289,12 @@ def _bounded(covariance: FloatArray, bread: FloatArray) -> FloatArray:
     """
     variance = np.clip(np.diag(covariance), np.diag(bread), 1.0)
     ratio = np.sqrt(variance / np.diag(covariance))
+    return np.asarray(covariance * np.outer(ratio, ratio))
+
+
+def _widened(covariance: FloatArray, factor: float) -> FloatArray:
+    """Return a covariance whose standard deviations are larger by a factor, and at most the prior's."""
+    ratio = np.minimum(factor, np.maximum(1.0, 1.0 / np.sqrt(np.diag(covariance))))
     return np.asarray(covariance * np.outer(ratio, ratio))
 
 

@@ -60,7 +60,8 @@ class Motors(Protocol):
 class Lasting:
     """Standard deviations of errors that outlast a window, so that the scatter of a log does not show their effect.
 
-    The first three are drawn anew for each window, and fitted there; the others are one for the whole log.
+    The first two are drawn anew for each window, and `early` for each piece of it; the fit estimates them there. The others are one
+    for the whole log, and widen intervals.
     """
 
     offset: FloatArray
@@ -73,6 +74,8 @@ class Lasting:
     """Time in s by which all inputs are early."""
     depth_scale: float
     """Relative error of heave velocity and of changes of height, such as by salt in the water."""
+    factor: float = 1.0
+    """Factor on the standard deviations of a fit, for what the other errors leave out."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -117,6 +117,10 @@ class Radio:
         """Request arming."""
         self._command(self._dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
 
+    def disarm(self) -> None:
+        """Disarm at once."""
+        self._command(self._dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0, 21196)
+
     def _command(self, number: int, *values: float) -> None:
         self._link.command_long_send(1, 1, number, 0, *values, *(0.0,) * (7 - len(values)))
 
@@ -162,6 +166,10 @@ class Radio:
         """Move a pilot's sticks, each in [-1, 1]; neutral sticks also show that the pilot is present."""
         x, y, z, r = (round(1000.0 * value) for value in (forward, starboard, up, turn))
         self._link.manual_control_send(1, x, y, 500 + z // 2, r, 0)
+
+    def sticks(self, x: int, y: int, z: int, r: int, s: int, t: int) -> None:
+        """Send the fields of MANUAL_CONTROL, as `Mixer.sticks` returns them."""
+        self._link.manual_control_send(1, x, y, z, r, 0, 0, 3, s, t)
 
 
 def loopback_socket() -> socket.socket:

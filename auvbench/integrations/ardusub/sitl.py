@@ -98,10 +98,10 @@ class Sitl:
         self._peer: Any = None
         self._asked = -ASKED
         self._has_dvl, self._pinged = has_dvl, 0.0
-        self._folder = Path(tempfile.mkdtemp(prefix="auvbench-ardusub-"))
+        self.folder = Path(tempfile.mkdtemp(prefix="auvbench-ardusub-"))
         self._physics = loopback_socket()
         self.radio = Radio(path, parameters)
-        defaults = self._folder / "defaults.parm"
+        defaults = self.folder / "defaults.parm"
         defaults.write_text(
             "".join(f"{name} {value:.9g}\n" for name, value in (PARAMETERS | dict(parameters)).items())
         )
@@ -112,10 +112,10 @@ class Sitl:
             *("--serial1", "none:1", "--serial2", "none:2", "--rc-in-port", "0", "--defaults", str(defaults)),
         ]
         try:
-            with (self._folder / "output.txt").open("wb") as output:
+            with (self.folder / "output.txt").open("wb") as output:
                 self._process = subprocess.Popen(
                     command,
-                    cwd=self._folder,
+                    cwd=self.folder,
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
@@ -123,10 +123,10 @@ class Sitl:
                     start_new_session=True,  # Ctrl-C is for this process, which then ends ArduSub.
                 )
         except OSError as error:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            shutil.rmtree(self.folder, ignore_errors=True)
             raise TrainingError(f"{path} cannot be started: {error.strerror}") from error
         self.close = weakref.finalize(
-            self, _end, self._process, self._folder, (self._physics, self.radio.socket)
+            self, _end, self._process, self.folder, (self._physics, self.radio.socket)
         )
         """function that ends the process, which the end of this process also does"""
         self.packet = self._receive()
@@ -160,7 +160,7 @@ class Sitl:
                 )
 
     def _last_line(self) -> str:
-        text = (self._folder / "output.txt").read_text(encoding="utf-8", errors="replace").strip()
+        text = (self.folder / "output.txt").read_text(encoding="utf-8", errors="replace").strip()
         lines = [line for line in (self.radio.said, *text.splitlines()[-1:]) if line]
         return f"; it said: {lines[0]}" if lines else ""
 

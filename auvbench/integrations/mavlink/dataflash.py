@@ -57,6 +57,8 @@ position over ground follows its velocity late and is not used.
 """
 DEPTH_SCALE = 0.025
 """Difference between the densities of sea water and fresh water (ArduSub's parameter BARO_SPEC_GRAV)."""
+FACTOR = 2.0
+"""`Lasting.factor`; docs/identification.md says on which dives it was chosen, and on which it was tested."""
 INSTANCE = ("I", "Instance", "Inst", "C")
 """Fields with the number of a sensor or core; only number 0 is read."""
 
@@ -224,6 +226,7 @@ def _lasting(interval: float) -> Lasting:
         early=interval / math.sqrt(12.0),
         all_early=0.5 * interval / math.sqrt(12.0),
         depth_scale=DEPTH_SCALE,
+        factor=FACTOR,
     )
 
 
