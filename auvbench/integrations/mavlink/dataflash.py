@@ -57,7 +57,7 @@ position over ground follows its velocity late and is not used.
 """
 DEPTH_SCALE = 0.025
 """Difference between the densities of sea water and fresh water (ArduSub's parameter BARO_SPEC_GRAV)."""
-FACTOR = 2.0
+FACTOR = 2.5
 """`Lasting.factor`; docs/identification.md says on which dives it was chosen, and on which it was tested."""
 INSTANCE = ("I", "Instance", "Inst", "C")
 """Fields with the number of a sensor or core; only number 0 is read."""
