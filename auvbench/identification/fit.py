@@ -150,7 +150,7 @@ def fit(
         for parameter, at, variance in zip(parameters, x, np.diag(covariance), strict=True)
     )
     sigma = {CHANNELS[k]: float(s) for k, s in zip(residuals.channels, residuals.sigma, strict=True)}
-    predictor = residuals.predictor
+    predictor = Predictor(windows, vehicle)  # with the inputs as they were logged
     return Fit(
         vehicle=vehicle,
         logs=tuple(logs),

@@ -107,7 +107,7 @@ class Residuals:
         return np.where(self.there, np.nan_to_num(error, nan=LOST, posinf=LOST, neginf=-LOST), 0.0)
 
     def linearise(self, x: FloatArray) -> None:
-        """Compute how first states act on the residuals (n, m channels, 12), at normalised parameters `x`.
+        """Compute how first states and lasting errors act on the residuals, at normalised parameters `x`.
 
         Predictions then start from the corrected first states, so that their effect need only be linear in what is left.
         """

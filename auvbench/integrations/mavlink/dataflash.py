@@ -109,7 +109,7 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
         LogError: a check fails.
     """
     table = log_table(rows)
-    lasting = _lasting(2.0 * half_interval(rows))
+    lasting = _lasting(2.0 * _half_interval(rows))
     time = table["t_s"].to_numpy()
     used = np.ones(len(table), bool)
     if OPEN_LOOP in table:
@@ -182,7 +182,7 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     The autopilot logs its outputs more rarely than it changes them, so that an output began at some time since the one before:
     on average half an interval ago, which is where it is put.
     """
-    ago = half_interval(rows)
+    ago = _half_interval(rows)
     rows = [_moved(row, ago) if "C1_us" in row else row for row in rows]
     table = pd.DataFrame(rows).groupby("t_s", as_index=False).first().sort_values("t_s")
     outputs = [name for name in FIELDS["RCOU"].values() if name in table]
@@ -209,7 +209,7 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     return table
 
 
-def half_interval(rows: list[dict[str, float]]) -> float:
+def _half_interval(rows: list[dict[str, float]]) -> float:
     """Return half of the median time in s between two outputs."""
     sampled = np.array([row["t_s"] for row in rows if "C1_us" in row])
     return 0.5 * float(np.median(np.diff(sampled))) if sampled.size > 1 else 0.0
