@@ -10,7 +10,7 @@ from PIL import Image
 
 from auvbench import cli
 from auvbench.registry import TASKS
-from benchmarks import hero, vehicle_pictures, world_pictures
+from benchmarks import field_film, hero, vehicle_pictures, world_pictures
 
 ASSETS = Path(__file__).parents[1] / "docs" / "assets"
 RESULTS = Path(__file__).parents[1] / "results"
@@ -30,6 +30,7 @@ def main() -> None:
     vehicle_pictures.main()
     world_pictures.main()
     hero.main()
+    field_film.main()
 
 
 def _page() -> None:
