@@ -3,16 +3,19 @@
 `python -m benchmarks.identification_ardusub 1 2 3` flies dives 1 to 3 and fits a sheet to each `.BIN`. A dive is a function of its
 number but for ArduSub's own timing: a vehicle that is drawn from the prior around `bluerov2_2026`, on auvbench's physics in lock-step
 with ArduSub's SITL (`AUVBENCH_ARDUSUB`), flies the manoeuvre of `auvbench pilot excite`, a minute per axis. Sticks are sent at 20 Hz
-with some jitter. A vehicle that turns over is left out. `--folder` keeps the logs.
+with some jitter. A vehicle that turns over is left out. `--folder` keeps the logs, and takes those that it has; `--factor 1` leaves out
+the factor on the standard deviations.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import shutil
 import sys
 import tempfile
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -119,45 +122,72 @@ def fly(number: int, file: Path) -> dict[str, float]:
     return truth
 
 
-def fitted(file: Path, truth: dict[str, float]) -> list[Case]:
-    """Return the cases of a log, as `auvbench identify` fits it."""
+def fitted(file: Path, truth: dict[str, float], factor: float | None) -> tuple[list[Case], list[float]]:
+    """Return the cases of a log, as `auvbench identify` fits it, and the relative errors of what is identified.
+
+    Args:
+        file: log.
+        truth: true numbers.
+        factor: on the standard deviations; None: that of `auvbench identify`.
+    """
     vehicle = sheet.load(VEHICLE)
     logs = dataflash.read(file)
+    if factor is not None:
+        logs = [
+            log if log.lasting is None else replace(log, lasting=replace(log.lasting, factor=factor))
+            for log in logs
+        ]
     chosen = parameters.choose(vehicle, (), False)
     kept = gate.reasons(gate.judge(logs, vehicle), [parameter.name for parameter in chosen])
-    cases = []
+    cases, errors = [], []
     for estimate in fit(logs, vehicle, chosen, kept=kept).estimates:
         true = truth[estimate.parameter.name]
         bias = 2.0 * (estimate.value - true) / (estimate.high - estimate.low)
         cases.append(
             Case(estimate.parameter.name, not estimate.kept, estimate.low <= true <= estimate.high, bias)
         )
-    return cases
+        if not estimate.kept and true:
+            errors.append(abs(estimate.value / true - 1.0))
+    return cases, errors
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.identification_ardusub", description=__doc__)
     parser.add_argument("numbers", nargs="+", type=int, metavar="NUMBER", help="number of a dive")
     parser.add_argument("--folder", type=Path, help="folder for the logs")
+    parser.add_argument(
+        "--factor", type=float, help="factor on standard deviations (default: that of auvbench identify)"
+    )
     options = parser.parse_args()
     cases: list[Case] = []
+    errors: list[float] = []
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
         for number in options.numbers:
-            file = folder / f"{number}.BIN"
-            if not (truth := fly(number, file)):
+            file, about = folder / f"{number}.BIN", folder / f"{number}.json"
+            if not about.exists():
+                about.write_text(json.dumps(fly(number, file)))
+            if not (truth := json.loads(about.read_text())):
                 print(f"dive {number}: the vehicle turned over", flush=True)
                 continue
-            found = [case for case in fitted(file, truth) if case.identified]
-            missed = ", ".join(f"{case.name} ({case.bias:+.1f})" for case in found if not case.covered)
-            covered = sum(case.covered for case in found)
-            print(f"dive {number}: {covered} of {len(found)} covered; missed: {missed or 'none'}", flush=True)
+            found, off = fitted(file, truth, options.factor)
+            print(f"dive {number}: {_counted([case for case in found if case.identified])}", flush=True)
             cases += found
-    covered = sum(case.covered for case in cases)
-    low, high = wilson(covered, len(cases))
-    print(f"pooled coverage {covered} of {len(cases)}, 95 % interval {float(low):.3f} to {float(high):.3f}")
+            errors += off
+    identified = [case for case in cases if case.identified]
+    covered = sum(case.covered for case in identified)
+    low, high = wilson(covered, len(identified))
+    print(f"identified: {_counted(identified)}; 95 % interval {float(low):.3f} to {float(high):.3f}")
+    print(f"not identified: {_counted([case for case in cases if not case.identified])}")
+    print(f"identified numbers are {100.0 * float(np.median(errors)):.1f} % off (median)")
     return 0
+
+
+def _counted(cases: list[Case]) -> str:
+    """Return how many intervals contain the truth, and which do not, with their error over half of the interval's width."""
+    missed = ", ".join(f"{case.name} ({case.bias:+.1f})" for case in cases if not case.covered)
+    return f"{sum(case.covered for case in cases)} of {len(cases)} covered; missed: {missed or 'none'}"
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ import pandas as pd
 NO_BREAK = "\u00a0"
 """a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
-FORMATION, LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TRANSFER, TUNING, WAYPOINT = (
+FORMATION, LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TRANSFER, TRANSIT, TUNING, WAYPOINT = (
     ROOT / "results" / name
     for name in (
         "formation",
@@ -27,6 +27,7 @@ FORMATION, LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TRANSFER, TUNING, WA
         "station",
         "suite",
         "transfer",
+        "transit",
         "tuning",
         "waypoint-2026",
     )
@@ -91,6 +92,17 @@ MESSAGES = {  # title, condition: how often a vehicle is heard
     "in 0.25 m/s": "current",
     "none, in 0.25 m/s": "current-no-message",
 }
+FIELDS = {  # title, condition: obstacles per m2
+    "0.01 per m²": "density=0.01",
+    "0.02": "density=0.02",
+    "0.03": "density=0.03",
+    "0.02, current": "current=0.25",
+    "0.02, beams lost": "sonar-loss",
+    "0.02, filter": "filter",
+    "0.02, current, filter": "current-filter",
+}
+TRANSIT_LIMIT = 120.0
+"""s, what a failure counts in transit"""
 MODELS = {
     "training vehicle": "nominal",
     "`bluerov2`": "vehicle=bluerov2",
@@ -128,12 +140,14 @@ def waters(agents: Sequence[str] = ()) -> str:
 
 
 def _times(
-    study: Path, rows: Sequence[dict[str, str]], conditions: Sequence[str]
+    study: Path, rows: Sequence[dict[str, str]], conditions: Sequence[str], limit: float = LIMIT
 ) -> list[list[tuple[float, float]]]:
-    """Return mean times to the waypoint and shares that are reached, of each row of a study's table under each condition."""
+    """Return mean times to the waypoint, a failure counts `limit` s, and shares that are reached, of each row of a study's table under
+    each condition.
+    """
     episodes = pd.read_parquet(study / "episodes.parquet")
     reached = episodes["outcome"] == "success"
-    episodes["time"] = (episodes["steps"] / episodes["frequency_hz"]).where(reached, LIMIT)
+    episodes["time"] = (episodes["steps"] / episodes["frequency_hz"]).where(reached, limit)
     episodes["reached"] = reached
     met = [episodes[episodes["condition"] == condition] for condition in conditions]
     return [
@@ -246,6 +260,17 @@ def formation() -> str:
     return _table(("formation error", *MESSAGES), agents, columns)
 
 
+def transit() -> str:
+    """Return how soon agents pass fields of obstacles by what they observe, and the share that they pass."""
+    rows = [row for row in _rows(TRANSIT, "table.csv") if row["vehicle"] == "bluerov2_2026"]
+    columns = [
+        [_reached(*found, best=False) for found in times]
+        for times in _times(TRANSIT, rows, tuple(FIELDS.values()), TRANSIT_LIMIT)
+    ]
+    agents = [row["agent"].replace("range.", "").replace(", transit", "") for row in rows]
+    return _table(("mean time", *FIELDS), agents, columns)
+
+
 def suite() -> str:
     """Return what the typical training of each agent reaches on each task, with a sign of its verdict against PID."""
     rows = _rows(SUITE, "table.csv")
@@ -339,6 +364,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "sensors_waypoints": sensors_waypoints,
     "transfer": transfer,
     "formation": formation,
+    "transit": transit,
     "station": station,
     "suite": suite,
     "cases": cases,
@@ -374,6 +400,7 @@ PAGES = {
     "results/navigation/README.md": ("sensors", "sensors_waypoints"),
     "results/transfer/README.md": ("transfer",),
     "results/formation/README.md": ("formation",),
+    "results/transit/README.md": ("transit",),
     "results/station/README.md": ("station",),
     "results/suite/README.md": ("suite", "cases", "currents"),
     "results/tuning/README.md": ("elsewhere",),

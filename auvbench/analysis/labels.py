@@ -168,21 +168,23 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
 
 
 def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
-    """Return what distinguishes an observation from others: `unobserved` and the blocks that it lacks of all that some agent observes,
-    or, if they are fewer, `observed` and its blocks that not all agents observe.
+    """Return what distinguishes one of several observations: `unobserved` and the blocks that it lacks of all that some agent observes.
+
+    Where each has a block that not all have, and these are not more than what they lack, it is `observed` and such blocks.
 
     >>> observed("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
     ('unobserved', 'velocity, gravity')
-    >>> observed("['gravity', 'way']", ["['gravity', 'way']", "['gravity', 'range.ideal']", "['gravity', 'range.ping1d']"])
+    >>> observed("['gravity', 'way']", ["['gravity', 'way']", "['gravity', 'range.ideal']"])
     ('observed', 'way')
     """
+    sets = [_words(other) for other in dict.fromkeys(map(str, observations))]
+    blocks = dict.fromkeys(block for words in sets for block in words)
+    special = [[b for b in words if not all(b in others for others in sets)] for words in sets]
+    lacking = sum(len(blocks) - len(words) for words in sets)
     own = _words(observation)
-    others = [_words(other) for other in observations]
-    blocks = dict.fromkeys(block for words in others for block in words)
-    lacking = [block for block in blocks if block not in own]
-    special = [block for block in own if not all(block in words for words in others)]
-    what, shown = ("observed", special) if 0 < len(special) < len(lacking) else ("unobserved", lacking)
-    return what, ", ".join(shown)
+    if all(special) and sum(map(len, special)) <= lacking:
+        return "observed", ", ".join(b for b in own if not all(b in others for others in sets))
+    return "unobserved", ", ".join(block for block in blocks if block not in own)
 
 
 def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
@@ -197,7 +199,7 @@ def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
         return {}
     values = {}
     for name in trained[0]:
-        if name in ("algo", OBSERVATION):  # an observation is shown by the blocks that it lacks
+        if name in ("algo", OBSERVATION):  # an observation is shown by its blocks
             continue
         value, count = Counter(str(key[name]) for key in trained).most_common(1)[0]
         first = next(key for key in trained if str(key[name]) == value)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +46,8 @@ class Advice:
 def advise(result: Fit) -> list[Advice]:
     """Return candidates, the best first: telegraph signals along each axis that the thrusters reach.
 
-    Each candidate is simulated with the fitted vehicle and with the sensors of the logs. Its Fisher information is added to the
-    present covariance's inverse.
+    Each candidate is simulated with the fitted vehicle, with the sensors and the lasting errors of the logs. Its Fisher information is
+    added to the present covariance's inverse.
     """
     vehicle = with_values(result.vehicle, result.numbers)
     if not vehicle.thrusters or vehicle.others:
@@ -60,6 +60,8 @@ def advise(result: Fit) -> list[Advice]:
         for estimate in result.estimates
         if estimate.parameter.name != "voltage" or has_voltage(vehicle)
     )
+    lasting = next((log.lasting for log in result.logs if log.lasting is not None), None)
+    widened = 1.0 if lasting is None else lasting.factor**2
     found = []
     for axis in (name for name in AXES if name in vehicle.controllable):
         for amplitude in AMPLITUDES:
@@ -69,7 +71,8 @@ def advise(result: Fit) -> list[Advice]:
                 log = manoeuvres.fly(vehicle, command, generator, noise=noise, every=5, name=axis)
             except LogError:  # The vehicle would turn over, or be faster than any vehicle.
                 continue
-            added = information([log], result.vehicle, parameters, result.x, noise)
+            log = replace(log, lasting=lasting)
+            added = information([log], result.vehicle, parameters, result.x, noise) / widened
             after = float(np.linalg.slogdet(present + 2.0 * added)[1])
             found.append(Advice(axis, amplitude, 0.5 * (after - before) / len(parameters)))
     return sorted(found, key=lambda advice: -advice.gain)

@@ -60,8 +60,8 @@ class Motors(Protocol):
 class Lasting:
     """Standard deviations of errors that outlast a window, so that the scatter of a log does not show their effect.
 
-    The first two are drawn anew for each window, and `early` for each piece of it; the fit estimates them there. The others are one
-    for the whole log, and widen intervals.
+    The first two are drawn anew for each window, and `early` for each piece of it; the fit estimates them there. The others are the
+    same in all logs of a vehicle, and widen intervals.
     """
 
     offset: FloatArray

@@ -191,18 +191,16 @@ class Residuals:
         )
 
     def of_whole_logs(self, x: FloatArray) -> FloatArray:
-        """Return how one standard deviation of each error of a whole log acts on `vector` (rows, errors), at the last linearisation."""
-        columns: list[FloatArray] = []
-        for number, lasting in enumerate(self._lasting):
-            if lasting is None:
-                continue
-            own = (self.windows.log == number)[:, None, None]
-            for change in (
-                lasting.all_early * self._later(x, [slice(None)])[0],
-                lasting.depth_scale * self._deeper(x),
-            ):
-                columns.append(self.vector(np.where(own, change, 0.0), np.zeros_like(x), change=True))
-        return np.column_stack(columns) if columns else np.zeros((self.weights().size, 0))
+        """Return how one standard deviation of each error that all logs share acts on `vector` (rows, errors), at the last linearisation.
+
+        The outputs' time and the scale of the depth come with a vehicle's autopilot, so that more logs do not reduce them.
+        """
+        if not any(self._lasting):
+            return np.zeros((self.weights().size, 0))
+        early = self._sizes(lambda lasting: lasting.all_early)[:, None, None]
+        scale = self._sizes(lambda lasting: lasting.depth_scale)[:, None, None]
+        changes = early * self._later(x, [slice(None)])[0], scale * self._deeper(x)
+        return np.column_stack([self.vector(change, np.zeros_like(x), change=True) for change in changes])
 
     def _deeper(self, x: FloatArray) -> FloatArray:
         """Return the derivative of the residuals (n, m, channels) with respect to the scale of the depth."""

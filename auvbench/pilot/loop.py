@@ -174,12 +174,16 @@ class Pilot(ABC):
         if not limits.within(waypoint[2]):
             self._report(f"waypoint ignored: z = {waypoint[2]:g} m, must be within {limits.depths}")
             return False
-        if self.steering.filter is not None and (room := self.steering.filter.room(np.array(waypoint))) < 0.0:
-            self._report(f"waypoint ignored: {-room:.2g} m too near to a solid for the filter")
+        if why := self._refusal(np.array(waypoint, dtype=np.float64)):
+            self._report(f"waypoint ignored: it {why}")
             return False
         self.steering.end("another waypoint")
         self.steering.waypoint, self.steering.yaw = np.array(waypoint, dtype=np.float64), yaw
         return True
+
+    def _refusal(self, point: Floats) -> str:
+        """Return why the filter does not let the vehicle go to a point (3,), or ''."""
+        return "" if self.steering.filter is None else self.steering.filter.refusal(point)
 
     def arm(self) -> str:
         """Allow the controller to steer; return why it may not, or ''.
@@ -194,6 +198,8 @@ class Pilot(ABC):
             return f"{what} " + ("never came" if math.isinf(age) else f"is {age:.2g} s old")
         if not self.limits.within(self.pose[2]):
             return self._depth()
+        if self.steering.once and (why := self._refusal(self.pose[:3])):
+            return f"the vehicle {why}"
         if not self.guard.wait_until_ready():
             return "its supervisor is not ready"
         self.guard.hold()
@@ -202,7 +208,7 @@ class Pilot(ABC):
             return obstacle
         if self.steering.once and not self.steer_to(self.pose[:3].tolist()):
             self._rest_and_release()
-            return self._depth()
+            return self._refusal(self.pose[:3]) or self._depth()
         self.armed = True
         self._set_state("armed")
         return ""

@@ -38,7 +38,7 @@ class Filter(Protocol):
 
     def begin(self) -> None: ...
 
-    def room(self, point: Floats) -> float: ...
+    def refusal(self, point: Floats) -> str: ...
 
     def protect(self, pose: Floats, velocity: Floats, action: Floats) -> Floats: ...
 
@@ -137,8 +137,6 @@ class Steering:
             self.mission = self._mission(pose, waypoint)
             self._action = None
             self.controller.reset(np.zeros(1, dtype=np.int64))
-            if self.filter is not None:
-                self.filter.begin()
         n_u = len(self.vehicle.actuators)
         previous = np.zeros(n_u) if self._action is None else self._action
         begun = time.monotonic()
@@ -153,6 +151,8 @@ class Steering:
         action: Floats = np.clip(answer[0], -1.0, 1.0)
         if self.filter is not None:
             action = self.filter.protect(pose, velocity, action)
+            if not np.all(np.isfinite(action)):
+                raise RunError("the filter's answer is not finite")
         self.action_time = time.monotonic() - begun
         self._action = action
         return action

@@ -181,11 +181,13 @@ def main(arguments: Sequence[str]) -> int:
         setup.filter = protection(given, setup)
     if given.goal is not None and not setup.limits.within(given.goal[2]):
         raise UserError(f"--goal: z={given.goal[2]:g} must be within {setup.limits.depths}; see --depth")
-    if given.goal is not None and setup.filter is not None:
-        room = setup.filter.room(np.array(given.goal))
-        if room < 0.0:
-            x, y, z = given.goal
-            raise UserError(f"--goal {x:g} {y:g} {z:g}: is {-room:.2g} m too near to a solid for the filter")
+    if (
+        given.goal is not None
+        and setup.filter is not None
+        and (why := setup.filter.refusal(np.array(given.goal)))
+    ):
+        x, y, z = given.goal
+        raise UserError(f"--goal {x:g} {y:g} {z:g}: {why}")
     options = {"sim_time": given.sim_time, "say": lambda text: print(f"pilot: {text}", flush=True)}
     # Until the vehicle is found, Ctrl-C exits at once.
     pilot, begin, stopped = (_over_ros if given.mavlink is None else _over_mavlink)(given, setup, options)
@@ -378,6 +380,10 @@ def protection(given: argparse.Namespace, setup: Steering) -> Filter:
         world = worlds.Bottom(**defaults("world", "bottom") | {"bottom": file})
     limits = setup.limits
     settings = Barrier(**defaults("filter", given.filter))
+    if limits.depth_high - limits.depth_low <= 2.0 * settings.margin:
+        raise UserError(
+            f"--filter {given.filter}: the depth limits {limits.depths} must be more than {2.0 * settings.margin:g} m apart; see --depth"
+        )
     return Protection(settings, setup.vehicle, setup.frequency, (limits.depth_low, limits.depth_high), world)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -58,17 +59,19 @@ class Protection:
         )
         unseen: Any = None  # observations show echoes, and the filter knows the map
         self._filter = BarrierFilter(config, vehicle, unseen, 1)
-        self._margin = settings.margin
+        self._margin, self._depths = settings.margin, depths
+        self._covers: Callable[[Floats], bool] = lambda point: True
         self._solids, self._heights, self._hull = np.zeros(0, SOLID), NO_HEIGHTS, np.zeros(1, HULL)
         if world is not None:
             self._hull = hull_of(world, vehicle).view(np.ndarray)
             kind = resolve(WORLDS[world.name].code)(world, low, float(self._hull["radius"][0]))
-            middle = np.array([0.0, 0.0, 0.5 * (low + high)])
+            middle = np.array([*kind.middle, 0.5 * (low + high)])
             self._solids, _ = kind.draw(Episode(middle, middle, (0, WORLD, 0, 0)))
-            self._heights = kind.heights
-        # The first call compiles, which a vehicle under power must not wait for.
+            self._heights, self._covers = kind.heights, kind.covers
+        # The first calls compile, which a vehicle under power must not wait for.
         at_rest = np.array([0.0, 0.0, 0.5 * (low + high), 1.0, 0.0, 0.0, 0.0])
         self.protect(at_rest, np.zeros(6), np.zeros(len(vehicle.actuators)))
+        self._room(at_rest[:3])
         self.begin()
 
     def begin(self) -> None:
@@ -85,10 +88,18 @@ class Protection:
         """Number of commands for which the thrusters were too weak to keep every limit."""
         return int(self._filter.tallies[0, INFEASIBLE])
 
-    def room(self, point: Floats) -> float:
-        """Return the distance in m that is left between the hull at a point (3,), in any direction, and the nearest solid's margin."""
-        if not len(self._solids):
-            return FAR
+    def refusal(self, point: Floats) -> str:
+        """Return why a vehicle must not go to a point (3,) in m, whichever way its bow points; '' if it may."""
+        low, high = self._depths
+        if not low + self._margin <= point[2] <= high - self._margin:
+            return f"is nearer to a depth limit than the filter's margin of {self._margin:g} m"
+        if not self._covers(point):
+            return "is outside the grid of the bottom"
+        room = self._room(point)
+        return "" if room >= 0.0 else f"is {-room:.2g} m too near to a solid for the filter"
+
+    def _room(self, point: Floats) -> float:
+        """Return the distance in m between the hull and the margin of the nearest solid, in any direction of the bow."""
         distance, nearest, gradient = np.empty(1), np.empty(1, np.int64), np.empty((1, 3))
         clearance(self._solids, self._heights, 0.0, point[None], FAR, distance, nearest, gradient)
         hull = self._hull[0]

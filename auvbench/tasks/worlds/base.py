@@ -46,6 +46,8 @@ class World:
     """whether it depends on the path of the task"""
     heights: Floats = NO_HEIGHTS
     """m, of its terrain"""
+    middle: tuple[float, float] = (0.0, 0.0)
+    """x and y in m of a point that it has"""
     fingerprint: bytes = b""
     """what names its terrain; empty: the heights"""
 
@@ -59,6 +61,10 @@ class World:
             ConfigError: the world cannot be drawn.
         """
         raise NotImplementedError
+
+    def covers(self, point: Floats) -> bool:
+        """Return whether it is known at a point (3,) in m."""
+        return True
 
     fields: ClassVar[tuple[str, ...]] = ()
     """numbers that an episode remembers"""

@@ -13,7 +13,7 @@ from auvbench.config.worlds import Bottom
 from auvbench.errors import ConfigError
 from auvbench.tasks.worlds.base import Episode, World
 from auvbench.worlds import grids
-from auvbench.worlds.kinds import Solids
+from auvbench.worlds.kinds import Floats, Solids
 from auvbench.worlds.solids import terrain
 
 
@@ -30,6 +30,7 @@ class BottomWorld(World):
         east, north = settings.bottom.origin or grid.middle
         self.low = np.array([grid.x[0] - east, grid.y[0] - north])
         self.high = np.array([grid.x[-1] - east, grid.y[-1] - north])
+        self.middle = tuple(0.5 * (self.low + self.high))
         mirrored = np.pad(grid.z, ((0, len(grid.y) - 2), (0, len(grid.x) - 2)), "reflect")
         self.heights = mirrored.ravel()
         self.fingerprint = grid.sha256.encode()
@@ -37,7 +38,7 @@ class BottomWorld(World):
 
     def draw(self, episode: Episode) -> tuple[Solids, Mapping[str, float]]:
         for what, point in (("start", episode.start), ("goal", episode.goal)):
-            if not ((self.low <= point[:2]) & (point[:2] <= self.high)).all():
+            if not self.covers(point):
                 (west, south), (east, north), (x, y, _) = self.low, self.high, point
                 raise ConfigError(
                     f"world.bottom.file={self.settings.bottom.file}: a {what} at ({x:.1f}, {y:.1f}) m is not over the grid, which has x "
@@ -45,6 +46,9 @@ class BottomWorld(World):
                     "world.bottom.origin"
                 )
         return self.bottom, {}
+
+    def covers(self, point: Floats) -> bool:
+        return bool(((self.low <= point[:2]) & (point[:2] <= self.high)).all())
 
 
 def grid_of(settings: Bottom) -> grids.Grid:

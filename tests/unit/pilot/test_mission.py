@@ -342,7 +342,7 @@ def test_a_filter_keeps_a_pilot_off_the_walls_of_a_tank_and_says_how_often(tmp_p
             batch.step(setup.act(pose.copy(), velocity.copy())[None])
         setup.end("the test is over")
         setup.write()
-        ends.append(protected(*tank).filter.room(pose[:3]))
+        ends.append(protected(*tank).filter._room(pose[:3]))
     # Without the filter the vehicle is through the wall; with it, it waits at the margin of 0.1 m.
     assert ends[1] < -1.0
     assert -0.1 < ends[0] < 0.1
@@ -352,14 +352,18 @@ def test_a_filter_keeps_a_pilot_off_the_walls_of_a_tank_and_says_how_often(tmp_p
 
 
 def test_a_filter_knows_the_bottom_of_a_file_where_the_poses_are(tmp_path):
-    heights = {(x, y): -10.0 + 0.5 * x for x in range(-8, 9) for y in range(-8, 9)}
+    heights = {(x, y): -10.0 + 0.5 * x for x in range(-8, 9) for y in range(92, 109)}
     file = tmp_path / "bottom.csv"
     file.write_text("x_m,y_m,z_m\n" + "".join(f"{x},{y},{z}\n" for (x, y), z in heights.items()))
     filtered = protected("--filter", "cbf", "--bottom", str(file)).filter
-    deep, shallow = (filtered.room(np.array([x, 2.0, -8.0])) for x in (-4.0, 2.0))
+    deep, shallow = (filtered._room(np.array([x, 102.0, -8.0])) for x in (-4.0, 2.0))
     hull = (4.0 / math.sqrt(1.25)) - deep  # at x = -4 the plane is 4 m below, and its slope is 1 in 2
     assert 0.2 < hull < 0.6
     assert shallow == pytest.approx(1.0 / math.sqrt(1.25) - hull, abs=1e-6)
+    assert filtered.refusal(np.array([-4.0, 102.0, -8.0])) == ""
+    assert "too near to a solid" in filtered.refusal(np.array([4.0, 102.0, -8.0]))
+    assert "outside the grid" in filtered.refusal(np.array([-4.0, 2.0, -8.0]))
+    assert "depth limit" in filtered.refusal(np.array([-4.0, 102.0, -1.05]))
 
 
 @pytest.mark.parametrize(
@@ -370,6 +374,7 @@ def test_a_filter_knows_the_bottom_of_a_file_where_the_poses_are(tmp_path):
         (["--filter", "cbf", "--bottom", "b.csv"], "--bottom b.csv: "),
         (["--filter", "cbf", "--vehicle", "lrauv"], "needs a vehicle with only thrusters"),
         (["--filter", "cbf", "--tank", "8", "8", "30", "--goal", "3.9", "0", "-9"], "too near to a solid"),
+        (["--filter", "cbf", "--depth", "-1", "-0.9"], "must be more than 0.2 m apart"),
         (["--filter", "cfb"], "cbf"),
     ],
 )
