@@ -98,13 +98,14 @@ class Mixer:
 
     def reach(self, gain: float) -> Floats:
         """Return the largest force or moment (6,) along each axis, as a share of what the vehicle's thrusters
-        can give together.
+        can give together; NaN for an axis along which they give none.
         """
         axes = np.diag(self.limits(gain))[[FORWARD, LATERAL, THROTTLE, ROLL, PITCH, YAW]]
         both = [np.abs(np.diagonal(self.wrench(sign * axes))) for sign in (1.0, -1.0)]
         vehicle = self.motors.vehicle
         most = np.abs(self._B) @ np.abs(vehicle.force(np.ones(len(vehicle.units))))
-        return np.asarray(np.minimum(np.minimum(*both) / most, 1.0))
+        with np.errstate(invalid="ignore"):  # 0 / 0: the thrusters of a vectored frame give no pitch
+            return np.asarray(np.minimum(np.minimum(*both) / most, 1.0))
 
     def axes(self, force: Floats, limits: Floats) -> Floats:
         """Return the axes (6,) within `limits` (6,) whose wrench is closest to the wrench of thruster forces
