@@ -262,12 +262,12 @@ def formation() -> str:
 
 def transit() -> str:
     """Return how soon agents pass fields of obstacles by what they observe, and the share that they pass."""
-    rows = [row for row in _rows(TRANSIT, "table.csv") if row["vehicle"] == "bluerov2_2026"]
+    rows = _rows(TRANSIT, "table.csv")
     columns = [
         [_reached(*found, best=False) for found in times]
         for times in _times(TRANSIT, rows, tuple(FIELDS.values()), TRANSIT_LIMIT)
     ]
-    agents = [row["agent"].replace("range.", "").replace(", transit", "") for row in rows]
+    agents = [row["agent"].replace("observed=range.", "").replace("observed=", "") for row in rows]
     return _table(("mean time", *FIELDS), agents, columns)
 
 
