@@ -12,7 +12,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
@@ -22,7 +21,7 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import evaluate_config
 from auvbench.evaluation.replay import Replay, replay
 from auvbench.runs.directory import find_runs
-from benchmarks.hero import INK, MUTED, WATER
+from benchmarks.hero import INK, WATER, drawn, write
 
 TARGET = Path(__file__).parents[1] / "docs" / "assets" / "field.gif"
 CONDITION, EPISODE = "density=0.03", 3
@@ -49,14 +48,7 @@ def film(folder: Path) -> None:
     protocol = evaluate_config(compose("evaluate", ["protocol=transit"])).protocol
     runs = {run.check()["algo"]["agent"]: run for run in find_runs([folder])}
     episodes = {name: replay(runs[name], protocol, CONDITION, EPISODE) for name in AGENTS}
-    longest = max(float(episode.time[-1]) for episode in episodes.values())
-    times = np.arange(0.0, longest, SPEED / RATE)
-    frames = [_picture(episodes, float(time)) for time in (longest, *times)]
-    palette = frames[0].quantize(48)
-    small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    durations = [2500, *[1000 // RATE] * len(times)]
-    small[0].save(TARGET, save_all=True, append_images=small[1:], duration=durations, loop=0, optimize=True)
-    print(f"wrote {TARGET}")
+    write(TARGET, episodes, _picture, SPEED, RATE, colours=48)
 
 
 def _picture(episodes: dict[str, Replay], time: float) -> Image.Image:
@@ -90,12 +82,10 @@ def _picture(episodes: dict[str, Replay], time: float) -> Image.Image:
         seconds = min(time, float(episode.time[-1]))
         ends = f" {episode.record['outcome']}" if done else ""
         text = f"{title}: {seconds:.1f} s{ends}"
-        figure.text(0.03, 0.92 - 0.07 * row, text, color=colour if done else MUTED, fontsize=13)
+        figure.text(0.03, 0.92 - 0.07 * row, text, color=colour, fontsize=13)
     figure.text(0.03, 0.06, "10 m", color=INK, fontsize=11)
     axes.plot([low[0] + 1.0, low[0] + 11.0], [low[1] + 0.8] * 2, color=INK, linewidth=2)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    return Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
+    return drawn(figure)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ film starts with its last picture, so that programs that show only the first pic
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -57,14 +58,42 @@ def film(folder: Path) -> None:
         for run in sorted(find_runs([folder]), key=lambda run: run.id, reverse=True)
     }
     episodes = {name: replay(runs[name], protocol, "nominal", EPISODE) for name in AGENTS}
+    write(TARGET, episodes, _picture, SPEED, RATE, colours=96)
+
+
+def write(
+    target: Path,
+    episodes: dict[str, Replay],
+    picture: Callable[[dict[str, Replay], float], Image.Image],
+    speed: float,
+    rate: int,
+    colours: int,
+) -> None:
+    """Write a film of episodes that begin together.
+
+    Args:
+        target: file.
+        episodes: by agent.
+        picture: function that draws the episodes at a time in s.
+        speed: seconds of the episodes in a second of the film.
+        rate: pictures per second.
+        colours: of all pictures.
+    """
     longest = max(float(episode.time[-1]) for episode in episodes.values())
-    times = np.arange(0.0, longest, SPEED / RATE)
-    frames = [_picture(episodes, float(time)) for time in (longest, *times)]
-    palette = frames[0].quantize(96)
+    times = np.arange(0.0, longest, speed / rate)
+    frames = [picture(episodes, float(time)) for time in (longest, *times)]
+    palette = frames[0].quantize(colours)
     small = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames]
-    durations = [2500, *[1000 // RATE] * len(times)]
-    small[0].save(TARGET, save_all=True, append_images=small[1:], duration=durations, loop=0, optimize=True)
-    print(f"wrote {TARGET}")
+    durations = [2500, *[1000 // rate] * len(times)]
+    small[0].save(target, save_all=True, append_images=small[1:], duration=durations, loop=0, optimize=True)
+    print(f"wrote {target}")
+
+
+def drawn(figure: Figure) -> Image.Image:
+    """Return a figure as a picture."""
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
 
 
 def _project(points: Any) -> Floats:
@@ -102,9 +131,7 @@ def _picture(episodes: dict[str, Replay], time: float) -> Image.Image:
             fontweight="bold" if done else "normal",
         )  # fmt: skip
     figure.text(0.7, 0.84, "time to the waypoint", color=MUTED, fontsize=17)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    return Image.fromarray(np.array(canvas.buffer_rgba())[..., :3])
+    return drawn(figure)
 
 
 def _floor(axes: Any, episodes: dict[str, Replay], waypoint: Floats) -> float:

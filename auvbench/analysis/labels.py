@@ -177,13 +177,13 @@ def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
     >>> observed("['gravity', 'way']", ["['gravity', 'way']", "['gravity', 'range.ideal']"])
     ('observed', 'way')
     """
-    sets = [_words(other) for other in dict.fromkeys(map(str, observations))]
-    blocks = dict.fromkeys(block for words in sets for block in words)
-    special = [[b for b in words if not all(b in others for others in sets)] for words in sets]
-    lacking = sum(len(blocks) - len(words) for words in sets)
-    own = _words(observation)
-    if all(special) and sum(map(len, special)) <= lacking:
-        return "observed", ", ".join(b for b in own if not all(b in others for others in sets))
+    own, others = _words(observation), [_words(other) for other in dict.fromkeys(map(str, observations))]
+    blocks = dict.fromkeys(block for words in others for block in words)
+    common = set(blocks).intersection(*others)
+    special = [len(words) - len(common) for words in others]
+    lacking = [len(blocks) - len(words) for words in others]
+    if all(special) and sum(special) <= sum(lacking):
+        return "observed", ", ".join(block for block in own if block not in common)
     return "unobserved", ", ".join(block for block in blocks if block not in own)
 
 

@@ -54,6 +54,7 @@ class Residuals:
         self.parameters = tuple(parameters)
         self.windows: Windows = predictor.windows
         self._lasting = tuple(log.lasting for log in self.windows.logs)
+        self._has_lasting = any(self._lasting)
         offset = self._sizes(lambda lasting: lasting.offset)
         used = np.isfinite(offset)
         self.channels = [k for k in self.windows.channels if used[:, k].any()]
@@ -65,7 +66,7 @@ class Residuals:
         """Correction (n, 12) of the first states from which predictions start, in standard deviations."""
         self.wrong = np.zeros((self.windows.n, len(CHANNELS)))
         """Offset (n, 12) of what is measured that predictions allow for, in standard deviations."""
-        self.late = np.zeros((self.windows.n, len(self._pieces()) if any(self._lasting) else 0))
+        self.late = np.zeros((self.windows.n, len(self._pieces()) if self._has_lasting else 0))
         """Time (n, pieces) by which predictions let the inputs come later, in standard deviations."""
         self._noise = np.array([_noise(log) for log in self.windows.logs])
         self._spread = self._start_spread()
@@ -100,7 +101,7 @@ class Residuals:
 
     def _error(self, predicted: FloatArray) -> FloatArray:
         """Return predictions (..., n, m, 12) less measurements, of the measured channels, 0 where nothing was measured."""
-        if any(self._lasting):
+        if self._has_lasting:
             predicted = predicted + self._bias[:, None]
         error = self.windows.error(predicted)[..., self.channels]
         # A step of the fit may try a vehicle that no time step resolves.
@@ -116,7 +117,7 @@ class Residuals:
             now = self._start_spread()
             scale = np.divide(self._spread, now, out=np.zeros_like(now), where=now > 0.0)
             self.shift = np.clip(z[:, :OWN], -5.0, 5.0) * scale
-            if any(self._lasting):
+            if self._has_lasting:
                 self._allow(z)
         self._spread = self._start_spread()
         moved = []
@@ -135,7 +136,7 @@ class Residuals:
                 effect[:, :, column, index] = self.there[..., column]
         scaled = effect * self._spread[:, None, None, :] / self.sigma[:, None]
         G = scaled.reshape(n, m * c, len(CHANNELS))
-        if any(self._lasting):
+        if self._has_lasting:
             errors = [error / self.sigma[:, None] for error in self._errors(effect, x)]
             G = np.concatenate([G, *(error.reshape(n, m * c, -1) for error in errors)], axis=-1)
         inverse = np.linalg.inv(np.eye(G.shape[-1]) + np.einsum("nri,nrj->nij", G, G))
@@ -195,7 +196,7 @@ class Residuals:
 
         The outputs' time and the scale of the depth come with a vehicle's autopilot, so that more logs do not reduce them.
         """
-        if not any(self._lasting):
+        if not self._has_lasting:
             return np.zeros((self.weights().size, 0))
         early = self._sizes(lambda lasting: lasting.all_early)[:, None, None]
         scale = self._sizes(lambda lasting: lasting.depth_scale)[:, None, None]
@@ -256,7 +257,7 @@ class Residuals:
         r = (raw / self.sigma).reshape(raw.shape[0], -1)
         if not change:
             r = r - np.einsum("nri,ni->nr", G[..., :OWN], self.shift)
-            if any(self._lasting):
+            if self._has_lasting:
                 r = r - np.einsum("nri,ni->nr", G[..., OWN : 2 * OWN], self.wrong)
                 r = r - np.einsum("nri,ni->nr", G[..., 3 * OWN :], self.late)
         z = np.einsum("nir,nr->ni", K, r)

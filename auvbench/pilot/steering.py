@@ -30,6 +30,8 @@ class Controller(Protocol):
 class Filter(Protocol):
     """The part of `auvbench.tasks.filters.flight.Protection` that a pilot uses."""
 
+    name: str
+
     @property
     def changed(self) -> int: ...
 

@@ -20,7 +20,7 @@ from auvbench import metrics
 from auvbench.config.ranges import SOUND
 from auvbench.config.tasks.formation import MOST, Formation
 from auvbench.dynamics.compiled import borrowed, compiled
-from auvbench.dynamics.random import MESSAGE, SENSOR, uniform4
+from auvbench.dynamics.random import SENSOR, uniform4
 from auvbench.dynamics.vectors import add, product, rotation_matrix
 from auvbench.errors import ConfigError
 from auvbench.metrics import Totals
@@ -38,6 +38,7 @@ from auvbench.tasks.rows import (
     add_errors,
     between,
     drawn,
+    misses,
     noise,
     put,
     quaternion,
@@ -270,8 +271,7 @@ def exchange(
                 if other.said_at + p.transmission + way / p.sound_speed > now + SOON:
                     continue
                 turn = math.floor(other.said_at / p.turn_time + 0.5)
-                lost, _, _, _ = uniform4(e.seed, MESSAGE | stream, j, turn, e.episode, e.environment)
-                if lost >= p.message_loss:
+                if not misses(e, p, j, turn, stream):
                     hear(e, other, j, other.said_at)
         next_turn = math.ceil((now - SOON) / p.turn_time)
         for i in range(start, start + n):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from auvbench import blocks
 from auvbench.dynamics.compiled import borrowed as borrowed
 from auvbench.dynamics.compiled import compiled, inline
-from auvbench.dynamics.random import COMMAND, SCENARIO, uniform4
+from auvbench.dynamics.random import COMMAND, MESSAGE, SCENARIO, uniform4
 from auvbench.dynamics.vectors import product, rotation_matrix
 from auvbench.tasks.records import Record
 
@@ -162,6 +162,13 @@ def between(a: Vector, b: Vector) -> float:
 def team_of(environment: int) -> int:
     """Return the counter of a vehicle's team: the counter of its first vehicle, or of a vehicle alone."""
     return environment & (VEHICLE - 1)
+
+
+@row
+def misses(e: Record, p: Record, speaker: int, turn: int, stream: int) -> bool:
+    """Return whether a vehicle does not receive the acoustic message of a turn, which the vehicle `speaker` of its team sends."""
+    lost, _, _, _ = uniform4(e.seed, MESSAGE | stream, speaker, turn, e.episode, e.environment)
+    return bool(lost < p.message_loss)
 
 
 @row

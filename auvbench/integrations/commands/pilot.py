@@ -428,7 +428,7 @@ def _about(setup: Steering) -> dict[str, Any]:
     limits = setup.limits
     return {
         "controller": setup.name,
-        **({} if setup.filter is None else {"filter": "cbf"}),
+        **({} if setup.filter is None else {"filter": setup.filter.name}),
         "vehicle": setup.vehicle.name,
         "actuators": list(setup.vehicle.actuators),
         "frequency_hz": setup.frequency,

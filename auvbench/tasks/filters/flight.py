@@ -59,15 +59,19 @@ class Protection:
         )
         unseen: Any = None  # observations show echoes, and the filter knows the map
         self._filter = BarrierFilter(config, vehicle, unseen, 1)
-        self._margin, self._depths = settings.margin, depths
+        self.name, self._margin, self._depths = settings.name, settings.margin, depths
         self._covers: Callable[[Floats], bool] = lambda point: True
-        self._solids, self._heights, self._hull = np.zeros(0, SOLID), NO_HEIGHTS, np.zeros(1, HULL)
+        self._solids, self._heights, self._radius = np.zeros(0, SOLID), NO_HEIGHTS, 0.0
+        hull = np.zeros(1, HULL)
         if world is not None:
-            self._hull = hull_of(world, vehicle).view(np.ndarray)
-            kind = resolve(WORLDS[world.name].code)(world, low, float(self._hull["radius"][0]))
+            hull = hull_of(world, vehicle).view(np.ndarray)
+            self._radius = float(hull["radius"][0] - hull["first"][0])
+            kind = resolve(WORLDS[world.name].code)(world, low, self._radius)
             middle = np.array([*kind.middle, 0.5 * (low + high)])
             self._solids, _ = kind.draw(Episode(middle, middle, (0, WORLD, 0, 0)))
             self._heights, self._covers = kind.heights, kind.covers
+        counts = np.array([len(self._solids)])
+        self._around = np.zeros(1, np.int64), counts, self._solids[None], self._heights, hull
         # The first calls compile, which a vehicle under power must not wait for.
         at_rest = np.array([0.0, 0.0, 0.5 * (low + high), 1.0, 0.0, 0.0, 0.0])
         self.protect(at_rest, np.zeros(6), np.zeros(len(vehicle.actuators)))
@@ -102,8 +106,7 @@ class Protection:
         """Return the distance in m between the hull and the margin of the nearest solid, in any direction of the bow."""
         distance, nearest, gradient = np.empty(1), np.empty(1, np.int64), np.empty((1, 3))
         clearance(self._solids, self._heights, 0.0, point[None], FAR, distance, nearest, gradient)
-        hull = self._hull[0]
-        return float(distance[0] - hull["radius"] + hull["first"] - self._margin)
+        return float(distance[0]) - self._radius - self._margin
 
     def protect(self, pose: Floats, velocity: Floats, action: Floats) -> Floats:
         """Return the command (n_u,) nearest to `action` that leads to no contact.
@@ -114,8 +117,7 @@ class Protection:
             action: (n_u,) in [-1, 1].
         """
         kept = np.array(action, dtype=np.float64)[None]
-        counts = np.array([len(self._solids)])
-        around = np.zeros(1, np.int64), counts, self._solids[None], self._heights, self._hull
-        self._filter.act(pose[None], velocity[None], kept, np.zeros((1, 0), np.float32), around, 0, 1)
+        unseen = np.zeros((1, 0), np.float32)
+        self._filter.act(pose[None], velocity[None], kept, unseen, self._around, 0, 1)
         result: Floats = kept[0]
         return result

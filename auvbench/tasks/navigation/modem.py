@@ -18,13 +18,12 @@ from auvbench.config.ranges import SOUND
 from auvbench.config.tasks.formation import MOST
 from auvbench.dynamics.compiled import called
 from auvbench.dynamics.layout import Vector
-from auvbench.dynamics.random import MESSAGE, uniform4
 from auvbench.dynamics.vectors import dot, product, scale, subtract
 from auvbench.tasks.navigation import ekf
 from auvbench.tasks.navigation.ekf import Floats
 from auvbench.tasks.navigation.state import MODEM, NEVER, normals
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import VEHICLE, between, put, row, triple
+from auvbench.tasks.rows import VEHICLE, between, misses, put, row, triple
 
 SHORT = 0.1
 """m, smallest range that has a direction"""
@@ -53,12 +52,11 @@ def next_speaker(d: Record, p: Record) -> int:
 
 @row
 def hears(e: Record, d: Record, p: Record, stream: int) -> bool:
-    """Return whether the vehicle uses the message of the turn that has begun: a beacon sends it, to a vehicle that is none, and it arrives."""
-    if d.speaker >= p.beacons or e.environment // VEHICLE < p.beacons:
-        return False
-    # The draw by which `formation.exchange` loses the message.
-    lost, _, _, _ = uniform4(e.seed, MESSAGE | stream, d.speaker, d.turn - 1, e.episode, e.environment)
-    return bool(lost >= p.message_loss)
+    """Return whether the vehicle uses the message of the turn that has begun: a beacon sends it, the vehicle is not a beacon, and it
+    receives the message.
+    """
+    from_beacon = d.speaker < p.beacons and e.environment // VEHICLE >= p.beacons
+    return bool(from_beacon and not misses(e, p, d.speaker, d.turn - 1, stream))
 
 
 @called
@@ -109,9 +107,8 @@ def bend(total: float, radial: float, r: float) -> float:
         radial: m2, its variance along the line of sight.
         r: m, distance.
     """
-    return (
-        math.sqrt(3.0) * max(total - radial, 0.0) / (2.0 * r)
-    )  # The mean of c^4 is 3 times the squared variance.
+    # The mean of c^4 is 3 times the squared variance.
+    return math.sqrt(3.0) * max(total - radial, 0.0) / (2.0 * r)
 
 
 @row
