@@ -318,9 +318,10 @@ def check(config: TrainConfig) -> None:
         rate, frequency = navigation.model.rate, config.step.frequency
         what = f"be at most {frequency:g} Hz, the rate of the agent's steps (step.frequency)"
         require(rate <= frequency * (1.0 + 1e-9), "navigation.model.rate", rate, what)
-    if sensors.dvl is not None and not config.world.solid:
+    if sensors.dvl is not None and not config.world.has_bottom:
         raise ConfigError(
-            f"sensors.dvl: has no bottom in world={config.world.name}; use world=seabed, slope, rough or tank, or sensors=bluerov2"
+            f"sensors.dvl: has no bottom in world={config.world.name}; use world=seabed, slope, rough or tank, world=field with "
+            "world.bottom_depth=30, or sensors=bluerov2"
         )
     _check_rates(config)
 

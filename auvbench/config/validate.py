@@ -205,7 +205,7 @@ def check_across(config: schema.TrainConfig) -> None:
     simulators.check_world(config.simulator, config.world)
     simulators.check_filter(config.simulator, config.filter)
     config.world.check()
-    tasks.check_solids(task, config.world.name if not config.world.solid else "")
+    tasks.check_solids(task, config.world)
     if task.team > 1:
         _check_team(config)
     navigation.check(config)

@@ -23,6 +23,11 @@ class World:
 
     name: str = choice_of(lambda: WORLDS.own)
 
+    @property
+    def has_bottom(self) -> bool:
+        """Whether a DVL finds a bottom in it."""
+        return self.solid
+
     def check(self) -> None:
         """Check rules that span several keys.
 
@@ -121,6 +126,10 @@ class Pillars(Solid):
     length: float = number(0.01, 1e4)  # m
     turn: float | None = number(-2.0 * math.pi, 2.0 * math.pi)  # rad
 
+    @property
+    def has_bottom(self) -> bool:
+        return False
+
     def check(self) -> None:
         apart = self.distance * math.sin(math.pi / self.count) if self.count > 1 else math.inf
         if self.radius > apart:
@@ -142,6 +151,11 @@ class Field(Solid):
     margin: float = number(1.0, 1000.0)  # m
     moving: float = later(number(0.0, 1.0), 0.0)
     speed: float = later(number(0.0, 5.0, open_low=True), 0.2)  # m/s
+    bottom_depth: float | None = later(number(0.1, 1e4))  # m
+
+    @property
+    def has_bottom(self) -> bool:
+        return self.bottom_depth is not None
 
     def check(self) -> None:
         low, high = self.radius_low, self.radius_high

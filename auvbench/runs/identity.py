@@ -73,6 +73,7 @@ LATER: dict[str, Any] = {
     "world": {"name": "open"},
     "world.moving": 0.0,
     "world.speed": 0.2,
+    "world.bottom_depth": None,
     "sensors.usbl.vehicles": 8,
     "sensors": {"name": "none"},
     "navigation.dvl_scale": False,

@@ -15,6 +15,7 @@ from auvbench import metrics, record
 from auvbench.config.ranges import Ranges, key_of
 from auvbench.config.schema import choice, choice_of, later, number
 from auvbench.config.schema import name as plain_name
+from auvbench.config.worlds import World
 from auvbench.errors import ConfigError, closest
 from auvbench.metrics import Metric
 from auvbench.registry import BLOCKS, TASKS, WORLDS, Spec
@@ -157,8 +158,8 @@ class TaskSpec(Spec):
     """whether the reference is a path, and its point of now goes along with the vehicle"""
     holds: bool = False
     """whether the vehicle is to stay at the reference until the time is up"""
-    solids: bool = False
-    """whether the task needs a world with solids"""
+    bottom: bool = False
+    """whether the task needs a world with a bottom"""
     at_rest: bool = False
     """whether the reference is one pose at rest, which a pilot takes from /goal_pose"""
     budget: int = 0
@@ -276,25 +277,27 @@ def _check_reads(task: Task, name: str) -> None:
             )
 
 
-def check_solids(task: Task, empty: str) -> None:
-    """Refuse a task or a range sensor that needs solids in a world without any.
+def check_solids(task: Task, world: World) -> None:
+    """Refuse a task without the bottom that it needs, and a range sensor in a world without solids.
 
     Args:
         task: checked task.
-        empty: name of the world if it has no solids, else "".
+        world: checked world.
 
     Raises:
-        ConfigError: names the block and the worlds that it can measure.
+        ConfigError: names the task or block and the worlds that it can measure.
     """
-    if not empty:
+    if TASKS[task.name].bottom and not world.has_bottom:
+        raise ConfigError(
+            f"task={task.name}: has no bottom in world={world.name}; use world=rough, seabed, slope or tank"
+        )
+    if world.solid:
         return
-    worlds = " or ".join(f"world={other}" for other in WORLDS.own if other != empty)
-    if TASKS[task.name].solids:
-        raise ConfigError(f"task={task.name}: has no bottom in world={empty}; use {worlds}")
+    worlds = " or ".join(f"world={other}" for other in WORLDS.own if other != world.name)
     for name in task.observation:
         if "solids" in BLOCKS[name].reads:
             raise ConfigError(
-                f"task.observation: {name} has nothing to measure in world={empty}; use {worlds}"
+                f"task.observation: {name} has nothing to measure in world={world.name}; use {worlds}"
             )
 
 

@@ -40,7 +40,7 @@ SPEC = TaskSpec(
     ("tracking", "exponential"),
     schema=Terrain,
     fixed_start=True,
-    solids=True,
+    bottom=True,
     metrics=(
         column(
             "altitude_error_rms_m",

@@ -12,7 +12,7 @@ from auvbench.errors import ConfigError
 from auvbench.tasks.worlds.base import Episode, World
 from auvbench.worlds.kinds import Floats, Solids
 from auvbench.worlds.passage import scatter, shortest_way
-from auvbench.worlds.solids import box, cylinder, none, sphere
+from auvbench.worlds.solids import box, cylinder, none, plane, sphere
 
 MOST = 256
 """obstacles"""
@@ -27,8 +27,8 @@ MOTIONS = SIZES + MOST
 class FieldWorld(World):
     """A field is drawn anew until a vehicle can pass between its obstacles, as seen from above."""
 
-    most = MOST
-    inside = "inside an obstacle"
+    most = MOST + 1
+    inside = "inside an obstacle or the bottom"
     fields = ("way_ratio", "way_clearance_m")  # of the shortest way from start to goal
 
     def draw(self, episode: Episode) -> tuple[Solids, Mapping[str, float]]:
@@ -52,6 +52,8 @@ class FieldWorld(World):
                 solids = [self._obstacle(k, disc, episode) for k, disc in enumerate(discs)]
                 for k in range(len(solids)) if s.moving > 0.0 else ():
                     self._move(solids[k], *episode.draws(MOTIONS + k)[:2])
+                if s.bottom_depth is not None:
+                    solids.append(plane([0.0, 0.0, -s.bottom_depth], [0.0, 0.0, 1.0]))
                 return np.concatenate([none(), *solids]), {"way_ratio": ratio, "way_clearance_m": room}
         raise ConfigError(
             f"world.density={s.density:g}: no vehicle with a radius of {self.radius:.2g} m can pass any of {TRIES} fields; reduce "

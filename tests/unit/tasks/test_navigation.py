@@ -613,6 +613,7 @@ def test_only_a_changed_navigation_changes_the_id_of_a_run() -> None:
         (["sensors=none"], "needs sensors.imu, which sensors=none does not have; use sensors=bluerov2, dvl_a50 or survey"),
         (["sensors=bluerov2", "navigation=dead_reckoning"], "needs sensors.dvl, which sensors=bluerov2 does not have"),
         (["world=open"], "sensors.dvl: has no bottom in world=open; use world=seabed"),
+        (["world=field", "task=docking"], "sensors.dvl: has no bottom in world=field"),
         (["navigation=truth"], "sensors=dvl_a50: navigation=truth reads no sensor"),
         (["world=open", "sensors=bluerov2", "simulator=gazebo"], "simulator=gazebo does not have the sensors"),
         (["sensors.imu.rate=200"], r"sensors.imu.rate=200: must be at most 100 Hz, the rate of the physics"),

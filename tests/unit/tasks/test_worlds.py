@@ -29,7 +29,7 @@ from auvbench.runs import identity
 from auvbench.tasks.worlds.rough import fractal
 from auvbench.vehicles import sheet
 from auvbench.worlds.casting import clearance
-from auvbench.worlds.kinds import KINDS
+from auvbench.worlds.kinds import KINDS, PLANE
 from auvbench.worlds.passage import CELL, scatter, shortest_way
 from tests.reference import solids as oracle
 
@@ -399,10 +399,22 @@ def test_a_share_of_the_obstacles_moves_and_the_others_keep_their_bits() -> None
     assert name != still.task.world.name(0, int(still.task.episodes[0].solids))  # type: ignore[union-attr]
 
 
+def test_a_field_may_have_a_bottom_below_the_same_obstacles() -> None:
+    without, over = batch("field"), batch("field", "world.bottom_depth=30")
+    for one in (without, over):
+        one.reset()
+    for i in range(without.n):
+        *obstacles, bottom = solids_of(over, i)
+        assert np.array(obstacles).tobytes() == np.array(solids_of(without, i)).tobytes()
+        assert bottom["kind"] == PLANE
+        assert bottom["position"].tolist() == [0.0, 0.0, -30.0]
+        assert bottom["along_z"].tolist() == [0.0, 0.0, 1.0]
+
+
 def test_runs_in_a_field_at_rest_keep_their_ids() -> None:
     values: Any = OmegaConf.to_container(compose("train", ["algo=pid", "world=field"]))
     earlier = copy.deepcopy(values)
-    del earlier["world"]["moving"], earlier["world"]["speed"]
+    del earlier["world"]["moving"], earlier["world"]["speed"], earlier["world"]["bottom_depth"]
     assert identity.run_id(values) == identity.run_id(earlier)
     assert typed(OmegaConf.create(earlier)).world.moving == 0.0
     values["world"]["moving"] = 0.5
