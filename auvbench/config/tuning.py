@@ -25,6 +25,7 @@ class Tune:
     trials: int = number(1, 100_000)
     sampler: str = choice("tpe", "random")
     startup: int = number(1, 100_000)
+    preset: bool = False
     rungs: list[int]
     pruner: str = choice("halving", "none")
     reduction: int = number(2, 100)

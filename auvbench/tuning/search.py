@@ -32,7 +32,7 @@ from auvbench.runs.directory import RunDirectory
 from auvbench.statistics import crossed, means
 from auvbench.statistics.intervals import Estimate
 from auvbench.tuning.folder import Journal, Plan
-from auvbench.tuning.space import with_values
+from auvbench.tuning.space import of_preset, with_values
 
 optuna.logging.set_verbosity(optuna.logging.ERROR)  # the study has its own display
 # Multivariate TPE is experimental: its interface may change, but Optuna's version is pinned.
@@ -283,9 +283,16 @@ class Search(Trials):
 
     def next(self) -> Step | None:
         """Return what to train now; None until the next result, or when the search is over."""
-        while not self.queue and len(self.trials) < self.limit:
+        if self.plan.tune.preset and not self.trials:
+            self.study.enqueue_trial(of_preset(self.plan.base["algo"], self.plan.dimensions))
+        while not self.queue and len(self.trials) < self.limit + self._waiting:
             self._advance(self.study.ask({d.key: d.distribution for d in self.plan.dimensions}))
         return self.queue.popleft() if self.queue else None
+
+    @property
+    def _waiting(self) -> int:
+        """Number of trials, 0 or 1, whose settings are known and that have not begun."""
+        return len(self.study.get_trials(deepcopy=False, states=(TrialState.WAITING,)))
 
     def _advance(self, trial: Trial) -> None:
         """Queue the trial's next rung, or close the trial."""

@@ -51,6 +51,17 @@ class Dimension:
         """Return the configuration value of a parameter."""
         return copy.deepcopy(self.values[self.choices.index(str(value))]) if self.choices else value
 
+    def holds(self, value: Any) -> bool:
+        """Return whether a configuration value is in the range."""
+        if self.choices:
+            return value in self.values
+        return isinstance(value, int | float) and self.distribution._contains(value)
+
+    def parameter(self, value: Any) -> Value:
+        """Return the parameter of a configuration value in the range."""
+        chosen: Value = self.choices[self.values.index(value)] if self.choices else value
+        return chosen
+
     def ends(self) -> Sequence[Value]:
         """Return the values to check before a study starts: the two ends of a range, or all choices."""
         if isinstance(self.distribution, CategoricalDistribution):
@@ -175,6 +186,12 @@ def validate_space(
                 with_groups(base, {"algo": with_values(algo, dimensions, {**first, dimension.key: value})})
             except ConfigError as error:
                 raise ConfigError(f"the search space contradicts itself: {error}") from error
+
+
+def of_preset(algo: Mapping[str, Any], dimensions: Sequence[Dimension]) -> dict[str, Value]:
+    """Return the parameters of the plain values of `algo` that are in the ranges."""
+    values = flat(algo, GROUP)
+    return {d.key: d.parameter(values[d.key]) for d in dimensions if d.holds(values[d.key])}
 
 
 def with_values(

@@ -126,6 +126,25 @@ def test_more_trials_go_on_from_those_there_are(tmp_path: Path, monkeypatch: pyt
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kill", [1, 2, 3, 4])
+def test_the_first_trial_may_have_the_settings_of_the_preset(
+    kill: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    words = "tune.preset=true", "algo.gamma=interval(0.99,0.999)", "algo.clip_range=interval(0.3,0.4)"
+    study, path = plan("tune.trials=2", *words), tmp_path / "journal.log"
+    with pytest.raises(Killed):
+        carry_out(study, path, monkeypatch, kill_after=kill)
+    search, _ = carry_out(study, path, monkeypatch)
+    first, second = (trial.params for trial in search.trials)
+    assert first["algo.learning_rate"] == 0.001
+    assert first["algo.gamma"] == 0.99
+    assert first["algo.net_arch"] == "[64,64]"
+    assert first["algo.batch_size"] == "1024"
+    assert 0.3 <= first["algo.clip_range"] <= 0.4  # the preset's 0.2 is not in the range
+    assert second["algo.learning_rate"] != 0.001
+
+
+@pytest.mark.slow
 def test_impossible_settings_are_a_failed_trial_and_not_the_end(tmp_path: Path) -> None:
     study = plan("algo.batch_size=choice(512,1024)", "algo.n_steps=choice(32,64,128,256)")
     search = Search(study, open_study(study, tmp_path / "journal.log"), base_of(study))

@@ -124,7 +124,8 @@ def test_one_command_gives_every_shipped_space_the_same_budget(monkeypatch):
     plans = [plan_of(config, {}, {})[0] for config in seen]
     assert {plan.tune.trials for plan in plans} == {7}
     assert {tuple(plan.tune.rungs) for plan in plans} == {(50000, 150000, 400000)}
-    assert {plan.name for plan in plans} == set(folders.options("search"))
+    of_some_tasks = {"alos", "apf"}
+    assert {plan.name for plan in plans} == set(folders.options("search")) - of_some_tasks
     assert {"ppo", "sac", "ddpg", "td3", "pid", "lqr", "smc", "mpc", "mppi"} <= {plan.name for plan in plans}
     assert all(len(plan.dimensions) >= 3 for plan in plans)
 
