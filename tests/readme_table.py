@@ -209,26 +209,38 @@ def _errors(
     return [[100 * float(found[agent, condition][column]) for agent in agents] for condition in conditions]
 
 
-def sensors() -> str:
-    """Return how near agents stay to a station with what each set of sensors lets them know, in cm."""
-    rows = [row for row in _rows(NAVIGATION, "conditions.csv") if row["task"] == "station_keeping"]
+def sensors(task: str = "station_keeping") -> str:
+    """Return how near agents stay to a reference with what each set of sensors lets them know, in cm."""
+    rows = [row for row in _rows(NAVIGATION, "conditions.csv") if row["task"] == task]
     agents = sorted({row["agent"] for row in rows})
     columns = [
         [f"{value:.{0 if value >= 100 else 1}f}{NO_BREAK}cm" for value in values]
-        for values in _errors(NAVIGATION, agents, tuple(SENSORS.values()))
+        for values in _errors(NAVIGATION, agents, tuple(SENSORS.values()), task)
     ]
     return _table(("RMS position error", *SENSORS), agents, columns)
 
 
-def sensors_waypoints() -> str:
-    """Return how soon agents reach waypoints with what each set of sensors lets them know, and the share that they reach."""
-    rows = [row for row in _rows(NAVIGATION, "table.csv") if row["vehicle"] == "bluerov2_2026"]
+def sensors_trajectories() -> str:
+    """Return how near agents stay to a moving reference with what each set of sensors lets them know, in cm."""
+    return sensors("trajectory_tracking")
+
+
+def sensors_waypoints(
+    section: str = "bluerov2_2026", title: str = "mean time to a waypoint", limit: float = LIMIT
+) -> str:
+    """Return how soon agents reach goals with what each set of sensors lets them know, and the share that they reach."""
+    rows = [row for row in _rows(NAVIGATION, "table.csv") if row["vehicle"] == section]
     rows.sort(key=lambda row: row["agent"])
     columns = [
         [_reached(*found, best=False) for found in times]
-        for times in _times(NAVIGATION, rows, tuple(SENSORS.values()))
+        for times in _times(NAVIGATION, rows, tuple(SENSORS.values()), limit)
     ]
-    return _table(("mean time to a waypoint", *SENSORS), [row["agent"] for row in rows], columns)
+    return _table((title, *SENSORS), [row["agent"] for row in rows], columns)
+
+
+def sensors_docks() -> str:
+    """Return how soon agents are in docks with what each set of sensors lets them know, and the share that succeeds."""
+    return sensors_waypoints("bluerov2_2026, task docking", "mean time to the dock", limit=60.0)
 
 
 def transfer() -> str:
@@ -362,6 +374,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "robust": robust,
     "sensors": sensors,
     "sensors_waypoints": sensors_waypoints,
+    "sensors_trajectories": sensors_trajectories,
+    "sensors_docks": sensors_docks,
     "transfer": transfer,
     "formation": formation,
     "transit": transit,
@@ -397,7 +411,7 @@ PAGES = {
     "docs/identification.md": ("log_columns",),
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
-    "results/navigation/README.md": ("sensors", "sensors_waypoints"),
+    "results/navigation/README.md": ("sensors", "sensors_trajectories", "sensors_waypoints", "sensors_docks"),
     "results/transfer/README.md": ("transfer",),
     "results/formation/README.md": ("formation",),
     "results/transit/README.md": ("transit",),
