@@ -64,6 +64,17 @@ class Dvl:
     lost: float = number(0.0, 1.0)
     burst: float = number(0.01, 1e4)  # s
     delay: float = number(0.0, 1.0)  # s
+    water_track: bool = False
+    water_rate: float = later(number(0.1, FASTEST), 2.0)  # Hz
+    water_noise: float = later(number(0.0, 1e3, open_low=True), 1.5)
+    water_near: float = later(number(0.0, 1000.0), 1.5)  # m
+    water_far: float = later(number(0.0, 1000.0, open_low=True), 4.5)  # m
+
+    @property
+    def fastest_rate(self) -> tuple[str, float]:
+        """Key and value in Hz of the highest rate."""
+        on_water = ("water_rate", self.water_rate) if self.water_track else ("rates", 0.0)
+        return max(("rates", max(self.rates)), on_water, key=lambda rate: rate[1])
 
     def check(self) -> None:
         """Raise ConfigError if keys contradict each other."""
@@ -76,6 +87,7 @@ class Dvl:
         require(rising, f"{key}altitudes", self.altitudes, f"rise, up to {key}high={self.high:g} or more")
         below(f"{key}low", self.low, f"{key}high", self.high)
         below(f"{key}merit_low", self.merit_low, f"{key}merit_high", self.merit_high)
+        below(f"{key}water_near", self.water_near, f"{key}water_far", self.water_far)
 
 
 @dataclass(kw_only=True)
@@ -310,6 +322,11 @@ def check(config: TrainConfig) -> None:
         raise ConfigError(
             f"navigation.dvl_scale=true: sensors={sensors.name} has no DVL with a scale; use sensors=dvl_a50, or false"
         )
+    if sensors.dvl is not None and sensors.dvl.water_track and not isinstance(navigation, EkfModel):
+        raise ConfigError(
+            f"sensors.dvl.water_track=true: navigation={navigation.name} does not estimate the current, so that a velocity through the "
+            "water is of no use to it; use navigation=ekf_model, or false"
+        )
     if getattr(navigation, "heading_bias", False) and not {"usbl", "gnss"} & {*sensors.names()}:
         raise ConfigError(
             f"navigation.heading_bias=true: sensors={sensors.name} has no positions that show it; use sensors=dvl_usbl, or false"
@@ -381,9 +398,8 @@ def _check_rates(config: TrainConfig) -> None:
         sensor = getattr(sensors, name)
         if sensor is None:
             continue
-        most = max(sensor.rates) if name == "dvl" else sensor.rate
+        key, most = sensor.fastest_rate if name == "dvl" else ("rate", sensor.rate)
         if most > sensors.imu.rate * (1.0 + 1e-9):
-            key = "rates" if name == "dvl" else "rate"
             raise ConfigError(
                 f"sensors.{name}.{key}={most:g}: must be at most {sensors.imu.rate:g} Hz, the rate of the IMU"
             )

@@ -64,10 +64,10 @@ class Forwarder:
         self._seen = 0.0
 
     def forward(self, radio: Radio) -> None:
-        """Send a valid ping that has arrived since the last call."""
+        """Send a valid ping to the bottom that has arrived since the last call."""
         d = self._state
         measured = float(d.stamp[DVL])
-        if d.beams < ENOUGH or measured <= self._seen:
+        if d.beams < ENOUGH or d.on_water or measured <= self._seen:
             return
         elapsed, self._seen = measured - self._seen, measured
         confidence = 100.0 * (1.0 - min(float(d.merit), WORST) / WORST)

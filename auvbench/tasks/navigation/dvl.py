@@ -1,8 +1,12 @@
-"""DVL: four beams to the bottom; at least three must return.
+"""DVL: four beams to the bottom; at least three must return. Without, it may measure relative to a layer of the water.
 
 Beam i points along b_i = (sin t cos a_i, sin t sin a_i, -cos t), with the tilt t and azimuths a_i of 45, 135, 225 and 315 degrees, in
 body axes (forward, port, up). It measures b_i . (v + w x l). The velocity is the least-squares solution of the valid beams, so that with
 four beams its standard deviations are s / (sqrt(2) sin t) along x and y and s / (2 cos t) along z, for beams with a standard deviation s.
+
+Water track has the same geometry: a beam measures b_i . (v - c + w x l), with the current c in the middle of the layer. Only beams with
+no solid as near as the far end of the layer return it. Left out: the current's change across the layer, the waves' motion in it, the bias
+that a bottom beyond the layer's end may cause, and water with too few scatterers. Bursts are without lock on the bottom only.
 """
 
 from __future__ import annotations
@@ -26,7 +30,7 @@ from auvbench.dynamics.vectors import (
 from auvbench.tasks.navigation.state import DVL, expect, next_of_burst, normals, uniforms
 from auvbench.tasks.navigation.turns import attitude_of
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import put, row, triple
+from auvbench.tasks.rows import current_at, put, row, triple
 from auvbench.worlds.casting import distance_to, first_hit
 
 BEAMS = 4
@@ -59,7 +63,7 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
     put(d.mounting, scale(p.dvl_mounting, (x, y, z)))
     d.merit = p.dvl_merit_low * (p.dvl_merit_high / p.dvl_merit_low) ** u if p.has_dvl > 0 else 0.0
     d.burst = 1 if lost < p.dvl_lost else 0
-    d.beams = 0
+    d.beams = d.on_water = 0
     d.altitude = 0.0
     periods = p.dvl_periods
     d.dvl_period = periods[0]
@@ -125,27 +129,57 @@ def solve(d: Record, p: Record) -> Vector:
 
 
 @row
+def through_water(d: Record) -> Vector:
+    """Return the estimate's velocity through the water in m/s, world axes."""
+    current = d.current
+    return subtract(triple(d.velocity), (current[0], current[1], 0.0))
+
+
+@row
+def relative(d: Record) -> Vector:
+    """Return the estimate's velocity in m/s, world axes, relative to what the last ping measured: bottom or water."""
+    return through_water(d) if d.on_water > 0 else triple(d.velocity)
+
+
+@row
 def predicted(d: Record, p: Record) -> Vector:
-    """Return the velocity at the DVL in m/s, body axes, as the estimate has it."""
-    own = transposed_product(rotation_matrix(attitude_of(d.attitude)), triple(d.velocity))
+    """Return what the last ping would measure at the DVL in m/s, body axes, as the estimate has it."""
+    own = transposed_product(rotation_matrix(attitude_of(d.attitude)), relative(d))
     there = add(own, cross(subtract(triple(d.rates), triple(d.rate_bias)), triple(p.dvl_lever)))
     return scale(1.0 + d.scale, there)
 
 
+@row
+def with_errors(d: Record, velocity: Vector) -> Vector:
+    """Return a velocity with the errors of scale and mounting."""
+    return scale(1.0 + d.dvl_scale, add(velocity, cross(velocity, triple(d.mounting))))
+
+
+@row
+def is_clear(p: Record, solids: Any, heights: Any, time: float, origin: Vector, way: Vector) -> bool:
+    """Return whether a beam meets no solid until the far end of the layer of water; arguments are those of `height_along`."""
+    end = p.dvl_water_far / p.dvl_cosine
+    distance, _ = first_hit(solids, heights, time, origin, way, end + 1.0)
+    return bool(distance > end)
+
+
 @called
-def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: Any) -> None:
-    """Ping: measure the beams' velocities and their solution."""
+def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: Any, water: Record) -> None:
+    """Ping: measure the beams' velocities and their solution, to the bottom or, without lock and with water track, to the water.
+
+    `water` is what `Simulator.set_current` set.
+    """
     rotation = rotation_matrix(attitude_of(d.true_attitude))
     lever = triple(p.dvl_lever)
     origin = plus_product(triple(d.true_position), rotation, lever)
     velocity = add(transposed_product(rotation, triple(d.true_velocity)), cross(triple(d.true_rates), lever))
-    measured = scale(1.0 + d.dvl_scale, add(velocity, cross(velocity, triple(d.mounting))))
+    measured = with_errors(d, velocity)
     u, _, _, _ = uniforms(e, d, stream, 6)
     noise = normals(e, d, stream, 7)
     d.burst = next_of_burst(d.burst, p.dvl_lost, d.dvl_period / p.dvl_burst, u)
     able = d.burst == 0 and dot(velocity, velocity) <= p.dvl_fastest**2
     sd = beam_sd(d, p)
-    d.beams, total = 0, 0.0
+    d.beams, d.on_water, total = 0, 0, 0.0
     for i in range(BEAMS):
         way = beam(p, i)
         altitude = height_along(p, solids, heights, d.time, origin, product(rotation, way)) if able else 0.0
@@ -154,8 +188,19 @@ def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: An
         total += altitude
         d.beam_velocity[i] = dot(way, measured) + sd * noise[i]
     d.altitude = total / d.beams if d.beams > 0 else 0.0
+    d.dvl_period = period(p, d.altitude)
+    if d.beams < ENOUGH and p.dvl_water_track > 0:
+        _, _, z = origin
+        current = current_at(water, z - 0.5 * (p.dvl_water_near + p.dvl_water_far))
+        measured = with_errors(d, subtract(velocity, transposed_product(rotation, current)))
+        d.beams, d.on_water, d.dvl_period = 0, 1, 1.0 / p.dvl_water_rate
+        for i in range(BEAMS):
+            way = beam(p, i)
+            clear = is_clear(p, solids, heights, d.time, origin, product(rotation, way))
+            d.valid[i] = 1 if clear else 0
+            d.beams += d.valid[i]
+            d.beam_velocity[i] = dot(way, measured) + p.dvl_water_noise * sd * noise[i]
     if d.beams >= ENOUGH:
         put(d.dvl_velocity, solve(d, p))
     put(d.predicted_velocity, predicted(d, p))
-    d.dvl_period = period(p, d.altitude)
     expect(d, DVL, d.dvl_period, p.dvl_delay)

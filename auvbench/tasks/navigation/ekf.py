@@ -37,6 +37,7 @@ from auvbench.tasks.navigation.state import (
     STATES,
     USBL,
     VELOCITY,
+    WATER,
 )
 from auvbench.tasks.navigation.turns import attitude_of, cross_matrix, multiply, turn
 from auvbench.tasks.records import Record
@@ -209,7 +210,7 @@ def update(
         p: parameters.
         P: covariance.
         work: its row CHANGE gets the change of the states.
-        sensor: DVL, DEPTH, HEADING, MODEL, GNSS or MODEM.
+        sensor: DVL, DEPTH, HEADING, MODEL, GNSS, MODEM or WATER.
         part: axis or beam of a DVL's reading, which the gate judges separately; 0 for other sensors.
         innovation: reading less prediction.
         sd: standard deviation of the reading.
@@ -226,7 +227,8 @@ def update(
     gated = sensor * PARTS + part
     if nis <= p.gate:
         d.rejected[gated] = 0
-    elif sensor in (MODEL, MODEM) or d.rejected[gated] < GATED:  # A sheet or a beacon may be wrong for ever.
+    # A sheet, a beacon or the current may be wrong for ever.
+    elif sensor in (MODEL, MODEM, WATER) or d.rejected[gated] < GATED:
         d.rejected[gated] += 1
         return False
     else:  # The covariance is wrong. The states that the reading shows are uncertain by the innovation, and the others keep theirs.
@@ -296,18 +298,21 @@ def put_row(work: Floats, first: int, vector: Vector) -> None:
 
 @row
 def velocity_row(d: Record, p: Record, way: Vector, work: Floats) -> None:
-    """Write the derivatives of the velocity at the DVL along a direction in body axes: h = (1 + k) way . (R^T v + w x l).
+    """Write the derivatives of the velocity at the DVL along a direction in body axes: h = (1 + k) way . (R^T v + w x l), with v - c
+    instead of v if the last ping was to the water.
 
     The rates are measured less bias, so that the column of the gyro bias is [l]x.
     """
     seen = scale(1.0 + d.scale, way)
-    along = product(rotation_matrix(attitude_of(d.attitude)), seen)
+    x, y, _ = along = product(rotation_matrix(attitude_of(d.attitude)), seen)
     work[ROW, :] = 0.0
     put_row(work, VELOCITY, along)
-    put_row(work, ATTITUDE, cross(along, triple(d.velocity)))
+    put_row(work, ATTITUDE, cross(along, dvl.relative(d)))
     put_row(work, RATE_BIAS, cross(seen, triple(p.dvl_lever)))
     if p.scale_state > 0:
         work[ROW, p.scale_state] = dot(way, dvl.predicted(d, p)) / (1.0 + d.scale)
+    if d.on_water > 0:
+        work[ROW, CURRENT], work[ROW, CURRENT + 1] = -x, -y
 
 
 @row
@@ -330,25 +335,26 @@ def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
     propagate(d, p, P)
     error = subtract(triple(d.dvl_velocity), triple(d.predicted_velocity))
     work[CHANGE, :] = 0.0
-    beam_sd = dvl.beam_sd(d, p)
+    sensor, factor = (WATER, p.dvl_water_noise) if d.on_water > 0 else (DVL, 1.0)
+    level, beam_sd = factor * d.merit, factor * dvl.beam_sd(d, p)
     upright = 0.5 * beam_sd / p.dvl_cosine
     four = d.beams == dvl.BEAMS
     speed = dot(triple(d.dvl_velocity), triple(d.dvl_velocity))
     unknown = 0.0 if p.scale_state > 0 else p.dvl_scale**2
     slow = (unknown + p.dvl_mounting**2) * speed
-    stop = max(p.scale_state + 1, STATES)
+    stop = max(p.scale_state + 1, p.current_end if d.on_water > 0 else STATES)
     for k in range(3 if four else dvl.BEAMS):
         if four:
             way = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
-            sd = d.merit if k < 2 else upright
+            sd = level if k < 2 else upright
         else:
             way, sd = dvl.beam(p, k), beam_sd
             if d.valid[k] == 0:
                 continue
         velocity_row(d, p, way, work)
-        update(d, p, P, work, DVL, k, dot(way, error), math.sqrt(sd * sd + slow), VELOCITY, stop)
+        update(d, p, P, work, sensor, k, dot(way, error), math.sqrt(sd * sd + slow), VELOCITY, stop)
     inject(d, p, P, work)
-    d.stamp[DVL] = d.time - p.dvl_delay
+    d.stamp[sensor] = d.time - p.dvl_delay
 
 
 @called

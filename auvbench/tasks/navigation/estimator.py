@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.config.navigation import is_estimated
+from auvbench.dynamics.layout import CURRENT
 from auvbench.simulators.base import Simulator
 from auvbench.tasks import records
 from auvbench.tasks.navigation import loops
@@ -92,6 +93,12 @@ class Navigation:
             (np.asarray(self.task.episodes["solids"]), world.solids, world.heights) if world else self._none
         )
 
+    @staticmethod
+    def _water(simulator: Any) -> Any:
+        """Currents (n,) of the vehicles, as `rows.current_at` takes them."""
+        water = simulator.current.view(CURRENT)[:, 0]
+        return records.named(water) if records.INTERPRETED else water
+
     def begin(self, indices: Integers, simulator: Simulator) -> None:
         """Draw sensors and first estimates of episodes whose vehicles are at their starts."""
         task, true = self.task, (simulator.pose, simulator.velocity)
@@ -105,7 +112,8 @@ class Navigation:
         """Measure an interval of some s that ends now, in the environments start .. stop - 1."""
         rows = start, self.task.n if stop is None else stop
         own = self.task.rows, self._state, self._parameters, self.covariance, self.task.stream
-        loops.sample_rows(*rows, *own, simulator.pose, simulator.velocity, *self._scene, seconds)
+        true, water = (simulator.pose, simulator.velocity), self._water(simulator)
+        loops.sample_rows(*rows, *own, *true, *self._scene, water, seconds)
         if self.parameters[0].beacons:
             loops.range_rows(*rows, *own)
 

@@ -158,11 +158,11 @@ def feel(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int) 
 
 @row
 def ping(
-    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, solids: Any, heights: Any
-) -> None:
+    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, solids: Any, heights: Any, water: Record
+) -> None:  # fmt: skip
     """Measure the velocity if the DVL is due, and correct the estimate by a ping that arrives now."""
     if is_due(d, DVL):
-        dvl.sense(e, d, p, stream, solids, heights)
+        dvl.sense(e, d, p, stream, solids, heights, water)
     if has_arrived(d, DVL) and d.beams >= dvl.ENOUGH:
         if p.is_filter > 0:
             ekf.correct_velocity(d, p, P, work)
@@ -185,7 +185,7 @@ def locate(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int
 @row
 def sample(
     e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, pose: Floats, velocity: Floats,
-    solids: Any, heights: Any, seconds: float,
+    solids: Any, heights: Any, water: Record, seconds: float,
 ) -> None:  # fmt: skip
     """Measure an interval of some s that ends at a pose and velocity, and move the estimate."""
     before, had = attitude_of(d.true_attitude), triple(d.true_velocity)
@@ -205,7 +205,7 @@ def sample(
         dead_reckoning.advance(d, p, place, pushed, seconds)
     feel(e, d, p, P, work, stream)
     if p.has_dvl > 0:
-        ping(e, d, p, P, work, stream, solids, heights)
+        ping(e, d, p, P, work, stream, solids, heights, water)
     locate(e, d, p, P, work, stream)
 
 
@@ -239,7 +239,7 @@ def conclude(
     d.counted += 1.0
     if p.is_filter > 0:
         d.nees += min(ekf.nees(error, P), LOST) if d.diverged == 0 else LOST
-    if d.beams < dvl.ENOUGH:
+    if d.beams < dvl.ENOUGH or d.on_water > 0:
         d.unlocked += p.duration
 
 
@@ -262,7 +262,7 @@ def begin_rows(
 @compiled("dynamics", "worlds", "tasks", ".")
 def sample_rows(
     first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, stream: int,
-    true_pose: Floats, true_velocity: Floats, counts: Integers, solids: Any, heights: Floats, seconds: float,
+    true_pose: Floats, true_velocity: Floats, counts: Integers, solids: Any, heights: Floats, water: Any, seconds: float,
 ) -> None:  # fmt: skip
     """Measure an interval of some s in the episodes first .. stop - 1."""
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
@@ -272,7 +272,7 @@ def sample_rows(
     for i in range(first, stop):
         sample(
             episodes[i], states[i], p, covariances[i], work, stream, true_pose[i], true_velocity[i],
-            solids[i, : counts[i]], heights, seconds,
+            solids[i, : counts[i]], heights, water[i], seconds,
         )  # fmt: skip
     memory[:] = 0.0  # numba frees memory after its last use, and does not see what is borrowed
 

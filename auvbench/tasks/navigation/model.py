@@ -19,10 +19,11 @@ from auvbench.dynamics.layout import Vector
 from auvbench.dynamics.vectors import cross, dot, product, rotation_matrix, subtract, transposed_product
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.tasks.navigation import ekf
+from auvbench.tasks.navigation.dvl import through_water
 from auvbench.tasks.navigation.state import ATTITUDE, CURRENT, MODEL, MODEL_STATES, VELOCITY, is_due
 from auvbench.tasks.navigation.turns import attitude_of
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import row, triple
+from auvbench.tasks.rows import row
 from auvbench.vehicles.inspect import shortest_time_constant
 
 if TYPE_CHECKING:
@@ -61,13 +62,6 @@ class Sheet:
         own.pose[rows] = pose[rows]
         own.velocity[rows, 3:] = velocity[rows, 3:]
         own.advance(action, duration, start, stop)
-
-
-@row
-def through_water(d: Record) -> Vector:
-    """Return the estimate's velocity through the water in m/s, world axes."""
-    current = d.current
-    return subtract(triple(d.velocity), (current[0], current[1], 0.0))
 
 
 @row

@@ -31,7 +31,8 @@ class Reading:
 def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
     """Return the last readings of environment i by sensor; a sensor without one, or whose next is under way, is left out.
 
-    Covariances are those that auvbench's filter takes: errors that last an episode enlarge them.
+    Covariances are those that auvbench's filter takes: errors that last an episode enlarge them. A velocity relative to the water is left
+    out, so that no program takes it for one over ground.
 
     Returns:
         `imu`: specific force in m/s2 and rates in rad/s; `dvl`: velocity in m/s, body axes, at the DVL; `depth`: height in m;
@@ -51,7 +52,7 @@ def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
                 float(ages[sensor]), np.array(value, dtype=np.float64, ndmin=1), np.atleast_2d(covariance)
             )
 
-    if p.has_dvl:
+    if p.has_dvl and not d.on_water:
         put("dvl", DVL, d.dvl_velocity, _of_velocity(d, p))
     z = float(d.height)
     depth = p.depth_noise**2 + p.depth_resolution**2 / 12.0 + p.depth_offset**2 + (p.depth_density * z) ** 2

@@ -27,8 +27,9 @@ VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS, CURRENT = 3, 6, 9, 12, 15
 """first index of each group of states; position is at 0. The DVL's scale, the compass's constant error and the position at the last ping of
 a USBL, if they are states, follow at `p.scale_state`, `p.bias_state` and `p.ping_state`; at `p.modem_state` the position when a beacon sent
 its last message."""
-DVL, DEPTH, HEADING, MODEL, USBL, GNSS, MODEM = 0, 1, 2, 3, 4, 5, 6
-"""index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on"""
+DVL, DEPTH, HEADING, MODEL, USBL, GNSS, MODEM, WATER = 0, 1, 2, 3, 4, 5, 6, 7
+"""Index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on. WATER is the DVL's water track: its pings are due and arrive as the
+DVL's."""
 SOON = 1e-6
 """s: a measurement that is due this soon is due now"""
 LOST = 1000.0
@@ -36,7 +37,7 @@ LOST = 1000.0
 NEVER = 1e300
 """s, when a reading arrives that is not under way"""
 
-_V, _Q, _S = (3,), (4,), (7,)
+_V, _Q, _S = (3,), (4,), (8,)
 FIELDS: tuple[tuple[Any, ...], ...] = (
     ("samples", "i8"),  # of the IMU in the episode
     ("time", "f8"),  # s, in the episode
@@ -58,6 +59,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("mounting", "f8", _V),  # rad
     ("burst", "i8"),  # 1: in a burst without lock
     ("dvl_period", "f8"),  # s to the next ping
+    ("on_water", "i8"),  # 1: the last ping is relative to the water
     ("beams", "i8"),  # valid beams of the last ping
     ("valid", "i8", (4,)),  # 1: the beam is valid
     ("beam_velocity", "f8", _Q),  # m/s, measured
@@ -97,7 +99,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("due", "f8", _S),  # s, of the next measurement
     ("arrives", "f8", _S),  # s
     ("stamp", "f8", _S),  # s, of the last valid reading that arrived
-    ("rejected", "i8", (28,)),  # readings that failed the gate in a row: four parts of each
+    ("rejected", "i8", (32,)),  # readings that failed the gate in a row: four parts of each
     ("nis", "f8", _S),  # sum of normalised innovations squared
     ("innovations", "f8", _S),  # their number
     # Estimate
@@ -215,6 +217,7 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
 _DVL = (
     *("low", "high", "fastest", "merit_low", "merit_high", "scale", "mounting"),
     *("lost", "burst", "delay"),
+    *("water_track", "water_rate", "water_noise", "water_near", "water_far"),
 )
 
 _MESSAGES = ("turn_time", "transmission", "message_loss")
