@@ -82,6 +82,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
     # Imported late: a complete run does not need it.
     from auvbench.commands.progress import Bar
     from auvbench.config.algorithms import learns
+    from auvbench.config.navigation import is_estimated
     from auvbench.runs.plan import load_config
     from auvbench.runs.progress import WINDOW, telling
     from auvbench.training import worker
@@ -107,5 +108,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
         else "complete: nothing to train"
     )
     print(f"{run.path}")
-    print(f"next: auvbench evaluate {shlex.quote(str(run.path))}")
+    # Other protocols have errors of the readings, which an estimator refuses.
+    protocol = " protocol=own" if is_estimated(load_config(run)) else ""
+    print(f"next: auvbench evaluate {shlex.quote(str(run.path))}{protocol}")
     return 0

@@ -82,6 +82,10 @@ def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
     if node is _ABSENT:
         above = key.rpartition(".")[0]
         through = _at(config, above) if above else _ABSENT
+        group, _, block = above.partition(".")
+        if through is None and block.isidentifier() and folders.options(group):
+            option = _at(config, f"{group}.name")
+            return f"{shown}: {group}={option} has no {above}; use another {group}="
         leads = through is not _ABSENT and not isinstance(through, dict | None)
         return f"{shown}: {above} has no keys below it; {_settable(above, through)}" if leads else ""
     return _value(shown, key, override.value(), node)

@@ -173,7 +173,8 @@ def _resolve(
         return typed(node)
     except ConfigError as error:
         if node.task.name == config["task"]["name"]:
-            raise
+            own = "protocol=own tests a run in its own task, noise and disturbances"
+            raise ConfigError(f"{where}: {error}; {own}") from error
         raise ConfigError(
             f"{where}: tests task={node.task.name}, but the run has task={config['task']['name']}: {error}"
         ) from error

@@ -79,11 +79,16 @@ class Filter:
         H[0, B_] = 1.0
         self.correct(np.angle(np.exp(1j * (yaw - of(self.R) - self.b))), H, np.array([[sd**2]]))
 
-    def velocity(self, seen: Floats, rates: Floats, lever: Floats, covariance: Floats) -> None:
+    def velocity(
+        self, seen: Floats, rates: Floats, lever: Floats, covariance: Floats, on_water: bool = False
+    ) -> None:
         H = np.zeros((3, self.n))
-        H[:, V_], H[:, A_] = self.R.T, self.R.T @ skew(self.v)
+        relative = self.v - [*self.c, 0.0] if on_water else self.v
+        H[:, V_], H[:, A_] = self.R.T, self.R.T @ skew(relative)
         H[:, W_] = skew(lever)
-        own = self.R.T @ self.v + np.cross(rates - self.b_w, lever)
+        if on_water:
+            H[:, C_] = -self.R.T[:, :2]
+        own = self.R.T @ relative + np.cross(rates - self.b_w, lever)
         H *= 1.0 + self.k
         H[:, K_] = own
         self.correct(seen - (1.0 + self.k) * own, H, covariance)

@@ -37,6 +37,7 @@ def test_the_examples_in_the_documentation(module: object) -> None:
         ("seed=[1,2]", "takes one value, not a list, for example seed=42"),
         ("output={a:1}", "takes one value, not keys, for example output=outputs"),
         ("disturbance.current.speed.x=1", "disturbance.current.speed has no keys below it; type disturbance.current.speed=0"),
+        ("sensors=bluerov2 sensors.dvl.lost=1", "sensors=bluerov2 has no sensors.dvl; use another sensors="),
         # Removed and added keys.
         ("~noise.position", "a key cannot be removed; set one of noise.position.low"),
         ("~algo.n_epochs", "a key cannot be removed; type algo.n_epochs=10"),

@@ -24,7 +24,21 @@ from auvbench.errors import ConfigError
 from auvbench.runs.identity import run_id
 from auvbench.tasks import records
 from auvbench.tasks.navigation import dvl, ekf, imu, model, modem, usbl
-from auvbench.tasks.navigation.state import DVL, FIELDS, GNSS, MODEL, MODEL_STATES, STATES, USBL, VELOCITY
+from auvbench.tasks.navigation.readings import readings
+from auvbench.tasks.navigation.state import (
+    DEPTH,
+    DVL,
+    FIELDS,
+    GNSS,
+    HEADING,
+    MODEL,
+    MODEL_STATES,
+    NEVER,
+    STATES,
+    USBL,
+    VELOCITY,
+    WATER,
+)
 from auvbench.tasks.navigation.turns import turn, vector_of
 from auvbench.worlds import solids
 from benchmarks.navigation import band, shown
@@ -66,6 +80,7 @@ POSITIONS = (
 """a USBL whose errors are those of the filter's model, and that is as late as it can be"""
 LEARNING = "sensors.dvl.scale=0.05", "navigation.dvl_scale=true", "sensors.heading.bias=0.05", "navigation.heading_bias=true"  # fmt: skip
 """errors that are states of the filter"""
+ON_WATER = "navigation=ekf_model", "sensors.dvl.water_track=true"
 EAGER = "navigation.model.rate=10", "navigation.model.settling=0"
 """readings of the sheet at every step"""
 
@@ -214,6 +229,45 @@ def test_readings_have_the_errors_of_their_keys() -> None:
     assert np.allclose(np.round(d["height"] / 0.002) * 0.002, d["height"])
 
 
+def test_without_lock_on_the_bottom_a_ping_measures_relative_to_a_layer_of_the_water() -> None:
+    """Also with a current that changes with the depth; where the bottom is in the layer, no beam measures."""
+    merit = "sensors.dvl.merit_low=0.02", "sensors.dvl.merit_high=0.02"
+    one = batch(*ON_WATER, *MATCHED, *merit, "sensors.dvl.lost=1", n=1024, autoreset=False)
+    one.reset()
+    simulator, navigation, top = one.simulator, estimator(one), np.array([0.4, -0.3, 0.05])
+    simulator.set_current(top, -top, (0.0, 100.0))
+    rng = np.random.default_rng(5)
+    simulator.velocity[:] = rng.normal(0.0, 0.3, (1024, 6))
+    simulator.pose[:, 2] = -50.0
+    simulator.pose[:, 3:] = quaternion(rng.normal(0.0, 0.2, (1024, 3)))
+    own, d, lever = one.config.sensors.dvl, navigation.state, np.array([0.0, 0.0, -0.1])
+    assert own is not None
+    bottom = one.task.world.solids[:, 0]  # type: ignore[union-attr]
+    bottom["position"] = simulator.pose[:, :3] + [0.0, 0.0, -200.0]
+    bottom["position"][:8, 2] = -52.0  # in the layer
+    navigation.begin(np.arange(1024), simulator)
+    d["due"][:, DVL] = 0.0
+    navigation.sample(simulator, 0.02)
+    assert (d["on_water"] == 1).all()
+    assert (d["beams"] == [0] * 8 + [4] * 1016).all()
+    np.testing.assert_allclose(d["dvl_period"], 0.5)
+    R = rotation(simulator.pose[:, 3:])
+    z = simulator.pose[:, 2] + R[:, 2] @ lever - 3.0  # of the middle of the layer
+    current = top * (1.0 + 2.0 * z[:, None] / 100.0)
+    through = np.einsum("nji,nj->ni", R, np.einsum("nij,nj->ni", R, simulator.velocity[:, :3]) - current)
+    apart = (d["dvl_velocity"] - through - np.cross(simulator.velocity[:, 3:], lever))[8:]
+    sd = 1.5 * 0.02 * np.array([1.0, 1.0, math.sqrt(0.5) * math.tan(own.tilt)])
+    np.testing.assert_allclose(apart.std(0), sd, rtol=0.08)
+    np.testing.assert_allclose(apart.mean(0), 0.0, atol=0.003)
+    # It is no velocity over ground: neither its age, nor the time without lock, nor other programs take it for one.
+    assert (d["stamp"][8:, WATER] > 0.0).all()
+    assert (d["stamp"][:, DVL] < 0.0).all()
+    assert (d["arrives"][:, DVL] == NEVER).all()
+    one.step(np.zeros_like(one._action))
+    assert navigation.columns(16)["unlocked_share"] == 1.0
+    assert "dvl" not in readings(navigation, 16)
+
+
 # --- Filter -------------------------------------------------------------------------------------------------------------------------
 
 
@@ -268,6 +322,9 @@ def test_derivatives_are_those_of_finite_differences() -> None:
 
     ekf.velocity_row(d, p, way, work)
     check(lambda state: np.dot(way, dvl.predicted(state, p)))
+    d.on_water = 1
+    ekf.velocity_row(d, p, way, work)
+    check(lambda state: np.dot(way, dvl.predicted(state, p)))
     ekf.heading_row(d, p, work)
     check(heading)
     model.put_derivatives(d, way, work)
@@ -311,10 +368,10 @@ def test_the_sum_of_perfect_imu_samples_is_the_motion() -> None:
 
 
 def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
-    one = batch(
-        *("sensors=dvl_usbl", "navigation=ekf_model"), *MATCHED, *POSITIONS, *EAGER, *LEARNING, n=1, seed=4
-    )
+    words = "sensors=dvl_usbl", *ON_WATER, *MATCHED, *POSITIONS, *EAGER, *LEARNING, "sensors.dvl.lost=0.3"
+    one = batch(*words, n=1, seed=4)
     one.reset()
+    one.simulator.set_current([0.2, -0.1, 0.0])
     navigation = estimator(one)
     d, p = navigation.state[0], navigation.parameters[0]
     own = Filter(
@@ -334,9 +391,10 @@ def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
             own.height(d.height, p.depth_noise)
         if came[2]:
             own.heading(d.heading, p.heading_noise)
-        if came[0]:
-            upright = d.merit * math.sqrt(0.5) * p.dvl_sine / p.dvl_cosine
-            own.velocity(d.dvl_velocity, d.rates, lever, np.diag([d.merit, d.merit, upright]) ** 2)
+        if came[DVL] or came[WATER]:
+            factor = 1.5 if came[WATER] else 1.0
+            sd = factor * d.merit * np.array([1.0, 1.0, math.sqrt(0.5) * p.dvl_sine / p.dvl_cosine])
+            own.velocity(d.dvl_velocity, d.rates, lever, np.diag(sd**2), bool(came[WATER]))
         if d.ping_time > pinged:
             own.ping()
         if came[USBL]:
@@ -350,6 +408,7 @@ def test_the_compiled_filter_agrees_with_one_in_plain_numpy() -> None:
         seen = navigation.sheet.velocity[0, :3]
         own.through_water(seen, math.hypot(p.model_noise, p.model_share * float(np.linalg.norm(seen))))
     assert (np.sum(counted, axis=0)[:MODEL] >= 100).all()
+    assert d.innovations[WATER] >= 12
     assert d.innovations[USBL] == 27  # three of each fix, of which the tenth is still under way
     assert d.innovations[MODEL] == 300
     np.testing.assert_allclose(d.position, own.p, atol=2e-4)
@@ -388,12 +447,16 @@ def test_a_controller_is_trained_and_tested_on_estimates(tmp_path: Path) -> None
     assert (rows.unlocked_share[rows.condition == "half-lock"] > 0.1).all()
 
 
-def consistency(*words: str, readings: int = MODEL) -> Floats:
-    """Return NEES per state and NIS of DVL, depth, heading and further readings (1 + readings, 128), means over each of 128 episodes of
-    40 s."""
+def consistency(*words: str, sensors: tuple[int, ...] = (DVL, DEPTH, HEADING)) -> Floats:
+    """Return NEES per state and NIS of some sensors (1 + sensors, 128), means over each of 128 episodes of 40 s; in a current if the
+    filter estimates it.
+    """
     one = batch(*MATCHED, "task.max_steps=100000", *words, n=128, autoreset=False)
     rng, nees = np.random.default_rng(0), []
     one.reset()
+    if one.config.navigation.name == "ekf_model":
+        current = np.random.default_rng(1).normal(0.0, 0.25, (128, 3))
+        one.simulator.set_current(current * [1.0, 1.0, 0.0])
     for step in range(400):
         if step % 10 == 0:
             action = rng.uniform(-0.25, 0.25, one._action.shape)
@@ -403,7 +466,7 @@ def consistency(*words: str, readings: int = MODEL) -> Floats:
             inverse = np.linalg.inv(estimator(one).covariance[:, :STATES, :STATES])
             nees.append(np.einsum("ni,nij,nj->n", x, inverse, x) / STATES)
     d = estimator(one).state
-    nis = (d["nis"] / np.maximum(d["innovations"], 1.0)).T[[*range(MODEL), *range(USBL, GNSS + 1)][:readings]]
+    nis = (d["nis"] / np.maximum(d["innovations"], 1.0)).T[[*sensors]]
     return np.array([np.mean(nees, axis=0), *nis])
 
 
@@ -412,6 +475,14 @@ def test_a_filter_that_knows_its_sensors_is_consistent_and_one_that_does_not_is_
         _, half = band(values)
         assert shown(values).endswith(" inside")
         assert half < 0.05
+    # Without lock on the bottom and without the sheet: what the DVL measures is relative to the water, whose current is estimated.
+    alone = *ON_WATER, "sensors.dvl.lost=1", "navigation.model.settling=1e4", "navigation.model.walk=0"
+    nees, none, *others = consistency(*alone, sensors=(DVL, WATER, DEPTH, HEADING))
+    assert (none == 0.0).all()
+    for values in (nees, *others):
+        mean, half = band(values)
+        assert half < 0.05
+        assert mean == pytest.approx(1.0, abs=0.05)
     for values in consistency("navigation.inflation=0.3333333333"):  # noise three times as large as assumed
         mean, half = band(values)
         assert shown(values).endswith(" outside")
@@ -421,7 +492,9 @@ def test_a_filter_that_knows_its_sensors_is_consistent_and_one_that_does_not_is_
 def test_a_filter_with_late_positions_and_more_states_is_consistent() -> None:
     """Positions of 0.8 s ago correct the present: the filter remembers where it believed the vehicle to be."""
     learning = "sensors=dvl_usbl", *POSITIONS, "sensors.dvl.scale=0.05", "navigation.dvl_scale=true"
-    for values in consistency(*learning, "navigation.start.position=0.5", readings=MODEL + 1):
+    for values in consistency(
+        *learning, "navigation.start.position=0.5", sensors=(DVL, DEPTH, HEADING, USBL)
+    ):
         mean, half = band(values)
         assert half < 0.05
         assert mean == pytest.approx(1.0, abs=0.05)
@@ -464,17 +537,20 @@ def test_satellites_are_seen_at_the_surface_only() -> None:
 
 
 def test_the_sheet_carries_the_estimate_while_the_dvl_is_lost() -> None:
-    """In a current, too: the filter knows it from before."""
+    """In a current, too: the filter knows it from before. A DVL that measures relative to the water helps vehicles that are not as
+    their sheet.
+    """
     errors = {}
-    for kind in ("ekf", "ekf_model"):
-        one = batch(f"navigation={kind}", n=32, autoreset=False)
+    kinds = {"ekf": (), "ekf_model": ("navigation=ekf_model",), "water track": ON_WATER}
+    for kind, words in kinds.items():
+        one = batch(*words, n=32, autoreset=False)
         one.reset()
         one.simulator.set_current([0.3, -0.2, 0.0])
         one.simulator.effectiveness[:8, 0] = 0.5  # of the vehicle, which the sheet does not know
         navigation, rng = estimator(one), np.random.default_rng(0)
         for step in range(700):
             if step == 400:
-                navigation.state["due"][:, DVL] += 30.0
+                navigation.parameters["dvl_lost"] = 1.0
             if step % 20 == 0:
                 action = rng.uniform(-0.4, 0.4, one._action.shape)
             one.step(action)
@@ -483,6 +559,7 @@ def test_the_sheet_carries_the_estimate_while_the_dvl_is_lost() -> None:
     assert (navigation.sheet.simulator.effectiveness == 1.0).all()
     assert np.median(errors["ekf_model"]) < 0.2 * np.median(errors["ekf"])
     assert errors["ekf_model"].max() < 5.0
+    assert np.median(errors["water track"][:8]) < np.median(errors["ekf_model"][:8])
 
 
 def test_an_estimate_that_diverges_is_recorded_and_stands_still() -> None:
@@ -627,6 +704,9 @@ def test_only_a_changed_navigation_changes_the_id_of_a_run() -> None:
         (["sensors=gnss"], "sensors.gnss.depth=0.3: the vehicle stays below task.depth_high=-1"),
         (["sensors=usbl", "navigation.dvl_scale=true"], "navigation.dvl_scale=true: sensors=usbl has no DVL with a scale"),
         (["navigation.heading_bias=true"], "navigation.heading_bias=true: sensors=dvl_a50 has no positions that show it; use sensors=dvl_usbl"),
+        (["sensors.dvl.water_track=true"], "sensors.dvl.water_track=true: navigation=ekf does not estimate the current.*use navigation=ekf_model, or false"),
+        ([*ON_WATER, "sensors.dvl.water_near=5"], "sensors.dvl.water_near=5: must be at most sensors.dvl.water_far=4.5"),
+        ([*ON_WATER, "sensors.dvl.water_rate=60"], "sensors.dvl.water_rate=60: must be at most 50 Hz, the rate of the IMU"),
         (["sensors.dvl.high=80"], "sensors.dvl.altitudes=.*must rise, up to sensors.dvl.high=80"),
         (["sensors=none", "navigation=truth", "task.observation=[position_error,yaw_error,sensor_age]"], "sensor_age needs an estimator"),
         (["navigation=dead_reckoning", "task.observation=[position_error,yaw_error,position_sd]"], "position_sd needs a covariance"),
