@@ -34,7 +34,9 @@ MATCHED = (
 )
 """sensors whose errors are those of the filter's model"""
 WATER_TRACK = "navigation=ekf_model", "sensors.dvl.water_track=true"
-ON_WATER = *WATER_TRACK, "sensors.dvl.lost=1", "navigation.model.settling=1e4", "navigation.model.walk=0"
+NO_SHEET = "navigation.model.settling=1e4"
+"""no readings of the sheet"""
+ON_WATER = *WATER_TRACK, NO_SHEET, "sensors.dvl.lost=1", "navigation.model.walk=0"
 """a DVL that never has lock on the bottom, a current that is drawn as the filter assumes, and no readings of the sheet"""
 TASKS = ("waypoint_state", "station_keeping", "trajectory_tracking", "path_following", "docking", "transit")
 EPISODES, SECONDS = 500, 60
@@ -265,6 +267,7 @@ def losses() -> Iterator[Sequence[str]]:
             ("`ekf`", ()),
             ("`ekf_model`", ("navigation=ekf_model",)),
             ("`ekf_model`, water track", WATER_TRACK),
+            ("water track, no sheet", (*WATER_TRACK, NO_SHEET)),
         ):
             grown, nees = after_loss(*own, *words)
             rms = math.sqrt(float(np.mean(grown**2)))

@@ -5,8 +5,10 @@ body axes (forward, port, up). It measures b_i . (v + w x l). The velocity is th
 four beams its standard deviations are s / (sqrt(2) sin t) along x and y and s / (2 cos t) along z, for beams with a standard deviation s.
 
 Water track has the same geometry: a beam measures b_i . (v - c + w x l), with the current c in the middle of the layer. Only beams with
-no solid as near as the far end of the layer return it. Left out: the current's change across the layer, the waves' motion in it, the bias
-that a bottom beyond the layer's end may cause, and water with too few scatterers. Bursts are without lock on the bottom only.
+no solid as near as the far end of the layer return it (Water Linked's DVL A50: 1.5 to 4.5 m below it, at 2 Hz). Each ping without lock on
+the bottom is one to the water: a real A50 does one or the other, as its computer commands. Left out: that command, the current's change
+across the layer, the waves' motion in it, the bias that a bottom beyond the layer may cause, and water with too few scatterers. Bursts
+are without lock on the bottom only.
 """
 
 from __future__ import annotations
