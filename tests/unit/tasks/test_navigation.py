@@ -430,10 +430,15 @@ def run(*words: str) -> None:
     assert main(list(words)) == 0
 
 
-def test_a_controller_is_trained_and_tested_on_estimates(tmp_path: Path) -> None:
+def test_a_controller_is_trained_and_tested_on_estimates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = [f"output={tmp_path}", "name=navigation"]
     run("train", *EKF, *out, "task.max_steps=60", "train.progress=false")
+    assert capsys.readouterr().out.endswith(" protocol=own\n")
     folder = str(tmp_path / "navigation")
+    assert main(["evaluate", folder]) == 2  # the default protocol has errors of the readings
+    assert "protocol=own tests a run in its own task" in capsys.readouterr().err
     run("evaluate", folder, "protocol=navigation", "protocol.episodes=2", "protocol.trajectories=0")
     (file,) = tmp_path.rglob("evaluations/*/episodes.csv")
     rows = pd.read_csv(file)
