@@ -112,6 +112,7 @@ class Heading:
     hard_iron: float = number(0.0, 3.0)  # rad
     soft_iron: float = number(0.0, 3.0)  # rad
     delay: float = number(0.0, 1.0)  # s
+    thrusters: float = later(number(0.0, 1.0), 0.0)  # rad/A
 
 
 @dataclass(kw_only=True)

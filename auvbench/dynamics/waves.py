@@ -196,6 +196,31 @@ def move_water(
             add3(waves.acceleration, lane, (c * sine, s * sine, -(omega * cosine)))
 
 
+@inline
+def pressure_head(
+    components: FloatArray, rays: FloatArray, lane: int, time: float, x: float, y: float, z: float
+) -> float:
+    """Return the waves' pressure at a point over the density and gravity, in m: the sum of a exp(-k d) cos theta.
+
+    Args:
+        components: (m, 3), as `Waves` has them.
+        rays: (m, 3, LANES) of the vehicle's block.
+        lane: of the vehicle.
+        time: s.
+        x: m east.
+        y: m north.
+        z: m up; above the mean surface the pressure is that at it.
+    """
+    head = 0.0
+    for m in range(components.shape[0]):
+        turns, frequency, speed = components[m]
+        c, s, phase = rays[m, COSINE, lane], rays[m, SINE, lane], rays[m, PHASE, lane]
+        _, cosine = sine_cosine(turns * (c * x + s * y) - frequency * time + phase)
+        amplitude = speed / (2.0 * math.pi * frequency)
+        head += amplitude * decay(2.0 * math.pi * turns * max(-z, 0.0)) * cosine
+    return head
+
+
 @njit(nogil=True)
 def add_water_inertia(ws: Record) -> None:
     """Subtract the accelerated water's (M_A + rho V) v' at the present stage from the wrench that is itself

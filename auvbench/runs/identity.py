@@ -80,6 +80,7 @@ LATER: dict[str, Any] = {
     "sensors.dvl.water_noise": 1.5,
     "sensors.dvl.water_near": 1.5,
     "sensors.dvl.water_far": 4.5,
+    "sensors.heading.thrusters": 0.0,
     "sensors": {"name": "none"},
     "navigation.dvl_scale": False,
     "navigation.heading_bias": False,

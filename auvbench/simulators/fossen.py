@@ -128,7 +128,7 @@ class FossenSimulator(VehicleBatch):
 
     def set_waves(self, waves: Waves) -> None:
         """Set the waves of all vehicles; see `WavySimulator.set_waves`."""
-        self._waves = waves
+        self.waves = waves
         self._wave_arguments = waves.components, waves.rays, waves.time
 
     def step(self, command: ArrayLike, duration: float) -> None:
@@ -137,7 +137,7 @@ class FossenSimulator(VehicleBatch):
         if action.shape != self.command_force.shape:
             raise ValueError(f"command has shape {action.shape}, expected {self.command_force.shape}")
         self.each(lambda start, stop: self.advance(action, duration, start, stop))
-        self._waves.time += duration
+        self.waves.time += duration
 
     def each(self, function: Callable[[int, int], T]) -> list[T]:
         """Return `function(start, stop)` for each thread's range of vehicles; the calling thread does the

@@ -1,4 +1,7 @@
-"""Heading: a compass with a constant error, hard iron (one cycle per turn), soft iron (two cycles per turn) and noise."""
+"""Heading: a compass with a constant error, hard iron (one cycle per turn), soft iron (two cycles per turn) and noise.
+
+The current of the thrusters adds to the hard iron, in a direction of its own.
+"""
 
 from __future__ import annotations
 
@@ -10,15 +13,19 @@ from auvbench.tasks.navigation.turns import attitude_of
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row, wrap
 
+VOLTAGE = 16.0
+"""V, at which the power of thrusters was measured"""
+
 
 @row
 def begin(e: Record, d: Record, p: Record, stream: int) -> None:
     """Draw the errors of the episode."""
     bias, hard, soft, _ = normals(e, d, stream, 3)
-    hard_phase, soft_phase, _, _ = uniforms(e, d, stream, 4)
+    hard_phase, soft_phase, thruster_phase, _ = uniforms(e, d, stream, 4)
     d.heading_bias = p.heading_bias * bias
     d.hard_iron, d.hard_iron_phase = p.heading_hard_iron * hard, 2.0 * math.pi * hard_phase
     d.soft_iron, d.soft_iron_phase = p.heading_soft_iron * soft, 2.0 * math.pi * soft_phase
+    d.thruster_phase = 2.0 * math.pi * thruster_phase
     d.due[HEADING] = 1.0 / p.heading_rate
 
 
@@ -30,17 +37,18 @@ def yaw_of(q: Quaternion) -> float:
 
 
 @row
-def measured(d: Record, p: Record, yaw: float, noise: float) -> float:
-    """Return what the compass shows at a yaw in rad, with a standard normal number of noise."""
+def measured(d: Record, p: Record, yaw: float, noise: float, power: float) -> float:
+    """Return what the compass shows at a yaw in rad, with a standard normal number of noise and the thrusters' power in W."""
     error = d.heading_bias + p.heading_noise * noise
+    error += p.heading_thrusters * power / VOLTAGE * math.cos(yaw + d.thruster_phase)
     error += d.hard_iron * math.cos(yaw + d.hard_iron_phase)
     error += d.soft_iron * math.cos(2.0 * yaw + d.soft_iron_phase)
     return wrap(yaw + error)
 
 
 @row
-def sense(d: Record, p: Record, noise: float) -> None:
-    """Measure the heading with a standard normal number of noise."""
-    d.heading = measured(d, p, yaw_of(attitude_of(d.true_attitude)), noise)
+def sense(d: Record, p: Record, noise: float, power: float) -> None:
+    """Measure the heading with a standard normal number of noise and the thrusters' power in W."""
+    d.heading = measured(d, p, yaw_of(attitude_of(d.true_attitude)), noise, power)
     d.predicted_heading = yaw_of(attitude_of(d.attitude)) + d.bias
     expect(d, HEADING, 1.0 / p.heading_rate, p.heading_delay)

@@ -108,12 +108,13 @@ class Navigation:
         if self.sheet is not None:
             self.sheet.begin(indices, self.pose, self.velocity)
 
-    def sample(self, simulator: Simulator, seconds: float, start: int = 0, stop: int | None = None) -> None:
+    def sample(self, simulator: Any, seconds: float, start: int = 0, stop: int | None = None) -> None:
         """Measure an interval of some s that ends now, in the environments start .. stop - 1."""
         rows = start, self.task.n if stop is None else stop
         own = self.task.rows, self._state, self._parameters, self.covariance, self.task.stream
         true, water = (simulator.pose, simulator.velocity), self._water(simulator)
-        loops.sample_rows(*rows, *own, *true, *self._scene, water, seconds)
+        waves = simulator.waves.components, simulator.waves.rays, simulator.waves.time
+        loops.sample_rows(*rows, *own, *true, *self._scene, water, simulator.power, waves, seconds)
         if self.parameters[0].beacons:
             loops.range_rows(*rows, *own)
 

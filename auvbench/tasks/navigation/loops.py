@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.dynamics.compiled import borrowed, compiled
+from auvbench.dynamics.layout import LANES
 from auvbench.dynamics.vectors import product as rotate
 from auvbench.dynamics.vectors import rotation_matrix, subtract, transposed_product
+from auvbench.dynamics.waves import pressure_head
 from auvbench.tasks.navigation import (
     compass,
     dead_reckoning,
@@ -45,6 +47,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shown: TypeAlias = tuple[Floats, Floats, Floats]
 """arrays (n, 3) of what blocks show, in the order of `state.BELIEF`"""
+Sea: TypeAlias = tuple[Any, ...]
+"""components, rays and time of `dynamics.waves.Waves`, of all vehicles or of a block and its vehicle"""
 
 FASTEST = 50.0
 """m/s and rad/s, largest speeds of an estimate (`blocks.FASTEST`)"""
@@ -88,7 +92,7 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     put(d.velocity, (x + s * f, y + s * g, z + s * h))
     true = attitude_of(d.true_attitude)
     yaw = compass.yaw_of(true)
-    error = compass.measured(d, p, yaw, noise) - yaw
+    error = compass.measured(d, p, yaw, noise, 0.0) - yaw
     away = turn((p.start_tilt * roll, p.start_tilt * pitch, error))
     imu.put_attitude(d.attitude, multiply(away, true))
     put(d.acceleration_bias, (0.0, 0.0, 0.0))
@@ -135,20 +139,24 @@ def is_sound(d: Record) -> bool:
 
 
 @row
-def feel(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int) -> None:
+def feel(
+    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, power: float, sea: Sea, lane: int
+) -> None:
     """Measure depth and heading if they are due, and correct the estimate by readings that arrive now."""
     deep, turned = 0.0, 0.0
     if is_due(d, DEPTH) or is_due(d, HEADING):
         deep, turned, _, _ = normals(e, d, stream, 12)
     if is_due(d, DEPTH):
-        pressure.sense(d, p, deep)
+        components, rays, time = sea
+        x, y, z = triple(d.true_position)
+        pressure.sense(d, p, deep, pressure_head(components, rays, lane, time, x, y, z))
     if has_arrived(d, DEPTH):
         if p.is_filter > 0:
             ekf.correct_depth(d, p, P, work)
         else:
             dead_reckoning.correct_depth(d, p)
     if is_due(d, HEADING):
-        compass.sense(d, p, turned)
+        compass.sense(d, p, turned, power)
     if has_arrived(d, HEADING):
         if p.is_filter > 0:
             ekf.correct_heading(d, p, P, work)
@@ -185,7 +193,7 @@ def locate(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int
 @row
 def sample(
     e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, pose: Floats, velocity: Floats,
-    solids: Any, heights: Any, water: Record, seconds: float,
+    solids: Any, heights: Any, water: Record, power: float, sea: Sea, lane: int, seconds: float,
 ) -> None:  # fmt: skip
     """Measure an interval of some s that ends at a pose and velocity, and move the estimate."""
     before, had = attitude_of(d.true_attitude), triple(d.true_velocity)
@@ -203,7 +211,7 @@ def sample(
         ekf.collect(d, pushed, R, seconds)
     else:
         dead_reckoning.advance(d, p, place, pushed, seconds)
-    feel(e, d, p, P, work, stream)
+    feel(e, d, p, P, work, stream, power, sea, lane)
     if p.has_dvl > 0:
         ping(e, d, p, P, work, stream, solids, heights, water)
     locate(e, d, p, P, work, stream)
@@ -262,17 +270,19 @@ def begin_rows(
 @compiled("dynamics", "worlds", "tasks", ".")
 def sample_rows(
     first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, stream: int,
-    true_pose: Floats, true_velocity: Floats, counts: Integers, solids: Any, heights: Floats, water: Any, seconds: float,
+    true_pose: Floats, true_velocity: Floats, counts: Integers, solids: Any, heights: Floats, water: Any,
+    power: Floats, waves: Sea, seconds: float,
 ) -> None:  # fmt: skip
     """Measure an interval of some s in the episodes first .. stop - 1."""
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
     work, covariances = borrowed(memory), borrowed(covariances)
     true_pose, true_velocity = borrowed(true_pose), borrowed(true_velocity)
     solids, heights = borrowed(solids), borrowed(heights)
+    components, rays, times = waves
     for i in range(first, stop):
         sample(
             episodes[i], states[i], p, covariances[i], work, stream, true_pose[i], true_velocity[i],
-            solids[i, : counts[i]], heights, water[i], seconds,
+            solids[i, : counts[i]], heights, water[i], power[i], (components, rays[i // LANES], times[i]), i % LANES, seconds,
         )  # fmt: skip
     memory[:] = 0.0  # numba frees memory after its last use, and does not see what is borrowed
 

@@ -1,4 +1,7 @@
-"""Depth: a pressure sensor's height over the surface, quantised, with the errors of density and air pressure."""
+"""Depth: a pressure sensor's height over the surface, quantised, with the errors of density and air pressure.
+
+The pressure of waves, which falls with depth, looks like a change of depth.
+"""
 
 from __future__ import annotations
 
@@ -18,10 +21,10 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 
 
 @row
-def sense(d: Record, p: Record, noise: float) -> None:
-    """Measure the height with a standard normal number of noise."""
+def sense(d: Record, p: Record, noise: float, head: float) -> None:
+    """Measure the height with a standard normal number of noise, under waves whose pressure is `head` in m."""
     _, _, z = triple(d.true_position)
-    height = z * (1.0 + d.depth_scale) + d.depth_offset + p.depth_noise * noise
+    height = z * (1.0 + d.depth_scale) + d.depth_offset + p.depth_noise * noise - head
     if p.depth_resolution > 0.0:
         height = p.depth_resolution * math.floor(height / p.depth_resolution + 0.5)
     d.height = height

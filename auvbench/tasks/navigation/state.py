@@ -76,6 +76,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("hard_iron_phase", "f8"),  # rad
     ("soft_iron", "f8"),  # rad, amplitude of two cycles per turn
     ("soft_iron_phase", "f8"),
+    ("thruster_phase", "f8"),
     ("heading", "f8"),  # rad, measured
     ("predicted_heading", "f8"),
     # Positions

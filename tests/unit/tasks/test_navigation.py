@@ -268,6 +268,35 @@ def test_without_lock_on_the_bottom_a_ping_measures_relative_to_a_layer_of_the_w
     assert "dvl" not in readings(navigation, 16)
 
 
+def test_waves_press_on_the_depth_sensor_and_thrusters_turn_the_compass() -> None:
+    """The readings of the last step of 40 episodes, against the sums of the wave's components in plain NumPy."""
+    words = "sensors.depth.noise=1e-3", "sensors.heading.noise=1e-3", "sensors.heading.thrusters=0.01"
+    one = batch("disturbance=sea_state_3", "task.start=[0,0,-5]", *MATCHED, *words, n=40)
+    one.reset()
+    for _ in range(30):
+        one.step(np.full_like(one._action, 0.3))
+    d, sea = estimator(one).state, one.simulator.waves  # type: ignore[attr-defined]
+    rays = np.concatenate([*np.moveaxis(sea.rays, -1, 1)])[: one.n]  # (n, m, 3)
+    turns, frequency, speed = sea.components.T
+    cosine, sine, phase = np.moveaxis(rays, -1, 0)
+    x, y, z = d["true_position"].T
+    along = cosine * x[:, None] + sine * y[:, None]
+    swell = np.cos(2.0 * np.pi * (turns * along - frequency * d["time"][:, None] + phase))
+    head = np.sum(
+        speed / (2.0 * np.pi * frequency) * np.exp(2.0 * np.pi * turns * z[:, None]) * swell, axis=1
+    )
+    assert head.std() > 0.05
+    assert not d["diverged"].any()
+    np.testing.assert_allclose(d["height"] - z, -head, atol=5e-3)
+    w, i, j, k = d["true_attitude"].T
+    yaw = np.arctan2(2.0 * (w * k + i * j), 1.0 - 2.0 * (j * j + k * k))
+    amperes = one.simulator.power / 16.0
+    assert amperes.min() > 2.0
+    turned = np.angle(np.exp(1j * (d["heading"] - yaw)))
+    np.testing.assert_allclose(turned, 0.01 * amperes * np.cos(yaw + d["thruster_phase"]), atol=5e-3)
+    assert np.ptp(d["thruster_phase"]) > 4.0
+
+
 # --- Filter -------------------------------------------------------------------------------------------------------------------------
 
 

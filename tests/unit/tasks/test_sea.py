@@ -80,7 +80,7 @@ def test_a_new_episode_begins_with_its_own_waves_at_time_0():
     batch = Batch(config, 2)
     paths = fly(batch, np.zeros((20, 2, 6)))
     assert batch.task.episodes[0].episode == 2
-    assert batch.simulator._waves.time[0] == pytest.approx(0.6)
+    assert batch.simulator.waves.time[0] == pytest.approx(0.6)
     second = Batch(config, 2)
     second.task.assign(np.array([1, 1]))
     np.testing.assert_array_equal(fly(second, np.zeros((5, 2, 6)))[:, 0], paths[7:13][:, 0])
