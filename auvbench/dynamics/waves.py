@@ -199,8 +199,9 @@ def move_water(
 @inline
 def pressure_head(
     components: FloatArray, rays: FloatArray, lane: int, time: float, x: float, y: float, z: float
-) -> float:
-    """Return the waves' pressure at a point over the density and gravity, in m: the sum of a exp(-k d) cos theta.
+) -> tuple[float, float, float]:
+    """Return the waves' pressure at a point over the density and gravity in m, the sum of a exp(-k d) cos theta; its variance over time
+    in m2; and its mean frequency in Hz.
 
     Args:
         components: (m, 3), as `Waves` has them.
@@ -211,14 +212,16 @@ def pressure_head(
         y: m north.
         z: m up; above the mean surface the pressure is that at it.
     """
-    head = 0.0
+    head, variance, weighted = 0.0, 0.0, 0.0
     for m in range(components.shape[0]):
         turns, frequency, speed = components[m]
         c, s, phase = rays[m, COSINE, lane], rays[m, SINE, lane], rays[m, PHASE, lane]
         _, cosine = sine_cosine(turns * (c * x + s * y) - frequency * time + phase)
-        amplitude = speed / (2.0 * math.pi * frequency)
-        head += amplitude * decay(2.0 * math.pi * turns * max(-z, 0.0)) * cosine
-    return head
+        amplitude = speed / (2.0 * math.pi * frequency) * decay(2.0 * math.pi * turns * max(-z, 0.0))
+        head += amplitude * cosine
+        variance += 0.5 * amplitude * amplitude
+        weighted += 0.5 * amplitude * amplitude * frequency
+    return head, variance, weighted / variance if variance > 0.0 else 0.0
 
 
 @njit(nogil=True)

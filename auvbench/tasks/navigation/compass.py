@@ -1,6 +1,6 @@
 """Heading: a compass with a constant error, hard iron (one cycle per turn), soft iron (two cycles per turn) and noise.
 
-The current of the thrusters adds to the hard iron, in a direction of its own.
+The current of the thrusters adds to the hard iron, in a direction of its own. The filter knows the size of this error.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ def yaw_of(q: Quaternion) -> float:
 def measured(d: Record, p: Record, yaw: float, noise: float, power: float) -> float:
     """Return what the compass shows at a yaw in rad, with a standard normal number of noise and the thrusters' power in W."""
     error = d.heading_bias + p.heading_noise * noise
-    error += p.heading_thrusters * power / VOLTAGE * math.cos(yaw + d.thruster_phase)
+    d.thruster_iron = p.heading_thrusters * power / VOLTAGE
+    error += d.thruster_iron * math.cos(yaw + d.thruster_phase)
     error += d.hard_iron * math.cos(yaw + d.hard_iron_phase)
     error += d.soft_iron * math.cos(2.0 * yaw + d.soft_iron_phase)
     return wrap(yaw + error)

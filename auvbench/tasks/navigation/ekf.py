@@ -366,7 +366,7 @@ def correct_depth(d: Record, p: Record, P: Floats, work: Floats) -> None:
     work[ROW, 2] = 1.0
     # Rounding to a resolution has the variance of a uniform error.
     variance = p.depth_noise**2 + p.depth_resolution**2 / 12.0
-    slow = p.depth_offset**2 + (p.depth_density * d.height) ** 2
+    slow = p.depth_offset**2 + (p.depth_density * d.height) ** 2 + d.wave_variance * d.wave_readings
     if update(d, p, P, work, DEPTH, 0, d.height - d.predicted_height, math.sqrt(variance + slow), 2, 3):
         inject(d, p, P, work)
     d.stamp[DEPTH] = d.time - p.depth_delay
@@ -377,7 +377,7 @@ def correct_heading(d: Record, p: Record, P: Floats, work: Floats) -> None:
     """Correct the estimate by a heading."""
     propagate(d, p, P)
     work[CHANGE, :] = 0.0
-    sd = math.sqrt(p.heading_noise**2 + p.heading_slow**2)
+    sd = math.sqrt(p.heading_noise**2 + p.heading_slow**2 + 0.5 * d.thruster_iron**2)
     stop = max(p.bias_state + 1, ATTITUDE + 3)
     if heading_row(d, p, work) > LEVEL**2 and update(
         d, p, P, work, HEADING, 0, wrap(d.heading - d.predicted_heading), sd, ATTITUDE, stop

@@ -1,12 +1,14 @@
 """Depth: a pressure sensor's height over the surface, quantised, with the errors of density and air pressure.
 
-The pressure of waves, which falls with depth, looks like a change of depth.
+The pressure of waves, which falls with depth, looks like a change of depth. The filter knows its variance there, and
+that the readings of a quarter of a period share their error.
 """
 
 from __future__ import annotations
 
 import math
 
+from auvbench.dynamics.layout import Vector
 from auvbench.tasks.navigation.state import DEPTH, expect, normals
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row, triple
@@ -21,8 +23,10 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 
 
 @row
-def sense(d: Record, p: Record, noise: float, head: float) -> None:
-    """Measure the height with a standard normal number of noise, under waves whose pressure is `head` in m."""
+def sense(d: Record, p: Record, noise: float, waves: Vector) -> None:
+    """Measure the height with a standard normal number of noise, under waves as `dynamics.waves.pressure_head` returns them."""
+    head, d.wave_variance, frequency = waves
+    d.wave_readings = max(1.0, 0.25 * p.depth_rate / frequency) if frequency > 0.0 else 0.0
     _, _, z = triple(d.true_position)
     height = z * (1.0 + d.depth_scale) + d.depth_offset + p.depth_noise * noise - head
     if p.depth_resolution > 0.0:

@@ -55,9 +55,15 @@ def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
     if p.has_dvl and not d.on_water:
         put("dvl", DVL, d.dvl_velocity, _of_velocity(d, p))
     z = float(d.height)
-    depth = p.depth_noise**2 + p.depth_resolution**2 / 12.0 + p.depth_offset**2 + (p.depth_density * z) ** 2
+    depth = (
+        p.depth_noise**2
+        + p.depth_resolution**2 / 12.0
+        + p.depth_offset**2
+        + (p.depth_density * z) ** 2
+        + d.wave_variance
+    )
     put("depth", DEPTH, z, np.array(depth))
-    put("heading", HEADING, d.heading, np.array(_of_heading(p)))
+    put("heading", HEADING, d.heading, np.array(_of_heading(d, p)))
     if p.has_usbl:
         lines, r = usbl.sight(tuple(d.fix - p.usbl_position))
         aside = (p.usbl_angle_noise**2 + p.usbl_alignment**2) * r * r
@@ -68,9 +74,9 @@ def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
     return seen
 
 
-def _of_heading(p: Any) -> float:
+def _of_heading(d: Any, p: Any) -> float:
     """Return the variance of the compass's yaw, with its constant error also where that is a state of the filter."""
-    slow = p.heading_slow**2 + (p.heading_bias**2 if p.bias_state else 0.0)
+    slow = p.heading_slow**2 + 0.5 * d.thruster_iron**2 + (p.heading_bias**2 if p.bias_state else 0.0)
     return float(p.heading_noise**2 + slow)
 
 

@@ -69,6 +69,8 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     # Depth and heading
     ("depth_scale", "f8"),
     ("depth_offset", "f8"),  # m
+    ("wave_variance", "f8"),  # m2, of the waves' pressure at the depth
+    ("wave_readings", "f8"),  # readings that share its error
     ("height", "f8"),  # m, measured z
     ("predicted_height", "f8"),
     ("heading_bias", "f8"),  # rad
@@ -76,6 +78,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("hard_iron_phase", "f8"),  # rad
     ("soft_iron", "f8"),  # rad, amplitude of two cycles per turn
     ("soft_iron_phase", "f8"),
+    ("thruster_iron", "f8"),  # rad, alike, by the thrusters' present current
     ("thruster_phase", "f8"),
     ("heading", "f8"),  # rad, measured
     ("predicted_heading", "f8"),

@@ -286,6 +286,7 @@ def test_waves_press_on_the_depth_sensor_and_thrusters_turn_the_compass() -> Non
         speed / (2.0 * np.pi * frequency) * np.exp(2.0 * np.pi * turns * z[:, None]) * swell, axis=1
     )
     assert head.std() > 0.05
+    assert d["wave_variance"].mean() == pytest.approx(np.mean(head**2), rel=0.6)
     assert not d["diverged"].any()
     np.testing.assert_allclose(d["height"] - z, -head, atol=5e-3)
     w, i, j, k = d["true_attitude"].T
@@ -295,6 +296,22 @@ def test_waves_press_on_the_depth_sensor_and_thrusters_turn_the_compass() -> Non
     turned = np.angle(np.exp(1j * (d["heading"] - yaw)))
     np.testing.assert_allclose(turned, 0.01 * amperes * np.cos(yaw + d["thruster_phase"]), atol=5e-3)
     assert np.ptp(d["thruster_phase"]) > 4.0
+
+
+def test_a_filter_that_knows_the_waves_is_nearer_to_the_depth_than_the_sensor() -> None:
+    one = batch("disturbance=sea_state_4", "task.start=[0,0,-6]", n=40)
+    one.reset()
+    d, still = estimator(one).state, np.zeros_like(one._action)
+    read, estimated = [], []
+    for step in range(200):
+        one.step(still)
+        if step > 50:
+            z = d["true_position"][:, 2]
+            read.append(d["height"] - z)
+            estimated.append(d["position"][:, 2] - z)
+    assert np.std(read) > 0.2
+    assert np.std(estimated) < 0.5 * np.std(read)
+    assert d["nis"][:, DEPTH].sum() / d["innovations"][:, DEPTH].sum() < 2.0
 
 
 # --- Filter -------------------------------------------------------------------------------------------------------------------------
