@@ -11,18 +11,34 @@ import re
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
+
+from auvbench.statistics import typical
 
 NO_BREAK = "\u00a0"
 """a space at which narrow screens do not break a cell"""
 ROOT = Path(__file__).parents[1]
-FORMATION, LEADERBOARD, NAVIGATION, ROBUST, STATION, SUITE, TRANSFER, TRANSIT, TUNING, WAYPOINT = (
+(
+    FORMATION,
+    LEADERBOARD,
+    NAVIGATION,
+    NAVIGATION_TASKS,
+    ROBUST,
+    STATION,
+    SUITE,
+    TRANSFER,
+    TRANSIT,
+    TUNING,
+    WAYPOINT,
+) = (
     ROOT / "results" / name
     for name in (
         "formation",
         "leaderboard",
         "navigation",
+        "navigation-tasks",
         "robust",
         "station",
         "suite",
@@ -209,38 +225,87 @@ def _errors(
     return [[100 * float(found[agent, condition][column]) for agent in agents] for condition in conditions]
 
 
-def sensors(task: str = "station_keeping") -> str:
+def sensors(study: Path = NAVIGATION, task: str = "station_keeping") -> str:
     """Return how near agents stay to a reference with what each set of sensors lets them know, in cm."""
-    rows = [row for row in _rows(NAVIGATION, "conditions.csv") if row["task"] == task]
+    rows = [row for row in _rows(study, "conditions.csv") if row["task"] == task]
     agents = sorted({row["agent"] for row in rows})
     columns = [
         [f"{value:.{0 if value >= 100 else 1}f}{NO_BREAK}cm" for value in values]
-        for values in _errors(NAVIGATION, agents, tuple(SENSORS.values()), task)
+        for values in _errors(study, agents, tuple(SENSORS.values()), task)
     ]
     return _table(("RMS position error", *SENSORS), agents, columns)
 
 
 def sensors_trajectories() -> str:
     """Return how near agents stay to a moving reference with what each set of sensors lets them know, in cm."""
-    return sensors("trajectory_tracking")
+    return sensors(NAVIGATION_TASKS, "trajectory_tracking")
 
 
 def sensors_waypoints(
-    section: str = "bluerov2_2026", title: str = "mean time to a waypoint", limit: float = LIMIT
+    study: Path = NAVIGATION,
+    section: str = "bluerov2_2026",
+    title: str = "mean time to a waypoint",
+    limit: float = LIMIT,
 ) -> str:
     """Return how soon agents reach goals with what each set of sensors lets them know, and the share that they reach."""
-    rows = [row for row in _rows(NAVIGATION, "table.csv") if row["vehicle"] == section]
+    rows = [row for row in _rows(study, "table.csv") if row["vehicle"] == section]
     rows.sort(key=lambda row: row["agent"])
     columns = [
         [_reached(*found, best=False) for found in times]
-        for times in _times(NAVIGATION, rows, tuple(SENSORS.values()), limit)
+        for times in _times(study, rows, tuple(SENSORS.values()), limit)
     ]
     return _table((title, *SENSORS), [row["agent"] for row in rows], columns)
 
 
 def sensors_docks() -> str:
     """Return how soon agents are in docks with what each set of sensors lets them know, and the share that succeeds."""
-    return sensors_waypoints("bluerov2_2026, task docking", "mean time to the dock", limit=60.0)
+    section = "bluerov2_2026, task docking"
+    return sensors_waypoints(NAVIGATION_TASKS, section, "mean time to the dock", limit=60.0)
+
+
+def sensors_worth() -> str:
+    """Return the declared contrasts: what a DVL in place of the truth changes, and training on estimates; with 95 % intervals."""
+    episodes = pd.read_parquet(NAVIGATION_TASKS / "episodes.parquet")
+    episodes["docking"] = (episodes["steps"] / episodes["frequency_hz"]).where(
+        episodes["outcome"] == "success", 60.0
+    )
+    episodes["trajectory_tracking"] = 100.0 * episodes["position_error_rms_m"]
+    units = {"trajectory_tracking": "cm", "docking": "s"}
+    rows = [row for row in _rows(NAVIGATION_TASKS, "table.csv") if ", task " in row["vehicle"]]
+    samples = {}
+    for row in rows:
+        task = row["vehicle"].rpartition(" ")[2]
+        own = episodes[episodes["run"].isin(row["runs"].split())]
+        for condition in ("dvl-a50", "truth"):
+            here = own[own["condition"] == condition]
+            samples[row["agent"], task, condition] = here.pivot_table(
+                index="run", columns="episode", values=task
+            ).to_numpy()
+
+    def shown(first: Any, second: Any, unit: str) -> str:
+        contrast = typical.difference(typical.sample(first), typical.sample(second))
+        low, high = contrast.ends()
+        return f"{contrast.value:+.1f}{NO_BREAK}{unit} [{low:.1f}, {high:.1f}]"
+
+    agents = sorted({row["agent"] for row in rows})
+    columns = []
+    for task, unit in units.items():
+        pairs = [(samples[agent, task, "dvl-a50"], samples[agent, task, "truth"]) for agent in agents]
+        columns.append([shown(on - off, 0.0 * off[:1], unit) for on, off in pairs])
+        trained = [(f"{agent}, trained on estimates", task, "dvl-a50") for agent in agents]
+        columns.append(
+            [
+                shown(samples[other], samples[agent, task, "dvl-a50"], unit) if other in samples else ""
+                for agent, other in zip(agents, trained, strict=True)
+            ]
+        )
+    heads = (
+        "trajectories: DVL less truth",
+        "trained on estimates",
+        "docks: DVL less truth",
+        "trained on estimates",
+    )
+    return _table(("agent", *heads), agents, columns)
 
 
 def transfer() -> str:
@@ -376,6 +441,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "sensors_waypoints": sensors_waypoints,
     "sensors_trajectories": sensors_trajectories,
     "sensors_docks": sensors_docks,
+    "sensors_worth": sensors_worth,
     "transfer": transfer,
     "formation": formation,
     "transit": transit,
@@ -411,7 +477,8 @@ PAGES = {
     "docs/identification.md": ("log_columns",),
     "results/leaderboard/README.md": ("vehicles",),
     "results/robust/README.md": ("robust",),
-    "results/navigation/README.md": ("sensors", "sensors_trajectories", "sensors_waypoints", "sensors_docks"),
+    "results/navigation/README.md": ("sensors", "sensors_waypoints"),
+    "results/navigation-tasks/README.md": ("sensors_worth", "sensors_trajectories", "sensors_docks"),
     "results/transfer/README.md": ("transfer",),
     "results/formation/README.md": ("formation",),
     "results/transit/README.md": ("transit",),
