@@ -17,7 +17,7 @@ import math
 from typing import Any
 
 from auvbench.dynamics.compiled import called
-from auvbench.dynamics.layout import Vector
+from auvbench.dynamics.layout import Quaternion, Vector
 from auvbench.dynamics.vectors import (
     add,
     cross,
@@ -166,6 +166,22 @@ def is_clear(p: Record, solids: Any, heights: Any, time: float, origin: Vector, 
 
 
 @called
+def sense_water(
+    d: Record, p: Record, solids: Any, heights: Any, origin: Vector, velocity: Vector, noise: Quaternion
+) -> None:
+    """Measure the beams' velocities relative to the water; `velocity` in m/s, body axes, is the DVL's through it."""
+    rotation, measured = rotation_matrix(attitude_of(d.true_attitude)), with_errors(d, velocity)
+    sd = p.dvl_water_noise * beam_sd(d, p)
+    d.beams, d.on_water, d.dvl_period = 0, 1, 1.0 / p.dvl_water_rate
+    for i in range(BEAMS):
+        way = beam(p, i)
+        clear = is_clear(p, solids, heights, d.time, origin, product(rotation, way))
+        d.valid[i] = 1 if clear else 0
+        d.beams += d.valid[i]
+        d.beam_velocity[i] = dot(way, measured) + sd * noise[i]
+
+
+@called
 def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: Any, water: Record) -> None:
     """Ping: measure the beams' velocities and their solution, to the bottom or, without lock and with water track, to the water.
 
@@ -194,14 +210,8 @@ def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: An
     if d.beams < ENOUGH and p.dvl_water_track > 0:
         _, _, z = origin
         current = current_at(water, z - 0.5 * (p.dvl_water_near + p.dvl_water_far))
-        measured = with_errors(d, subtract(velocity, transposed_product(rotation, current)))
-        d.beams, d.on_water, d.dvl_period = 0, 1, 1.0 / p.dvl_water_rate
-        for i in range(BEAMS):
-            way = beam(p, i)
-            clear = is_clear(p, solids, heights, d.time, origin, product(rotation, way))
-            d.valid[i] = 1 if clear else 0
-            d.beams += d.valid[i]
-            d.beam_velocity[i] = dot(way, measured) + p.dvl_water_noise * sd * noise[i]
+        through = subtract(velocity, transposed_product(rotation, current))
+        sense_water(d, p, solids, heights, origin, through, noise)
     if d.beams >= ENOUGH:
         put(d.dvl_velocity, solve(d, p))
     put(d.predicted_velocity, predicted(d, p))
