@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from auvbench import integrations, registry
 from auvbench.errors import UserError
-from auvbench.grammar import Parser, number
+from auvbench.grammar import Parser
 
 
 def parser() -> Parser:
@@ -15,44 +17,31 @@ def parser() -> Parser:
         description="Lists vehicle sheets, or shows what one vehicle's numbers imply: mass matrix, allocation,"
         " trim, terminal speeds, stability, and what looks odd.",
         epilog="examples: auvbench vehicles | auvbench vehicles bluerov2 | auvbench vehicles my/sheet.yaml"
-        " | auvbench vehicles bluerov2 --sheet > conf/vehicle/mine.yaml | auvbench vehicles bluerov2 --sdf gazebo",
+        " | auvbench vehicles bluerov2 --sheet > conf/vehicle/mine.yaml",
     )
     parser.add_argument(
         "vehicle", nargs="?", help="name of a sheet, or the path of a .yaml file; without it, a list"
     )
-    alone = parser.add_mutually_exclusive_group()
-    alone.add_argument("--sheet", action="store_true", help="print the sheet, as a template for your own")
-    alone.add_argument(
-        "--sdf",
-        metavar="DIR",
-        help="write the vehicle for Gazebo Harmonic: model, world, and bridge and launch files for ROS 2",
-    )
-    parser.add_argument(
-        "--hydrodynamics",
-        choices=("corrected", "published"),
-        help=(
-            "with --sdf: corrected (the default) leaves added mass to DART, published leaves it to the "
-            "Hydrodynamics plugin"
-        ),
-    )
-    parser.add_argument(
-        "--step", type=number(1e-6, 1.0), help="with --sdf: physics step of the world in s, 0.001 by default"
-    )
+    outputs = parser.add_mutually_exclusive_group()
+    outputs.add_argument("--sheet", action="store_true", help="print the sheet, as a template for your own")
+    for export in _exports():
+        export.add_options(parser, outputs)
+        parser.epilog = f"{parser.epilog} | {export.EXAMPLE}"
     return parser
+
+
+def _exports() -> list[Any]:
+    return [registry.resolve(module) for module in integrations.EXPORTS]
 
 
 def main(arguments: Sequence[str]) -> int:
     options = parser().read(arguments)
     name = options.vehicle
-    if name is None and (options.sheet or options.sdf):
-        raise UserError("--sheet and --sdf need the name of a vehicle: auvbench vehicles bluerov2 --sheet")
-    if options.sdf is None and (options.hydrodynamics or options.step):
-        raise UserError(
-            "--hydrodynamics and --step go with --sdf DIR: auvbench vehicles bluerov2 --sdf gazebo"
-        )
-    if options.sdf is not None:
-        _write_sdf(name, Path(options.sdf), options.hydrodynamics or "corrected", options.step or 0.001)
-    elif options.sheet:
+    if any([export.write(options) for export in _exports()]):
+        return 0
+    if name is None and options.sheet:
+        raise UserError("--sheet needs the name of a vehicle: auvbench vehicles bluerov2 --sheet")
+    if options.sheet:
         _print_sheet(name)
     elif name is None:
         _list()
@@ -73,21 +62,6 @@ def _print_sheet(name: str) -> None:
     path = Path(name)
     file = path if path.suffix in (".yaml", ".yml") else sheets()[name]
     print(file.read_text(encoding="utf-8"), end="")
-
-
-def _write_sdf(name: str, folder: Path, hydrodynamics: str, step: float) -> None:
-    from auvbench.integrations.gazebo import sdf
-    from auvbench.vehicles import sheet
-
-    contents = sdf.files(sheet.load(name), hydrodynamics, step)
-    try:
-        paths = sdf.write(folder, contents)
-    except OSError as error:
-        raise UserError(f"--sdf {folder}: cannot be written: {error.strerror}") from error
-    for path in paths:
-        print(path)
-    world = next(path for path in paths if path.name.endswith(".world.sdf"))
-    print(f"gz sim -r -s {world} runs it without a window (docs/gazebo.md).")
 
 
 def _list() -> None:

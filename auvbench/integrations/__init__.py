@@ -34,3 +34,11 @@ and the names of the thrusters in the order of an autopilot's motors.
 """
 USED = (f"{_HERE}.gazebo.bindings", f"{_HERE}.ros2.simulator", f"{_HERE}.ardusub.radio")
 """Modules whose function `used` returns the versions of the foreign programs that this process uses."""
+JOBS = (f"{_HERE}.cluster.job:name",)
+"""Functions that return the name of the cluster's job that contains this process, or None."""
+FIGURES = {"gazebo": f"{_HERE}.gazebo.figure:draw"}
+"""Figures of a report by file name, each a function as in `auvbench.reporting.figures`."""
+EXPORTS = (f"{_HERE}.gazebo.export",)
+"""Modules that write a vehicle for a foreign program: `add_options` adds options to `auvbench vehicles`, EXAMPLE shows one, and
+`write` returns whether one was chosen.
+"""

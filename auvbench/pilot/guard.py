@@ -38,28 +38,36 @@ class Guard:
     """A running supervisor.
 
     Args:
-        words: network of the supervisor: `datagrams NUMBER HOST PORT` or `topics DEPTH NODE TOPIC ...`.
+        sender: file of an integration with the class `Sender` (`supervisor.Sender`).
+        words: words from which the supervisor makes the sender.
         patience: time in s without a message from the pilot after which the supervisor brings the vehicle to
             rest.
         descriptors: open files that the supervisor inherits.
+        isolated: start the supervisor without installed packages, which a sender may need.
 
     Raises:
         RunError: the supervisor cannot be started.
     """
 
-    def __init__(self, *words: str, patience: float, descriptors: Sequence[int] = ()) -> None:
+    def __init__(
+        self,
+        sender: str,
+        *words: str,
+        patience: float,
+        descriptors: Sequence[int] = (),
+        isolated: bool = False,
+    ) -> None:
         self.patience = patience
         self.lost: Unsupervised | None = None
         self._holds = self._ready = False
         self._handed = -math.inf
         self._socket, theirs = socket.socketpair()
-        # A MAVLink supervisor needs no package; a ROS 2 supervisor finds rclpy on the pilot's path.
-        flags = ["-I", "-S"] if words[0] == "datagrams" else ["-P"]
+        flags = ["-I", "-S"] if isolated else ["-P"]
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
             self._socket.settimeout(patience)
             self._process = subprocess.Popen(
-                [sys.executable, *flags, supervisor.__file__, str(theirs.fileno()), *words],
+                [sys.executable, *flags, supervisor.__file__, str(theirs.fileno()), sender, *words],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[theirs.fileno(), *descriptors],

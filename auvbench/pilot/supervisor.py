@@ -3,20 +3,21 @@
 The pilot hands over messages, each with the time by which the next one must come. If none comes in time (the
 pilot was killed, stopped, or hangs), or if the pilot is gone, the supervisor sends the will that the pilot
 left: commands that bring the vehicle to rest. Then it prints a line and ends. It writes no file. It imports
-only the standard library and, for ROS 2, rclpy and std_msgs; it must not import auvbench, since this file is
-a program of its own.
+only the standard library and what the integration's file with the class `Sender` imports; neither file may import
+auvbench, since this file is a program of its own.
 """
 
 import contextlib
 import math
 import os
+import runpy
 import select
 import signal
 import socket
 import struct
 import sys
 import time
-from typing import Any
+from typing import Protocol
 
 LARGEST = 501
 """largest content in bytes"""
@@ -38,72 +39,23 @@ LONGEST = 5.0
 """time in s for the end; after it, SIGALRM kills a supervisor that hangs"""
 
 
-class Datagrams:
-    """Sender over an open socket: packets to one vehicle, packed by the pilot."""
+class Sender(Protocol):
+    """Network of a vehicle: the class `Sender` of an integration's file, made from words."""
 
-    done = "neutral sticks and the order to disarm were sent"
-
-    def __init__(self, number: str, host: str, port: str) -> None:
-        self.socket = socket.socket(fileno=int(number))
-        self.socket.settimeout(0.1)  # a full buffer must not delay the deadline
-        self.peer = (host, int(port))
+    done: str
+    """What the will does, for the supervisor's last line"""
 
     def ready(self) -> bool:
-        return True
+        """Return whether the vehicle can receive."""
 
     def send(self, data: bytes) -> None:
-        with contextlib.suppress(OSError):
-            if self.socket.type == socket.SOCK_DGRAM:
-                self.socket.sendto(data, self.peer)
-            else:
-                self.socket.sendall(data)
+        """Send one content of the pilot."""
 
     def close(self) -> None:
-        # Closing a connection with unread bytes resets it, and the last messages may be lost.
-        with contextlib.suppress(OSError):
-            if self.socket.type == socket.SOCK_STREAM:
-                self.socket.shutdown(socket.SHUT_WR)
-                end = time.monotonic() + 1.0
-                while time.monotonic() < end and self.socket.recv(1 << 16):
-                    pass
+        """Wait until what was sent has left, and close the network."""
 
 
-class Topics:
-    """Sender over ROS 2 topics: a std_msgs/Float64 for each thruster."""
-
-    done = "zero thrust was sent"
-
-    def __init__(self, depth: str, node: str, *topics: str) -> None:
-        from rclpy import init
-        from rclpy.context import Context
-        from rclpy.duration import Duration
-        from rclpy.node import Node
-        from rclpy.signals import SignalHandlerOptions
-        from std_msgs.msg import Float64
-
-        self.message, self.share = Float64, Duration(seconds=1.0 / len(topics))
-        context = Context()
-        init(args=[], context=context, signal_handler_options=SignalHandlerOptions.NO)
-        options: dict[str, Any] = {"use_global_arguments": False, "start_parameter_services": False}
-        self.node: Any = Node(node, context=context, enable_rosout=False, **options)
-        self.publishers = [self.node.create_publisher(Float64, topic, int(depth)) for topic in topics]
-        self.shutdown = context.shutdown
-
-    def ready(self) -> bool:
-        return all(publisher.get_subscription_count() > 0 for publisher in self.publishers)
-
-    def send(self, data: bytes) -> None:
-        for publisher, (value,) in zip(self.publishers, struct.iter_unpack("=d", data), strict=True):
-            publisher.publish(self.message(data=value))
-
-    def close(self) -> None:
-        for publisher in self.publishers:
-            publisher.wait_for_all_acked(self.share)
-        self.node.destroy_node()
-        self.shutdown()
-
-
-def watch(control: socket.socket, sender: Datagrams | Topics, will: list[bytes]) -> str:
+def watch(control: socket.socket, sender: Sender, will: list[bytes]) -> str:
     """Send the pilot's messages; return why that ended, or '' if the vehicle is at rest."""
     due, received, ready = math.inf, b"", False
     heard = time.monotonic()
@@ -133,14 +85,14 @@ def watch(control: socket.socket, sender: Datagrams | Topics, will: list[bytes])
                     sender.send(content[:length])
 
 
-def main(control: str, kind: str, *arguments: str) -> int:
+def main(control: str, file: str, *arguments: str) -> int:
     # Ctrl-C and a closing terminal end the pilot; the supervisor must survive to see that.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     will: list[bytes] = []
     pilot = socket.socket(fileno=int(control))
     try:
-        sender = (Datagrams if kind == "datagrams" else Topics)(*arguments)
+        sender: Sender = runpy.run_path(file)["Sender"](*arguments)
     except Exception as error:
         say(f"its supervisor cannot start: {error!r}")
         return 1

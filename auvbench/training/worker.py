@@ -14,16 +14,13 @@ import argparse
 import contextlib
 import os
 import signal
-import subprocess
 import sys
-import time
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
-from auvbench import isolation, registry
+from auvbench import integrations, isolation, registry
 from auvbench.errors import AuvbenchError, plain_warnings
 from auvbench.runs import interruption, lock, status
 from auvbench.runs.directory import RunDirectory, now
@@ -85,8 +82,8 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
     Raises:
         KeyboardInterrupt: the run was interrupted, even if a library raised another error instead.
     """
-    job = f"slurm:{os.environ['SLURM_JOB_ID']}" if "SLURM_JOB_ID" in os.environ else None
-    with lock.acquire(run.path, job=job):
+    jobs = (registry.resolve(code)() for code in integrations.JOBS)
+    with lock.acquire(run.path, job=next(filter(None, jobs), None)):
         if status.finished(run):  # another process has finished it meanwhile
             return
         try:
@@ -150,53 +147,23 @@ def redirect(path: Path) -> None:
             stream.reconfigure(line_buffering=True)  # the log must be readable while the run continues
 
 
-class Requeue:
-    """Handler of SIGUSR1 (SLURM's announcement of the time limit): save, requeue the job, exit."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        signal.signal(signal.SIGUSR1, self)
-
-    def __call__(self, _number: int, _frame: FrameType | None) -> None:
-        self.asked = True
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    def finish(self) -> None:
-        """Ask SLURM to requeue the job, which ends this process."""
-        if self.asked:
-            job = os.environ["SLURM_JOB_ID"]
-            print(f"time limit near: job {job} is requeued", flush=True)
-            answer = subprocess.run(["scontrol", "requeue", job], capture_output=True, text=True, check=False)
-            if answer.returncode:
-                print(f"auvbench: requeue refused: {answer.stderr.strip()}", file=sys.stderr)
-            else:
-                time.sleep(30)  # SLURM ends this process; exiting first would look like a failed job
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m auvbench.training.worker", description=__doc__)
     parser.add_argument("run", type=Path, help="a frozen run directory")
     parser.add_argument("--target", default=TARGET, help="module:function that carries out the run")
     parser.add_argument("--log", action="store_true", help="append output to the run's train/log.txt")
-    parser.add_argument(
-        "--requeue", action="store_true", help="on SIGUSR1 save and let SLURM requeue this job"
-    )
     parser.add_argument("--parent", type=int, help="pid of the process with which this one must end")
     options = parser.parse_args(arguments)
     if options.parent is not None:
         interruption.die_with_parent(options.parent)
     os.environ.update(ONE_THREAD)
-    requeue = Requeue() if options.requeue else None
     with isolation.restored():
         try:
             isolation.isolate()
         except AuvbenchError as error:
             print(f"auvbench: {error}", file=sys.stderr)
             return error.exit_code
-        code = work(options.run, target=options.target, log=options.log)
-    if requeue is not None:
-        requeue.finish()
-    return code
+        return work(options.run, target=options.target, log=options.log)
 
 
 if __name__ == "__main__":

@@ -148,9 +148,7 @@ def test_the_core_works_without_integrations(tmp_path: Path) -> None:
     for path in here.iterdir():
         if path.is_dir():
             shutil.rmtree(path)
-    (here / "__init__.py").write_text(
-        "REGISTERED: dict[str, dict[str, str]] = {}\nLOGS: dict[str, tuple[str, str]] = {}\nUSED = ()\n"
-    )
+    (here / "__init__.py").write_text("REGISTERED, LOGS, FIGURES = {}, {}, {}\nUSED = JOBS = EXPORTS = ()\n")
     for name in ("simulator/gazebo", "simulator/ros2", "launcher/slurm", "launcher/ray", "algo/ardusub"):
         (copy / "conf" / f"{name}.yaml").unlink()
     environment = {**os.environ, "PYTHONPATH": str(copy), "NUMBA_DISABLE_JIT": "1"}

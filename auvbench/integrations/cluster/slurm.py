@@ -197,7 +197,15 @@ class SlurmBackend:
             "open-mode": "append",
             "signal": f"B:USR1@{options.signal_before}",
         }
-        words = [sys.executable, "-P", "-m", "auvbench.training.worker", str(run), "--target", self.target]
+        words = [
+            sys.executable,
+            "-P",
+            "-m",
+            "auvbench.integrations.cluster.job",
+            str(run),
+            "--target",
+            self.target,
+        ]
         lines = [
             "#!/bin/bash",
             *(
@@ -208,7 +216,7 @@ class SlurmBackend:
             "#SBATCH --requeue",
             "trap '' USR1",
             *options.setup,
-            f"exec {shlex.join(words)} --requeue",
+            f"exec {shlex.join(words)}",
         ]
         return "\n".join(lines) + "\n"
 

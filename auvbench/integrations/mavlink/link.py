@@ -11,6 +11,7 @@ from typing import Any
 
 from auvbench.errors import RunError, UserError
 from auvbench.integrations.ardusub.radio import dialect
+from auvbench.integrations.mavlink import sender
 from auvbench.pilot.guard import STARTS, Guard
 
 Peer = tuple[str, int]
@@ -116,8 +117,8 @@ class Link:
             RunError: the supervisor does not start.
         """
         number = self._socket.fileno()
-        words = ("datagrams", str(number), peer[0], str(peer[1]))
-        self.guard = Guard(*words, patience=patience, descriptors=[number])
+        words = (sender.__file__, str(number), peer[0], str(peer[1]))
+        self.guard = Guard(*words, patience=patience, descriptors=[number], isolated=True)
         if not self.guard.wait_until_ready():
             raise RunError(f"the pilot's supervisor did not start in {STARTS:g} s")
         return self.guard

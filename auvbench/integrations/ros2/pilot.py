@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.integrations.ros2 import discovery, interface
+from auvbench.integrations.ros2 import discovery, interface, sender
 from auvbench.integrations.ros2.middleware import Session
 from auvbench.pilot import loop
 from auvbench.pilot.guard import Guard
@@ -64,7 +64,7 @@ class Pilot(loop.Pilot):
         node.create_service(ros.services.Trigger, self.names.of(f"{NODE}/stop"), self._stop)
         session.renew()
         self._supervisor = f"pilot_supervisor_{os.getpid()}"
-        words = ("topics", str(interface.DEPTH), self._supervisor, *self._topics)
+        words = (sender.__file__, str(interface.DEPTH), self._supervisor, *self._topics)
         self.guard = Guard(*words, patience=self.limits.patience)
         self.guard.leave_will([_content(self.physical.neutral)] * RESTS)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from auvbench import integrations, registry
 from auvbench.analysis.records import Agent, Problem, Ranking
 from auvbench.reporting.figures import difference, style, testing, training
 from auvbench.reporting.figures.scene import MAIN, Drawing, Figure, Scene, scene
@@ -12,13 +13,19 @@ from auvbench.reporting.figures.style import colour_of
 
 __all__ = ["FIGURES", "MAIN", "Figure", "colour_of", "draw", "draw_all"]
 
+
+def _late(code: str) -> Callable[[Scene], Drawing | None]:
+    """Return a figure of an integration, which imports its code when it is drawn."""
+    return lambda scene: registry.resolve(code)(scene)
+
+
 FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
     MAIN: difference.difference_from_baseline,
     "success_over_grid": testing.success_over_grid,
     "success_over_time": testing.success_over_time,
     "steps_deviation": testing.steps_deviation,
     "success_over_conditions": testing.success_over_conditions,
-    "gazebo": testing.gazebo,
+    **{name: _late(code) for name, code in integrations.FIGURES.items()},
     "training_success": training.success,
     "validation_success": training.validation,
     "training_curves": training.length_and_return,

@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from auvbench.errors import RunError
+from auvbench.integrations.mavlink import sender
+from auvbench.integrations.ros2 import sender as ros2_sender
 from auvbench.pilot import guard as pilots_end
 from auvbench.pilot import supervisor
 from auvbench.pilot.guard import Guard, Unsupervised
@@ -37,7 +39,8 @@ class Vehicle:
             server.close()
         self.far.settimeout(LIMIT)
         number = self.near.fileno()
-        self.guard = Guard("datagrams", str(number), host, str(port), patience=patience, descriptors=[number])
+        words = (sender.__file__, str(number), host, str(port))
+        self.guard = Guard(*words, patience=patience, descriptors=[number], isolated=True)
         assert self.guard.wait_until_ready(LIMIT)
         self.guard.leave_will(WILL)
 
@@ -187,11 +190,11 @@ def test_a_standard_error_that_nobody_reads_does_not_hold_it(vehicle):
 def test_a_supervisor_that_cannot_be_started(monkeypatch):
     monkeypatch.setattr(pilots_end.sys, "executable", "/nowhere/python")
     with pytest.raises(RunError, match="supervisor cannot be started: No such file"):
-        Guard("datagrams", "0", "127.0.0.1", "1", patience=1.0)
+        Guard(sender.__file__, "0", "127.0.0.1", "1", patience=1.0)
 
 
 def test_a_supervisor_that_ends_at_its_start_is_one_line(capfd):
-    broken = Guard("datagrams", "no number", "127.0.0.1", "1", patience=1.0)
+    broken = Guard(sender.__file__, "no number", "127.0.0.1", "1", patience=1.0, isolated=True)
     with pytest.raises(Unsupervised, match=r"ended \(exit code 1\)|ended \(exit code -9\)"):
         broken.wait_until_ready(LIMIT)
     broken.close()
@@ -206,10 +209,17 @@ def test_its_program_fits_on_two_screens_and_imports_little():
         if token.string.strip() and not token.string.startswith(('"""', "#")):
             code.update(range(token.start[0], token.end[0] + 1))
     assert len(code) <= 125
+    assert not foreign(supervisor)
+    assert not foreign(sender)
+    assert foreign(ros2_sender) == {"rclpy", "std_msgs"}
+
+
+def foreign(module):
+    """Return what the program of a module imports besides the standard library."""
     names = set()
-    for node in ast.walk(ast.parse(text)):
+    for node in ast.walk(ast.parse(Path(module.__file__).read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names |= {alias.name.partition(".")[0] for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             names.add(node.module.partition(".")[0])
-    assert names - set(sys.stdlib_module_names) == {"rclpy", "std_msgs"}
+    return names - set(sys.stdlib_module_names)

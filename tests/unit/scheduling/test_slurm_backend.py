@@ -141,7 +141,7 @@ def test_the_script_says_what_was_configured(cluster: Cluster, run: RunDirectory
     assert lines[:3] == ["trap '' USR1", "module load python", "source env/bin/activate"]
     words = shlex.split(lines[-1])
     assert words[:2] == ["exec", sys.executable]
-    assert words[words.index("auvbench.training.worker") + 1] == str(run.path)
+    assert words[words.index("auvbench.integrations.cluster.job") + 1] == str(run.path)
 
 
 def test_the_script_is_a_shell_script_whatever_the_path(cluster: Cluster, tmp_path: Path) -> None:

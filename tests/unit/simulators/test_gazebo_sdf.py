@@ -198,7 +198,7 @@ def test_the_command_writes_and_refuses(tmp_path, capsys):
     assert "gz sim -r -s" in capsys.readouterr().out
     for arguments, words in (
         (["bluerov2", "--hydrodynamics", "published"], "go with --sdf DIR"),
-        (["--sdf", str(tmp_path)], "need the name of a vehicle"),
+        (["--sdf", str(tmp_path)], "needs the name of a vehicle"),
         (["bluerov2", "--sdf", "/proc/nowhere"], "cannot be written"),
         (["bluerov2_heavy", "--sdf", str(tmp_path / "x"), "--hydrodynamics", "published"], "diverges"),
     ):

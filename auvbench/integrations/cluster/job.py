@@ -1,0 +1,58 @@
+"""Carry out one run as a job of SLURM: `python -m auvbench.integrations.cluster.job RUN_DIR`.
+
+It is the worker of `auvbench.training.worker`, which near the job's time limit saves and asks SLURM to requeue the job.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from types import FrameType
+
+JOB = "SLURM_JOB_ID"
+"""Environment variable of SLURM with the number of the job that contains this process."""
+
+
+def name() -> str | None:
+    """Return the name of the job that contains this process, as `SlurmJob.mark`; None outside of a job."""
+    return f"slurm:{os.environ[JOB]}" if JOB in os.environ else None
+
+
+class Requeue:
+    """Handler of SIGUSR1 (SLURM's announcement of the time limit): save, requeue the job, exit."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        signal.signal(signal.SIGUSR1, self)
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    def finish(self) -> None:
+        """Ask SLURM to requeue the job, which ends this process."""
+        if self.asked:
+            job = os.environ[JOB]
+            print(f"time limit near: job {job} is requeued", flush=True)
+            answer = subprocess.run(["scontrol", "requeue", job], capture_output=True, text=True, check=False)
+            if answer.returncode:
+                print(f"auvbench: requeue refused: {answer.stderr.strip()}", file=sys.stderr)
+            else:
+                time.sleep(30)  # SLURM ends this process; exiting first would look like a failed job
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    from auvbench.training import worker  # late: a worker imports this module for `name`
+
+    requeue = Requeue()
+    code = worker.main(arguments)
+    requeue.finish()
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())
