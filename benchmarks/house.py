@@ -30,7 +30,8 @@ KINDS = {
     "task": ("docking", "conf/task"),
     "reward": ("gym_dockauv", "conf/reward"),
     "block": ("goal_error", ""),
-    "sensor": ("drift", ""),
+    "range sensor": ("ping360", ""),
+    "navigation sensor": ("usbl", ""),
     "disturbance": ("tether", "conf/disturbance"),
     "simulator": ("gazebo", "conf/simulator"),
     "launcher": ("slurm", "conf/launcher"),
@@ -91,55 +92,86 @@ def sources(folder: Path = PACKAGE) -> list[tuple[Path, ast.Module]]:
     return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in sorted(folder.rglob("*.py"))]
 
 
-@cache
-def vocabulary() -> list[tuple[Path, frozenset[str]]]:
-    """Return the package's files with the names and texts of each."""
-    return [(path, frozenset(words(tree))) for path, tree in sources()]
-
-
-def words(tree: ast.AST) -> Iterator[str]:
-    """Yield the names and texts of a syntax tree, without docstrings."""
+def words(tree: ast.AST) -> Iterator[tuple[str, str]]:
+    """Yield the names, imports and texts of a syntax tree, each after its kind, without docstrings."""
     alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Name):
-            yield node.id
+            yield "name", node.id
         elif isinstance(node, ast.Attribute):
-            yield node.attr
+            yield "name", node.attr
         elif isinstance(node, ast.alias):
-            yield node.name
+            yield "import", node.name
         elif isinstance(node, ast.ImportFrom):
-            yield node.module or ""
+            yield "import", node.module or ""
         elif isinstance(node, ast.arg):
-            yield node.arg
+            yield "name", node.arg
         elif isinstance(node, ast.keyword):
-            yield node.arg or ""
+            yield "name", node.arg or ""
         elif isinstance(node, ast.FunctionDef | ast.ClassDef):
-            yield node.name
+            yield "name", node.name
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in alone:
-            yield node.value
+            yield "text", node.value
 
 
 def naming_an_integration() -> list[str]:
     """Return the core's files whose code names a foreign system."""
     found = []
-    for path, texts in vocabulary():
+    for path, tree in sources():
         place = path.relative_to(PACKAGE).as_posix()
-        if not place.startswith(INTEGRATIONS) and any(INTEGRATION.search(text) for text in texts):
+        if not place.startswith(INTEGRATIONS) and any(INTEGRATION.search(word) for _, word in words(tree)):
             found.append(place)
     return found
 
 
-def naming(name: str, folder: str) -> list[str]:
-    """Return the files whose code names a part, and the part's YAML file: the files that its author changes."""
-    pattern = re.compile(rf"(?<![A-Za-z]){name}(?![A-Za-z])", re.IGNORECASE)
-    camel = name.title().replace("_", "")
-    found = [
-        path.relative_to(ROOT).as_posix()
-        for path, texts in vocabulary()
-        if any(pattern.search(text) or camel in text for text in texts)
-    ]
+def naming(kind: str) -> list[str]:
+    """Return what the author of a part writes or changes, for the example of a kind: the files that name it (`names`), with its
+    YAML file. An integration is a folder, and counts once.
+    """
+    name, folder = KINDS[kind]
+    found = []
+    for path, tree in sources():
+        if any(names(name, tree, typed=kind == "command")):
+            place = path.relative_to(PACKAGE)
+            integration = place.as_posix().startswith(INTEGRATIONS) and len(place.parts) > 2
+            found.append((path.parent if integration else path).relative_to(ROOT).as_posix())
     file = ROOT / folder / f"{name}.yaml"
-    return [*found, *([file.relative_to(ROOT).as_posix()] if folder and file.is_file() else [])]
+    if folder and file.is_file():
+        found.append(file.relative_to(ROOT).as_posix())
+    return list(dict.fromkeys(found))
+
+
+def names(name: str, tree: ast.AST, *, typed: bool = False) -> Iterator[str]:
+    """Yield the names, imports and texts of a syntax tree that name a part.
+
+    A text names it if it is the part's name, or contains it after `KEY=`, `KEY.` or `module:`, or as the word after
+    `auvbench`; a word in a sentence does not. A name or an import names it if it is the part's name, in any case, or begins with it in
+    CamelCase; local variables do not count, since they may be ordinary words. With `typed`, for a command, which only a
+    command line names, names do not count, and imports by the very name.
+    """
+    text = re.compile(rf"^{name}$|[=.:]{name}(?!\w)|\bauvbench {name}\b")
+    identifier = re.compile(name if typed else rf"(?i:{name})|{name.title().replace('_', '')}(?:[A-Z]\w*)?")
+    variables = set() if typed else set(local_variables(tree))
+    for kind, word in words(tree):
+        if kind == "text":
+            found = text.search(word) is not None
+        elif kind == "import":
+            found = identifier.fullmatch(word.rpartition(".")[2]) is not None
+        else:
+            found = not typed and word not in variables and identifier.fullmatch(word) is not None
+        if found:
+            yield word
+
+
+def local_variables(tree: ast.AST) -> Iterator[str]:
+    """Yield the names of functions' arguments and variables."""
+    for function in ast.walk(tree):
+        if isinstance(function, ast.FunctionDef):
+            for node in ast.walk(function):
+                if isinstance(node, ast.arg):
+                    yield node.arg
+                elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                    yield node.id
 
 
 def task_tests(tree: ast.AST) -> Iterator[tuple[int, str]]:
@@ -246,8 +278,8 @@ def measures(*, run: bool = True) -> Iterator[Measure]:
         f"{path.relative_to(ROOT)}:{line}: {text}" for path, tree in sources() for line, text in reads(tree)
     ]
     yield Measure("reads of an array by a number in compiled functions", str(len(found)), "0", found)
-    for kind, (name, place) in KINDS.items():
-        files = naming(name, place)
+    for kind, (name, _) in KINDS.items():
+        files = naming(kind)
         yield Measure(f"files that name the {kind} {name}", str(len(files)), "3", files)
 
 

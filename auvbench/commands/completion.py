@@ -63,16 +63,8 @@ HYDRA = {
     "simulate": ("--cfg",),
 }
 """Flags of the commands whose overrides Hydra completes"""
-KEYS = {
-    "evaluate": ("protocol", "protocol.episodes"),
-    "serve": ("vehicle", "simulator", "disturbance", "step.frequency", "task.start", "seed"),
-    "identify": ("vehicle", "parameters", "name", "frame", "window", "replicates", "gate", "output"),
-    "validate": ("vehicle", "frame", "output"),
-    "bound": ("protocol", "vehicle", "output"),
-    "resume": ("train.total_steps",),
-    WHERE: ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment"),
-}
-"""Keys of commands that take a few `key=value` words, and keys of `--where`"""
+FILTERED = ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment")
+"""Keys of `--where`"""
 
 VALUES: Mapping[str, Sequence[str]] = {
     **dict.fromkeys(("--rank-by", "--metric"), measure_names()),
@@ -122,7 +114,7 @@ def candidates(words: Sequence[str]) -> list[str]:
 
         offered = complete_override(command, " ".join([*before, word]))
     else:
-        offered = _assignments(KEYS.get(WHERE if WHERE in before else command, ()), word)
+        offered = _assignments(FILTERED if WHERE in before else _keys(command), word)
         offered += folders.options("vehicle") if command == "vehicles" else []
     return sorted({name for name in offered if name.startswith(word)})
 
@@ -134,6 +126,10 @@ def _flags(command: str) -> list[str]:
     module = import_module("auvbench.commands.report_options" if command == "report" else own)
     parser = module.parser() if hasattr(module, "parser") else None
     return parser.flags() if isinstance(parser, Parser) else []
+
+
+def _keys(command: str) -> Sequence[str]:
+    return COMMANDS[command].completed if command in COMMANDS.own else ()
 
 
 def _values(name: str) -> Sequence[str]:

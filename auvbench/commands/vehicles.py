@@ -37,7 +37,7 @@ def _exports() -> list[Any]:
 def main(arguments: Sequence[str]) -> int:
     options = parser().read(arguments)
     name = options.vehicle
-    if any([export.write(options) for export in _exports()]):
+    if any(export.write(options) for export in _exports()):
         return 0
     if name is None and options.sheet:
         raise UserError("--sheet needs the name of a vehicle: auvbench vehicles bluerov2 --sheet")

@@ -89,6 +89,8 @@ class AgentSpec(Spec):
     """Whether the agent has a training."""
     teams: bool = True
     """Whether the agent can steer several vehicles in one episode."""
+    pilots: bool = False
+    """Whether `auvbench pilot` can steer by it: a controller that needs only NumPy and SciPy. For auvbench's own agents."""
     program: bool = False
     """Whether the agent starts a program on this machine, which an entry must not."""
     settled: str = ""

@@ -16,4 +16,6 @@ class ADRC(Cascade):
     heading_bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
 
 
-SPEC = AgentSpec("adrc", "ADRC", ADRC, "auvbench.agents.classical.adrc:ADRCController", knows=("sheet",))
+SPEC = AgentSpec(
+    "adrc", "ADRC", ADRC, "auvbench.agents.classical.adrc:ADRCController", knows=("sheet",), pilots=True
+)

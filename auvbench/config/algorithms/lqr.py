@@ -18,4 +18,6 @@ class LQR(Cascade):
     effort_share: float = number(0.0, 1e3, open_low=True)
 
 
-SPEC = AgentSpec("lqr", "LQR", LQR, "auvbench.agents.classical.lqr:LQRController", knows=("sheet",))
+SPEC = AgentSpec(
+    "lqr", "LQR", LQR, "auvbench.agents.classical.lqr:LQRController", knows=("sheet",), pilots=True
+)

@@ -17,4 +17,4 @@ class PID(Cascade):
     heading_integral_time: float | None = later(number(0.0, 1e6, open_low=True))  # s
 
 
-SPEC = AgentSpec("pid", "PID", PID, "auvbench.agents.classical.pid:controller", knows=("sheet",))
+SPEC = AgentSpec("pid", "PID", PID, "auvbench.agents.classical.pid:controller", knows=("sheet",), pilots=True)

@@ -19,4 +19,6 @@ class SMC(Cascade):
     heading_bandwidth: float = number(0.0, 100.0, open_low=True)  # rad/s
 
 
-SPEC = AgentSpec("smc", "SMC", SMC, "auvbench.agents.classical.smc:SMCController", knows=("sheet",))
+SPEC = AgentSpec(
+    "smc", "SMC", SMC, "auvbench.agents.classical.smc:SMCController", knows=("sheet",), pilots=True
+)

@@ -37,10 +37,6 @@ if TYPE_CHECKING:
     from auvbench.policies.exported import Card
     from auvbench.vehicles.vehicle_model import VehicleModel
 
-CONTROLLERS = ("pid", "smc", "lqr", "adrc")
-"""Controllers that need only NumPy (lqr: SciPy)."""
-
-
 ANSWER = 1
 """processor time in s for an action of the policy; the pilot disarms after it, or after five times as long by
 the clock
@@ -73,7 +69,7 @@ def parser() -> Parser:
     parser.add_argument(
         "controller",
         metavar="POLICY.onnx",
-        help=f"an exported policy, or one of {', '.join((*CONTROLLERS, excite.NAME))}",
+        help=f"an exported policy, or one of {', '.join((*controllers(), excite.NAME))}",
     )
     parser.add_argument("--vehicle", help="vehicle sheet (default: the policy's; else bluerov2_2026)")
     parser.add_argument("--namespace", help="namespace of the topics (default: the vehicle's name)")
@@ -216,7 +212,7 @@ def _check(given: argparse.Namespace) -> None:
     if given.mavlink is not None and given.namespace is not None:
         raise UserError(f"--namespace {given.namespace}: is for ROS 2, not for --mavlink; leave it out")
     exciting = given.controller == excite.NAME
-    if not exciting and not given.controller.endswith(".onnx") and given.controller not in CONTROLLERS:
+    if not exciting and not given.controller.endswith(".onnx") and given.controller not in controllers():
         raise _unknown(given.controller)
     own = ("axis", "amplitude", "seconds", "reach")
     for flag in own if not exciting else ("goal", "yaw", "task", "goal_radius"):
@@ -401,6 +397,11 @@ def _limits(given: argparse.Namespace, task: tasks.Task, **options: Any) -> Limi
     )
 
 
+def controllers() -> list[str]:
+    """Return the names of the controllers that need neither compiler nor torch."""
+    return [name for name, spec in registry.AGENTS.items() if spec.pilots]
+
+
 def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Task | None = None) -> Any:
     """Return a classical controller with the gains of its configuration file, for the observations of a task
     (default: waypoint).
@@ -408,19 +409,17 @@ def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Ta
     Raises:
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
     """
-    from auvbench.registry import AGENTS, resolve
-
-    if name not in CONTROLLERS:
+    if name not in controllers():
         raise _unknown(name)
-    spec = AGENTS[name]
+    spec = registry.AGENTS[name]
     gains = spec.schema(**defaults("algo", name))
     step = SimpleNamespace(frequency=frequency)
     config = SimpleNamespace(algo=gains, step=step, task=task or task_of(DEFAULT_TASK, "--task"))
-    return resolve(spec.code)(config, vehicle)
+    return registry.resolve(spec.code)(config, vehicle)
 
 
 def _unknown(name: str) -> ConfigError:
-    known = (*CONTROLLERS, excite.NAME)
+    known = (*controllers(), excite.NAME)
     return ConfigError(f"{name}: is neither a POLICY.onnx nor a controller; {closest(name, known)}")
 
 

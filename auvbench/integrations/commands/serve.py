@@ -8,6 +8,7 @@ import argparse
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from auvbench import registry
 from auvbench.errors import ConfigError, UserError, closest
 from auvbench.grammar import Parser, number, whole
 
@@ -135,9 +136,8 @@ def _server(given: argparse.Namespace) -> Server:
     # A server adds no noise to what it publishes, and a served vehicle may come to the surface, unlike those of tasks.
     config = train_config(compose("train", ["noise=none", "task.depth_high=0", *given.overrides]))
     if simulators.is_served(config.simulator):
-        raise ConfigError(
-            f"simulator={config.simulator.name}: cannot be served; use simulator=fossen or simulator=gazebo"
-        )
+        able = [f"simulator={name}" for name, spec in registry.SIMULATORS.items() if not spec.served]
+        raise ConfigError(f"simulator={config.simulator.name}: cannot be served; use {' or '.join(able)}")
     if config.world.solid and not navigation.is_estimated(config):
         raise ConfigError(
             f"world={config.world.name}: serve has no contacts, and no sensor sees the world; use world=open, or navigation=ekf"

@@ -270,7 +270,7 @@ import numpy
 from auvbench.cli import main
 from auvbench.integrations.commands import pilot
 station = ["--task", "station_keeping", "--vehicle", "bluerov2_heavy"]
-for words in (*([name] for name in pilot.CONTROLLERS), [sys.argv[2]], ["lqr", *station]):
+for words in (*([name] for name in pilot.controllers()), [sys.argv[2]], ["lqr", *station]):
     setup = pilot._setup(pilot.parser().read(words))
     setup.controller.reset(numpy.zeros(1, dtype="int64"))
     setup.controller.act(numpy.zeros((1, setup.spec.size), dtype="float32"))
