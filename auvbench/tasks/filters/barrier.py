@@ -67,13 +67,13 @@ class BarrierFilter:
         strongest = np.abs(limits).max(axis=1)
         self.tallies: Floats = np.zeros((n, 3))
         """(n, 3) of the present episodes, see `rows.CHANGED`"""
-        self.limits: Floats = limits / strongest[:, None]
+        low, high = (limits / strongest[:, None]).T.copy()
         self.effect: Floats = vehicle.M_inverse @ vehicle.allocation * strongest
         moments = vehicle.allocation[3:] * strongest
         sizes = np.maximum(np.abs(moments).sum(axis=1), 1e-9)
         shares = moments / sizes[:, None]
         self.inverse: Floats = np.linalg.inv(np.eye(len(strongest)) + MOMENT * shares.T @ shares)
-        self.tables, self.spans = _force_tables(vehicle, strongest)
+        self.curves = _force_curves(vehicle, strongest)
         model = np.zeros(1, MODEL)
         values = {
             "mass_inverse": vehicle.M_inverse,
@@ -100,7 +100,7 @@ class BarrierFilter:
             model[name] = value
         self.model = model.view(np.recarray)
         # As a plain array: numba recognises its type thirty times as fast.
-        self._own = model, self.effect, self.inverse, self.limits, self.tables, self.spans
+        self._own = model, self.effect, self.inverse, low, high, *self.curves
 
     def around(self, task: Task) -> tuple[Any, ...]:
         """Return what `rows.protect` takes of a task: steps, counts of solids, solids, heights and hull."""
@@ -226,13 +226,14 @@ def _thrust_limits(vehicle: VehicleModel) -> Floats:
     return np.sort(vehicle.force_limits, axis=1)
 
 
-def _force_tables(vehicle: VehicleModel, strongest: Floats) -> tuple[Floats, Floats]:
-    """Return the tables and the spans of `rows.protect`: the rising part of each thruster's curve."""
-    tables, spans = np.empty((len(vehicle.units), POINTS)), np.empty((len(vehicle.units), 2))
+def _force_curves(vehicle: VehicleModel, strongest: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return `tables`, `first` and `last` of `rows.protect`: the rising part of each thruster's curve."""
+    tables = np.empty((len(vehicle.units), POINTS))
+    first, last = np.empty((2, len(vehicle.units)))
     for j, unit in enumerate(vehicle.units):
-        spans[j] = unit.command(np.array([-2.0, 2.0]) * strongest[j])
-        tables[j] = unit.force(np.linspace(spans[j, 0], spans[j, 1], POINTS)) / strongest[j]
-    return tables, spans
+        first[j], last[j] = unit.command(np.array([-2.0, 2.0]) * strongest[j])
+        tables[j] = unit.force(np.linspace(first[j], last[j], POINTS)) / strongest[j]
+    return tables, first, last
 
 
 def _water(vehicle: VehicleModel, current: float) -> dict[str, Floats]:

@@ -60,7 +60,7 @@ def solve(L: Floats, n: int, z: Floats) -> None:
 
 @compiled()
 def nearest(
-    A: Floats, b: Floats, count: int, inverse: Floats, limits: Floats, target: Floats, x: Floats
+    A: Floats, b: Floats, count: int, inverse: Floats, low: Floats, high: Floats, target: Floats, x: Floats
 ) -> float:
     """Write the solution to x (n,); return the largest slack, infinite if the method did not end.
 
@@ -69,7 +69,8 @@ def nearest(
         b: (m,).
         count: number of constraints.
         inverse: (n, n), of H.
-        limits: (n, 2), lowest and highest x.
+        low: (n,) lowest x.
+        high: (n,) highest x.
         target: (n,) x0, within the limits.
         x: (n,), written.
     """
@@ -113,7 +114,7 @@ def nearest(
         for j in range(n):
             if is_active[count + j]:
                 continue
-            below, above = limits[j, 0] - x[j], x[j] - limits[j, 1]
+            below, above = low[j] - x[j], x[j] - high[j]
             missing = max(below, above) / math.sqrt(scale[count + j])
             if missing > worst:
                 worst, entering = missing, count + j
@@ -124,14 +125,14 @@ def nearest(
                 if active[i] < count:
                     slack = max(slack, multiplier[i] / PENALTY)
             for j in range(n):
-                x[j] = min(max(x[j], limits[j, 0]), limits[j, 1])
+                x[j] = min(max(x[j], low[j]), high[j])
             return slack
         active[size], multiplier[size], is_active[entering] = entering, 0.0, True
         size += 1
         while size > 0:
             for i in range(size):
                 p = active[i]
-                z[i] = residual(A, b, count, limits, side, target, p)
+                z[i] = residual(A, b, count, low, high, side, target, p)
                 for k in range(i + 1):
                     L[i, k] = coupling(A, gain, count, side, p, active[k])
                 if p < count:
@@ -164,16 +165,18 @@ def nearest(
             for j in range(n):
                 x[j] += factor * gain[p, j]
     for j in range(n):
-        x[j] = min(max(x[j], limits[j, 0]), limits[j, 1])
+        x[j] = min(max(x[j], low[j]), high[j])
     return np.inf
 
 
 @njit(nogil=True)
-def residual(A: Floats, b: Floats, count: int, limits: Floats, side: Floats, target: Floats, p: int) -> float:
+def residual(
+    A: Floats, b: Floats, count: int, low: Floats, high: Floats, side: Floats, target: Floats, p: int
+) -> float:
     """Return what constraint p misses at the target."""
     if p >= count:
         j = p - count
-        return float(limits[j, 0] - target[j] if side[j] > 0.0 else target[j] - limits[j, 1])
+        return float(low[j] - target[j] if side[j] > 0.0 else target[j] - high[j])
     missing = float(b[p])
     for j in range(target.shape[0]):
         missing -= A[p, j] * target[j]

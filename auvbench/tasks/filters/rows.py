@@ -30,6 +30,7 @@ from auvbench.dynamics.vectors import (
 )
 from auvbench.tasks.filters.quadratic import nearest
 from auvbench.tasks.rows import motion_of, pose_of
+from auvbench.tasks.rows import turning as turning_of
 from auvbench.worlds.casting import distance_to
 from auvbench.worlds.solids import position_at, triple
 
@@ -108,20 +109,16 @@ def still_acceleration(p: Record, up: Vector, v: Vector, omega: Vector) -> tuple
 @njit(nogil=True)
 def along(effect: Floats, normal: Vector, turning: Vector, j: int) -> float:
     """Return the acceleration along a normal by the largest force of thruster j; `turning` is that of the point's arm."""
-    return float(
-        normal[0] * effect[0, j]
-        + normal[1] * effect[1, j]
-        + normal[2] * effect[2, j]
-        + turning[0] * effect[3, j]
-        + turning[1] * effect[4, j]
-        + turning[2] * effect[5, j]
-    )
+    (x, y, z), (roll, pitch, yaw) = triple(effect[:, j]), turning_of(effect[:, j])
+    (nx, ny, nz), (tx, ty, tz) = normal, turning
+    return float(nx * x + ny * y + nz * z + tx * roll + ty * pitch + tz * yaw)
 
 
 @njit(nogil=True)
 def add_row(
     effect: Floats,
-    limits: Floats,
+    low: Floats,
+    high: Floats,
     normal: Vector,
     turning: Vector,
     b: float,
@@ -148,7 +145,7 @@ def add_row(
     n = effect.shape[1]
     for j in range(n):
         value = along(effect, normal, turning, j)
-        least += min(value * limits[j, 0], value * limits[j, 1])
+        least += min(value * low[j], value * high[j])
     if least >= b:
         return count
     for j in range(n):
@@ -183,7 +180,8 @@ def constraints(
     heights: Floats,
     hull: Record,
     effect: Floats,
-    limits: Floats,
+    low: Floats,
+    high: Floats,
     forces: Floats,
     A: Floats,
     bounds: Floats,
@@ -205,8 +203,8 @@ def constraints(
     strongest = 0.0
     for i in range(3):
         total = 0.0
-        for j in range(limits.shape[0]):
-            total += max(abs(effect[i, j] * limits[j, 0]), abs(effect[i, j] * limits[j, 1]))
+        for j in range(low.shape[0]):
+            total += max(abs(effect[i, j] * low[j]), abs(effect[i, j] * high[j]))
         strongest += total * total
     count = 0
     for k in range(hull.count):
@@ -235,25 +233,26 @@ def constraints(
             normal = transposed_product(R, gradient)
             closing = dot(gradient, triple(solid.velocity)) - dot(normal, motion)
             b = needed(p, d, closing, dot(normal, own), pushed)
-            count = add_row(effect, limits, normal, cross(arm, normal), b, d, A, bounds, distances, count)
+            count = add_row(effect, low, high, normal, cross(arm, normal), b, d, A, bounds, distances, count)
     climb, rise = dot(up, v), dot(up, origin)
     d = position[2] - p.low - p.margin
     b = needed(p, d, -climb, rise, pushed)
-    count = add_row(effect, limits, up, ZERO, b, d, A, bounds, distances, count)
+    count = add_row(effect, low, high, up, ZERO, b, d, A, bounds, distances, count)
     d = p.high - p.margin - position[2]
     b = needed(p, d, climb, -rise, pushed)
-    count = add_row(effect, limits, scale(-1.0, up), ZERO, b, d, A, bounds, distances, count)
+    count = add_row(effect, low, high, scale(-1.0, up), ZERO, b, d, A, bounds, distances, count)
     if p.speed < math.inf:
         x, y, z = add(v, scale(p.horizon, acceleration))
         for j in range(forces.shape[0]):
-            x += p.horizon * effect[0, j] * forces[j]
-            y += p.horizon * effect[1, j] * forces[j]
-            z += p.horizon * effect[2, j] * forces[j]
+            ax, ay, az = triple(effect[:, j])
+            x += p.horizon * ax * forces[j]
+            y += p.horizon * ay * forces[j]
+            z += p.horizon * az * forces[j]
         size = math.sqrt(x * x + y * y + z * z)
         if size > p.speed:
             back = (-x / size, -y / size, -z / size)
             b = (-dot(back, v) - p.speed) / p.horizon - dot(back, acceleration) + pushed
-            count = add_row(effect, limits, back, ZERO, b, -1.0, A, bounds, distances, count)
+            count = add_row(effect, low, high, back, ZERO, b, -1.0, A, bounds, distances, count)
     sine = math.sqrt(up[0] * up[0] + up[1] * up[1])
     if p.tilt < math.inf and sine > 0.0:
         # The axis about which the vehicle turns upright; the angular velocity of this axis itself is left out.
@@ -262,20 +261,21 @@ def constraints(
         closing = -dot(upright, omega)
         fastest, slope = largest_speed(d, p.turn_brake, p.horizon)
         b = (closing - fastest) / p.horizon + slope * max(closing, 0.0) - dot(upright, turning)
-        count = add_row(effect, limits, ZERO, upright, b, d, A, bounds, distances, count)
+        count = add_row(effect, low, high, ZERO, upright, b, d, A, bounds, distances, count)
     return count
 
 
 @njit(nogil=True)
-def force_of(table: Floats, span: Floats, command: float) -> float:
-    """Return the force of a command, which is clipped to the span of the table."""
-    at = (min(max(command, span[0]), span[1]) - span[0]) / (span[1] - span[0]) * (POINTS - 1)
+def force_of(table: Floats, first: float, last: float, command: float) -> float:
+    """Return the force of a command, which is clipped to the commands of the table, from `first` to `last`."""
+    at = (min(max(command, first), last) - first) / (last - first) * (POINTS - 1)
     k = min(int(at), POINTS - 2)
-    return float(table[k] + (at - k) * (table[k + 1] - table[k]))
+    after = k + 1
+    return float(table[k] + (at - k) * (table[after] - table[k]))
 
 
 @njit(nogil=True)
-def command_of(table: Floats, span: Floats, force: float) -> float:
+def command_of(table: Floats, first: float, last: float, force: float) -> float:
     """Return a command of a force within the table, which rises; 0 for the force 0."""
     if abs(force) < 1e-9:
         return 0.0
@@ -288,7 +288,7 @@ def command_of(table: Floats, span: Floats, force: float) -> float:
             high = middle
     rise = table[high] - table[low]
     share = (force - table[low]) / rise if rise > 0.0 else 0.0
-    return float(span[0] + (low + min(max(share, 0.0), 1.0)) * (span[1] - span[0]) / (POINTS - 1))
+    return float(first + (low + min(max(share, 0.0), 1.0)) * (last - first) / (POINTS - 1))
 
 
 @compiled("dynamics", "worlds", "tasks")
@@ -306,9 +306,11 @@ def protect(
     model: Any,
     effect: Floats,
     inverse: Floats,
-    limits: Floats,
+    low: Floats,
+    high: Floats,
     tables: Floats,
-    spans: Floats,
+    first: Floats,
+    last: Floats,
     tallies: Floats,
 ) -> None:
     """Change the commands (n, n_u) of the vehicles start .. stop - 1 as little as the constraints allow, and tally the changes.
@@ -327,9 +329,11 @@ def protect(
         model: (1,) record of MODEL.
         effect: (6, n_u) accelerations by the largest force of each thruster.
         inverse: (n_u, n_u) inverse of the cost's Hessian; forces are shares of the largest.
-        limits: (n_u, 2) smallest and largest force, as shares.
+        low: (n_u,) smallest force, as shares.
+        high: (n_u,) largest force, as shares.
         tables: (n_u, POINTS) forces as shares, at equally spaced commands.
-        spans: (n_u, 2) first and last command of the tables.
+        first: (n_u,) first command of each table.
+        last: (n_u,) last command of each table.
         tallies: (n, 3), see CHANGED.
     """
     solids, heights = borrowed(solids), borrowed(heights)
@@ -339,7 +343,7 @@ def protect(
     forces, x = np.empty(n), np.empty(n)
     for i in range(start, stop):
         for j in range(n):
-            forces[j] = force_of(tables[j], spans[j], action[i, j])
+            forces[j] = force_of(tables[j], first[j], last[j], action[i, j])
         position, attitude = pose_of(pose, i)
         linear, angular = motion_of(velocity, i)
         count = constraints(
@@ -353,7 +357,8 @@ def protect(
             heights,
             hull[0],
             effect,
-            limits,
+            low,
+            high,
             forces,
             A,
             bounds,
@@ -366,12 +371,12 @@ def protect(
             met = met and total >= 0.0
         if met:
             continue
-        slack = nearest(A, bounds, count, inverse, limits, forces, x)
+        slack = nearest(A, bounds, count, inverse, low, high, forces, x)
         if slack > SLACK:
             tallies[i, INFEASIBLE] += 1.0
         squared = 0.0
         for j in range(n):
-            command = command_of(tables[j], spans[j], x[j])
+            command = command_of(tables[j], first[j], last[j], x[j])
             squared += (command - action[i, j]) ** 2
             action[i, j] = command
         tallies[i, CHANGED] += 1.0

@@ -62,7 +62,7 @@ def test_the_programme_has_the_solution_of_scipy() -> None:
         H = np.eye(n) + 3.0 / n * B.T @ B
         limits = rng.uniform(0.5, 1.0, (n, 2)) * [-1.0, 1.0]
         wanted, x = rng.uniform(*limits.T), np.empty(n)
-        slack = nearest(A, b, m, np.linalg.inv(H), limits, wanted, x)
+        slack = nearest(A, b, m, np.linalg.inv(H), *limits.T.copy(), wanted, x)
         # The same as bounded least squares: |L (x - wanted)|^2 + PENALTY |A x - b - w|^2 with w >= 0.
         L, weight = np.linalg.cholesky(H).T, math.sqrt(PENALTY)
         matrix = np.block([[L, np.zeros((n, m))], [weight * A, -weight * np.eye(m)]])
@@ -80,10 +80,10 @@ def test_commands_and_forces_are_each_others_inverse() -> None:
     vehicle = sheet.load(configuration(overrides=[VEHICLE, "algo=pid"]).vehicle)
     commands = np.linspace(-1.0, 1.0, 57)
     for j, unit in enumerate(vehicle.units):
-        table, span, most = own.tables[j], own.spans[j], np.abs(vehicle.force_limits[j]).max()
-        shares = [force_of(table, span, c) for c in commands]
+        curve, most = [values[j] for values in own.curves], np.abs(vehicle.force_limits[j]).max()
+        shares = [force_of(*curve, c) for c in commands]
         np.testing.assert_allclose(np.array(shares) * most, unit.force(commands), atol=1e-9)
-        back = unit.force(np.array([command_of(table, span, share) for share in shares]))
+        back = unit.force(np.array([command_of(*curve, share) for share in shares]))
         np.testing.assert_allclose(back, unit.force(commands), atol=1e-9)
 
 
