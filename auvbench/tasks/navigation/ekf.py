@@ -12,6 +12,7 @@ gate rejects many times in a row is believed, as ArduPilot's EKF3 does after a t
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,16 +46,30 @@ from auvbench.tasks.rows import put, row, triple, wrap
 
 Floats = NDArray[np.float64]
 
-ROW, GAIN, SHARED, CHANGE, INNOVATION = 0, 1, 2, 3, 4
-"""rows of `work`: derivatives of a reading, gain, P times the derivatives, change of the states, and three for the covariance of a
-position's innovation"""
 WORK = 7
+"""rows of the memory of `Work`"""
 PARTS = 4
 """parts of a sensor in `rejected`: the beams of a DVL"""
 MOVING = 9
 """position, velocity and attitude: states that the others change"""
 LEVEL = 0.01
 """smallest cosine of the pitch at which a heading is used"""
+
+
+class Work(NamedTuple):
+    """Room for the correction by a reading, for s states."""
+
+    slope: Floats  # (s,) derivatives of the reading
+    gain: Floats  # (s,)
+    shared: Floats  # (s,) P times the derivatives
+    change: Floats  # (s,) of the states
+    innovation: Floats  # (3, s), covariance of a position's innovation in the first columns
+
+
+@row
+def work_in(memory: Any) -> Work:
+    """Return room in memory (WORK, s)."""
+    return Work(memory[0], memory[1], memory[2], memory[3], memory[4:])
 
 
 @row
@@ -134,7 +149,7 @@ def integrals(d: Record) -> tuple[Matrix, Matrix]:
 @row
 def three(P: Floats, i: int, j: int) -> Vector:
     """Return three entries of a column from row i on."""
-    return P[i, j], P[i + 1, j], P[i + 2, j]
+    return triple(P[i:, j])
 
 
 @called
@@ -177,16 +192,16 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
 
 
 @row
-def shared(P: Floats, work: Floats, first: int, stop: int) -> float:
+def shared(P: Floats, work: Work, first: int, stop: int) -> float:
     """Write P H^T of a reading with derivatives H; return H P H^T."""
     variance = 0.0
     for i in range(P.shape[0]):
         total = 0.0
         for j in range(first, stop):
-            total += P[i, j] * work[ROW, j]
-        work[SHARED, i] = total
+            total += P[i, j] * work.slope[j]
+        work.shared[i] = total
     for j in range(first, stop):
-        variance += work[ROW, j] * work[SHARED, j]
+        variance += work.slope[j] * work.shared[j]
     return variance
 
 
@@ -195,7 +210,7 @@ def update(
     d: Record,
     p: Record,
     P: Floats,
-    work: Floats,
+    work: Work,
     sensor: int,
     part: int,
     innovation: float,
@@ -209,7 +224,7 @@ def update(
         d: has the counters of the sensor.
         p: parameters.
         P: covariance.
-        work: its row CHANGE gets the change of the states.
+        work: its `change` gets the change of the states.
         sensor: DVL, DEPTH, HEADING, MODEL, GNSS, MODEM or WATER.
         part: axis or beam of a DVL's reading, which the gate judges separately; 0 for other sensors.
         innovation: reading less prediction.
@@ -219,7 +234,7 @@ def update(
     """
     noise, y = (p.inflation * sd) ** 2, innovation
     for j in range(first, stop):
-        y -= work[ROW, j] * work[CHANGE, j]
+        y -= work.slope[j] * work.change[j]
     s = noise + shared(P, work, first, stop)
     nis = y * y / s
     d.nis[sensor] += nis
@@ -242,27 +257,27 @@ def update(
 
 
 @row
-def absorb(P: Floats, work: Floats, y: float, s: float) -> None:
+def absorb(P: Floats, work: Work, y: float, s: float) -> None:
     """Correct states and covariance by an innovation y with the variance s, after `shared`."""
     share = 1.0 / s
     for i in range(P.shape[0]):
-        work[GAIN, i] = work[SHARED, i] * share
-        work[CHANGE, i] += work[GAIN, i] * y
+        work.gain[i] = work.shared[i] * share
+        work.change[i] += work.gain[i] * y
     # Joseph, (I - K H) P (I - K H)^T + K r K^T, with u = P H^T and s = H u + r: P - K u^T - u K^T + K s K^T.
     for i in range(P.shape[0]):
-        gain, u = work[GAIN, i], work[SHARED, i]
+        gain, u = work.gain[i], work.shared[i]
         weighted = s * gain - u
         for j in range(P.shape[0]):  # whole rows, which become vector instructions
-            P[i, j] = P[i, j] - gain * work[SHARED, j] + weighted * work[GAIN, j]
+            P[i, j] = P[i, j] - gain * work.shared[j] + weighted * work.gain[j]
     for i in range(P.shape[0]):
         for j in range(i):
             P[j, i] = P[i, j]
 
 
 @called
-def inject(d: Record, p: Record, P: Floats, work: Floats) -> None:
+def inject(d: Record, p: Record, P: Floats, work: Work) -> None:
     """Add the change of the states to the estimate, and turn the covariance with it (Sola, eq. 314)."""
-    x = work[CHANGE]
+    x = work.change
     put(d.position, add(triple(d.position), (x[0], x[1], x[2])))
     put(d.velocity, add(triple(d.velocity), (x[3], x[4], x[5])))
     phi = x[6], x[7], x[8]
@@ -291,13 +306,13 @@ def inject(d: Record, p: Record, P: Floats, work: Floats) -> None:
 
 
 @row
-def put_row(work: Floats, first: int, vector: Vector) -> None:
+def put_row(work: Work, first: int, vector: Vector) -> None:
     """Write three derivatives of a reading."""
-    work[ROW, first], work[ROW, first + 1], work[ROW, first + 2] = vector
+    work.slope[first], work.slope[first + 1], work.slope[first + 2] = vector
 
 
 @row
-def velocity_row(d: Record, p: Record, way: Vector, work: Floats) -> None:
+def velocity_row(d: Record, p: Record, way: Vector, work: Work) -> None:
     """Write the derivatives of the velocity at the DVL along a direction in body axes: h = (1 + k) way . (R^T v + w x l), with v - c
     instead of v if the last ping was to the water.
 
@@ -305,36 +320,36 @@ def velocity_row(d: Record, p: Record, way: Vector, work: Floats) -> None:
     """
     seen = scale(1.0 + d.scale, way)
     x, y, _ = along = product(rotation_matrix(attitude_of(d.attitude)), seen)
-    work[ROW, :] = 0.0
+    work.slope[:] = 0.0
     put_row(work, VELOCITY, along)
     put_row(work, ATTITUDE, cross(along, dvl.relative(d)))
     put_row(work, RATE_BIAS, cross(seen, triple(p.dvl_lever)))
     if p.scale_state > 0:
-        work[ROW, p.scale_state] = dot(way, dvl.predicted(d, p)) / (1.0 + d.scale)
+        work.slope[p.scale_state] = dot(way, dvl.predicted(d, p)) / (1.0 + d.scale)
     if d.on_water > 0:
-        work[ROW, CURRENT], work[ROW, CURRENT + 1] = -x, -y
+        work.slope[CURRENT], work.slope[CURRENT + 1] = -x, -y
 
 
 @row
-def heading_row(d: Record, p: Record, work: Floats) -> float:
+def heading_row(d: Record, p: Record, work: Work) -> float:
     """Write the derivatives of the compass's heading; return the squared cosine of the pitch, near 0 where there is none."""
     R = rotation_matrix(attitude_of(d.attitude))
     x, y, z = R[0][0], R[1][0], R[2][0]
     level = x * x + y * y
-    work[ROW, :] = 0.0
+    work.slope[:] = 0.0
     if level > LEVEL**2:
         put_row(work, ATTITUDE, (-z * x / level, -z * y / level, 1.0))
     if p.bias_state > 0:
-        work[ROW, p.bias_state] = 1.0
+        work.slope[p.bias_state] = 1.0
     return level
 
 
 @called
-def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
+def correct_velocity(d: Record, p: Record, P: Floats, work: Work) -> None:
     """Correct the estimate by the DVL's last ping: by its velocity, or by its beams if only three are valid."""
     propagate(d, p, P)
     error = subtract(triple(d.dvl_velocity), triple(d.predicted_velocity))
-    work[CHANGE, :] = 0.0
+    work.change[:] = 0.0
     sensor, factor = (WATER, p.dvl_water_noise) if d.on_water > 0 else (DVL, 1.0)
     level, beam_sd = factor * d.merit, factor * dvl.beam_sd(d, p)
     upright = 0.5 * beam_sd / p.dvl_cosine
@@ -358,12 +373,12 @@ def correct_velocity(d: Record, p: Record, P: Floats, work: Floats) -> None:
 
 
 @called
-def correct_depth(d: Record, p: Record, P: Floats, work: Floats) -> None:
+def correct_depth(d: Record, p: Record, P: Floats, work: Work) -> None:
     """Correct the estimate by a depth."""
     propagate(d, p, P)
-    work[CHANGE, :] = 0.0
-    work[ROW, :] = 0.0
-    work[ROW, 2] = 1.0
+    work.change[:] = 0.0
+    work.slope[:] = 0.0
+    work.slope[2] = 1.0
     # Rounding to a resolution has the variance of a uniform error.
     variance = p.depth_noise**2 + p.depth_resolution**2 / 12.0
     slow = p.depth_offset**2 + (p.depth_density * d.height) ** 2 + d.wave_variance * d.wave_readings
@@ -373,10 +388,10 @@ def correct_depth(d: Record, p: Record, P: Floats, work: Floats) -> None:
 
 
 @called
-def correct_heading(d: Record, p: Record, P: Floats, work: Floats) -> None:
+def correct_heading(d: Record, p: Record, P: Floats, work: Work) -> None:
     """Correct the estimate by a heading."""
     propagate(d, p, P)
-    work[CHANGE, :] = 0.0
+    work.change[:] = 0.0
     sd = math.sqrt(p.heading_noise**2 + p.heading_slow**2 + 0.5 * d.thruster_iron**2)
     stop = max(p.bias_state + 1, ATTITUDE + 3)
     if heading_row(d, p, work) > LEVEL**2 and update(
@@ -397,14 +412,14 @@ def remember(d: Record, p: Record, P: Floats, k: int) -> None:
 
 
 @row
-def put_sight(p: Record, way: Vector, work: Floats) -> None:
+def put_sight(p: Record, way: Vector, work: Work) -> None:
     """Write the derivatives of the position at the ping along a direction."""
-    work[ROW, :] = 0.0
+    work.slope[:] = 0.0
     put_row(work, p.ping_state, way)
 
 
 @called
-def correct_fix(d: Record, p: Record, P: Floats, work: Floats) -> None:
+def correct_fix(d: Record, p: Record, P: Floats, work: Work) -> None:
     """Correct the estimate by the USBL's position: by its range, and by its directions across the estimated line of sight.
 
     The gate judges the three together.
@@ -417,12 +432,12 @@ def correct_fix(d: Record, p: Record, P: Floats, work: Floats) -> None:
     errors = math.sqrt(dot(seen, seen)) - r, dot(B[1], seen), dot(B[2], seen)
     noise = p.usbl_range_noise**2, aside * r * r, aside * r * r
     noise = scale(p.inflation**2, noise)
-    S = work[INNOVATION:]
+    S = work.innovation
     for i in range(3):
         put_sight(p, B[i], work)
         shared(P, work, k, k + 3)
         for j in range(3):
-            S[i, j] = dot(B[j], (work[SHARED, k], work[SHARED, k + 1], work[SHARED, k + 2]))
+            S[i, j] = dot(B[j], (work.shared[k], work.shared[k + 1], work.shared[k + 2]))
         S[i, i] += noise[i]
     squared = nees(errors, S)
     d.nis[USBL] += squared
@@ -440,24 +455,24 @@ def correct_fix(d: Record, p: Record, P: Floats, work: Floats) -> None:
             P[:, i] = 0.0
             P[i, i] = dot(errors, errors)
         remember(d, p, P, k)
-    work[CHANGE, :] = 0.0
+    work.change[:] = 0.0
     for i in range(3):
         put_sight(p, B[i], work)
-        y = errors[i] - dot(B[i], (work[CHANGE, k], work[CHANGE, k + 1], work[CHANGE, k + 2]))
+        y = errors[i] - dot(B[i], (work.change[k], work.change[k + 1], work.change[k + 2]))
         absorb(P, work, y, noise[i] + shared(P, work, k, k + 3))
     inject(d, p, P, work)
 
 
 @called
-def correct_surface(d: Record, p: Record, P: Floats, work: Floats) -> None:
+def correct_surface(d: Record, p: Record, P: Floats, work: Work) -> None:
     """Correct the estimate by the horizontal position of a GNSS."""
     propagate(d, p, P)
-    work[CHANGE, :] = 0.0
+    work.change[:] = 0.0
     sd, fix, position = math.sqrt(p.gnss_noise**2 + p.gnss_offset**2), d.gnss_fix, triple(d.position)
     x, y, _ = position
     for k in range(2):
-        work[ROW, :] = 0.0
-        work[ROW, k] = 1.0
+        work.slope[:] = 0.0
+        work.slope[k] = 1.0
         update(d, p, P, work, GNSS, k, fix[k] - (x if k == 0 else y), sd, k, k + 1)
     inject(d, p, P, work)
     d.stamp[GNSS] = d.time
@@ -466,7 +481,7 @@ def correct_surface(d: Record, p: Record, P: Floats, work: Floats) -> None:
 @row
 def nees(error: Vector, P: Floats) -> float:
     """Return the normalised estimation error squared of the position: error^T P^-1 error, 3 on average if P is right."""
-    a, b, c, f, g, k = P[0, 0], P[0, 1], P[0, 2], P[1, 1], P[1, 2], P[2, 2]
+    (a, b, c), (_, f, g), (_, _, k) = three(P, 0, 0), three(P, 0, 1), three(P, 0, 2)
     x, y, z = error
     minors = f * k - g * g, c * g - b * k, b * g - c * f
     determinant = a * minors[0] + b * minors[1] + c * minors[2]

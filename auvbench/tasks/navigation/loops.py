@@ -140,7 +140,7 @@ def is_sound(d: Record) -> bool:
 
 @row
 def feel(
-    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, power: float, sea: Sea, lane: int
+    e: Record, d: Record, p: Record, P: Floats, work: ekf.Work, stream: int, power: float, sea: Sea, lane: int
 ) -> None:
     """Measure depth and heading if they are due, and correct the estimate by readings that arrive now."""
     deep, turned = 0.0, 0.0
@@ -166,7 +166,7 @@ def feel(
 
 @row
 def ping(
-    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, solids: Any, heights: Any, water: Record
+    e: Record, d: Record, p: Record, P: Floats, work: ekf.Work, stream: int, solids: Any, heights: Any, water: Record
 ) -> None:  # fmt: skip
     """Measure the velocity if the DVL is due, and correct the estimate by a ping that arrives now."""
     if is_due(d, DVL):
@@ -179,7 +179,7 @@ def ping(
 
 
 @row
-def locate(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int) -> None:
+def locate(e: Record, d: Record, p: Record, P: Floats, work: ekf.Work, stream: int) -> None:
     """Measure the position if USBL or GNSS are due, and correct the estimate by positions that arrive now."""
     if usbl.has(e, p):
         if is_due(d, USBL) and usbl.sense(e, d, p, stream):
@@ -192,7 +192,7 @@ def locate(e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int
 
 @row
 def sample(
-    e: Record, d: Record, p: Record, P: Floats, work: Floats, stream: int, pose: Floats, velocity: Floats,
+    e: Record, d: Record, p: Record, P: Floats, work: ekf.Work, stream: int, pose: Floats, velocity: Floats,
     solids: Any, heights: Any, water: Record, power: float, sea: Sea, lane: int, seconds: float,
 ) -> None:  # fmt: skip
     """Measure an interval of some s that ends at a pose and velocity, and move the estimate."""
@@ -223,7 +223,7 @@ def conclude(
     d: Record,
     p: Record,
     P: Floats,
-    work: Floats,
+    work: ekf.Work,
     sheet: Floats,
     stream: int,
     shown: Shown,
@@ -275,7 +275,7 @@ def sample_rows(
 ) -> None:  # fmt: skip
     """Measure an interval of some s in the episodes first .. stop - 1."""
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
-    work, covariances = borrowed(memory), borrowed(covariances)
+    work, covariances = ekf.work_in(borrowed(memory)), borrowed(covariances)
     true_pose, true_velocity = borrowed(true_pose), borrowed(true_velocity)
     solids, heights = borrowed(solids), borrowed(heights)
     components, rays, times = waves
@@ -295,7 +295,7 @@ def range_rows(
     first .. stop - 1, which `sample_rows` has moved.
     """
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
-    work, covariances = borrowed(memory), borrowed(covariances)
+    work, covariances = ekf.work_in(borrowed(memory)), borrowed(covariances)
     for i in range(first, stop):
         e, d, P = episodes[i], states[i], covariances[i]
         if has_arrived(d, MODEM) and d.diverged == 0:
@@ -314,7 +314,7 @@ def conclude_rows(
 ) -> None:  # fmt: skip
     """End an agent step of the episodes first .. stop - 1; write the estimates (n, 7) and (n, 6)."""
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
-    work, covariances, sheet = borrowed(memory), borrowed(covariances), borrowed(sheet)
+    work, covariances, sheet = ekf.work_in(borrowed(memory)), borrowed(covariances), borrowed(sheet)
     pose, velocity = borrowed(pose), borrowed(velocity)
     deviation, force, age = shown
     views = borrowed(deviation), borrowed(force), borrowed(age)

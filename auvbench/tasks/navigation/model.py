@@ -71,17 +71,17 @@ def predicted(d: Record) -> Vector:
 
 
 @row
-def put_derivatives(d: Record, way: Vector, work: Floats) -> None:
+def put_derivatives(d: Record, way: Vector, work: ekf.Work) -> None:
     """Write the derivatives of the velocity through the water along a direction in body axes: h = way . R^T (v - c)."""
     x, y, _ = along = product(rotation_matrix(attitude_of(d.attitude)), way)
-    work[ekf.ROW, :] = 0.0
+    work.slope[:] = 0.0
     ekf.put_row(work, VELOCITY, along)
     ekf.put_row(work, ATTITUDE, cross(along, through_water(d)))
-    work[ekf.ROW, CURRENT], work[ekf.ROW, CURRENT + 1] = -x, -y
+    work.slope[CURRENT], work.slope[CURRENT + 1] = -x, -y
 
 
 @called
-def correct(d: Record, p: Record, P: Floats, work: Floats, velocity: Vector) -> None:
+def correct(d: Record, p: Record, P: Floats, work: ekf.Work, velocity: Vector) -> None:
     """Correct the estimate by the sheet's velocity in m/s, body axes, if it is due."""
     if not is_due(d, MODEL):
         return
@@ -89,7 +89,7 @@ def correct(d: Record, p: Record, P: Floats, work: Floats, velocity: Vector) -> 
     ekf.propagate(d, p, P)
     error = subtract(velocity, predicted(d))
     sd = math.sqrt(p.model_noise**2 + p.model_share**2 * dot(velocity, velocity))
-    work[ekf.CHANGE, :] = 0.0
+    work.change[:] = 0.0
     for k in range(3):
         way = (1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
         put_derivatives(d, way, work)

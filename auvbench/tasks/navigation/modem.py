@@ -85,9 +85,9 @@ def sight(d: Record) -> tuple[Vector, float]:
 
 
 @row
-def put_derivatives(p: Record, way: Vector, work: Floats) -> None:
+def put_derivatives(p: Record, way: Vector, work: ekf.Work) -> None:
     """Write the derivatives of the range h = |x - beacon|, x being the position at the sending."""
-    work[ekf.ROW, :] = 0.0
+    work.slope[:] = 0.0
     ekf.put_row(work, p.modem_state, way)
 
 
@@ -120,7 +120,7 @@ def independent(d: Record, p: Record) -> float:
 
 
 @called
-def correct(d: Record, p: Record, P: Floats, work: Floats) -> None:
+def correct(d: Record, p: Record, P: Floats, work: ekf.Work) -> None:
     """Correct the estimate by the range of a message that has arrived."""
     ekf.propagate(d, p, P)
     k, S = p.modem_state, d.stated
@@ -130,7 +130,7 @@ def correct(d: Record, p: Record, P: Floats, work: Floats) -> None:
     curved = bend(total, own + others, r)
     sd = math.sqrt(p.modem_noise**2 + curved**2 + independent(d, p) * others)
     put_derivatives(p, way, work)
-    work[ekf.CHANGE, :] = 0.0
+    work.change[:] = 0.0
     if ekf.update(d, p, P, work, MODEM, 0, d.measured_range - r, sd, k, k + 3):
         ekf.inject(d, p, P, work)
     d.beacon_sent[d.speaker] = d.stamp[MODEM] = d.sent

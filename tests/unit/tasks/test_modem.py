@@ -79,7 +79,7 @@ def test_a_range_corrects_all_states_as_a_dense_kalman_filter_does() -> None:
     expected = G @ (P - np.outer(K, H @ P)) @ G.T
     velocity, place = np.array(d.velocity) + x[3:6], np.array(d.range_position) + x[k:]
     own = P.copy()
-    modem.correct(d, p, own, np.zeros((ekf.WORK, n)))
+    modem.correct(d, p, own, ekf.work_in(np.zeros((ekf.WORK, n))))
     np.testing.assert_allclose(own, expected, atol=1e-12)
     np.testing.assert_allclose(d.position, x[:3], atol=1e-12)
     np.testing.assert_allclose(d.velocity, velocity, atol=1e-12)

@@ -334,8 +334,8 @@ ALL_STATES = MODEL_STATES + 8
 
 def shifted(d: Any, x: Floats, p: Any) -> Any:
     """Return a state whose truth is the errors x (25,) away from it."""
-    other, work = copy.deepcopy(d), np.zeros((ekf.WORK, len(x)))
-    work[ekf.CHANGE] = x
+    other, work = copy.deepcopy(d), ekf.work_in(np.zeros((ekf.WORK, len(x))))
+    work.change[:] = x
     ekf.inject(other, p, np.zeros((len(x), len(x))), work)
     return other
 
@@ -356,11 +356,11 @@ def test_derivatives_are_those_of_finite_differences() -> None:
     d = one_state(position=rng.normal(size=3), velocity=rng.normal(size=3), attitude=quaternion([0.3, -0.5, 2.0]),
                   acceleration_bias=0.1 * rng.normal(size=3), rate_bias=0.1 * rng.normal(size=3), rates=rng.normal(size=3),
                   current=[0.3, -0.2], scale=0.1, bias=0.2, ping_position=[5.0, -3.0, -4.0], range_position=[2.0, 3.0, -9.0], beacon=[4.0, 1.0, -9.5], specific_force=rng.normal(size=3) + np.array([0.0, 0.0, 9.81]))  # fmt: skip
-    work, way = np.zeros((ekf.WORK, ALL_STATES)), (0.36, 0.48, -0.8)
+    work, way = ekf.work_in(np.zeros((ekf.WORK, ALL_STATES))), (0.36, 0.48, -0.8)
 
     def check(reading: Any) -> None:
         slopes = [(reading(shifted(d, small * x, p)) - reading(shifted(d, -small * x, p))) / (2 * small) for x in np.eye(ALL_STATES)]  # fmt: skip
-        np.testing.assert_allclose(work[ekf.ROW], slopes, atol=1e-8)
+        np.testing.assert_allclose(work.slope, slopes, atol=1e-8)
 
     def heading(state: Any) -> float:
         R = rotation(state.attitude)
