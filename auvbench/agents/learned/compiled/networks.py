@@ -7,6 +7,8 @@ its weights (outputs, inputs), then its biases. Running means and variances are 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -25,11 +27,16 @@ SMALL = 1e-3
 """sb3-contrib's epsilon of the variance."""
 R_MAX, D_MAX = 3.0, 5.0
 """sb3-contrib's limits of the correction."""
-CENTRE, INVERSE, MEAN, SHARE, PULL = range(5)
-"""Rows of a normalisation's stored values: subtracted mean; reciprocal deviation; batch mean; derivative of
-the variance with respect to the batch variance; derivative of the negative subtracted mean with respect to
-the batch mean.
-"""
+STATISTICS = np.dtype(
+    [
+        ("centre", np.float32),  # subtracted mean
+        ("inverse", np.float32),  # reciprocal deviation
+        ("average", np.float32),  # batch mean
+        ("share", np.float32),  # derivative of the variance with respect to the batch variance
+        ("pull", np.float32),  # derivative of the negative subtracted mean with respect to the batch mean
+    ]
+)
+"""What `normalise` stores of an input"""
 
 
 @compiled(error_model="numpy")
@@ -40,7 +47,7 @@ def normalise(
     affine: Floats,
     mean: Floats,
     variance: Floats,
-    stored: Floats,
+    stored: Any,
     mode: int,
     momentum: float,
 ) -> None:
@@ -50,16 +57,15 @@ def normalise(
         x, y, n: inputs, outputs, rows.
         affine: scales (d,), then shifts (d,).
         mean, variance: running statistics (d,), updated unless `mode` is RUNNING.
-        stored: (5, d), overwritten with what `normalise_gradient` needs.
+        stored: (d,) records of STATISTICS, overwritten with what `normalise_gradient` needs.
         mode: RUNNING, BATCH or RENORM.
         momentum: share by which the running statistics are updated.
     """
     d = len(mean)
     small, one, half = np.float32(SMALL), np.float32(1.0), np.float32(0.5)
-    stored[:] = 0.0
     if mode == RUNNING:
-        stored[CENTRE] = mean
-        stored[INVERSE] = one / np.sqrt(variance + small)
+        stored.centre[:] = mean
+        stored.inverse[:] = one / np.sqrt(variance + small)
     else:
         average, spread = np.zeros(d, np.float32), np.zeros(d, np.float32)
         for i in range(n):
@@ -70,7 +76,7 @@ def normalise(
             for j in range(d):
                 spread[j] += (x[i * d + j] - average[j]) ** 2
         spread /= np.float32(n - 1)
-        stored[MEAN] = average
+        stored.average[:] = average
         for j in range(d):
             r, shift = one, np.float32(0.0)
             if mode == RENORM:
@@ -78,15 +84,17 @@ def normalise(
                 r = np.sqrt(spread[j] + small) / running
                 r = min(max(r, np.float32(1.0 / R_MAX)), np.float32(R_MAX))
                 shift = min(max((average[j] - mean[j]) / running, np.float32(-D_MAX)), np.float32(D_MAX))
-            stored[CENTRE, j] = average[j] - shift * np.sqrt(spread[j]) / r
-            stored[INVERSE, j] = one / np.sqrt(spread[j] / (r * r) + small)
-            stored[SHARE, j] = one / (r * r)
+            own = stored[j]
+            own.centre = average[j] - shift * np.sqrt(spread[j]) / r
+            own.inverse = one / np.sqrt(spread[j] / (r * r) + small)
+            own.share = one / (r * r)
+            own.pull = np.float32(0.0)
             if shift != 0.0:
-                stored[PULL, j] = half * shift / (r * np.sqrt(spread[j]))
+                own.pull = half * shift / (r * np.sqrt(spread[j]))
         mean += np.float32(momentum) * (average - mean)
         variance += np.float32(momentum) * (spread - variance)
-    factor = affine[:d] * stored[INVERSE]
-    offset = affine[d:] - factor * stored[CENTRE]
+    factor = affine[:d] * stored.inverse
+    offset = affine[d:] - factor * stored.centre
     for i in range(n):
         for j in range(d):
             y[i * d + j] = x[i * d + j] * factor[j] + offset[j]
@@ -94,7 +102,7 @@ def normalise(
 
 @compiled(error_model="numpy")
 def normalise_gradient(
-    x: Floats, slope: Floats, n: int, affine: Floats, stored: Floats, gradient: Floats, mode: int
+    x: Floats, slope: Floats, n: int, affine: Floats, stored: Any, gradient: Floats, mode: int
 ) -> None:
     """Replace the gradient of the outputs, the flat `slope` (n, d), by the gradient of the inputs.
 
@@ -103,27 +111,25 @@ def normalise_gradient(
         slope: overwritten.
         gradient: gradient of scales (d,) and shifts (d,), overwritten; () if it is not needed.
     """
-    d = stored.shape[1]
-    factor = affine[:d] * stored[INVERSE]
+    d = stored.shape[0]
+    factor = affine[:d] * stored.inverse
     if mode == RUNNING:
         for i in range(n):
             for j in range(d):
                 slope[i * d + j] *= factor[j]
         return
     shifts, scales = np.zeros(d, np.float32), np.zeros(d, np.float32)
-    centre, mean = stored[CENTRE], stored[MEAN]
+    centre, mean = stored.centre.copy(), stored.average.copy()  # contiguous, for the loops over rows
     for i in range(n):
         for j in range(d):
             shifts[j] += slope[i * d + j]
             scales[j] += slope[i * d + j] * (x[i * d + j] - centre[j])
-    scales *= stored[INVERSE]
+    scales *= stored.inverse
     if len(gradient) > 0:
         gradient[:d] = scales
         gradient[d:] = shifts
     by_mean = -factor * shifts
-    by_variance = (
-        np.float32(-0.5) * factor * stored[INVERSE] * scales * stored[SHARE] - by_mean * stored[PULL]
-    )
+    by_variance = np.float32(-0.5) * factor * stored.inverse * scales * stored.share - by_mean * stored.pull
     by_mean /= np.float32(n)
     by_variance *= np.float32(2.0 / (n - 1))
     for i in range(n):
@@ -142,7 +148,7 @@ def forward(
     x: Floats,
     mode: int,
     momentum: float,
-) -> tuple[Floats, Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Any, Floats]:
     """Return what `backward` needs (hidden outputs, scaled inputs, stored statistics), and the outputs (K, n,
     o).
 
@@ -158,12 +164,13 @@ def forward(
     n, layers = len(x), len(sizes) - 1
     hidden = np.empty((len(values), n * sizes[1:-1].sum()), np.float32)
     scaled = np.empty((len(values), n * sizes[:-1][normalised].sum()), np.float32)
-    stored = np.empty((len(values), mean.shape[1], 5), np.float32)
+    stored = np.empty((len(values), mean.shape[1]), STATISTICS)
     out = np.empty((len(values), n, sizes[-1]), np.float32)
     for network in range(len(values)):
         source, place, at, before, channel = x.reshape(-1), 0, 0, 0, 0
         for layer in range(layers):
             d, o = sizes[layer], sizes[layer + 1]
+            both = 2 * d  # scales and shifts
             last = layer == layers - 1
             if normalised[layer]:
                 y = scaled[network, before : before + n * d]
@@ -171,14 +178,14 @@ def forward(
                     source,
                     y,
                     n,
-                    values[network, place : place + 2 * d],
+                    values[network, place : place + both],
                     mean[network, channel : channel + d],
                     variance[network, channel : channel + d],
-                    stored[network, channel : channel + d].reshape(5, d),
+                    stored[network, channel : channel + d],
                     mode,
                     momentum,
                 )
-                source, place, channel, before = y, place + 2 * d, channel + d, before + n * d
+                source, place, channel, before = y, place + both, channel + d, before + n * d
             target = out[network].reshape(-1) if last else hidden[network, at : at + n * o]
             product(source, d, 1, values[network, place:], 1, d, target, n, o, d)
             bias = values[network, place + o * d : place + o * d + o]
@@ -198,7 +205,7 @@ def backward(
     x: Floats,
     hidden: Floats,
     scaled: Floats,
-    stored: Floats,
+    stored: Any,
     upstream: Floats,
     gradient: Floats,
     mode: int,
@@ -241,11 +248,12 @@ def backward(
             target = buffers[layer % 2, : n * i]
             product(d, o, 1, values[network, place:], i, 1, target, n, i, o)
             if normalised[layer]:
-                place -= 2 * i
+                both = 2 * i  # scales and shifts
+                place -= both
                 channel -= i
-                affine = gradient[network, place : place + 2 * i] if weights else gradient[network, :0]
-                statistics = stored[network, channel : channel + i].reshape(5, i)
-                own = values[network, place : place + 2 * i]
+                affine = gradient[network, place : place + both] if weights else gradient[network]
+                statistics = stored[network, channel : channel + i]
+                own = values[network, place : place + both]
                 normalise_gradient(unscaled, target, n, own, statistics, affine, mode)
             if layer:
                 for q in range(n * i):
