@@ -367,13 +367,10 @@ def _lagged(unit: Actuator) -> bool:
 @compiled()
 def _follow(state: FloatArray, keep: FloatArray) -> None:
     """Replace inputs (T, n_u) by their states after a lag that keeps shares (T - 1, n_u) of the distance in each step."""
-    last = state[0].copy()
+    inputs = state.copy()
     for k in range(keep.shape[0]):
         for a in range(keep.shape[1]):
-            moved = state[k, a] + keep[k, a] * (last[a] - state[k, a])
-            state[k, a] = last[a]
-            last[a] = moved
-    state[-1] = last
+            state[k + 1, a] = inputs[k, a] + keep[k, a] * (state[k, a] - inputs[k, a])
 
 
 class Held:

@@ -85,6 +85,13 @@ def motion_of(velocity: Any, i: int) -> tuple[Vector, Vector]:
 
 
 @row
+def put_motion(velocity: Any, linear: Vector, angular: Vector) -> None:
+    """Write the linear and the angular velocity into a velocity (6,)."""
+    velocity[0], velocity[1], velocity[2] = linear
+    velocity[3], velocity[4], velocity[5] = angular
+
+
+@row
 def quaternion(pose: Any) -> Quaternion:
     """Return the attitude of a pose (7,)."""
     return pose[3], pose[4], pose[5], pose[6]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import uniform4
 from auvbench.worlds.kinds import Floats
+from auvbench.worlds.solids import triple
 
 CELL = 0.5
 """m, side of a cell of the map"""
@@ -70,7 +71,8 @@ def scatter(
             continue
         has_room = True
         for k in range(placed):
-            if apart(x - discs[k, 0], y - discs[k, 1]) < radius + discs[k, 2] + gap:
+            other_x, other_y, other_radius = triple(discs[k])
+            if apart(x - other_x, y - other_y) < radius + other_radius + gap:
                 has_room = False
                 break
         if has_room:
@@ -84,7 +86,8 @@ def room_at(discs: Floats, x: float, y: float) -> float:
     """Return the distance in m of a point from the nearest disc."""
     room = math.inf
     for k in range(discs.shape[0]):
-        room = min(room, apart(x - discs[k, 0], y - discs[k, 1]) - discs[k, 2])
+        disc_x, disc_y, radius = triple(discs[k])
+        room = min(room, apart(x - disc_x, y - disc_y) - radius)
     return room
 
 

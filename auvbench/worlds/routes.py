@@ -16,6 +16,7 @@ from auvbench.dynamics.layout import Vector
 from auvbench.worlds.casting import nearest_surface
 from auvbench.worlds.kinds import Floats
 from auvbench.worlds.passage import CELL, grid_of, place_of, search
+from auvbench.worlds.solids import triple
 
 MARGIN = 0.5
 """m between the vehicle and solids on a way; where no way has it, half of it, then none"""
@@ -50,6 +51,14 @@ def pulled(cells: Any, room: Floats, columns: int, least: float) -> Any:
         corners.append(cells[farthest])
         at = farthest
     return corners
+
+
+@njit(nogil=True)
+def leg(corners: Floats, k: int) -> float:
+    """Return the level distance in m from the corner before corner k."""
+    before = k - 1
+    (x, y, _), (to_x, to_y, _) = triple(corners[before]), triple(corners[k])
+    return math.hypot(to_x - x, to_y - y)
 
 
 @compiled("dynamics")
@@ -101,10 +110,10 @@ def route(
         out[count - 1, 0], out[count - 1, 1], out[count - 1, 2] = goal
         total = 0.0
         for k in range(1, count):
-            total += math.hypot(out[k, 0] - out[k - 1, 0], out[k, 1] - out[k - 1, 1])
+            total += leg(out, k)
         so_far = 0.0
         for k in range(1, count - 1):
-            so_far += math.hypot(out[k, 0] - out[k - 1, 0], out[k, 1] - out[k - 1, 1])
+            so_far += leg(out, k)
             out[k, 2] = z + (to_z - z) * so_far / total
         return count
     return 0

@@ -71,10 +71,11 @@ def draw(
     step: int,
     iteration: int,
     plan: Floats,  # (nodes, n_u) N
-    shape: Floats,  # (m, nodes) plan in standard deviations of the noise along each axis
+    slope: Floats,  # (m, nodes) derivatives of u' Sigma^-1 (v - u) by the w_k of the noise along each axis
     mix: Floats,  # (n_u, m) N, standard deviations of the thrusts by the noise along each axis
     keep: float,
-    limits: Floats,  # (n_u, 2) N
+    low: Floats,  # (n_u,) N
+    high: Floats,  # (n_u,) N
     table: Floats,  # (n_u, points) commands at equally spaced thrusts from the least to the largest
     thrusts: Floats,  # (nodes, n, n_u) out, N
     commands: Floats,  # (nodes, n, n_u) out
@@ -89,7 +90,7 @@ def draw(
     fresh = math.sqrt(1.0 - keep * keep)
     w, e, per_newton = np.zeros((m, 4)), np.zeros(m), np.zeros(n_u)
     for a in range(n_u):
-        per_newton[a] = (points - 1) / (limits[a, 1] - limits[a, 0])
+        per_newton[a] = (points - 1) / (high[a] - low[a])
     for first in range(-1, n, 2):
         # The first pair is the plan without noise; its first half has no place.
         second = first + 1
@@ -105,21 +106,16 @@ def draw(
                         )
                 for j in range(m):
                     new = w[j, k % 4]
-                    if k == 0:
-                        e[j] = new
-                        total += shape[j, 0] * new
-                    else:
-                        e[j] = keep * e[j] + fresh * new
-                        total += (shape[j, k] - keep * shape[j, k - 1]) / fresh * new
+                    e[j] = new if k == 0 else keep * e[j] + fresh * new
+                    total += slope[j, k] * new
             for a in range(n_u):
-                low, high = limits[a, 0], limits[a, 1]
                 noise = 0.0
                 for j in range(m):
                     noise += mix[a, j] * e[j]
                 for sample in range(max(first, 0), min(second + 1, n)):
-                    u = min(max(plan[k, a] + (noise if sample == first else -noise), low), high)
+                    u = min(max(plan[k, a] + (noise if sample == first else -noise), low[a]), high[a])
                     thrusts[k, sample, a] = u
-                    commands[k, sample, a] = interpolated(table, a, points, (u - low) * per_newton[a])
+                    commands[k, sample, a] = interpolated(table, a, points, (u - low[a]) * per_newton[a])
         if first > 0:
             control[first] = total
         if second < n:
@@ -222,12 +218,10 @@ class Sampler:
         self.interval = algo.horizon / NODES
         step = min(LONGEST_SUBSTEP, STABLE * shortest_time_constant(vehicle))
         self.model = FossenSimulator(vehicle, algo.samples, max_step=step)
-        self.limits = vehicle.force_limits * algo.effort
-        self.table = np.ascontiguousarray(
-            vehicle.action(np.linspace(self.limits[:, 0], self.limits[:, 1], POINTS)).T
-        )
+        self.low, self.high = (vehicle.force_limits * algo.effort).T.copy()
+        self.table = np.ascontiguousarray(vehicle.action(np.linspace(self.low, self.high, POINTS)).T)
         """(n_u, POINTS) commands at equally spaced thrusts"""
-        self.shares = 1.0 / np.abs(self.limits).max(axis=1)
+        self.shares = 1.0 / np.maximum(np.abs(self.low), np.abs(self.high))
         self.mix = axes(vehicle.allocation, self.shares) * np.repeat([algo.noise, algo.turn_noise], 3)
         self.mix = np.ascontiguousarray(self.mix[:, np.abs(self.mix).max(axis=0) > 0.0])
         self.unmix = np.linalg.pinv(self.mix)
@@ -273,9 +267,11 @@ class Sampler:
 
     def draw(self, plan: Floats, key: tuple[int, int, int, int]) -> None:
         """Write `thrusts`, `commands` and `control` of samples about a plan; the arguments are those of `improve`."""
-        shape = self.unmix @ plan.T
+        shape = self.unmix @ plan.T  # (m, NODES) plan in standard deviations of the noise along each axis
+        slope = shape.copy()
+        slope[:, 1:] = (shape[:, 1:] - self.keep * shape[:, :-1]) / math.sqrt(1.0 - self.keep * self.keep)
         draw(
-            *key, plan, shape, self.mix, self.keep, self.limits, self.table, self.thrusts, self.commands, self.control
+            *key, plan, slope, self.mix, self.keep, self.low, self.high, self.table, self.thrusts, self.commands, self.control
         )  # fmt: skip
 
     def roll_out(

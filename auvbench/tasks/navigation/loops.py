@@ -41,7 +41,7 @@ from auvbench.tasks.navigation.state import (
 )
 from auvbench.tasks.navigation.turns import attitude_of, multiply, turn
 from auvbench.tasks.records import Record
-from auvbench.tasks.rows import between, put, quaternion, row, triple, turning
+from auvbench.tasks.rows import between, put, put_motion, quaternion, row, triple, turning
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -116,8 +116,7 @@ def show(d: Record, P: Floats, shown: Shown, i: int, pose: Floats, velocity: Flo
     for j in range(4):
         pose[3 + j] = q[j]
     own = transposed_product(rotation_matrix(attitude_of(q)), triple(d.velocity))
-    put(velocity, own)
-    put(velocity[3:], subtract(triple(d.rates), triple(d.rate_bias)))
+    put_motion(velocity, own, subtract(triple(d.rates), triple(d.rate_bias)))
     deviation, force, age = shown
     put(force[i], triple(d.specific_force))
     for j in range(3):

@@ -122,7 +122,8 @@ def keep(e: Record, p: Record, memory: Floats) -> None:
 @row
 def arrived(e: Record, p: Record, memory: Floats, j: int) -> float:
     """Return number j of those that have arrived by now."""
-    return float(memory[(1 + (e.steps + 1) % p.slots) * p.size + j])
+    slot = 1 + (e.steps + 1) % p.slots
+    return float(memory[slot * p.size + j])
 
 
 class RangeSensor:

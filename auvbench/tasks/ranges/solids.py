@@ -34,6 +34,8 @@ def level(scene: Scene, v: tuple[float, float, float], out: Any) -> None:
 def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Scene, out: Any) -> None:
     """Write the nearest solids, the nearest first; memory has room for their distances and indices."""
     time, found = scene.time, 0
+    half = memory.shape[0] // 2
+    distances, indices = memory[:half], memory[half:]
     for k in range(scene.n_solids):
         s = scene.solids[k]
         off = subtract(scene.position, add(triple(s.position), scale(time, triple(s.velocity))))
@@ -41,18 +43,18 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
         if dot(off, off) > room * room:
             continue
         distance, _ = distance_to(s, scene.heights, time, scene.position, SIGHT)
-        if distance >= SIGHT or (found == MOST and distance >= memory[2 * MOST - 2]):
+        if distance >= SIGHT or (found == MOST and distance >= distances[MOST - 1]):
             continue
         at = min(found, MOST - 1)
-        while at > 0 and memory[2 * at - 2] > distance:
-            memory[2 * at], memory[2 * at + 1] = memory[2 * at - 2], memory[2 * at - 1]
+        while at > 0 and distances[at - 1] > distance:
+            distances[at], indices[at] = distances[at - 1], indices[at - 1]
             at -= 1
-        memory[2 * at], memory[2 * at + 1] = distance, k
+        distances[at], indices[at] = distance, k
         found = min(found + 1, MOST)
     for j in range(MOST * NUMBERS):
         out[j] = 0.0
     for j in range(found):
-        s = scene.solids[int(memory[2 * j + 1])]
+        s = scene.solids[int(indices[j])]
         own = out[j * NUMBERS : (j + 1) * NUMBERS]
         if s.kind < PLANE:
             own[0] = 1.0 + s.kind

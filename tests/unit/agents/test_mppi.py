@@ -83,12 +83,12 @@ def test_a_sample_without_a_finite_cost_has_no_weight():
 def test_a_rollout_is_the_simulator_s(vehicle):
     """The same bits with the same substep; within 1 cm after the horizon of the simulator's own substep of 0.01 s."""
     sampler = sampler_of(vehicle)
-    drawn(sampler, np.zeros((NODES, sampler.limits.shape[0])))
+    drawn(sampler, np.zeros((NODES, len(sampler.low))))
     state = np.zeros(13)
     state[3:7] = 0.5, 0.5, -0.5, 0.5
     state[7:] = 0.3, -0.2, 0.1, 0.1, -0.1, 0.2
     current = np.array([0.3, -0.2, 0.0])
-    applied, lags = np.zeros(sampler.limits.shape[0]), sampler.model.actuators[0].copy()
+    applied, lags = np.zeros(len(sampler.low)), sampler.model.actuators[0].copy()
     sampler.roll_out(state, lags, current, applied, aims_at(1.0, 2.0, 3.0))
     for step, tolerance in ((sampler.model.max_step, 0.0), (0.01, 0.01)):
         simulator = FossenSimulator(sheet.load(vehicle), 1, max_step=step)
