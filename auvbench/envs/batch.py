@@ -23,9 +23,7 @@ from auvbench.errors import ActionError, ConfigError
 from auvbench.record import Record
 from auvbench.simulators.fossen import THREADED, FossenSimulator
 from auvbench.tasks import base as tasks
-from auvbench.tasks import disturbances
-from auvbench.tasks.navigation import estimator
-from auvbench.tasks.navigation.estimator import Watched
+from auvbench.tasks import disturbances, navigation
 from auvbench.tasks.rows import SUCCESS, TIMEOUT
 from auvbench.vehicles import sheet
 
@@ -95,7 +93,7 @@ class Batch:
             validation=validation,
         )
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
-        self.navigation = estimator.make(config, self.vehicle, self.task)
+        self.navigation = navigation.make(config, self.vehicle, self.task)
         """sensors and estimates; None if agents know the truth"""
         self.autoreset = autoreset
         self.restarted: NDArray[np.float32] | None = None
@@ -234,7 +232,7 @@ class Batch:
     @property
     def _moved(self) -> Any:
         """The simulator, which may have been replaced since, with the sensors that follow its steps."""
-        return self.simulator if self.navigation is None else Watched(self.simulator, self.navigation)
+        return self.simulator if self.navigation is None else self.navigation.watched(self.simulator)
 
     def _observe(self, indices: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
         """Return observations (n, n_obs); range sensors look from the true poses, if these are not what is measured."""

@@ -7,7 +7,7 @@ import dataclasses
 from auvbench.config import schema, simulators
 from auvbench.registry import SIMULATORS, owner, resolve, telling
 from auvbench.simulators.base import Simulator
-from auvbench.tasks.disturbances.identified import extreme
+from auvbench.tasks.disturbances.base import extreme
 from auvbench.vehicles import sheet
 from auvbench.vehicles.inspect import shortest_drawn_time_constant, shortest_time_constant
 from auvbench.vehicles.vehicle_model import VehicleModel

@@ -24,15 +24,12 @@ from auvbench.metrics import OPEN, Totals
 from auvbench.observation import ObservationSpec
 from auvbench.record import OUTCOMES, Record, record_of
 from auvbench.registry import BLOCKS, TASKS, owner, resolve
-from auvbench.tasks import loops, records
+from auvbench.tasks import filters, loops, ranges, records, worlds
 from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
-from auvbench.tasks.filters import barrier
 from auvbench.tasks.navigation.state import BELIEF
 from auvbench.tasks.observation_spec import check_vehicle, owner_of_block, reads
-from auvbench.tasks.ranges import installed as installed_ranges
 from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, VEHICLE, add_command_noise
-from auvbench.tasks.worlds import surroundings
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
@@ -137,7 +134,7 @@ class Task:
         self._codes = np.array([codes.index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
         shared, owner_name = _shared(config), owner("task", config.task)
-        self.sensors = installed_ranges.make(config, n, shared)
+        self.sensors = ranges.make(config, n, shared)
         """range sensors; None without any"""
         self.parameters = records.one_row(self.own_parameters(config.task), shared, owner_name)
         """(1,)"""
@@ -147,9 +144,9 @@ class Task:
         """(1,) parameters of the reward"""
         self.duration = float(self.parameters[0].duration)
         """duration of an agent step, simulated s"""
-        self.world = surroundings.make(config, vehicle, n)
+        self.world = worlds.make(config, vehicle, n)
         """World with the solids in the water; None in open water"""
-        self.filter = barrier.make(config, vehicle, self.spec, n)
+        self.filter = filters.make(config, vehicle, self.spec, n)
         """Filter of the agent's commands; None without one"""
         self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
         """fields of an episode in addition to `records.EPISODE`"""
@@ -498,7 +495,7 @@ class Task:
         has_goal = TASKS[self.name].has_goal
         names = records.columns(self.episodes.dtype, TASKS[self.name].has_yaw, has_goal)
         # A way is the agent's: the scenarios of agents that see none are the same.
-        shown = [name for name, *_ in surroundings.WAY]
+        shown = [name for name, *_ in self.world.way] if self.world else []
         return [name for name in names if name not in (*self.transient, *shown)]
 
     def scenario(self) -> Floats:

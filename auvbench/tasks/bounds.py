@@ -13,8 +13,7 @@ from auvbench.config import schema
 from auvbench.config.navigation import is_estimated
 from auvbench.config.schema import step_limit
 from auvbench.observation import ObservationSpec
-from auvbench.tasks.disturbances.base import misreading, water_speed
-from auvbench.tasks.disturbances.identified import extreme
+from auvbench.tasks.disturbances.base import extreme, misreading, water_speed
 from auvbench.tasks.navigation.state import LOST
 from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed

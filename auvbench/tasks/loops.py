@@ -25,8 +25,6 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import BLOCK, SENSOR, normal4, uniform4
 from auvbench.registry import BLOCKS, resolve
 from auvbench.tasks import rows
-from auvbench.tasks.ranges.base import scene as scene_of
-from auvbench.tasks.worlds import contact
 
 Functions = Mapping[str, Callable[..., Any]]
 
@@ -234,9 +232,11 @@ def _of_task(
     }
     names: dict[str, Any] = {**_OF_EVERY_TASK, **compiled_rows}
     if solid:
+        from auvbench.tasks.worlds.contact import touch
+
         lines |= {key: [line] for key, line in _IN_WORLD.items()}
         names["COLLISION"] = rows.COLLISION
-        names["touch"] = compile_row(plain_function(contact.touch))
+        names["touch"] = compile_row(plain_function(touch))
     make = Maker([*named.values(), pays], names, interpreted)
     return Loops(
         make("draw", _DRAW, lines),
@@ -298,7 +298,9 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
     functions = [blocks.reading, *(spec.write for spec in specs if not spec.sensor), *sensors]
     around: dict[str, list[str]] = {key: [line] if sensors else [] for key, line in _SENSED.items()}
     if sensors:
-        shared |= {"scene": compile_row(plain_function(scene_of))}
+        from auvbench.tasks.ranges.base import scene
+
+        shared |= {"scene": compile_row(plain_function(scene))}
     make = Maker(functions, {**named, **shared}, interpreted, rows.__file__, rows.__name__)
     return make("observe", _OBSERVE, {"blocks": lines, **around})
 

@@ -24,8 +24,7 @@ from auvbench.runs.lock import LockLostError
 from auvbench.runs.plan import load_config
 from auvbench.runs.progress import Watch
 from auvbench.tasks import base as tasks
-from auvbench.tasks import disturbances
-from auvbench.tasks.filters import barrier
+from auvbench.tasks import disturbances, filters
 from auvbench.tasks.observation_spec import check_vehicle, observation_spec
 from auvbench.training import worker
 from auvbench.vehicles import sheet
@@ -49,7 +48,7 @@ def check_runnable(config: schema.TrainConfig) -> None:
     tracking.prepare(config.train.log, config.name)
     vehicle = sheet.load(config.vehicle)
     check_vehicle(config.task, vehicle)
-    barrier.make(config, vehicle, observation_spec(config.task, vehicle.actuators), 1)
+    filters.make(config, vehicle, observation_spec(config.task, vehicle.actuators), 1)
     disturbances.check(config, vehicle)
     if config.world.solid:  # the first starts and goals must be in the water
         tasks.make(config, vehicle, TRIED, config.seed).reset(np.arange(TRIED))

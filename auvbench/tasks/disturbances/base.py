@@ -66,6 +66,13 @@ def misreading(disturbance: schema.Disturbance, seconds: float) -> Floats:
     return errors
 
 
+def extreme(vehicle: VehicleModel, disturbance: schema.Disturbance, damping: float) -> VehicleModel:
+    """Return the vehicle at the ends of what disturbances draw of it (`Disturbance.extreme`)."""
+    for name, settings in disturbance.active():
+        vehicle = kind_of(name).extreme(settings, vehicle, damping)
+    return vehicle
+
+
 _SIZES = {"water_speed": 2, "misreading": 3}
 """how many numbers a static method returns"""
 
@@ -150,6 +157,11 @@ class Disturbance:
     def misreading(settings: Any, seconds: float) -> Floats:
         """Return the standard deviation (3,) in m of the errors of the position's readings after a time in s."""
         return np.zeros(3)
+
+    @staticmethod
+    def extreme(settings: Any, vehicle: VehicleModel, damping: float) -> VehicleModel:
+        """Return the vehicle with the most thrust, and the most or the least damping, that is drawn; the vehicle without draws."""
+        return vehicle
 
     def give(self, simulator: Simulator) -> None:
         """Give the simulator what it needs: at the start of episodes, and before each step if the disturbance `moves`."""

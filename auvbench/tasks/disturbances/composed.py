@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from auvbench.config import schema
 from auvbench.config.disturbances import DisturbanceConfig, asking
 from auvbench.simulators.base import Simulator
-from auvbench.tasks.disturbances import version_2
 from auvbench.tasks.disturbances.base import Disturbance, kind_of
 from auvbench.tasks.disturbances.delay import DeadTime
 
@@ -193,6 +192,8 @@ class Disturbances:
         np.copyto(self.power, state["power"], casting="no")
         for name, part in self.parts.items():
             if "D" in state:
+                from auvbench.tasks.disturbances import version_2  # few checkpoints are so old
+
                 version_2.load(name, part, state)
             else:
                 prefix = f"{name}."

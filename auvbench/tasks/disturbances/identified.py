@@ -9,7 +9,6 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from auvbench.config import schema
 from auvbench.config.disturbances import DisturbanceSpec, Factor, Need
 from auvbench.config.fields import number
 from auvbench.dynamics.compiled import compiled
@@ -86,6 +85,10 @@ class IdentifiedVehicles(Disturbance):
         if settings.active:
             drawn(settings, vehicle)
 
+    @staticmethod
+    def extreme(settings: Identified, vehicle: VehicleModel, damping: float) -> VehicleModel:
+        return drawn(settings, vehicle).extreme(damping)
+
     def draw_rows(self, indices: Integers) -> None:
         task, own = self.task, self.drawn
         draw_differences(indices, task.rows, own.root, own.reach, task.stream, self.x)
@@ -114,14 +117,6 @@ def drawn(settings: Identified, vehicle: VehicleModel) -> DrawnVehicles:
             " covariance; auvbench identify writes one"
         )
     return DrawnVehicles.of(vehicle, vehicle.identified, settings.spread)
-
-
-def extreme(vehicle: VehicleModel, disturbance: schema.Disturbance, damping: float) -> VehicleModel:
-    """Return the vehicle at the ends of what is drawn (`DrawnVehicles.extreme`); the vehicle itself without such draws."""
-    for _, settings in disturbance.active():
-        if isinstance(settings, Identified):
-            return drawn(settings, vehicle).extreme(damping)
-    return vehicle
 
 
 identified = DisturbanceSpec(

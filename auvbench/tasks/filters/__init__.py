@@ -1,1 +1,23 @@
 """Filters of commands: `barrier` keeps a vehicle away from solids and limits, `rows` has its constraints, `quadratic` its programme."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from auvbench.registry import FILTERS, resolve
+
+if TYPE_CHECKING:
+    from auvbench.config import schema
+    from auvbench.observation import ObservationSpec
+    from auvbench.vehicles.vehicle_model import VehicleModel
+
+
+def make(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec, n: int) -> Any:
+    """Return the filter of the commands of N episodes with observations of `spec`; None without any, so that it costs nothing.
+
+    Raises:
+        ConfigError: the filter cannot protect the vehicle.
+    """
+    if not config.filter.acts:
+        return None
+    return resolve(FILTERS[config.filter.name].code)(config, vehicle, spec, n)

@@ -12,7 +12,6 @@ from auvbench.config import schema
 from auvbench.config.filters import Barrier
 from auvbench.errors import ConfigError
 from auvbench.observation import ObservationSpec
-from auvbench.registry import FILTERS, resolve
 from auvbench.tasks.filters.echoes import Echoes
 from auvbench.tasks.filters.rows import CHANGE, CHANGED, INFEASIBLE, MODEL, POINTS, protect
 from auvbench.tasks.worlds.contact import HULL
@@ -28,17 +27,6 @@ Integers = NDArray[np.int64]
 MOMENT = 10.0
 """Cost of a changed moment relative to changed forces: a filter brakes without turning the vehicle"""
 YAW = 5
-
-
-def make(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec, n: int) -> Any:
-    """Return the filter of the commands of N episodes with observations of `spec`; None without any, so that it costs nothing.
-
-    Raises:
-        ConfigError: the filter cannot protect the vehicle.
-    """
-    if not config.filter.acts:
-        return None
-    return resolve(FILTERS[config.filter.name].code)(config, vehicle, spec, n)
 
 
 class BarrierFilter:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.config import schema
-from auvbench.config.navigation import is_estimated
 from auvbench.dynamics.layout import CURRENT
 from auvbench.simulators.base import Simulator
 from auvbench.tasks import records
@@ -27,11 +26,6 @@ Integers = NDArray[np.int64]
 
 _VIEWS = ("_state", "_parameters")
 """attributes that `_take` makes"""
-
-
-def make(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Navigation | None:
-    """Return the navigation of a task's episodes; None if agents know the truth, so that it costs nothing."""
-    return Navigation(config, vehicle, task) if is_estimated(config) else None
 
 
 class Navigation:
@@ -80,6 +74,10 @@ class Navigation:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._take()
+
+    def watched(self, simulator: Simulator) -> Watched:
+        """Return a simulator whose steps the sensors follow."""
+        return Watched(simulator, self)
 
     def intervals(self, duration: float) -> int:
         """Return the number of IMU samples in a time in s."""

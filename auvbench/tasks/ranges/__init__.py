@@ -2,3 +2,25 @@
 
 `base` has what all sensors share, each other file is one, and `installed` makes the sensors of a task.
 """
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+from auvbench.config import tasks
+from auvbench.registry import BLOCKS
+
+if TYPE_CHECKING:
+    from auvbench.config import schema
+    from auvbench.tasks.ranges.installed import Sensors
+
+
+def make(config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> Sensors | None:
+    """Return the sensors of an observation; None without any, so that they cost nothing."""
+    names = [name for name in sorted(tasks.blocks(config.task)) if BLOCKS[name].sensor]
+    if not names:
+        return None
+    from auvbench.tasks.ranges.installed import Sensors
+
+    return Sensors(names, config, n, shared)

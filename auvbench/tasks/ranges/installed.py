@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from numpy.typing import NDArray
 
-from auvbench.config import schema, tasks
+from auvbench.config import schema
 from auvbench.config.ranges import key_of
 from auvbench.registry import BLOCKS, resolve
 from auvbench.tasks import records
@@ -18,18 +18,20 @@ class Sensors:
     """The sensors of N episodes, in the order of their names, as `loops.observed` has them.
 
     Args:
+        names: names of their blocks, sorted.
         config: with a world that has solids.
         n: number of episodes.
         shared: parameters of every task, by name.
     """
 
-    def __init__(self, config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> None:
+    def __init__(
+        self, names: Sequence[str], config: schema.TrainConfig, n: int, shared: Mapping[str, float]
+    ) -> None:
         self.sensors: list[RangeSensor] = [
             resolve(BLOCKS[name].sensor)(
                 name, getattr(config.task.range, key_of(name), None), n, config.step.frequency, shared
             )
-            for name in sorted(tasks.blocks(config.task))
-            if BLOCKS[name].sensor
+            for name in names
         ]
 
     def tables(self, interpreted: bool) -> tuple[tuple[Any, ...], ...]:
@@ -44,9 +46,3 @@ class Sensors:
         """Return the arrays that an exact resume needs, by the names of the blocks."""
         states = {sensor.name: records.bare(sensor.state) for sensor in self.sensors}
         return states | {f"{sensor.name}.memory": sensor.memory for sensor in self.sensors}
-
-
-def make(config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> Sensors | None:
-    """Return the sensors of an observation; None without any, so that they cost nothing."""
-    sensors = Sensors(config, n, shared)
-    return sensors if sensors.sensors else None

@@ -34,11 +34,6 @@ WAY = (("way", "f8", (CORNERS, 3)), ("way_corners", "i8"))
 """fields of an episode whose shortest way is observed: corners in m and their number"""
 
 
-def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int) -> Surroundings | None:
-    """Return the surroundings of N episodes; None in open water, so that it costs nothing."""
-    return Surroundings(config, vehicle, n) if config.world.solid else None
-
-
 class Surroundings:
     """The world of each of N episodes.
 
@@ -61,8 +56,10 @@ class Surroundings:
         self.heights = self.world.heights
         self.has_ways = "way" in tasks.blocks(config.task)
         """whether the observation shows the shortest way"""
+        self.way = WAY if self.has_ways else ()
+        """fields of the way"""
         own = ((name, "f8") for name in self.world.fields)
-        self.fields = (*FIELDS, *own, *(WAY if self.has_ways else ()))
+        self.fields = (*FIELDS, *own, *self.way)
         """Fields that an episode has in addition"""
 
     @property

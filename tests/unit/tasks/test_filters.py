@@ -26,7 +26,7 @@ from auvbench.metrics import METRICS
 from auvbench.record import record_columns
 from auvbench.runs import identity
 from auvbench.simulators.fossen import FossenSimulator
-from auvbench.tasks.filters import barrier
+from auvbench.tasks import filters
 from auvbench.tasks.filters.echoes import SCANS, Echoes
 from auvbench.tasks.filters.quadratic import PENALTY, nearest
 from auvbench.tasks.filters.rows import command_of, force_of, largest_speed, still_acceleration
@@ -376,7 +376,7 @@ def test_a_vehicle_that_cannot_move_sideways_is_refused() -> None:
     spec = observation_spec(config.task, vehicle.actuators)
     turned = [replace(unit, direction=np.array([1.0, 0.0, 0.0])) for unit in vehicle.units[:4]]
     with pytest.raises(ConfigError, match="vehicle=bluerov2_2026 cannot brake in every direction"):
-        barrier.make(config, replace(vehicle, units=(*turned, *vehicle.units[4:])), spec, 1)
+        filters.make(config, replace(vehicle, units=(*turned, *vehicle.units[4:])), spec, 1)
 
 
 def test_ardusub_has_no_filter() -> None:
