@@ -19,7 +19,7 @@ from hydra.errors import HydraException, MissingConfigException, OverrideParseEx
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
-from auvbench.config import folders, misfits, schema, simulation, suggestions, tuning
+from auvbench.config import folders, schema, simulation, suggestions, tuning
 from auvbench.config.restricted_yaml import ALLOWED
 from auvbench.errors import ConfigError, closest
 from auvbench.registry import AGENTS, LAUNCHERS, SIMULATORS
@@ -208,6 +208,8 @@ def _misfit(compose: Compose, overrides: Sequence[str]) -> str:
     """Return what is wrong with an override that does not fit the configuration; '' if all fit."""
     if not overrides:
         return ""
+    from auvbench.config import misfits  # for errors only
+
     try:
         parsed = [_read(override) for override in overrides]
         return misfits.explain(parsed, misfits.plain(compose(misfits.chosen(parsed))))

@@ -170,7 +170,7 @@ gym_dockauv_radar = RewardSpec(
     gym_dockauv.code,
     GymDockauvObstacles,
     ("docking",),
-    "auvbench.tasks.rewards:gym_dockauv_sight",
+    "auvbench.tasks.sights:gym_dockauv_sight",
 )
 goal = RewardSpec("goal", "auvbench.tasks.rewards:goal", Goal)
 path = RewardSpec("path", tracking.code, Tracking)

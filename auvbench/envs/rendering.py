@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from auvbench.config import schema, tasks
 from auvbench.dynamics import frames
 from auvbench.errors import ConfigError, closest
-from auvbench.worlds.outlines import clipped
 
 if TYPE_CHECKING:
     from auvbench.envs.batch import Batch, Transition
@@ -163,6 +162,8 @@ def panels(
         box_aspect=(1, 1, 1),
     )
     if outlines is not None and len(outlines):
+        from auvbench.worlds.outlines import clipped
+
         inside = clipped(outlines, middle - half, middle + half)
         # A gap after each segment: one line for all of them.
         lines = np.concatenate([inside, np.full((len(inside), 1, 3), np.nan)], axis=1).reshape(-1, 3)

@@ -27,7 +27,6 @@ from auvbench.registry import BLOCKS, TASKS, owner, resolve
 from auvbench.tasks import filters, loops, ranges, records, worlds
 from auvbench.tasks import rewards as functions
 from auvbench.tasks.bounds import bounded_spec, start_bounds
-from auvbench.tasks.navigation.state import BELIEF
 from auvbench.tasks.observation_spec import check_vehicle, owner_of_block, reads
 from auvbench.tasks.rows import COLLISION, OUT_OF_BOUNDS, VEHICLE, add_command_noise
 from auvbench.vehicles.vehicle_model import VehicleModel
@@ -157,7 +156,9 @@ class Task:
         """m, future positions of the references"""
         self.navigation_name = config.navigation.name
         estimated = is_estimated(config) or self.hidden
-        self.believed: Any = records.table(n, (*self.own_fields, *BELIEF), owner_name) if estimated else None
+        self.believed: Any = (
+            records.table(n, (*self.own_fields, *records.BELIEF), owner_name) if estimated else None
+        )
         """(n,) episodes as an estimator believes them to be, which observations read; None: the true ones"""
         self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))
         self.estimated: Callable[[int], dict[str, float]] | None = None
@@ -214,8 +215,10 @@ class Task:
             self._read = records.common(believed), self._common
         """episodes and parameters, with their own fields only where a block reads these"""
         self._believe: Any = believed if interpreted else records.plain(believed)
-        self.shown = () if self.believed is None else tuple(np.asarray(believed[name]) for name, *_ in BELIEF)
-        """arrays (n, 3) that blocks of the estimate read, in the order of BELIEF"""
+        self.shown = (
+            () if self.believed is None else tuple(np.asarray(believed[name]) for name, *_ in records.BELIEF)
+        )
+        """arrays (n, 3) that blocks of the estimate read, in the order of `records.BELIEF`"""
         self._sensed: tuple[Any, ...] = ()
         """Arguments of the observing loop for range sensors"""
         if self.sensors and self.world:

@@ -14,8 +14,8 @@ from auvbench.config.navigation import is_estimated
 from auvbench.config.schema import step_limit
 from auvbench.observation import ObservationSpec
 from auvbench.tasks.disturbances.base import extreme, misreading, water_speed
-from auvbench.tasks.navigation.state import LOST
 from auvbench.tasks.observation_spec import observation_spec
+from auvbench.tasks.records import LOST
 from auvbench.vehicles.inspect import net_buoyancy, terminal_speed
 from auvbench.vehicles.vehicle_model import VehicleModel
 

@@ -50,6 +50,14 @@ _YAW: Fields = (
     ("counted", "f8"),  # number of steps in these two sums
 )
 """fields of tasks whose reference has its own yaw; 0 in other tasks"""
+BELIEF: Fields = (
+    ("position_sd", "f8", (3,)),  # m
+    ("specific_force", "f8", (3,)),  # m/s2
+    ("sensor_age", "f8", (3,)),  # s, of DVL, depth and heading
+)
+"""fields that blocks read of an episode as an estimator believes it to be"""
+LOST = 1000.0
+"""m, error of the position at which an estimate counts as diverged; the observation's bounds contain it"""
 _GOAL: Fields = (("goal", "f8", (3,)),)
 """m, field of tasks that offer the block `goal_error`"""
 _COUNTERS: Fields = (

@@ -2,17 +2,15 @@
 
 A reward is a function of `e`, the episode after the step (`e.outcome` is GOES_ON if it continues), `v`, the vehicle,
 and `p`, the parameters with the names of the reward's schema. A reward may have a second function, which sees the solids of a world and
-whose value is added.
+whose value is added (`sights`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 from auvbench.config import rewards
-from auvbench.dynamics.vectors import product, rotation_matrix, scale
 from auvbench.registry import REWARDS, resolve
 from auvbench.tasks.records import Record
 from auvbench.tasks.rows import (
@@ -28,10 +26,6 @@ from auvbench.tasks.rows import (
     wrap,
     yaw,
 )
-from auvbench.worlds.casting import first_hit
-
-RAY_STEP, RAY_LENGTH = math.radians(10.0), 10.0
-"""rad between the rays of gym_dockauv's radar, and m"""
 
 
 def function_of(reward: rewards.Reward) -> Callable[..., float]:
@@ -205,24 +199,3 @@ def gym_dockauv(e: Record, v: Vehicle, p: Record) -> float:
     elif e.outcome == COLLISION:
         result += p.collision
     return float(p.k * result)
-
-
-@row
-def gym_dockauv_sight(e: Record, v: Vehicle, p: Record, solids: Any, heights: Any) -> float:
-    """Return the term of the obstacles in gym_dockauv's reward: Reward.obstacle_avoidance of gym_dockauv/envs/docking3d.py.
-
-    The rays are those of its radar: 7 rows over 60 degrees and 9 columns over 80 degrees, of 10 m.
-    """
-    rotation, time = rotation_matrix(v.attitude), e.steps * p.duration
-    total, weighted = 0.0, 0.0
-    for i in range(-3, 4):
-        for j in range(-4, 5):
-            aside, up = math.sin(j * RAY_STEP), math.sin(i * RAY_STEP)
-            direction = product(
-                rotation, scale(1.0 / math.sqrt(1.0 + aside * aside + up * up), (1.0, aside, up))
-            )
-            distance, _ = first_hit(solids[: e.solids], heights, time, v.position, direction, RAY_LENGTH)
-            weight = (1.0 - abs(i) / 3.0) * (1.0 - abs(j) / 4.0) + 0.01
-            total += weight
-            weighted += weight * max((distance / RAY_LENGTH) ** 2, 0.001)
-    return float(-p.k * p.avoidance * (total / weighted - 1.0))

@@ -30,7 +30,6 @@ from auvbench.tasks.navigation.state import (
     DVL,
     GNSS,
     HEADING,
-    LOST,
     MODEL,
     MODEM,
     NEVER,
@@ -40,13 +39,13 @@ from auvbench.tasks.navigation.state import (
     normals,
 )
 from auvbench.tasks.navigation.turns import attitude_of, multiply, turn
-from auvbench.tasks.records import Record
+from auvbench.tasks.records import LOST, Record
 from auvbench.tasks.rows import between, put, put_motion, quaternion, row, triple, turning
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shown: TypeAlias = tuple[Floats, Floats, Floats]
-"""arrays (n, 3) of what blocks show, in the order of `state.BELIEF`"""
+"""arrays (n, 3) of what blocks show, in the order of `records.BELIEF`"""
 Sea: TypeAlias = tuple[Any, ...]
 """components, rays and time of `dynamics.waves.Waves`, of all vehicles or of a block and its vehicle"""
 

@@ -32,8 +32,6 @@ DVL, DEPTH, HEADING, MODEL, USBL, GNSS, MODEM, WATER = 0, 1, 2, 3, 4, 5, 6, 7
 DVL's."""
 SOON = 1e-6
 """s: a measurement that is due this soon is due now"""
-LOST = 1000.0
-"""m, error of the position at which an estimate counts as diverged; the observation's bounds contain it"""
 NEVER = 1e300
 """s, when a reading arrives that is not under way"""
 
@@ -128,13 +126,6 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("unlocked", "f8"),  # s without bottom lock
 )
 """fields of `d`"""
-
-BELIEF: tuple[tuple[Any, ...], ...] = (
-    ("position_sd", "f8", _V),  # m
-    ("specific_force", "f8", _V),  # m/s2
-    ("sensor_age", "f8", _V),  # s, of DVL, depth and heading
-)
-"""fields that blocks read of an episode as the estimator believes it to be"""
 
 MODES = 5
 """range modes of a missing DVL: compiled code is made for each number of them"""
