@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from auvbench.envs.batch import State
 from auvbench.record import OUTCOMES, Record
-from auvbench.worlds.casting import NOTHING
-from auvbench.worlds.kinds import KINDS
+from auvbench.worlds.kinds import KINDS, NOTHING
 
 WHOLE = ("episode", "environment", "outcome", "steps", "hit", "infeasible_steps")
 """columns of a record that are whole numbers"""

@@ -28,6 +28,7 @@ SIZE = (10.4, 4.4)
 DPI = 80
 """inches and dots per inch: 832 x 352 pixels, even numbers for video codecs"""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
+"""colours from Okabe and Ito (2008) without yellow, which is hard to see on white; the last from Tol's muted scheme"""
 PATH = "#0072B2"
 SOLID = "#8a6d3b"
 """colour of solids"""

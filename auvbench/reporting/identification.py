@@ -24,9 +24,9 @@ from auvbench.identification.validation import (
     Validation,
     share_of_holding,
 )
+from auvbench.reporting.figures import Figure, style
 from auvbench.reporting.figures import identification as figures
-from auvbench.reporting.figures import style
-from auvbench.reporting.figures.scene import Drawing, Figure
+from auvbench.reporting.figures.scene import Drawing
 from auvbench.reporting.page import parts as page_parts
 from auvbench.reporting.page.writer import document
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table

@@ -22,7 +22,8 @@ from auvbench.evaluation.replay import Replay
 from auvbench.record import Record
 from auvbench.registry import TASKS
 from auvbench.reporting.figures import style
-from auvbench.reporting.figures.style import COLOURS, OUTCOME_LOOK
+from auvbench.reporting.figures.looks import COLOURS, palette
+from auvbench.reporting.figures.style import OUTCOME_LOOK
 from auvbench.runs.atomic_io import check_writable
 
 RATE = 25  # pictures per second
@@ -128,7 +129,7 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
     )
     own = OUTCOME_LOOK.get(str(first.record["outcome"]), OUTCOME_LOOK["timeout"])[0]
     moving = []
-    for episode, colour in zip(episodes, [own] if single else style.palette(len(episodes)), strict=True):
+    for episode, colour in zip(episodes, [own] if single else palette(len(episodes)), strict=True):
         if episode.reference is not None:
             space.plot(*episode.reference.T, **GREY)
             above.plot(*episode.reference[:, :2].T, **GREY)

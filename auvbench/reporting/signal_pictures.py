@@ -11,6 +11,7 @@ import numpy as np
 from auvbench.errors import UserError
 from auvbench.evaluation.signals import ATTITUDE, Panel, Signals
 from auvbench.reporting.figures import style
+from auvbench.reporting.figures.looks import palette
 from auvbench.runs.atomic_io import check_writable, write_atomic
 
 KINDS = (".png", ".svg", ".csv")
@@ -63,7 +64,7 @@ def draw(signals: Signals, about: str) -> Any:
 
 def _panel(ax: Any, signals: Signals, panel: Panel) -> None:
     table, time = signals.table, signals.table["t_s"].to_numpy()
-    colours = style.palette(len(panel.columns))
+    colours = palette(len(panel.columns))
     is_command = panel.columns[0].endswith("_cmd")
     for name, label, colour in zip_longest(panel.columns, panel.labels, colours):
         values = table[name].to_numpy()

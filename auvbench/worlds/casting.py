@@ -27,14 +27,11 @@ from auvbench.worlds.convex import (
     sphere_distance,
     sphere_span,
 )
-from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, PLANE, SPHERE, Floats
+from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, NOTHING, PLANE, SPHERE, Floats
 from auvbench.worlds.solids import position_at, to_solid, to_world, triple
 from auvbench.worlds.terrain import terrain_distance, terrain_range
 
 Integers = NDArray[np.int64]
-
-NOTHING = -1
-"""index where no solid is near enough"""
 
 
 @inline

@@ -14,3 +14,5 @@ Solids = NDArray[Any]
 SPHERE, CAPSULE, CYLINDER, BOX, PLANE, TERRAIN = range(6)
 KINDS = ("sphere", "capsule", "cylinder", "box", "plane", "bottom")
 """names of the kinds"""
+NOTHING = -1
+"""index where no solid is near enough"""

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from auvbench.commands.report import main
-from auvbench.reporting.figures import colour_of
+from auvbench.reporting.figures.looks import colour_of
 from tests import page_data
 from tests.synthetic import ROBUSTNESS, reconfigure, seal, write_experiment
 

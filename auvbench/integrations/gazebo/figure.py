@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from auvbench.reporting.figures import style
+from auvbench.reporting.figures import looks, style
 from auvbench.reporting.figures.scene import Drawing, Scene
 
 CONDITIONS = {"simulator=gazebo": "corrected Gazebo", "simulator=gazebo-published": "published Gazebo"}
@@ -23,7 +23,7 @@ def draw(scene: Scene) -> Drawing | None:
     ax = figure.subplots()
     ax.axvline(0.0, color="#444444", linewidth=0.9)
     for place, name in enumerate(conditions):
-        colour, marker = style.COLOURS[place % len(style.COLOURS)], style.MARKERS[place % len(style.MARKERS)]
+        colour, marker = looks.COLOURS[place % len(looks.COLOURS)], looks.MARKERS[place % len(looks.MARKERS)]
         offset = 0.5 * ((place + 0.5) / len(conditions) - 0.5)
         for y, (agent, results) in enumerate(tested):
             for change in (c.par1_change.get(agent.label) for c in results if c.name == name):

@@ -2,35 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from auvbench import integrations, registry
+from auvbench import integrations
 from auvbench.analysis.records import Agent, Problem, Ranking
-from auvbench.reporting.figures import difference, style, testing, training
-from auvbench.reporting.figures.scene import MAIN, Drawing, Figure, Scene, scene
-from auvbench.reporting.figures.style import colour_of
+from auvbench.registry import resolve
 
-__all__ = ["FIGURES", "MAIN", "Figure", "colour_of", "draw", "draw_all"]
+if TYPE_CHECKING:
+    from auvbench.reporting.figures.scene import Scene
 
-
-def _late(code: str) -> Callable[[Scene], Drawing | None]:
-    """Return a figure of an integration, which imports its code when it is drawn."""
-    return lambda scene: registry.resolve(code)(scene)
+MAIN = "difference_from_baseline"
+"""Name of the figure next to the main table"""
 
 
-FIGURES: dict[str, Callable[[Scene], Drawing | None]] = {
-    MAIN: difference.difference_from_baseline,
-    "success_over_grid": testing.success_over_grid,
-    "success_over_time": testing.success_over_time,
-    "steps_deviation": testing.steps_deviation,
-    "success_over_conditions": testing.success_over_conditions,
-    **{name: _late(code) for name, code in integrations.FIGURES.items()},
-    "training_success": training.success,
-    "validation_success": training.validation,
-    "training_curves": training.length_and_return,
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure on disk."""
+
+    name: str
+    """file name without suffix"""
+    title: str
+    caption: str
+    png: Path
+    svg: Path
+
+
+_HERE = "auvbench.reporting.figures"
+FIGURES: dict[str, str] = {
+    MAIN: f"{_HERE}.difference:difference_from_baseline",
+    "success_over_grid": f"{_HERE}.testing:success_over_grid",
+    "success_over_time": f"{_HERE}.testing:success_over_time",
+    "steps_deviation": f"{_HERE}.testing:steps_deviation",
+    "success_over_conditions": f"{_HERE}.testing:success_over_conditions",
+    **integrations.FIGURES,
+    "training_success": f"{_HERE}.training:success",
+    "validation_success": f"{_HERE}.training:validation",
+    "training_curves": f"{_HERE}.training:length_and_return",
 }
-"""figures by file name, in the order of the report; each function returns None if it has nothing to show"""
+"""Functions of the figures by file name, in the order of the report; each takes a scene, and returns a drawing, or None if it has
+nothing to show.
+"""
 
 
 def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list[Figure], list[Problem]]:
@@ -39,6 +53,8 @@ def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list
     Returns:
         Figures as PNG and SVG, and the damage found while drawing.
     """
+    from auvbench.reporting.figures.scene import scene  # late: a report without figures needs no Matplotlib
+
     shared = scene(agents, ranking)
     drawn = _draw(shared, list(FIGURES), out / "figures")
     for name in FIGURES.keys() - {figure.name for figure in drawn}:
@@ -49,14 +65,18 @@ def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list
 
 def draw(names: Sequence[str], agents: Sequence[Agent], ranking: Ranking, folder: Path) -> list[Figure]:
     """Draw the named figures into a folder, except those that the data do not allow."""
+    from auvbench.reporting.figures.scene import scene
+
     return _draw(scene(agents, ranking), names, folder)
 
 
 def _draw(shared: Scene, names: Sequence[str], folder: Path) -> list[Figure]:
+    from auvbench.reporting.figures import style
+
     figures = []
     for name in names:
         with style.styled():
-            drawing = FIGURES[name](shared)
+            drawing = resolve(FIGURES[name])(shared)
             if drawing is not None:
                 png, svg = style.save(drawing.canvas, folder / name)
                 figures.append(Figure(name, drawing.title, drawing.caption, png, svg))

@@ -15,6 +15,7 @@ from auvbench.identification.fit import Fit
 from auvbench.identification.log import CHANNELS, UNITS
 from auvbench.identification.validation import HORIZONS, Validation
 from auvbench.reporting.figures import style
+from auvbench.reporting.figures.looks import LINESTYLES, MARKERS, Linestyle, Look, palette
 from auvbench.reporting.figures.scene import Drawing
 
 SHOWN = 40.0
@@ -114,7 +115,7 @@ def errors(result: Validation) -> Drawing:
     channels = [CHANNELS.index(name) for name in result.channels]
     columns = min(4, len(channels))
     rows = -(-len(channels) // columns)
-    colours = style.palette(len(rms))
+    colours = palette(len(rms))
     with style.styled():
         canvas = style.canvas(10.4, 2.1 * rows + 1.0)
         axes = canvas.subplots(rows, columns, sharex=True, squeeze=False).ravel()
@@ -123,9 +124,9 @@ def errors(result: Validation) -> Drawing:
                 ax.plot(
                     HORIZONS,
                     table[:, channel],
-                    style.LINESTYLES[k % 4],
+                    LINESTYLES[k % 4],
                     color=colours[k],
-                    marker=style.MARKERS[k % len(style.MARKERS)],
+                    marker=MARKERS[k % len(MARKERS)],
                     markersize=3,
                 )
             _log_scales(ax)
@@ -134,9 +135,7 @@ def errors(result: Validation) -> Drawing:
         for ax in axes[len(channels) :]:
             ax.set_visible(False)
         looks = {
-            prediction.name: style.Look(
-                colours[k], style.MARKERS[k % len(style.MARKERS)], style.LINESTYLES[k % 4]
-            )
+            prediction.name: Look(colours[k], MARKERS[k % len(MARKERS)], LINESTYLES[k % 4])
             for k, prediction in enumerate(result.predictions)
         }
         style.legend(canvas, looks)
@@ -159,7 +158,7 @@ def _rms(error: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(error**2))) if error.size else float("nan")
 
 
-def _legend(canvas: Canvas, entries: Sequence[tuple[str, str, style.Linestyle | None]]) -> None:
+def _legend(canvas: Canvas, entries: Sequence[tuple[str, str, Linestyle | None]]) -> None:
     """Add a legend of labels, colours and line styles; None stands for points."""
     handles = [
         Line2D([], [], color=colour, linestyle=line or "", marker="" if line else ".", label=label)

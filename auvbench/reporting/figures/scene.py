@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,27 +15,13 @@ from auvbench.analysis.damage import Damage
 from auvbench.analysis.evaluations import evaluation_of
 from auvbench.analysis.recorded import training
 from auvbench.analysis.records import Agent, Condition, Evaluation, Problem, Ranking, RunRecord
-from auvbench.reporting.figures.style import Look, colour_of
+from auvbench.reporting.figures.looks import Look, colour_of
 from auvbench.statistics.intervals import FloatArray
 
-MAIN = "difference_from_baseline"
-"""name of the figure next to the main table"""
 MANY = 8
 """largest number of lines in a panel"""
 FEWEST_EPISODES = 10
 """smallest number of episodes of a training to draw"""
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One figure on disk."""
-
-    name: str
-    """file name without suffix"""
-    title: str
-    caption: str
-    png: Path
-    svg: Path
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,35 +1,23 @@
-"""Define the style of the figures: colours for colour-blind readers, markers and line styles for
-black-and-white print, legends, files.
-"""
+"""Define the style of the figures: legends, axes, files; `looks` has the looks of agents."""
 
 from __future__ import annotations
 
-import colorsys
 import io
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_hex
 from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 from matplotlib.ticker import EngFormatter, FixedLocator, NullLocator
 
-from auvbench.analysis.records import Agent
 from auvbench.envs import rendering
+from auvbench.reporting.figures.looks import Look
 from auvbench.runs.atomic_io import write_atomic
-
-COLOURS = rendering.COLOURS
-"""colours from Okabe and Ito (2008) without yellow, which is hard to see on white; the last from Tol's muted
-scheme
-"""
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "h")
-Linestyle = Literal["-", "--", "-.", ":"]
-LINESTYLES: tuple[Linestyle, ...] = ("-", "--", "-.", ":")
 
 METADATA: dict[str, dict[str, None]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
 """nothing that changes from day to day or from version to version, by kind of picture"""
@@ -51,38 +39,6 @@ _RC: Any = rendering.LOOK | {
     "path.simplify": True,
     "text.parse_math": False,  # a dollar sign in a label does not start a formula
 }
-
-
-class Look(NamedTuple):
-    """Look of an agent in every figure of a report."""
-
-    colour: str
-    marker: str
-    linestyle: Linestyle
-
-
-def colour_of(agents: Sequence[Agent]) -> dict[str, Look]:
-    """Return the look of each agent by label; no two agents have the same colour.
-
-    The first eight agents, usually the best-ranked, get the colours that are easiest to tell apart.
-    """
-    return {
-        agent.label: Look(
-            colour,
-            MARKERS[i % len(MARKERS)],
-            LINESTYLES[(i + i // len(COLOURS)) % len(LINESTYLES)],
-        )
-        for i, (agent, colour) in enumerate(zip(agents, palette(len(agents)), strict=True))
-    }
-
-
-def palette(n: int) -> tuple[str, ...]:
-    """Return n different colours: `COLOURS`, then further hues a golden ratio apart."""
-    hues = [
-        to_hex(colorsys.hsv_to_rgb(0.618034 * i % 1.0, (0.55, 0.95)[i % 2], (0.75, 0.55, 0.4)[i % 3]))
-        for i in range(n - len(COLOURS))
-    ]
-    return (*COLOURS[:n], *hues)
 
 
 @contextmanager

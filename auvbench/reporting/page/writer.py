@@ -19,8 +19,8 @@ from auvbench.analysis.ranking import FINER
 from auvbench.analysis.records import Ranking, Report, RunRecord
 from auvbench.analysis.score import Scores
 from auvbench.registry import TASKS
-from auvbench.reporting.figures import MAIN, Figure, colour_of
-from auvbench.reporting.figures.style import Look
+from auvbench.reporting.figures import MAIN, Figure
+from auvbench.reporting.figures.looks import Look, colour_of
 from auvbench.reporting.page import parts as of_page
 from auvbench.reporting.page import trajectories
 from auvbench.reporting.tables.appendix import comparison_table, conditions_tables, ranks_table, score_table

@@ -16,8 +16,10 @@ from auvbench.analysis.conditions import results
 from auvbench.analysis.formatting import rounded
 from auvbench.analysis.load import agents, load
 from auvbench.analysis.ranking import rank
-from auvbench.reporting.figures import FIGURES, colour_of, draw_all, style, training
+from auvbench.registry import resolve
+from auvbench.reporting.figures import FIGURES, draw_all, style, training
 from auvbench.reporting.figures.difference import LOOKS
+from auvbench.reporting.figures.looks import colour_of
 from auvbench.reporting.figures.scene import Drawing, Scene, scene, wants_symlog
 from auvbench.statistics import Estimate
 from tests.synthetic import FREQUENCY_SWEEP, GAZEBO, ROBUSTNESS, TRANSFER, seal, write_experiment
@@ -52,7 +54,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 def draw(name: str, drawn_from: Scene) -> style.Canvas | None:
     with style.styled():
-        drawing = FIGURES[name](drawn_from)
+        drawing = resolve(FIGURES[name])(drawn_from)
     return None if drawing is None else drawing.canvas
 
 
@@ -115,7 +117,7 @@ def test_one_agent_with_one_seed_and_one_episode(name: str, tmp_path: Path) -> N
 @pytest.mark.parametrize("name", [name for name in FIGURES if name != "validation_success"])
 def test_27_agents_stay_readable(name: str, many: Scene) -> None:
     with style.styled():
-        drawing = FIGURES[name](many)
+        drawing = resolve(FIGURES[name])(many)
         assert drawing is not None
     for ax in drawing.canvas.axes:
         assert len([line for line in ax.lines if len(line.get_xdata()) > 2]) <= 27  # type: ignore[arg-type]
@@ -358,7 +360,7 @@ def last_without_robustness(folder: Path, **protocols: tuple[str, ...]) -> tuple
     for run in drawn_from.agents[-1].runs:
         shutil.rmtree(run.directory / "evaluations" / "robustness")
     with style.styled():
-        drawing = FIGURES["success_over_conditions"](drawn_from)
+        drawing = resolve(FIGURES["success_over_conditions"])(drawn_from)
     assert drawing is not None
     return drawn_from, drawing
 
@@ -499,7 +501,7 @@ def test_the_main_figure_marks_verdicts_from_few_trainings_and_says_when_an_agen
     ends = Estimate(0.01, 0.005, 0.03)
     few = replace(first, difference=ends, verdict="ahead", trainings=5, enough=8)
     primary = replace(small.ranking.primary, comparisons=(few, *rest), margin=0.02)
-    drawing = FIGURES["difference_from_baseline"](
+    drawing = resolve(FIGURES["difference_from_baseline"])(
         scene(small.agents, replace(small.ranking, primary=primary))
     )
     assert drawing is not None
@@ -510,7 +512,9 @@ def test_the_main_figure_marks_verdicts_from_few_trainings_and_says_when_an_agen
     assert "Ahead or behind: it excludes zero and reaches beyond the margin." in drawing.caption
     nothing = replace(few, difference=replace(ends, low=math.nan, high=math.nan), verdict="open")
     lone = replace(primary, comparisons=(nothing,))
-    drawing = FIGURES["difference_from_baseline"](scene(small.agents, replace(small.ranking, primary=lone)))
+    drawing = resolve(FIGURES["difference_from_baseline"])(
+        scene(small.agents, replace(small.ranking, primary=lone))
+    )
     assert drawing is not None
     assert "of too few trainings for intervals." in drawing.caption
 

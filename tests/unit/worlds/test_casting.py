@@ -14,7 +14,8 @@ import pytest
 from numpy.typing import NDArray
 
 from auvbench.worlds import solids
-from auvbench.worlds.casting import NOTHING, cast, clearance
+from auvbench.worlds.casting import cast, clearance
+from auvbench.worlds.kinds import NOTHING
 from tests.reference import solids as oracle
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from auvbench.worlds import solids
-from auvbench.worlds.casting import NOTHING
+from auvbench.worlds.kinds import NOTHING
 from tests.reference import solids as oracle
 from tests.unit.worlds.test_casting import LONGEST, distances, hits, units
 
