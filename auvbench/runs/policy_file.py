@@ -1,0 +1,142 @@
+"""Take the policy file of `algo=onnx` into a run.
+
+The file is read and checked once, named by its content, and copied into the run. The run's identity has the file's SHA-256
+(`algo.sha256`), not its path.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from pathlib import Path
+from typing import Any
+
+from omegaconf import DictConfig, open_dict
+
+from auvbench.config import schema
+from auvbench.config.algorithms.onnx import ONNX
+from auvbench.errors import ConfigError
+from auvbench.policies import exported
+from auvbench.runs import integrity
+from auvbench.runs.atomic_io import sha256, storage, write_atomic
+from auvbench.runs.directory import RunDirectory
+from auvbench.runs.identity import DEFAULT_TASK
+from auvbench.tasks.observation_spec import observation_spec
+from auvbench.untrusted import path_safety
+from auvbench.untrusted.text import short
+from auvbench.vehicles.vehicle_model import VehicleModel
+
+UNNAMED = "onnx"
+"""name in conf/algo/onnx.yaml, replaced by the name of the card or of the file"""
+
+LONGEST = 80
+"""largest number of characters of a policy's name, which is part of a folder's name"""
+
+
+def with_policy(
+    config: DictConfig, typed: schema.TrainConfig, algo: ONNX, vehicle: VehicleModel
+) -> DictConfig:
+    """Return the configuration with digest and name of its policy's file.
+
+    Args:
+        config: composed configuration.
+        typed: the same configuration, typed and checked.
+        algo: `algo` of `typed`.
+        vehicle: vehicle of the configuration.
+
+    Raises:
+        ConfigError: the file's digest differs from `algo.sha256`, or its card has another vehicle, frequency
+            or frame.
+        PolicyError: the file cannot be read, is not a policy, or does not fit the vehicle's sizes.
+        MissingExtraError: ONNX Runtime is not installed.
+    """
+    if not algo.path:
+        raise ConfigError("algo.path: a value is missing; name the file: algo=onnx algo.path=policy.onnx")
+    path = Path(algo.path)
+    data, card, _ = exported.read(path)
+    digest = sha256(data)
+    if algo.sha256 not in ("", digest):
+        raise ConfigError(f"algo.sha256={algo.sha256}: algo.path={path} has the digest {digest}")
+    if card is not None:
+        _compare(card, str(path), typed, vehicle)
+    sizes = {
+        "observations": observation_spec(typed.task, vehicle.actuators).size,
+        "actions": len(vehicle.actuators),
+    }
+    exported.Policy(data, str(path), card=card, **sizes)
+    result = copy.deepcopy(config)
+    with open_dict(result):
+        result.algo.sha256 = digest
+        if algo.name == UNNAMED:
+            result.algo.name = _label(card.name if card is not None else path.stem)
+    return result
+
+
+def keep(run: RunDirectory, config: dict[str, Any]) -> None:
+    """Copy the policy file of a settled configuration, and its card, into a run that lacks them.
+
+    Raises:
+        PolicyError: the file has changed since the configuration was settled.
+        TrainingError: the disk cannot be written.
+    """
+    algo = config["algo"]
+    path_safety.refuse_links(run.path)
+    target = run.model / exported.NETWORK
+    if target.is_file() and integrity.entry_of(target)["sha256"] == algo["sha256"]:
+        return
+    data, _, card_data = exported.read(Path(algo["path"]))
+    if sha256(data) != algo["sha256"]:
+        raise exported.PolicyError(
+            f"{algo['path']}: was changed while the run was created; run the command again"
+        )
+    with storage(f"cannot write {run.model}"):
+        # The network is written last: if it exists, its card exists.
+        if card_data is not None:
+            write_atomic(run.model / exported.CARD, card_data)
+        else:
+            (run.model / exported.CARD).unlink(missing_ok=True)
+        write_atomic(target, data)
+
+
+def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+    """Raise ConfigError for a file of another vehicle, frame or frequency, which would steer wrongly without
+    an error.
+    """
+    if card.actuators != vehicle.actuators:
+        raise ConfigError(
+            f"algo.path={where}: its card is of {card.vehicle.name}, which has the actuators {', '.join(card.actuators)}; "
+            f"vehicle={vehicle.name} has {', '.join(vehicle.actuators)}"
+        )
+    own = [entry["name"] for entry in observation_spec(config.task, vehicle.actuators).card()]
+    if own != list(card.observed):
+        missing = [name for name in card.observed if name not in own]
+        what = (
+            f"{missing[0]}, which is not observed here"
+            if missing
+            else f"{len(card.observation)} of the {len(own)} numbers"
+        )
+        trained = short(str(card.document["task"].get("name", DEFAULT_TASK)), 40)
+        raise ConfigError(
+            f"task={config.task.name}: the card of {where} says that it observes {what}, for task={trained} "
+            "(task.observation lists the blocks)"
+        )
+    if card.task.position_frame != config.task.position_frame:
+        raise ConfigError(
+            f"task.position_frame={config.task.position_frame}: the card of {where} says that the position error is in the "
+            f"{card.task.position_frame} frame; type task.position_frame={card.task.position_frame}"
+        )
+    if card.frequency_hz != config.step.frequency:
+        raise ConfigError(
+            f"step.frequency={config.step.frequency:g}: the card of {where} says that it acts at {card.frequency_hz:g} Hz; "
+            f"type step.frequency={card.frequency_hz:g} (a protocol may test it at another frequency)"
+        )
+
+
+def _label(name: str) -> str:
+    """Return the characters of a card's or file's name that a folder's name may contain.
+
+    >>> _label("my policy (3).best")
+    'my-policy-3-.best'
+    """
+    plain = re.sub(r"[^A-Za-z0-9._+-]+", "-", name).lstrip("._+-")[:LONGEST]
+    return plain or UNNAMED
