@@ -1,7 +1,7 @@
 """Name the integrations: what talks to foreign systems, each in a folder of its own.
 
-An integration enters as an installed package does, by the specs that are named here. To remove one, delete its folder and
-its lines below.
+An integration enters as an installed package does, by the specs that are named here. Without the folders and the lines below, the
+core works; some integrations use others.
 """
 
 from __future__ import annotations
