@@ -215,7 +215,7 @@ def pressure_head(
     head, variance, weighted = 0.0, 0.0, 0.0
     for m in range(components.shape[0]):
         turns, frequency, speed = components[m]
-        c, s, phase = rays[m, COSINE, lane], rays[m, SINE, lane], rays[m, PHASE, lane]
+        c, s, phase = three(rays[m], lane)
         _, cosine = sine_cosine(turns * (c * x + s * y) - frequency * time + phase)
         amplitude = speed / (2.0 * math.pi * frequency) * decay(2.0 * math.pi * turns * max(-z, 0.0))
         head += amplitude * cosine

@@ -119,7 +119,8 @@ def left_out(
         try:
             _changed(protocol, condition, config, condition.name)
         except (ConfigError, VehicleError) as error:
-            reason = str(error)
+            # `_resolve` adds what helps where no condition may be left out.
+            reason = str(error.__cause__ if isinstance(error.__cause__, ConfigError) else error)
         lines.append(f"condition {condition.name}: {reason}")
     return lines
 

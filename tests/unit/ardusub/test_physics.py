@@ -155,7 +155,7 @@ def test_waves_move_it_to_and_fro_and_their_time_is_that_of_the_steps():
     one = physics(DEEP.replace("-20", "-2"), "disturbance=sea_state_4")
     speeds = [run(one, NEUTRAL, 1.0).velocity[0] for _ in range(20)]
     assert min(speeds) < -0.05 < 0.05 < max(speeds)
-    assert one.simulator._waves.time[0] == pytest.approx(one.time)
+    assert one.simulator.waves.time[0] == pytest.approx(one.time)
 
 
 def test_a_dead_thruster_gives_nothing():
