@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from auvbench.statistics import typical
@@ -59,6 +60,8 @@ WATERS = {  # title, condition
 }
 LIMIT = 100.0
 """s, what a failure counts in the waypoint task"""
+DOCKING_LIMIT = 60.0
+"""s, what it counts in docking"""
 CONDITIONS = {
     "1 m/s current": "current=1",
     "real inertia": "vehicle=bluerov2-realistic-inertia",
@@ -161,15 +164,20 @@ def _times(
     """Return mean times to the waypoint, a failure counts `limit` s, and shares that are reached, of each row of a study's table under
     each condition.
     """
-    episodes = pd.read_parquet(study / "episodes.parquet")
-    reached = episodes["outcome"] == "success"
-    episodes["time"] = (episodes["steps"] / episodes["frequency_hz"]).where(reached, limit)
-    episodes["reached"] = reached
+    episodes = _timed(study, limit)
     met = [episodes[episodes["condition"] == condition] for condition in conditions]
     return [
         [here[here["run"].isin(row["runs"].split())][["time", "reached"]].mean().tolist() for row in rows]
         for here in met
     ]
+
+
+def _timed(study: Path, limit: float) -> pd.DataFrame:
+    """Return the episodes of a study with the columns `reached` and `time`, in s; a failure counts `limit` s."""
+    episodes = pd.read_parquet(study / "episodes.parquet")
+    episodes["reached"] = episodes["outcome"] == "success"
+    episodes["time"] = (episodes["steps"] / episodes["frequency_hz"]).where(episodes["reached"], limit)
+    return episodes
 
 
 def _reached(time: float, share: float, best: bool) -> str:
@@ -260,45 +268,41 @@ def sensors_waypoints(
 def sensors_docks() -> str:
     """Return how soon agents are in docks with what each set of sensors lets them know, and the share that succeeds."""
     section = "bluerov2_2026, task docking"
-    return sensors_waypoints(NAVIGATION_TASKS, section, "mean time to the dock", limit=60.0)
+    return sensors_waypoints(NAVIGATION_TASKS, section, "mean time to the dock", limit=DOCKING_LIMIT)
 
 
 def sensors_worth() -> str:
     """Return the declared contrasts: what a DVL in place of the truth changes, and training on estimates; with 95 % intervals."""
-    episodes = pd.read_parquet(NAVIGATION_TASKS / "episodes.parquet")
-    episodes["docking"] = (episodes["steps"] / episodes["frequency_hz"]).where(
-        episodes["outcome"] == "success", 60.0
-    )
+    episodes = _timed(NAVIGATION_TASKS, limit=DOCKING_LIMIT).rename(columns={"time": "docking"})
     episodes["trajectory_tracking"] = 100.0 * episodes["position_error_rms_m"]
     units = {"trajectory_tracking": "cm", "docking": "s"}
     rows = [row for row in _rows(NAVIGATION_TASKS, "table.csv") if ", task " in row["vehicle"]]
-    samples = {}
-    for row in rows:
-        task = row["vehicle"].rpartition(" ")[2]
-        own = episodes[episodes["run"].isin(row["runs"].split())]
-        for condition in ("dvl-a50", "truth"):
-            here = own[own["condition"] == condition]
-            samples[row["agent"], task, condition] = here.pivot_table(
-                index="run", columns="episode", values=task
-            ).to_numpy()
+    found = {(row["agent"], row["vehicle"].rpartition(" ")[2]): row["runs"].split() for row in rows}
+    agents = sorted({agent for agent, _ in found})
 
-    def shown(first: Any, second: Any, unit: str) -> str:
+    def tested(agent: str, task: str, condition: str) -> Any:
+        """Return the measure of a task (trainings, episodes)."""
+        own = episodes[episodes["run"].isin(found[agent, task]) & (episodes["condition"] == condition)]
+        return own.pivot_table(index="run", columns="episode", values=task).to_numpy()
+
+    def shown(first: Any, second: Any, task: str) -> str:
         contrast = typical.difference(typical.sample(first), typical.sample(second))
         low, high = contrast.ends()
-        return f"{contrast.value:+.1f}{NO_BREAK}{unit} [{low:.1f}, {high:.1f}]"
+        return f"{contrast.value:+.1f}{NO_BREAK}{units[task]} [{low:.1f}, {high:.1f}]"
 
-    agents = sorted({row["agent"] for row in rows})
-    columns = []
-    for task, unit in units.items():
-        pairs = [(samples[agent, task, "dvl-a50"], samples[agent, task, "truth"]) for agent in agents]
-        columns.append([shown(on - off, 0.0 * off[:1], unit) for on, off in pairs])
-        trained = [(f"{agent}, trained on estimates", task, "dvl-a50") for agent in agents]
-        columns.append(
-            [
-                shown(samples[other], samples[agent, task, "dvl-a50"], unit) if other in samples else ""
-                for agent, other in zip(agents, trained, strict=True)
-            ]
-        )
+    def dvl(agent: str, task: str) -> str:
+        if (agent, task) not in found:
+            return ""
+        change = tested(agent, task, "dvl-a50") - tested(agent, task, "truth")
+        return shown(change, np.zeros((1, change.shape[1])), task)
+
+    def training(agent: str, task: str) -> str:
+        other = f"{agent}, trained on estimates"
+        if (other, task) not in found:
+            return ""
+        return shown(tested(other, task, "dvl-a50"), tested(agent, task, "dvl-a50"), task)
+
+    columns = [[text(agent, task) for agent in agents] for task in units for text in (dvl, training)]
     heads = (
         "trajectories: DVL less truth",
         "trained on estimates",

@@ -88,8 +88,9 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
     from auvbench.training import worker
     from auvbench.training.execute import execute
 
+    config = load_config(run)
     if shown is None:
-        shown = load_config(run).train.progress
+        shown = config.train.progress
     trained = learns(run.config()["algo"])
     steps, total = run_status.manifest["steps"], run_status.manifest["total_steps"]
     lost = f"{run_status.lost}: its training goes on from its last checkpoint, " if run_status.lost else ""
@@ -109,6 +110,6 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
     )
     print(f"{run.path}")
     # Other protocols have errors of the readings, which an estimator refuses.
-    protocol = " protocol=own" if is_estimated(load_config(run)) else ""
+    protocol = " protocol=own" if is_estimated(config) else ""
     print(f"next: auvbench evaluate {shlex.quote(str(run.path))}{protocol}")
     return 0

@@ -103,7 +103,7 @@ def _changed(
 ) -> schema.TrainConfig:
     """Return a run's configuration for a condition that may change the vehicle."""
     vehicle = condition.vehicle(config["vehicle"])
-    return _resolve(protocol, condition.overrides, {**config, "vehicle": vehicle}, where)
+    return typed(_composed(protocol, condition.overrides, {**config, "vehicle": vehicle}, where))
 
 
 def left_out(
@@ -119,8 +119,7 @@ def left_out(
         try:
             _changed(protocol, condition, config, condition.name)
         except (ConfigError, VehicleError) as error:
-            # `_resolve` adds what helps where no condition may be left out.
-            reason = str(error.__cause__ if isinstance(error.__cause__, ConfigError) else error)
+            reason = str(error)
         lines.append(f"condition {condition.name}: {reason}")
     return lines
 
@@ -156,10 +155,10 @@ def _with_disturbance(
     return with_groups(base, values)
 
 
-def _resolve(
+def _composed(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
-) -> schema.TrainConfig:
-    """Return a run's configuration with the overrides of a protocol, then `overrides`."""
+) -> DictConfig:
+    """Return a run's configuration with the overrides of a protocol, then `overrides`, unchecked."""
     usual = {"world": asdict(open_water()), "navigation": asdict(truth()), "sensors": {"name": NONE}}
     node = OmegaConf.create({**usual, "filter": asdict(unfiltered()), **config})
     for override in [*protocol.overrides, *overrides]:
@@ -170,6 +169,14 @@ def _resolve(
     for key in KEPT:
         if key in config["task"] and (key in node.task or key == "block_packages"):
             OmegaConf.update(node, f"task.{key}", config["task"][key], force_add=True)
+    return node
+
+
+def _resolve(
+    protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
+) -> schema.TrainConfig:
+    """Return a run's configuration with the overrides of a protocol, then `overrides`."""
+    node = _composed(protocol, overrides, config, where)
     try:
         return typed(node)
     except ConfigError as error:

@@ -213,6 +213,9 @@ class _Halving(SuccessiveHalvingPruner):
         return super().prune(study, in_rungs)
 
 
+BEGUN = tuple(state for state in TrialState if state is not TrialState.WAITING)
+
+
 @dataclass
 class Trials:
     """The trials of a study."""
@@ -223,7 +226,7 @@ class Trials:
     @property
     def trials(self) -> list[FrozenTrial]:
         """Return all begun trials."""
-        return self.study.get_trials(deepcopy=False)
+        return self.study.get_trials(deepcopy=False, states=BEGUN)
 
     @property
     def ranked(self) -> list[FrozenTrial]:
@@ -284,15 +287,11 @@ class Search(Trials):
     def next(self) -> Step | None:
         """Return what to train now; None until the next result, or when the search is over."""
         if self.plan.tune.preset and not self.trials:
-            self.study.enqueue_trial(of_preset(self.plan.base["algo"], self.plan.dimensions))
-        while not self.queue and len(self.trials) < self.limit + self._waiting:
+            first = of_preset(self.plan.base["algo"], self.plan.dimensions)
+            self.study.enqueue_trial(first, skip_if_exists=True)  # it may wait already, since a kill
+        while not self.queue and len(self.trials) < self.limit:
             self._advance(self.study.ask({d.key: d.distribution for d in self.plan.dimensions}))
         return self.queue.popleft() if self.queue else None
-
-    @property
-    def _waiting(self) -> int:
-        """Number of trials, 0 or 1, whose settings are known and that have not begun."""
-        return len(self.study.get_trials(deepcopy=False, states=(TrialState.WAITING,)))
 
     def _advance(self, trial: Trial) -> None:
         """Queue the trial's next rung, or close the trial."""

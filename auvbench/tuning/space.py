@@ -51,16 +51,11 @@ class Dimension:
         """Return the configuration value of a parameter."""
         return copy.deepcopy(self.values[self.choices.index(str(value))]) if self.choices else value
 
-    def holds(self, value: Any) -> bool:
-        """Return whether a configuration value is in the range."""
+    def parameter(self, value: Any) -> Value | None:
+        """Return the parameter of a configuration value; None outside of the range."""
         if self.choices:
-            return value in self.values
-        return isinstance(value, int | float) and self.distribution._contains(value)
-
-    def parameter(self, value: Any) -> Value:
-        """Return the parameter of a configuration value in the range."""
-        chosen: Value = self.choices[self.values.index(value)] if self.choices else value
-        return chosen
+            return self.choices[self.values.index(value)] if value in self.values else None
+        return value if isinstance(value, int | float) and self.distribution._contains(value) else None
 
     def ends(self) -> Sequence[Value]:
         """Return the values to check before a study starts: the two ends of a range, or all choices."""
@@ -191,7 +186,8 @@ def validate_space(
 def of_preset(algo: Mapping[str, Any], dimensions: Sequence[Dimension]) -> dict[str, Value]:
     """Return the parameters of the plain values of `algo` that are in the ranges."""
     values = flat(algo, GROUP)
-    return {d.key: d.parameter(values[d.key]) for d in dimensions if d.holds(values[d.key])}
+    found = {d.key: d.parameter(values[d.key]) for d in dimensions}
+    return {key: value for key, value in found.items() if value is not None}
 
 
 def with_values(

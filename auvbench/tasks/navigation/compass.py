@@ -25,7 +25,7 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
     d.heading_bias = p.heading_bias * bias
     d.hard_iron, d.hard_iron_phase = p.heading_hard_iron * hard, 2.0 * math.pi * hard_phase
     d.soft_iron, d.soft_iron_phase = p.heading_soft_iron * soft, 2.0 * math.pi * soft_phase
-    d.thruster_phase = 2.0 * math.pi * thruster_phase
+    d.thruster_iron, d.thruster_phase = 0.0, 2.0 * math.pi * thruster_phase
     d.due[HEADING] = 1.0 / p.heading_rate
 
 
@@ -37,10 +37,9 @@ def yaw_of(q: Quaternion) -> float:
 
 
 @row
-def measured(d: Record, p: Record, yaw: float, noise: float, power: float) -> float:
-    """Return what the compass shows at a yaw in rad, with a standard normal number of noise and the thrusters' power in W."""
+def measured(d: Record, p: Record, yaw: float, noise: float) -> float:
+    """Return what the compass shows at a yaw in rad, with a standard normal number of noise."""
     error = d.heading_bias + p.heading_noise * noise
-    d.thruster_iron = p.heading_thrusters * power / VOLTAGE
     error += d.thruster_iron * math.cos(yaw + d.thruster_phase)
     error += d.hard_iron * math.cos(yaw + d.hard_iron_phase)
     error += d.soft_iron * math.cos(2.0 * yaw + d.soft_iron_phase)
@@ -50,6 +49,7 @@ def measured(d: Record, p: Record, yaw: float, noise: float, power: float) -> fl
 @row
 def sense(d: Record, p: Record, noise: float, power: float) -> None:
     """Measure the heading with a standard normal number of noise and the thrusters' power in W."""
-    d.heading = measured(d, p, yaw_of(attitude_of(d.true_attitude)), noise, power)
+    d.thruster_iron = p.heading_thrusters * power / VOLTAGE
+    d.heading = measured(d, p, yaw_of(attitude_of(d.true_attitude)), noise)
     d.predicted_heading = yaw_of(attitude_of(d.attitude)) + d.bias
     expect(d, HEADING, 1.0 / p.heading_rate, p.heading_delay)

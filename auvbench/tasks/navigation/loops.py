@@ -91,7 +91,7 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
     put(d.velocity, (x + s * f, y + s * g, z + s * h))
     true = attitude_of(d.true_attitude)
     yaw = compass.yaw_of(true)
-    error = compass.measured(d, p, yaw, noise, 0.0) - yaw
+    error = compass.measured(d, p, yaw, noise) - yaw
     away = turn((p.start_tilt * roll, p.start_tilt * pitch, error))
     imu.put_attitude(d.attitude, multiply(away, true))
     put(d.acceleration_bias, (0.0, 0.0, 0.0))
