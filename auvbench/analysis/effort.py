@@ -15,7 +15,7 @@ VELOCITIES = ("velocity", "angular_velocity", "velocity_error")
 
 
 def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, int]) -> Ranking:
-    """Return the ranking with each agent's knowledge and the trials that chose its settings.
+    """Return the ranking with each agent's knowledge and the trials that chose its settings, with their cost.
 
     Args:
         ranking: ranking of the agents.
@@ -24,14 +24,20 @@ def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, 
     """
     rows = []
     for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
-        recorded = [run.config.get("algo.tuned.trials") for run in agent.runs]
-        spent = trials.get(row.label) or max((n for n in recorded if isinstance(n, int)), default=None)
         run = agent.runs[0]
         knows = knowledge(run)
         if _estimates(run, ranking.protocol, ranking.condition):
             knows = tuple(source for source in knows if source != "true velocities")
-        rows.append(replace(row, knows=knows, trials=spent))
+        count, steps, seconds = (_most(agent, key) for key in ("trials", "steps", "cpu_s"))
+        count = trials.get(row.label) or count
+        rows.append(replace(row, knows=knows, trials=count, trial_steps=steps, trial_s=seconds))
     return replace(ranking, rows=tuple(rows))
+
+
+def _most(agent: Agent, key: str) -> Any:
+    """Return the largest recorded number of a search that chose the settings of the agent's runs; None without one."""
+    values = [run.config.get(f"algo.tuned.{key}") for run in agent.runs]
+    return max((value for value in values if isinstance(value, int | float)), default=None)
 
 
 def knowledge(run: RunRecord) -> tuple[str, ...]:

@@ -173,6 +173,10 @@ class Row:
     """knowledge of the agent beyond noisy readings: sheet, model, preview, map, true velocities"""
     trials: int | None = None
     """number of trials that chose its settings; None if it was not recorded"""
+    trial_steps: int | None = None
+    """environment steps of these trials"""
+    trial_s: float | None = None
+    """processor time of these trials in s, with their tests"""
 
 
 @dataclass(frozen=True, slots=True)

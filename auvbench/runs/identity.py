@@ -52,6 +52,7 @@ LATER: dict[str, Any] = {
     "task.tilt": None,
     "algo.horizon_s": None,
     "algo.tuned": None,
+    "algo.tuned.cpu_s": None,
     "algo.n_steps": 1,
     "algo.updates": "sb3",
     **{

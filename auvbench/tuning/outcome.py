@@ -20,7 +20,7 @@ from auvbench.config.tuning import STREAM
 from auvbench.errors import UserError
 from auvbench.runs import provenance
 from auvbench.runs.atomic_io import write_atomic
-from auvbench.runs.directory import RunDirectory, place
+from auvbench.runs.directory import RunDirectory, find_runs, place
 from auvbench.statistics.intervals import Estimate
 from auvbench.statistics.reliability import Reliability
 from auvbench.statistics.typical import ALPHA
@@ -75,6 +75,12 @@ class Outcome(Trials):
         """Return the environment steps of all trainings in the search."""
         seeds = len(self.plan.tune.seeds) if self.plan.learns else 0
         return seeds * sum(trial.last_step or 0 for trial in self.trials)
+
+    @property
+    def cpu_s(self) -> float:
+        """Return the processor time of the search in s, tests included; runs with fresh seeds are not part of it."""
+        manifests = [run.manifest() for run in find_runs([self.folder.runs])]
+        return round(sum(float(manifest["cpu_time_s"] or 0.0) for manifest in manifests), 1)
 
     @property
     def complete(self) -> int:
@@ -164,7 +170,8 @@ def write(outcome: Outcome, best: FrozenTrial, evidence: str) -> None:
     searched = [dimension.key.partition(".")[2] for dimension in plan.dimensions]
     head = [
         f"{name}: found by {plan.command or 'auvbench tune'}",
-        f"on {today} with auvbench {__version__}{commit}: {counted(trials, 'trial')}, {outcome.steps:,} environment steps of training, scenarios of",
+        f"on {today} with auvbench {__version__}{commit}: {counted(trials, 'trial')}, {outcome.steps:,} environment steps of training, "
+        f"{outcome.cpu_s / 3600:.2g} core hours, scenarios of",
         f"protocol={plan.protocol.name} (seed {plan.protocol.seed}, {plan.protocol.episodes} episodes), none of a test.",
         evidence,
         f"Searched: {', '.join(searched)}.",
@@ -182,6 +189,7 @@ def write(outcome: Outcome, best: FrozenTrial, evidence: str) -> None:
             "seed": plan.protocol.seed,
             "trials": trials,
             "steps": outcome.steps,
+            "cpu_s": outcome.cpu_s,
             "version": __version__,
             "date": today,
         },

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -61,15 +62,17 @@ def fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[dict[
 
 
 def carry_out(run: RunDirectory) -> dict[str, Any]:
-    """Train a run to its budget and test it; return its manifest.
+    """Train a run to its budget and test it; return its manifest, whose processor time includes the test.
 
     Raises:
         TrainingError, KeyboardInterrupt: see `execute`.
         RunError: see `test`; the training is complete then.
     """
     manifest = execute(run)
+    begun = time.process_time()
     test(run, of_run(run.path)[1])
-    return manifest
+    used = time.process_time() - begun
+    return run.update_manifest(cpu_time_s=round(float(manifest["cpu_time_s"] or 0.0) + used, 3))
 
 
 def test(run: RunDirectory, protocol: schema.Protocol) -> None:

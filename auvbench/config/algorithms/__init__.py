@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from auvbench.config.fields import later
 from auvbench.config.schema import choice, choice_of, name, number
 from auvbench.config.schema import name as plain_name
 from auvbench.registry import AGENTS, Declared, Spec, schema_fault
@@ -25,6 +26,7 @@ class Tuned:
     seed: int = number(0, (1 << 32) - 1)  # seed of the protocol's scenarios
     trials: int = number(1, 1 << 31)
     steps: int = number(0, 1 << 62)  # environment steps of training over all trials
+    cpu_s: float | None = later(number(0.0, 1e12))  # processor time of all trials, with their tests
     version: str
     date: str
 

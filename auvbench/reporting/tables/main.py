@@ -139,7 +139,22 @@ def _effort(ranking: Ranking) -> list[_Column]:
         columns.append(
             (heading, lambda row: Cell(f"{row.trials:,}" if row.trials else NOTHING, sort=row.trials))
         )
+    if any(row.trial_s is not None for row in ranking.rows):  # older searches did not record it
+        steps = Heading("tuning", "steps", weight=5, hint="environment steps of these trials")
+        columns.append((steps, lambda row: _steps(row.trial_steps)))
+        hours = Heading(
+            "tuning", "core hours", weight=5, hint="processor time of these trials with their tests"
+        )
+        columns.append((hours, lambda row: _hours(row.trial_s)))
     return columns
+
+
+def _steps(steps: int | None) -> Cell:
+    return Cell(in_short(steps) if steps else NOTHING, sort=steps)
+
+
+def _hours(seconds: float | None) -> Cell:
+    return Cell(NOTHING) if seconds is None else Cell(f"{seconds / 3600:.2g}", sort=seconds)
 
 
 def _budget(row: Row) -> Cell:

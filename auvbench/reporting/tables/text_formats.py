@@ -82,6 +82,8 @@ def csv(ranking: Ranking) -> str:
             "confidence": ranking.confidence,
             "covers": "; ".join(dict.fromkeys(estimate.covers for estimate in row.estimates.values())),
         }
+        if any(other.trial_s is not None for other in ranking.rows):
+            line |= {"tuning_steps": row.trial_steps, "tuning_cpu_s": row.trial_s}
         for metric in metrics:
             line |= _with_ends(metric, row.estimates.get(metric))
         rows.append(line)

@@ -11,6 +11,7 @@ import pytest
 from auvbench.analysis.effort import knowledge, with_effort
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import Evaluation
+from auvbench.reporting.tables import text_formats
 from auvbench.reporting.tables.main import main_table
 from tests.unit.analysis.agents import agent
 
@@ -47,6 +48,24 @@ def test_the_table_shows_recorded_and_declared_trials() -> None:
         "PPO K=1 25 Hz": "50",
         "PID K=1 25 Hz": "1,000",
     }
+
+
+def test_the_table_shows_steps_and_processor_time_of_a_search_that_recorded_them() -> None:
+    agents = [agent("ppo"), agent("pid", seeds=1)]
+    spent = {"trials": 30, "steps": 3_500_000, "cpu_s": 5400.0}
+    config = {**agents[0].runs[0].config, **{f"algo.tuned.{key}": value for key, value in spent.items()}}
+    agents[0] = replace(agents[0], runs=tuple(replace(run, config=config) for run in agents[0].runs))
+    ranking = with_effort(rank(agents), agents, {})
+    table = main_table(ranking)
+    columns = [i for i, heading in enumerate(table.headings) if heading.title == "tuning"]
+    assert [table.headings[i].unit for i in columns] == ["trials", "steps", "core hours"]
+    assert {line.cells[0].value: [line.cells[i].value for i in columns] for line in table.lines} == {
+        "PPO K=1 25 Hz": ["30", "3.5M", "1.5"],
+        "PID K=1 25 Hz": ["–", "–", "–"],
+    }
+    assert "5400" in text_formats.csv(ranking)
+    assert "tuning_cpu_s" in text_formats.csv(ranking)
+    assert "tuning_cpu_s" not in text_formats.csv(with_effort(rank(agents[1:]), agents[1:], {}))
 
 
 def test_an_agent_that_was_tested_on_estimates_knows_no_true_velocities() -> None:
