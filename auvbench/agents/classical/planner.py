@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from auvbench.agents.base import Actions, Integers, Observations
 from auvbench.agents.classical.observer import Observer
 from auvbench.config import schema
+from auvbench.errors import ConfigError
 from auvbench.registry import TASKS
+from auvbench.tasks.observation_spec import observation_spec
 from auvbench.vehicles.symbolic import symbolic
 from auvbench.vehicles.vehicle_model import VehicleModel
 
@@ -33,13 +35,14 @@ class Planner:
         row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
 
     Raises:
-        ConfigError: the vehicle has other actuators than thrusters.
+        ConfigError: the vehicle has other actuators than thrusters, or only a range sensor shows the obstacles.
         MissingExtraError: CasADi, which the filter needs, is not installed.
     """
 
     row_by_row = True
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+        refuse_ranges(config, vehicle)
         self.vehicle = vehicle
         self.observer = Observer(symbolic(vehicle), config)
         self.dt = 1.0 / config.step.frequency
@@ -77,6 +80,17 @@ class Planner:
             reading: (n_obs,) observation, which the observer has already.
         """
         raise NotImplementedError
+
+
+def refuse_ranges(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
+    """Raise ConfigError for a task that shows obstacles only by a range sensor, which no planner reads."""
+    blocks = observation_spec(config.task, vehicle.actuators).blocks
+    unread = [block for block in blocks if block.startswith("range.")]
+    if unread and not {"solids", "way"} & set(blocks):
+        raise ConfigError(
+            f"algo={config.algo.name}: does not read {unread[0]} of task={config.task.name}; it sees solids only by the "
+            "blocks solids and way: task=transit_solids, task=transit_map"
+        )
 
 
 def room(task: Any) -> Floats:

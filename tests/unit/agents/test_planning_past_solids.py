@@ -17,6 +17,7 @@ from auvbench.cli import main
 from auvbench.dynamics import frames
 from auvbench.envs.batch import Batch
 from auvbench.envs.settings import configuration
+from auvbench.errors import ConfigError
 from auvbench.evaluation.rollout import batch_of, roll_out
 from auvbench.tasks.ranges.specs import MOST, NUMBERS, SIGHT
 from auvbench.vehicles import sheet
@@ -209,6 +210,13 @@ def test_without_the_block_it_knows_no_solid() -> None:
     for algo in ("mppi", "mpc"):
         _, agent = planner(algo, "task=transit_map")
         assert agent.avoidance is None
+
+
+@pytest.mark.parametrize("algo", ["mppi", "mpc"])
+@pytest.mark.parametrize(("task", "sensor"), [("transit", "range.multibeam"), ("terrain", "range.ping1d")])
+def test_a_planner_refuses_a_task_whose_solids_only_a_sensor_shows(algo: str, task: str, sensor: str) -> None:
+    with pytest.raises(ConfigError, match=f"algo={algo}: does not read {sensor} of task={task}"):
+        planner(algo, f"task={task}")
 
 
 def test_open_water_has_nothing_to_show(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
