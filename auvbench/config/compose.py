@@ -20,15 +20,19 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from hydra import version
+from hydra._internal import defaults_list
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
-from hydra._internal.config_repository import ConfigRepository
+from hydra._internal.config_repository import CachingConfigRepository, ConfigRepository, IConfigRepository
 from hydra._internal.config_search_path_impl import ConfigSearchPathImpl
 from hydra._internal.core_plugins.bash_completion import BashCompletion
+from hydra._internal.defaults_list import Overrides, _create_interpolation_map
 from hydra._internal.hydra import Hydra
 from hydra.core.config_store import ConfigNode, ConfigStore
+from hydra.core.default_element import InputDefault, ResultDefault
 from hydra.core.plugins import Plugins
+from hydra.plugins.config_source import ConfigResult
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, flag_override
 from omegaconf.errors import OmegaConfBaseException
 
 from auvbench.config import (
@@ -90,24 +94,87 @@ def _register_schemas(store: ConfigStore) -> None:
     ):
         kinds |= {f"{group}_{name}_schema": kind for name, kind in schemas.items()}
     # At the top level: the folders algo, launcher and simulator then list only their own options.
-    store.repo |= {f"{name}.yaml": _node(f"{name}.yaml", kind) for name, kind in kinds.items()}
+    store.repo |= {
+        f"{name}.yaml": ConfigNode(f"{name}.yaml", _Schema(kind), group=None, package=None, provider=None)  # type: ignore[arg-type]
+        for name, kind in kinds.items()
+    }
+
+
+@dataclasses.dataclass(frozen=True)
+class _Schema:
+    """A schema in Hydra's store, whose node is built when Hydra first copies it: most commands need few of them."""
+
+    kind: type
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> DictConfig:
+        return copied(_node(self.kind))
 
 
 @cache
-def _node(name: str, kind: type) -> ConfigNode:
-    """Return the node of a schema; cached, since building one is slow and Hydra copies it before use."""
+def _node(kind: type) -> DictConfig:
+    """Return the node of a schema, not to be changed; cached, since building one is slow."""
     node = OmegaConf.structured(kind)
     if kind is schema.TrainConfig:
         # Keys of disturbances that not every configuration has are checked in `complete`.
         node.disturbance = OmegaConf.structured(schema.Disturbance)
         OmegaConf.set_struct(node.disturbance, False)
-    return ConfigNode(name=name, node=node, group=None, package=None, provider=None)
+    assert isinstance(node, DictConfig)
+    return node
 
 
 class _Repository(ConfigRepository):
     def __deepcopy__(self, memo: dict[int, Any]) -> _Repository:
         # Hydra replaces the list of sources in a copy; a deep copy would copy all schemas.
         return copy.copy(self)
+
+
+class _Loader(ConfigLoaderImpl):
+    """Hydra's loader with less work for the same result: one merge of all files, and copies by `copied`."""
+
+    def _compose_config_from_defaults_list(
+        self, defaults: list[ResultDefault], repo: IConfigRepository
+    ) -> DictConfig:
+        config = OmegaConf.create()
+        try:
+            with flag_override(config, "no_deepcopy_set_nodes", True):
+                # Each call visits all nodes once more to set their parents.
+                config.merge_with(*(self._load_single_config(default, repo).config for default in defaults))
+        except Exception:
+            # Merge file by file, as Hydra does: its message names the file. What was merged is not what was read.
+            assert isinstance(repo, CachingConfigRepository)
+            repo.cache.clear()
+            return super()._compose_config_from_defaults_list(defaults, repo)
+        _strip_defaults(config)
+        return config
+
+    @staticmethod
+    def _embed_result_config(ret: ConfigResult, package_override: str | None) -> ConfigResult:
+        package = package_override if package_override is not None else ret.header["package"]
+        if not package or not isinstance(ret.config, DictConfig):
+            return ConfigLoaderImpl._embed_result_config(ret, package_override)
+        config = OmegaConf.create()
+        with flag_override(config, "no_deepcopy_set_nodes", True):
+            OmegaConf.update(config, package, copied(ret.config), merge=False)
+        return dataclasses.replace(ret, config=config)
+
+
+def _strip_defaults(node: Any) -> None:
+    """Remove the lists of defaults that Hydra marked when it read them."""
+    if not isinstance(node, DictConfig) or node._is_missing() or node._is_none():
+        return
+    if node._get_flag("HYDRA_REMOVE_TOP_LEVEL_DEFAULTS"):
+        with flag_override(node, ["readonly", "struct"], False):
+            node._set_flag("HYDRA_REMOVE_TOP_LEVEL_DEFAULTS", None)
+            node.pop("defaults", None)
+    for _, value in node.items_ex(resolve=False):
+        _strip_defaults(value)
+
+
+def _interpolations(overrides: Overrides, defaults_list: list[InputDefault], self_added: bool) -> DictConfig:
+    """Return what the entries of a list of defaults may refer to; Hydra computes it for every file, though few need it."""
+    if any(entry.is_interpolation() for entry in defaults_list):
+        return _create_interpolation_map(overrides, defaults_list, self_added)
+    return DictConfig({})
 
 
 @contextmanager
@@ -130,15 +197,17 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
         store, base = ConfigStore.instance(), version.VersionBase.instance()
         version_base, repository = base.version_base, store.repo
         store.repo = _copied(repository)
+        defaults_list._create_interpolation_map = _interpolations
         try:
             version.setbase("1.3")
             _register_schemas(store)
             restricted_yaml.register()
-            loader = ConfigLoaderImpl(config_search_path=path)
+            loader = _Loader(config_search_path=path)
             loader.repository = _Repository(path)
             yield loader
         finally:
             store.repo, base.version_base = repository, version_base
+            defaults_list._create_interpolation_map = _create_interpolation_map
 
 
 def _schemas(kind: Kind[Any]) -> dict[str, type]:

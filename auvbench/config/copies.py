@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from typing import TypeVar
 
 from omegaconf import Node
@@ -20,8 +19,8 @@ def copied(node: N, parent: Node | None = None) -> N:
     twin = object.__new__(type(node))
     fields = vars(twin)
     fields |= vars(node)
-    fields["_metadata"] = metadata = copy(fields["_metadata"])
-    metadata.flags = dict(metadata.flags)
+    fields["_metadata"] = metadata = object.__new__(type(fields["_metadata"]))
+    vars(metadata).update(vars(node._metadata), flags=dict(node._metadata.flags or {}))
     fields["_parent"], fields["_flags_cache"] = parent, None
     assert isinstance(twin, Node)
     content = fields.get("_content")  # of a list, a dictionary or a union

@@ -22,7 +22,7 @@ from hydra._internal.core_plugins.file_config_source import FileConfigSource
 from hydra._internal.core_plugins.importlib_resources_config_source import ImportlibResourcesConfigSource
 from hydra._internal.sources_registry import SourcesRegistry
 from hydra.plugins.config_source import ConfigResult, ConfigSource
-from omegaconf import OmegaConf
+from omegaconf import DictConfig, OmegaConf
 from omegaconf._utils import get_yaml_loader
 
 from auvbench.config import folders, schema
@@ -68,34 +68,42 @@ class OwnFiles(FileConfigSource):
         if self.closed and not Path(path).is_relative_to(os.path.realpath(self.path)):
             raise ConfigError(f"{plain(shown)}: is outside conf/; copy the file into conf/")
         try:
-            data = reading.content(path)
-            reading.check_yaml(data)
-            text = data.decode("utf-8-sig")  # Windows editors may begin a file with a byte order mark.
-            header = self._get_header_dict(text[:512])
+            text = _text(reading.content(path))
         except UnicodeDecodeError as error:
             raise ConfigError(f"{shown}: is not UTF-8 text: {error.reason} at byte {error.start}") from None
         except ValueError as error:
             raise ConfigError(f"{shown}: {error}") from None
-        content = _values(path, text)
-        if not isinstance(content, dict | None):
-            raise ConfigError(f"{shown}: must map keys to values, e.g. seed: 1")
-        group = os.path.dirname(name)
-        if header["package"] is None and group == "experiment":
-            header["package"] = "_global_"  # an experiment sets keys of the whole configuration
-        check_file(shown, name, content, header["package"])
-        package = header["package"] or group.replace(os.sep, ".")
-        config = OmegaConf.create(_with_whole_numbers(content or {}, package.removeprefix("_global_")))
+        config, header = _read(shown, name, path, text)
         return ConfigResult(
-            provider=self.provider, path=f"{self.scheme()}://{self.path}", config=config, header=header
+            provider=self.provider,
+            path=f"{self.scheme()}://{self.path}",
+            config=copied(config),
+            header=dict(header),
         )
 
 
 @lru_cache(maxsize=512)
-def _values(path: str, text: str) -> Any:
-    """Return the values of a file's text; cached, since Hydra reads a file several times. Not to be changed."""
+def _text(data: bytes) -> str:
+    """Return the text of a file whose YAML may be read; cached, since Hydra reads a file several times."""
+    reading.check_yaml(data)
+    return data.decode("utf-8-sig")  # Windows editors may begin a file with a byte order mark.
+
+
+@lru_cache(maxsize=512)
+def _read(shown: str, name: str, path: str, text: str) -> tuple[DictConfig, dict[str, str | None]]:
+    """Return the configuration and the header of a file's text, not to be changed."""
+    header = ConfigSource._get_header_dict(text[:512])
     stream = io.StringIO(text)
     stream.name = path  # for the position in an error message
-    return yaml.load(stream, Loader=get_yaml_loader())
+    content = yaml.load(stream, Loader=get_yaml_loader())
+    if not isinstance(content, dict | None):
+        raise ConfigError(f"{shown}: must map keys to values, e.g. seed: 1")
+    group = os.path.dirname(name)
+    if header["package"] is None and group == "experiment":
+        header["package"] = "_global_"  # an experiment sets keys of the whole configuration
+    check_file(shown, name, content, header["package"])
+    package = header["package"] or group.replace(os.sep, ".")
+    return OmegaConf.create(_with_whole_numbers(content or {}, package.removeprefix("_global_"))), header
 
 
 class InstalledFiles(OwnFiles):

@@ -1,14 +1,19 @@
-"""`copied` makes what `copy.deepcopy` makes, node by node."""
+"""`copied` makes what `copy.deepcopy` makes, and the loader what Hydra's makes, node by node."""
 
 from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pytest
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
+from hydra.errors import ConfigCompositionException
+from hydra.types import RunMode
 from omegaconf import DictConfig, Node, OmegaConf
 from omegaconf.errors import ReadonlyConfigError, ValidationError
 
+from auvbench.config import compose
 from auvbench.config.copies import copied
 
 
@@ -70,3 +75,29 @@ def test_a_copy_changes_alone_and_keeps_types_and_flags() -> None:
         twin.inner.size = "large"
     with pytest.raises(ReadonlyConfigError):
         made.inner.size = 1.0
+
+
+@pytest.mark.parametrize(
+    "choices", ["task=transit", "algo=ppo_residual disturbance=[current,waves]", "experiment=quickstart"]
+)
+def test_a_configuration_is_as_hydra_composes_it(choices: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes = []
+    for loader, interpolations in (
+        (compose._Loader, compose._interpolations),
+        (ConfigLoaderImpl, compose._create_interpolation_map),
+    ):
+        monkeypatch.setattr(compose, "_Loader", loader)
+        monkeypatch.setattr(compose, "_interpolations", interpolations)
+        with compose._loader(None) as own:
+            nodes.append(own.load_configuration("train", choices.split(), RunMode.RUN))
+    assert_same(*nodes)
+
+
+def test_a_wrong_value_in_a_file_is_named_as_hydra_names_it(tmp_path: Path) -> None:
+    (tmp_path / "experiment").mkdir()
+    (tmp_path / "experiment" / "wrong.yaml").write_text("train:\n  total_steps: many\n")
+    with (
+        compose._loader(tmp_path) as own,
+        pytest.raises(ConfigCompositionException, match="experiment/wrong"),
+    ):
+        own.load_configuration("train", ["experiment=wrong"], RunMode.RUN)
