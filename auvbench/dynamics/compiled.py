@@ -11,14 +11,17 @@ from __future__ import annotations
 import hashlib
 import sys
 from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
 from llvmlite.ir import Constant
-from numba import njit
+from numba import njit, types
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
+from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 
 INTERPRETED = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
@@ -95,26 +98,68 @@ def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], An
         dispatcher: Any = njit(cache=True, nogil=True, **NO_C, **options)(function)
         if dispatcher is function:  # NUMBA_DISABLE_JIT: a debugger wants to see the Python
             return function
+        dispatcher.__class__ = Stored
         paths = (Path(function.__code__.co_filename).parent, *(PACKAGE / folder for folder in folders))
         # What the cache compares before it trusts its content: a stamp of the function's file. numba has no public
         # way to add to it; a cell in the function's closure would do, but takes a function around each function.
         index = dispatcher._cache._cache_file
         index._source_stamp = (index._source_stamp, *map(fingerprint, paths))
-        _tell_of_compiling(dispatcher)
+        _compile_alone(dispatcher)
         return dispatcher
 
     return decorate
 
 
-def _tell_of_compiling(dispatcher: Any) -> None:
-    """Print a line, once in a process, when a function is not in the cache and must be compiled."""
+class Stored(CPUDispatcher):
+    """A function whose compiled code is stored on disk, for tables of any stride."""
+
+    def compile(self, sig: Any) -> Any:
+        arguments, result = normalize_signature(sig)  # type: ignore[no-untyped-call]
+        general = tuple(map(_of_any_stride, arguments))
+        with global_compiler_lock, ExitStack() as self._locks:
+            entry = super().compile(general if result is None else result(*general))
+        if general != arguments:  # found at once by the next call
+            self._insert([kind._code for kind in arguments], entry, False)  # type: ignore[attr-defined]
+        return entry
+
+
+def _of_any_stride(kind: Any) -> Any:
+    """Return the type of a column or a table for any number of rows. NumPy takes a column of one row as contiguous, but not
+    one of two rows, and numba would compile a function for each.
+    """
+    if isinstance(kind, types.UniTuple) and isinstance(kind.dtype, types.Array) and kind.count > 1:
+        return types.UniTuple(kind.dtype.copy(layout="A"), kind.count)  # type: ignore[no-untyped-call]
+    is_column = isinstance(kind, types.Array) and kind.ndim == 1
+    if is_column and isinstance(kind.dtype, types.Record | types.Integer):
+        return kind.copy(layout="A")
+    return kind
+
+
+PATIENCE = 300.0
+"""s, longest wait for another process that compiles the same function"""
+
+
+def _compile_alone(dispatcher: Any) -> None:
+    """Before a function that is not in the cache is compiled, print a line, once in a process, and wait for other processes
+    that compile it: the workers of a command need the same functions at the same time.
+    """
     stored = dispatcher._cache.load_overload
+    index = Path(dispatcher._cache._cache_file._index_path)
 
     def load(*arguments: Any) -> Any:
         found = stored(*arguments)
-        if found is None:
-            announce()
-        return found
+        if found is not None:
+            return found
+        announce()
+        from filelock import FileLock  # imported late: rarely needed
+
+        # Without the lock (a folder that is read-only or cannot lock, a process that stands still), compile all the same.
+        with suppress(OSError, NotImplementedError):
+            index.parent.mkdir(parents=True, exist_ok=True)
+            dispatcher._locks.enter_context(
+                FileLock(index.with_suffix(".lock"), timeout=PATIENCE, fallback_to_soft=False)
+            )
+        return stored(*arguments)
 
     dispatcher._cache.load_overload = load
 

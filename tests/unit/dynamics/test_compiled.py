@@ -80,6 +80,35 @@ def test_a_change_anywhere_that_the_code_came_from_compiles_it_anew(tmp_path):
     assert run(tmp_path) == [expected, 1]
 
 
+COLUMNS = (
+    "from auvbench.dynamics.compiled import compiled\n"
+    "@compiled()\ndef total(table, counts):\n"
+    "    x = 0.0\n"
+    "    for i in range(len(counts)):\n        x += table[i].size * counts[i]\n    return x\n"
+)
+PARALLEL = (
+    "import sys; sys.path.insert(0, '.')\n"
+    "import numpy as np; from columns import total\n"
+    "both = np.ones(3, [('size', 'f8'), ('count', 'i8'), ('own', 'f8')])\n"
+    "table, counts = both[['size', 'count']], both['count']\n"
+    "found = [total(table[:n], counts[:n]) for n in (1, 3, 1)]\n"
+    "print(*found, len(total.overloads), sum(total.stats.cache_hits.values()))"
+)
+
+
+@pytest.mark.slow
+def test_processes_compile_a_function_once_for_tables_of_one_row_and_of_several(tmp_path: Path) -> None:
+    (tmp_path / "columns.py").write_text(COLUMNS)
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    command = [sys.executable, "-B", "-c", PARALLEL]
+    processes = [
+        subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
+    lines = sorted(process.communicate(timeout=300)[0].strip() for process in processes)
+    assert lines == ["1.0 3.0 1.0 1 0", *["1.0 3.0 1.0 1 1"] * 2]
+
+
 def decorations(function: ast.FunctionDef, name: str) -> list[ast.expr]:
     return [d for d in function.decorator_list if ast.unparse(d).split("(")[0] == name]
 
