@@ -26,6 +26,7 @@ ROOT = Path(__file__).parents[1]
     LEADERBOARD,
     NAVIGATION,
     NAVIGATION_TASKS,
+    NAVIGATION_TRANSIT,
     ROBUST,
     STATION,
     SUITE,
@@ -40,6 +41,7 @@ ROOT = Path(__file__).parents[1]
         "leaderboard",
         "navigation",
         "navigation-tasks",
+        "navigation-transit",
         "robust",
         "station",
         "suite",
@@ -62,6 +64,8 @@ LIMIT = 100.0
 """s, what a failure counts in the waypoint task"""
 DOCKING_LIMIT = 60.0
 """s, what it counts in docking"""
+TRANSIT_LIMIT = 120.0
+"""s, what it counts in transit"""
 CONDITIONS = {
     "1 m/s current": "current=1",
     "real inertia": "vehicle=bluerov2-realistic-inertia",
@@ -256,7 +260,7 @@ def sensors_waypoints(
     limit: float = LIMIT,
 ) -> str:
     """Return how soon agents reach goals with what each set of sensors lets them know, and the share that they reach."""
-    rows = [row for row in _rows(study, "table.csv") if row["vehicle"] == section]
+    rows = [row for row in _rows(study, "table.csv") if row.get("vehicle", "") == section]
     rows.sort(key=lambda row: row["agent"])
     columns = [
         [_reached(*found, best=False) for found in times]
@@ -271,24 +275,53 @@ def sensors_docks() -> str:
     return sensors_waypoints(NAVIGATION_TASKS, section, "mean time to the dock", limit=DOCKING_LIMIT)
 
 
+def sensors_transit() -> str:
+    """Return how soon agents cross fields with what each set of sensors lets them know, and the share that arrives."""
+    return sensors_waypoints(NAVIGATION_TRANSIT, "", "mean time to the goal", limit=TRANSIT_LIMIT)
+
+
 def sensors_worth() -> str:
-    """Return the declared contrasts: what a DVL in place of the truth changes, and training on estimates; with 95 % intervals."""
-    episodes = _timed(NAVIGATION_TASKS, limit=DOCKING_LIMIT).rename(columns={"time": "docking"})
-    episodes["trajectory_tracking"] = 100.0 * episodes["position_error_rms_m"]
-    units = {"trajectory_tracking": "cm", "docking": "s"}
-    rows = [row for row in _rows(NAVIGATION_TASKS, "table.csv") if ", task " in row["vehicle"]]
-    found = {(row["agent"], row["vehicle"].rpartition(" ")[2]): row["runs"].split() for row in rows}
+    """Return the declared contrasts on trajectories and at docks."""
+    tasks = {"trajectory_tracking": ("trajectories", "cm"), "docking": ("docks", "s")}
+    return contrasts(NAVIGATION_TASKS, tasks, DOCKING_LIMIT)
+
+
+def transit_worth() -> str:
+    """Return the declared contrasts in transit."""
+    return contrasts(NAVIGATION_TRANSIT, {"transit": ("transit", "s")}, TRANSIT_LIMIT)
+
+
+def contrasts(study: Path, tasks: dict[str, tuple[str, str]], limit: float) -> str:
+    """Return what a DVL in place of the truth changes, and training on estimates, with 95 % intervals.
+
+    Args:
+        study: folder of a study whose conditions include dvl-a50 and truth.
+        tasks: title and unit of each task: cm of RMS position error, or s to the goal.
+        limit: what a failure counts, s.
+    """
+    episodes = _timed(study, limit)
+    measures = {"s": episodes["time"]}
+    if "position_error_rms_m" in episodes:
+        measures["cm"] = 100.0 * episodes["position_error_rms_m"]
+    (only,) = tasks if len(tasks) == 1 else ("",)
+    sections = [(row, row.get("vehicle", only)) for row in _rows(study, "table.csv")]
+    found = {
+        (row["agent"], section.rpartition(" ")[2]): row["runs"].split()
+        for row, section in sections
+        if only or ", task " in section
+    }
     agents = sorted({agent for agent, _ in found})
 
     def tested(agent: str, task: str, condition: str) -> Any:
         """Return the measure of a task (trainings, episodes)."""
-        own = episodes[episodes["run"].isin(found[agent, task]) & (episodes["condition"] == condition)]
-        return own.pivot_table(index="run", columns="episode", values=task).to_numpy()
+        own = episodes["run"].isin(found[agent, task]) & (episodes["condition"] == condition)
+        values = episodes[["run", "episode"]].assign(value=measures[tasks[task][1]])[own]
+        return values.pivot_table(index="run", columns="episode", values="value").to_numpy()
 
     def shown(first: Any, second: Any, task: str) -> str:
         contrast = typical.difference(typical.sample(first), typical.sample(second))
         low, high = contrast.ends()
-        return f"{contrast.value:+.1f}{NO_BREAK}{units[task]} [{low:.1f}, {high:.1f}]"
+        return f"{contrast.value:+.1f}{NO_BREAK}{tasks[task][1]} [{low:.1f}, {high:.1f}]"
 
     def dvl(agent: str, task: str) -> str:
         if (agent, task) not in found:
@@ -302,13 +335,10 @@ def sensors_worth() -> str:
             return ""
         return shown(tested(other, task, "dvl-a50"), tested(agent, task, "dvl-a50"), task)
 
-    columns = [[text(agent, task) for agent in agents] for task in units for text in (dvl, training)]
-    heads = (
-        "trajectories: DVL less truth",
-        "trained on estimates",
-        "docks: DVL less truth",
-        "trained on estimates",
-    )
+    columns = [[text(agent, task) for agent in agents] for task in tasks for text in (dvl, training)]
+    heads = [
+        head for title, _ in tasks.values() for head in (f"{title}: DVL less truth", "trained on estimates")
+    ]
     return _table(("agent", *heads), agents, columns)
 
 
@@ -446,6 +476,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "sensors_trajectories": sensors_trajectories,
     "sensors_docks": sensors_docks,
     "sensors_worth": sensors_worth,
+    "sensors_transit": sensors_transit,
+    "transit_worth": transit_worth,
     "transfer": transfer,
     "formation": formation,
     "transit": transit,
