@@ -46,6 +46,32 @@ def require() -> Any:
     return casadi
 
 
+class Direct:
+    """A CasADi function of dense arrays, called without CasADi's conversion of arguments and results, which takes longer than a
+    small function.
+
+    A call returns new arrays. Only one thread may call it at a time.
+    """
+
+    def __init__(self, function: Any) -> None:
+        self._buffer, self._evaluate = function.buffer()
+        self._arguments, self._results = [], []
+        for number in range(function.n_in()):
+            place = np.zeros(function.nnz_in(number))
+            self._buffer.set_arg(number, memoryview(place))
+            self._arguments.append(place.reshape(function.size_in(number), order="F"))
+        for number in range(function.n_out()):
+            place = np.zeros(function.nnz_out(number))
+            self._buffer.set_res(number, memoryview(place))
+            self._results.append(place.reshape(function.size_out(number), order="F"))
+
+    def __call__(self, *arguments: FloatArray) -> tuple[FloatArray, ...]:
+        for place, argument in zip(self._arguments, arguments, strict=True):
+            place[:] = argument
+        self._evaluate()
+        return tuple(place.copy() for place in self._results)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SymbolicModel:
     """A vehicle's equations of motion as CasADi functions."""

@@ -23,7 +23,7 @@ from auvbench.dynamics import frames
 from auvbench.observation import BODY
 from auvbench.registry import TASKS
 from auvbench.tasks.observation_spec import observation_spec
-from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require
+from auvbench.vehicles.symbolic import RIGID, Direct, SymbolicModel, require
 
 Floats = NDArray[np.float64]
 
@@ -116,10 +116,10 @@ class Observer:
         (yaw_error,), error, previous = (observation[columns] for columns in self._columns)
         x = self.state[i]
         if not self.first[i]:
-            after, slope = self._predict(x, self.vehicle.force(previous), self.current[i])
-            F = slope.full()
+            force = self.vehicle.force(previous)
+            after, F = self._predict(x[:, None], force[:, None], self.current[i, :, None])
             self.covariance[i] = F @ self.covariance[i] @ F.T + self._drift
-            x[:] = after.full()[:, 0]
+            x[:] = after[:, 0]
             x[:3] -= self._moved(i)
             if not np.abs(x[:RIGID]).max() < LARGEST_STATE:  # also true for NaN
                 self._begin(i)
@@ -224,8 +224,8 @@ class Observer:
         return np.asarray(way * self.dt)
 
 
-def prediction(model: SymbolicModel, duration: float, substeps: int) -> Any:
-    """Return the CasADi function (state, input, current) -> (state after `duration` s, slope (15, 15) of its errors
+def prediction(model: SymbolicModel, duration: float, substeps: int) -> Direct:
+    """Return the function (state, input, current) -> (state after `duration` s, slope (15, 15) of its errors
     with respect to the errors before).
     """
     ca = require()
@@ -243,7 +243,8 @@ def prediction(model: SymbolicModel, duration: float, substeps: int) -> Any:
     turn = 2.0 * _product(ca, back, off[3:7])[1:]
     errors = ca.vertcat(off[:3] - after[:3], turn, off[7:13] - after[7:13], error[12:])
     slope = ca.substitute(ca.jacobian(errors, error), error, ca.SX.zeros(ERRORS))
-    return ca.Function("prediction", [x, u, c], [after, ca.densify(slope)], {"cse": True})
+    outputs = [ca.densify(after), ca.densify(slope)]
+    return Direct(ca.Function("prediction", [x, u, c], outputs, {"cse": True}))
 
 
 def _product(ca: Any, p: Any, q: Any) -> Any:

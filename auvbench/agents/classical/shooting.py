@@ -5,7 +5,6 @@ quadratic programme.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from auvbench.agents.classical.avoiding import Avoidance
 from auvbench.agents.classical.cascade import wrap
 from auvbench.config.algorithms.mpc import MPC
-from auvbench.vehicles.symbolic import RIGID, SymbolicModel, require
+from auvbench.vehicles.symbolic import RIGID, Direct, SymbolicModel, require
 
 Floats = NDArray[np.float64]
 
@@ -70,9 +69,10 @@ class Program:
         self.substeps = max(1, int(np.ceil(self.interval / LONGEST_SUBSTEP - 1e-9)))
         x, u, c = ca.SX.sym("x", model.n_x), ca.SX.sym("u", model.n_u), ca.SX.sym("c", 3)
         rate = model.derivative(x, u, c)
-        slopes = ca.densify(ca.jacobian(rate, ca.vertcat(x, u)))
-        self._rate = ca.Function("rates", [x, u, c], [rate, slopes], {"cse": True})
-        self._rates = self._rate.map(self.N)
+        slopes = ca.jacobian(rate, ca.vertcat(x, u))
+        rates = ca.Function("rates", [x, u, c], [ca.densify(rate), ca.densify(slopes)], {"cse": True})
+        self._rate = Direct(rates)
+        self._rates = Direct(rates.map(self.N))
         self.limits = model.input_limits * algo.effort
         # The programme's variables are shares of each thruster's range.
         self.scale = np.abs(self.limits).max(axis=1)
@@ -173,7 +173,7 @@ class Program:
         assert slope is not None
         return x, slope[:, :, :n_x], slope[:, :, n_x:]
 
-    def _substep(self, rates: Any, x: Floats, u: Floats, c: Floats) -> tuple[Floats, Floats]:
+    def _substep(self, rates: Direct, x: Floats, u: Floats, c: Floats) -> tuple[Floats, Floats]:
         """Make one linearly implicit midpoint step of states (n_x, m); return it with its derivatives (m,
         n_x, n_x + n_u).
 
@@ -184,9 +184,9 @@ class Program:
         n_x = self.model.n_x
         h = self.interval / self.substeps
         rate, slopes = rates(x, u, c)
-        J = slopes.full().reshape(n_x, x.shape[1], -1).transpose(1, 0, 2)
+        J = slopes.reshape(n_x, x.shape[1], -1).transpose(1, 0, 2)
         implicit = np.eye(n_x) - 0.5 * h * J[:, :, :n_x]
-        right = np.concatenate([rate.full().T[:, :, None], J], axis=2)
+        right = np.concatenate([rate.T[:, :, None], J], axis=2)
         solved = h * np.linalg.solve(implicit, right)
         end = x + solved[:, :, 0].T
         end[3:7] /= np.linalg.norm(end[3:7], axis=0)

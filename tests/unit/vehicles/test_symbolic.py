@@ -9,7 +9,7 @@ from auvbench.errors import ConfigError
 from auvbench.simulators.fossen import FossenSimulator
 from auvbench.vehicles import sheet
 from auvbench.vehicles.curves import Lag
-from auvbench.vehicles.symbolic import RIGID, symbolic
+from auvbench.vehicles.symbolic import RIGID, Direct, symbolic
 
 pytest.importorskip("casadi")
 
@@ -60,3 +60,18 @@ def test_accelerations_are_those_of_the_compiled_kernel(name):
 def test_a_vehicle_with_fins_is_refused():
     with pytest.raises(ConfigError, match=r"lrauv.*rudder"):
         symbolic(sheet.load("lrauv"))
+
+
+def test_a_direct_call_returns_the_bits_and_the_layout_of_casadis_call():
+    model = symbolic(sheet.load("rexrov"))
+    rng = np.random.default_rng(3)
+    function = model.derivative.map(4)
+    direct = Direct(function)
+    for _ in range(2):
+        arguments = [rng.normal(size=(rows, 4)) for rows in (model.n_x, model.n_u, 3)]
+        (result,), expected = direct(*arguments), function(*arguments).full()
+        assert np.array_equal(result, expected)
+        assert result.strides == expected.strides
+    (again,) = direct(*(argument + 1.0 for argument in arguments))
+    assert not np.array_equal(result, again), "a result must not change with the next call"
+    assert np.array_equal(result, expected)
