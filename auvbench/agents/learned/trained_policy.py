@@ -193,8 +193,17 @@ def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
     arguments = learners.policy_arguments(algo)
     if algo.agent == "ddpg":
         arguments["n_critics"] = 1
-    policy: BasePolicy = kind(observation_space, action_space, lambda _: 0.0, **arguments)
+    policy: BasePolicy = kind(
+        observation_space, action_space, lambda _: 0.0, optimizer_class=NoOptimizer, **arguments
+    )
     return policy
+
+
+class NoOptimizer:
+    """Optimizer of a policy that is only tested: the first real one of a process imports torch._dynamo, which takes a second."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        pass
 
 
 def read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:

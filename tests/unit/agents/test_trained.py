@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -47,6 +49,19 @@ def statistics() -> Arrays:
 def test_a_sound_model_acts(tmp_path: Path) -> None:
     policy = LearnedPolicy(CONFIG, written(tmp_path), VEHICLE)
     assert policy.act(np.zeros((3, 4 + N_U), dtype=np.float32)).shape == (3, N_U)
+
+
+@pytest.mark.slow
+def test_loading_a_model_does_not_import_torchs_compiler(tmp_path: Path) -> None:
+    """The first optimizer of a process imports it; a test has no use for an optimizer."""
+    code = (
+        "import sys\n"
+        "from pathlib import Path\n"
+        "from tests.unit.agents.test_trained import CONFIG, VEHICLE, LearnedPolicy\n"
+        "LearnedPolicy(CONFIG, Path(sys.argv[1]), VEHICLE)\n"
+        "sys.exit('torch._dynamo' in sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(written(tmp_path))], check=True)
 
 
 def changed(value: float) -> Callable[[Weights], None]:
