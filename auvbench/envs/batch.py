@@ -366,7 +366,7 @@ def load_compiled() -> None:
 
     batch = Batch(train_config(compose("train", ["algo=pid"], folder=None)), 1)
     batch.reset()
-    batch.step(np.zeros_like(batch._action, np.float32))  # as learners act
+    batch.step(np.zeros_like(batch._action))
     registry.forget_packages()  # a process looks for installed packages itself
 
 
@@ -381,22 +381,21 @@ def admit(action: Any, clipped: Floats) -> None:
         raise ActionError(
             f"an action of shape {values.shape}: must be {clipped.shape}, environments times actuators"
         )
-    if values.dtype.char not in "fd" or not values.flags.c_contiguous:
-        if values.dtype.kind not in "fiub":
-            raise ActionError(f"an action of type {values.dtype}: must be numbers")
-        values = np.ascontiguousarray(values, dtype=np.float64)
-    bad = clip(values, clipped)
+    if values.dtype.kind not in "fiub":
+        raise ActionError(f"an action of type {values.dtype}: must be numbers")
+    # One type, so that `clip` is compiled once.
+    bad = clip(np.ascontiguousarray(values, dtype=np.float64), clipped)
     if bad >= 0:
         numbers = ", ".join(f"{value:g}" for value in values[bad])
         raise ActionError(f"the action of environment {bad} is ({numbers}): must be finite numbers")
 
 
 @compiled()
-def clip(action: NDArray[Any], clipped: Floats) -> int:
+def clip(action: Floats, clipped: Floats) -> int:
     """Write `action` (n, n_u), clipped to [-1, 1]; return the first row with a NaN or an infinity, else -1."""
     for i in range(action.shape[0]):
         for j in range(action.shape[1]):
-            value = float(action[i, j])
+            value = action[i, j]
             if not math.isfinite(value):
                 return i
             clipped[i, j] = min(1.0, max(-1.0, value))
