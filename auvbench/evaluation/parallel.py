@@ -21,7 +21,11 @@ from auvbench.runs.error_file import naming_traceback
 from auvbench.runs.lock import RunHeldError
 from auvbench.runs.pool import Pool, WorkerDiedError
 
-PRELOAD = ("auvbench.evaluation.parallel", "auvbench.agents.learned.sb3")
+PRELOAD = (
+    "auvbench.evaluation.parallel",
+    "auvbench.agents.learned.sb3",
+    "auvbench.envs.batch:load_compiled",
+)
 """Modules that the pool's workers import at the start."""
 
 
@@ -71,6 +75,8 @@ def evaluate_all(
             yield Result(run)
         else:
             waiting[run.path], why[run.path] = run, reason or ""
+    if pool.workers > 1 and len(waiting) > 1:
+        pool.start()
     # Only one test at a time can use the vehicles of a ROS 2 server.
     sequential = pool.workers == 1 or any(_on_a_server(run, protocol) for run in waiting.values())
     shared = [

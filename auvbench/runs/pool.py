@@ -108,6 +108,7 @@ class Pool:
     def __init__(self, workers: int = 0, preload: Sequence[str] = ()) -> None:
         self.workers = workers or interruption.cores()
         self._preload = preload
+        self._serving = False
         self._executor: ProcessPoolExecutor | None = None
 
     def __enter__(self) -> Pool:
@@ -115,6 +116,12 @@ class Pool:
 
     def __exit__(self, *_: object) -> None:
         self._end()
+
+    def start(self) -> None:
+        """Start the fork server, unless it runs: it imports its modules while the caller prepares the first job."""
+        if not self._serving:
+            start_server(self._preload)
+            self._serving = True
 
     def results(
         self, function: Callable[..., T], jobs: Mapping[K, tuple[Any, ...]], what: str
@@ -173,7 +180,7 @@ class Pool:
     def _submit(self, function: Callable[..., T], arguments: tuple[Any, ...]) -> Future[T]:
         try:
             if self._executor is None:
-                start_server(self._preload)
+                self.start()
                 self._executor = self._make()
             return self._executor.submit(function, *arguments)
         except (BrokenProcessPool, EOFError, OSError) as error:  # a worker or the server has died since
@@ -194,9 +201,11 @@ class Pool:
             ) from error
 
     def _end(self) -> None:
+        if self._serving:
+            stop_server()
+            self._serving = False
         if self._executor is not None:
             manager: Any = self._executor._executor_manager_thread
-            stop_server()
             self._executor.shutdown(wait=False, cancel_futures=True)
             self._executor = None
             if manager is not None:
