@@ -20,7 +20,7 @@ from auvbench.runs import progress
 from auvbench.runs.directory import RunDirectory, find_runs
 from auvbench.scheduling import grid
 from auvbench.scheduling.grid import Action, Step
-from auvbench.scheduling.loop import Backend
+from auvbench.scheduling.loop import MANY, Backend, largest_array
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -71,8 +71,8 @@ def show(configs: Sequence[DictConfig], console: Console | None = None) -> int:
         say(f"{entry.run.path}" + (f": {entry.steps:,} steps" if entry.like else ": nothing to train"))
     for line in _estimates(todo, Path(configs[0].output)):
         say(line)
-    if todo and (script := _script(backend, todo[0].run)):
-        say(f"batch script of the first:\n{script.rstrip()}")
+    for line in _script(backend, waiting):
+        say(line)
     say("nothing was started (--dry-run)")
     return 0
 
@@ -138,7 +138,16 @@ def _estimates(todo: Sequence[Todo], output: Path) -> list[str]:
     return lines
 
 
-def _script(backend: Backend, run: RunDirectory) -> str:
-    """Return the batch script of a run; '' for a backend without scripts."""
+def _script(backend: Backend, runs: Sequence[RunDirectory]) -> list[str]:
+    """Return a title and the batch script of the first run or array; [] for a backend without scripts."""
     write = getattr(backend, "script", None)
-    return "" if write is None else str(write(run.path.absolute()))
+    if write is None or not runs:
+        return []
+    together = min(len(runs), largest_array(backend), backend.limit or len(runs))
+    if together <= MANY:
+        together = 1
+    what = "the first" if together == 1 else f"the array of the first {together} runs"
+    return [
+        f"batch script of {what}:",
+        str(write(*(run.path.absolute() for run in runs[:together]))).rstrip(),
+    ]

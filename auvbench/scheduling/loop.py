@@ -7,9 +7,10 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import islice
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from auvbench.errors import AgentError, PluginImportError, RunError, UserError
 from auvbench.runs import interruption, lock
@@ -112,6 +113,7 @@ _FOREIGN = (AgentError.__name__, PluginImportError.__name__)
 """Types of errors that the code of an installed package raises"""
 
 TICK = 0.25  # s between two polls of the jobs
+MANY = 100  # largest number of runs that are submitted one by one to a backend with arrays
 TRIES = 3  # number of starts of a run whose node or server died
 
 
@@ -144,6 +146,11 @@ class Result:
         return 0 if all(outcome is Outcome.COMPLETE for outcome, _ in self.outcomes.values()) else 1
 
 
+def largest_array(backend: Backend) -> int:
+    """Return the largest number of runs that `backend.submit_array` submits at once; 0 for a backend without it."""
+    return int(getattr(backend, "largest_array", 0))
+
+
 class Loop:
     """Loop of one sweep."""
 
@@ -154,6 +161,7 @@ class Loop:
         self.active: dict[Job, RunDirectory] = {}
         self.tries: dict[Path, int] = {}
         self.result = Result()
+        self._refused = False  # whether the backend refused an array
         self.signals = 0  # signals received
         self._obeyed = 0  # signals passed on to the workers
 
@@ -182,8 +190,15 @@ class Loop:
         """Return whether anything is left to do."""
         return bool(self.waiting or self.active)
 
+    def _room(self) -> int:
+        """Return how many of the waiting runs the backend takes now."""
+        limit = self.backend.limit
+        return len(self.waiting) if limit is None else min(len(self.waiting), limit - len(self.active))
+
     def _fill(self) -> None:
-        while self.waiting and (self.backend.limit is None or len(self.active) < self.backend.limit):
+        if not self._refused:
+            self._fill_arrays()
+        while self._room() > 0:
             run = self.waiting[0]
             try:
                 job = self.backend.adopt(run.path) or self.backend.submit(run.path)
@@ -196,9 +211,28 @@ class Loop:
                 self._settle(run, Outcome.FAILED, f"could not be started: {error}")
                 continue
             self.waiting.popleft()
-            self.tries[run.path] = self.tries.get(run.path, 0) + 1
-            self.active[job] = run
-            self.view.started(run, job)
+            self._begun(run, job)
+
+    def _fill_arrays(self) -> None:
+        """Submit many runs at once, if the backend has arrays; a refusal leaves them to `_fill`."""
+        backend: Any = self.backend
+        while (largest := largest_array(backend)) and self._room() > MANY:
+            runs = {run.path: run for run in islice(self.waiting, min(largest, self._room()))}
+            adopted = {path: job for path in runs if (job := backend.adopt(path))}
+            try:
+                jobs = adopted | backend.submit_array([path for path in runs if path not in adopted])
+            except SubmitError:
+                self._refused, jobs = True, adopted
+            self.waiting = deque(run for run in self.waiting if run.path not in jobs)
+            for path, job in jobs.items():
+                self._begun(runs[path], job)
+            if not jobs or self._refused:
+                return
+
+    def _begun(self, run: RunDirectory, job: Job) -> None:
+        self.tries[run.path] = self.tries.get(run.path, 0) + 1
+        self.active[job] = run
+        self.view.started(run, job)
 
     def _collect(self) -> None:
         for job, run in list(self.active.items()):

@@ -110,6 +110,29 @@ def test_a_grid_completes_with_a_failure_among_it(tmp_path: Path) -> None:
         assert "worker, pid" in (run.path / "train" / "log.txt").read_text()
 
 
+def test_a_large_grid_is_an_array_whose_tasks_fail_and_go_on_one_by_one(tmp_path: Path) -> None:
+    good = [fake_training.make(tmp_path / f"good{number}", total_steps=10) for number in range(99)]
+    slow = fake_training.make(tmp_path / "slow", step_s=0.1, total_steps=80)
+    bad = fake_training.make(tmp_path / "bad", fail_at=20)
+
+    def disturb() -> None:
+        until(lambda: begun(slow), 600)
+        requeue(slow)
+
+    thread = meanwhile(disturb)
+    result, text = carry_out([slow, bad, *good])
+    thread.join()
+    array, task = job_of(slow).split("_")
+    assert task == "0"
+    assert {job_of(run) for run in (bad, *good)} == {f"{array}_{task}" for task in range(1, 101)}
+    assert result.of(Outcome.FAILED) == {bad.path: "the loss is not a number"}
+    assert set(result.of(Outcome.COMPLETE)) == {run.path for run in (slow, *good)}
+    assert f"slow: queued as slurm job {array}_0" in text
+    assert slow.manifest()["attempts"] == 2
+    assert (slow.path / "result.txt").read_text() == fake_training.chain(80)
+    assert "worker, pid" in (good[50].path / "train" / "log.txt").read_text()
+
+
 def test_a_killed_job_is_noticed_without_accounting(tmp_path: Path) -> None:
     shot = fake_training.make(tmp_path / "shot", kill_at=30, once=True)
     good = fake_training.make(tmp_path / "good")

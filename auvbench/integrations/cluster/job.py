@@ -13,13 +13,20 @@ import time
 from collections.abc import Sequence
 from types import FrameType
 
-JOB = "SLURM_JOB_ID"
-"""Environment variable of SLURM with the number of the job that contains this process."""
+JOB, ARRAY, TASK = "SLURM_JOB_ID", "SLURM_ARRAY_JOB_ID", "SLURM_ARRAY_TASK_ID"
+"""Environment variables of SLURM: the number of the job that contains this process, and for a task of an array those of both"""
+
+
+def number() -> str | None:
+    """Return the number of the job that contains this process, as squeue prints it; None outside of a job."""
+    if ARRAY in os.environ and TASK in os.environ:
+        return f"{os.environ[ARRAY]}_{os.environ[TASK]}"
+    return os.environ.get(JOB)
 
 
 def name() -> str | None:
     """Return the name of the job that contains this process, as `SlurmJob.mark`; None outside of a job."""
-    return f"slurm:{os.environ[JOB]}" if JOB in os.environ else None
+    return f"slurm:{job}" if (job := number()) else None
 
 
 class Requeue:
@@ -36,7 +43,7 @@ class Requeue:
     def finish(self) -> None:
         """Ask SLURM to requeue the job, which ends this process."""
         if self.asked:
-            job = os.environ[JOB]
+            job = str(number())
             print(f"time limit near: job {job} is requeued", flush=True)
             answer = subprocess.run(["scontrol", "requeue", job], capture_output=True, text=True, check=False)
             if answer.returncode:

@@ -1,4 +1,5 @@
-"""Carry out runs as jobs of a SLURM cluster: a batch script in the run's folder, submitted with sbatch.
+"""Carry out runs as jobs of a SLURM cluster: a batch script in the run's folder, submitted with sbatch. More than a hundred
+runs at once are the tasks of a job array.
 
 One `squeue` every `poll` seconds shows which jobs still exist, so no accounting is needed; the manifest says
 how a run ended. Near its time limit the worker saves and requeues itself, as often as necessary. The next
@@ -7,6 +8,7 @@ sweep finds the jobs again by a file in each run's folder.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import re
@@ -18,12 +20,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from auvbench.errors import RunError, UserError
 from auvbench.integrations.cluster.spec import Slurm
 from auvbench.runs.atomic_io import write_atomic
-from auvbench.scheduling.loop import Phase, Status, SubmitError
+from auvbench.scheduling.loop import MANY, Phase, Status, SubmitError
 from auvbench.training.worker import LOG, TARGET
 from auvbench.untrusted import path_safety, typed_json
 from auvbench.untrusted.typed_json import Range
@@ -80,6 +82,8 @@ class _Submitted:
     """Content of `slurm.json`."""
 
     job: Annotated[str, Range(1, 40)]
+    name: Annotated[str, Range(0, 400)] = ""
+    """name of the job's array; '': a job with the name of its run"""
 
 
 @dataclass(slots=True, eq=False)
@@ -120,6 +124,9 @@ class SlurmBackend:
     run directories.
     """
 
+    largest_array: ClassVar[int] = 1000
+    """number of tasks; by default SLURM refuses indices above 1000"""
+
     def __init__(self, options: Slurm, *, target: str = TARGET) -> None:
         for program in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
             if shutil.which(program) is None:
@@ -137,10 +144,36 @@ class SlurmBackend:
         self._next = 0.0
 
     def submit(self, run: Path) -> SlurmJob:
-        run = run.absolute()
-        path_safety.refuse_links(run)
-        (run / LOG).parent.mkdir(exist_ok=True)
-        write_atomic(run / SCRIPT, self.script(run).encode())
+        run = _prepared(run)
+        number = self._sbatch(run, self.script(run))
+        _note(run, number)
+        return self._watch(run, number)
+
+    def submit_array(self, runs: Sequence[Path]) -> dict[Path, SlurmJob]:
+        """Submit runs as one job array, whose script is in the folder of the first; return the jobs. A run whose folder cannot be
+        used has no job: `submit` names the reason.
+
+        Raises:
+            SubmitError: sbatch refused the array.
+        """
+        ready: dict[Path, Path] = {}
+        for run in runs:
+            with contextlib.suppress(OSError, RunError):
+                ready[run] = _prepared(run)
+        if len(ready) <= MANY:
+            return {}
+        places = list(ready.values())
+        array = self._sbatch(places[0], self.script(*places))
+        jobs: dict[Path, SlurmJob] = {}
+        for task, (run, place) in enumerate(ready.items()):
+            with contextlib.suppress(OSError):  # this sweep watches the job anyway
+                _note(place, f"{array}_{task}", _array_name(places))
+            jobs[run] = self._watch(place, f"{array}_{task}")
+        return jobs
+
+    def _sbatch(self, run: Path, script: str) -> str:
+        """Submit a batch script, kept in a run's folder, and return the job's number."""
+        write_atomic(run / SCRIPT, script.encode())
         # A sweep inside a job must not pass that job's settings on to the jobs that it submits.
         environment = {key: value for key, value in os.environ.items() if not key.startswith("SBATCH_")}
         done = subprocess.run(
@@ -156,19 +189,18 @@ class SlurmBackend:
             lines = [re.sub(r"^(sbatch: )?(error: )?", "", line) for line in done.stderr.splitlines()]
             reason = "; ".join(line for line in lines if line.strip() and not line.startswith("Try "))
             raise SubmitError(f"sbatch refused: {reason or 'no reason given'}")
-        write_atomic(run / JOB_FILE, json.dumps({"job": answer[1], "submitted": time.time()}).encode())
-        return self._watch(run, answer[1])
+        return answer[1]
 
     def adopt(self, run: Path) -> SlurmJob | None:
         try:
-            number = typed_json.read(run / JOB_FILE, _Submitted).job
+            submitted = typed_json.read(run / JOB_FILE, _Submitted)
         except (OSError, ValueError):
             return None
-        state = self._states([number]).get(number)
-        # Numbers are reused after a reinstallation: the job must also have the run's name.
-        if state is None or state[0] not in WAITING | RUNNING or state[1] != run.name:
+        state = self._states([submitted.job]).get(submitted.job)
+        # Numbers are reused after a reinstallation: the job must also have its name.
+        if state is None or state[0] not in WAITING | RUNNING or state[1] != (submitted.name or run.name):
             return None
-        return self._watch(run, number)
+        return self._watch(run, submitted.job)
 
     def wait(self, seconds: float) -> None:
         time.sleep(seconds)
@@ -176,16 +208,19 @@ class SlurmBackend:
     def close(self) -> None:
         """Do nothing: queued and running jobs continue, and the next sweep finds them (`adopt`)."""
 
-    def script(self, run: Path) -> str:
-        """Return the batch script of a run: sbatch's options and the shell lines before the worker.
+    def script(self, *runs: Path) -> str:
+        """Return the batch script of a run, or of an array of runs: sbatch's options and the shell lines before the worker.
 
         The worker replaces the batch shell, without srun, so that signals reach only the worker. Until the
         worker handles signals, the announcement of the time limit is ignored; the SIGTERM at the limit then
         makes the run save.
         """
         options = self.options
+        several = len(runs) > 1
+        log = runs[0] / LOG
         given = {
-            "job-name": run.name,
+            "job-name": _array_name(runs) if several else runs[0].name,
+            "array": f"0-{len(runs) - 1}" if several else None,
             "time": options.time,
             "partition": options.partition,
             "account": options.account,
@@ -193,7 +228,8 @@ class SlurmBackend:
             "nodes": 1,
             "ntasks-per-node": 1,
             "cpus-per-task": options.cpus,
-            "output": str(run / LOG).replace("%", "%%"),
+            # A task of an array opens the log of its run itself.
+            "output": "/dev/null" if several else str(log).replace("%", "%%"),
             "open-mode": "append",
             "signal": f"B:USR1@{options.signal_before}",
         }
@@ -202,10 +238,17 @@ class SlurmBackend:
             "-P",
             "-m",
             "auvbench.integrations.cluster.job",
-            str(run),
-            "--target",
-            self.target,
         ]
+        chosen = []
+        if several:
+            chosen = [
+                "runs=(",
+                *(shlex.quote(str(run)) for run in runs),
+                ")",
+                "run=${runs[SLURM_ARRAY_TASK_ID]}",
+            ]
+            chosen.append(f'exec >>"$run"/{shlex.quote(str(LOG))} 2>&1')
+        run = '"$run"' if several else shlex.quote(str(runs[0]))
         lines = [
             "#!/bin/bash",
             *(
@@ -214,9 +257,10 @@ class SlurmBackend:
                 if value is not None
             ),
             "#SBATCH --requeue",
+            *chosen,
             "trap '' USR1",
             *options.setup,
-            f"exec {shlex.join(words)}",
+            f"exec {shlex.join(words)} {run} --target {shlex.quote(self.target)}",
         ]
         return "\n".join(lines) + "\n"
 
@@ -273,9 +317,28 @@ class SlurmBackend:
     def _states(self, numbers: Sequence[str]) -> dict[str, tuple[str, str]]:
         """Return state and name of each job that the cluster still knows, by number."""
         # --me instead of --jobs: squeue rejects a list with a job that it has forgotten.
-        text = command(["squeue", "--me", "--noheader", "--states=all", "--format=%i|%T|%j"])
+        # --array: a line for each task, also of those that wait.
+        text = command(["squeue", "--me", "--noheader", "--array", "--states=all", "--format=%i|%T|%j"])
         rows = [line.split("|", 2) for line in text.splitlines() if line.count("|") >= 2]
         return {number: (state, name) for number, state, name in rows if number in numbers}
+
+
+def _prepared(run: Path) -> Path:
+    """Return the absolute path of a run after making the folder of its log."""
+    run = run.absolute()
+    path_safety.refuse_links(run)
+    (run / LOG).parent.mkdir(exist_ok=True)
+    return run
+
+
+def _note(run: Path, number: str, name: str = "") -> None:
+    """Write the number of a run's job to its folder, and the name if it is not the run's."""
+    named = {"name": name} if name else {}
+    write_atomic(run / JOB_FILE, json.dumps({"job": number, **named, "submitted": time.time()}).encode())
+
+
+def _array_name(runs: Sequence[Path]) -> str:
+    return f"{runs[0].name}+{len(runs) - 1}"
 
 
 def _settled(run: Path) -> bool:

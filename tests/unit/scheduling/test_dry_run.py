@@ -52,7 +52,10 @@ def test_the_cost_is_that_of_complete_runs_for_the_steps_that_are_left(
     assert f"about 4 min of processor time and {size:,.1f} MB, from 1 complete run here" in lines(capsys)
 
 
-def test_a_run_that_cannot_start_is_an_error_as_without_the_flag(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_cannot_start_is_an_error_as_without_the_flag(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("PATH", str(folder))
     assert main([*WORDS, "algo=ppo", "launcher=slurm"]) == 2
     assert "sbatch not found" in capsys.readouterr().err
 

@@ -153,6 +153,59 @@ def test_the_script_is_a_shell_script_whatever_the_path(cluster: Cluster, tmp_pa
     assert cluster.options["output"] == str(odd.train / "log.txt").replace("%", "%%")
 
 
+@pytest.fixture
+def many(tmp_path: Path) -> list[RunDirectory]:
+    return [fake_training.make(tmp_path / "it's many" / f"run{number}") for number in range(101)]
+
+
+def filled(runs: list[RunDirectory], *overrides: str) -> loop.Loop:
+    """A sweep that has submitted what it can."""
+    sweep = loop.Loop(runs, backend(*overrides), views.View(Console(quiet=True), runs))
+    sweep._fill()
+    return sweep
+
+
+def test_more_than_a_hundred_runs_are_one_array(cluster: Cluster, many: list[RunDirectory]) -> None:
+    sweep = filled(many)
+    (script,) = cluster.scripts
+    assert cluster.options["array"] == "0-100"
+    assert {str(job): run.id for job, run in sweep.active.items()} == {
+        f"slurm job 101_{task}": run.id for task, run in enumerate(many)
+    }
+    # The task's shell opens the log of its run and starts the worker of its run.
+    script = script.replace(f"exec {sys.executable}", "echo worker")
+    environment = {**os.environ, "SLURM_ARRAY_TASK_ID": "7"}
+    subprocess.run(["bash"], input=script, text=True, check=True, env=environment)
+    words = (many[7].train / "log.txt").read_text()
+    assert f" auvbench.integrations.cluster.job {many[7].path} --target" in words
+    assert not (many[8].train / "log.txt").exists()
+
+
+def test_the_next_sweep_finds_the_tasks_of_an_array(cluster: Cluster, many: list[RunDirectory]) -> None:
+    filled(many)
+    name = cluster.options["job-name"]
+    cluster.queue = {f"101_{task}": ("PENDING", name) for task in range(101)}
+    assert len(filled(many).active) == 101
+    assert len(cluster.scripts) == 1
+    cluster.queue["101_3"] = ("PENDING", "another array")
+    assert backend().adopt(many[3].path) is None
+
+
+def test_an_array_that_is_refused_is_submitted_run_by_run(
+    cluster: Cluster, many: list[RunDirectory], tmp_path: Path
+) -> None:
+    program = tmp_path / "bin" / "sbatch"
+    refusing = 'grep -q "SBATCH --array" "$(for script; do :; done; echo "$script")" && exit 1\n'
+    program.write_text(SBATCH.replace("echo run", refusing + "echo run", 1))
+    sweep = filled(many)
+    assert {str(job) for job in sweep.active} == {f"slurm job {number}" for number in range(101, 202)}
+
+
+def test_an_array_has_no_more_tasks_than_workers(cluster: Cluster, many: list[RunDirectory]) -> None:
+    sweep = filled(many, "launcher.workers=2")
+    assert len(sweep.active) == len(cluster.scripts) == 2
+
+
 def test_a_sweep_inside_a_job_does_not_hand_on_its_settings(
     cluster: Cluster, run: RunDirectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
