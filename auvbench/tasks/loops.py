@@ -329,7 +329,8 @@ class Maker:
             digest.update(Path(function.__code__.co_filename).read_bytes())
         name = f"{kind}_{digest.hexdigest()[:16]}"
         namespace: dict[str, Any] = {**self.names, "__name__": self.module}
-        exec(compile(source.replace("{name}", name), self.file, "exec"), namespace)
+        # numba reads the lines of the file from the function's first one on. They must be Python, so it is the file's first.
+        exec(compile(source.lstrip("\n").replace("{name}", name), self.file, "exec"), namespace)
         loop: Callable[..., Any] = namespace[name]
         if self.interpreted:
             return loop

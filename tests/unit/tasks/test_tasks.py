@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import linecache
 import math
 from collections import Counter
 
@@ -514,3 +516,11 @@ def test_wrong_tasks_are_refused_in_one_line(overrides: list[str], words: str) -
     with pytest.raises(ConfigError, match=words) as caught:
         configs.training(*overrides)
     assert "\n" not in str(caught.value)
+
+
+def test_the_lines_that_numba_reads_of_a_generated_function_are_python() -> None:
+    """From Python 3.13 on, `inspect` begins at the function's line in the file that the function is said to be from."""
+    task = Batch(configs.training("algo=pid"), 1).task
+    for function in (task._observe, task.loops.draw, task.loops.step):
+        code = function.py_func.__code__
+        inspect.getblock(linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :])
