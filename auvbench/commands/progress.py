@@ -25,9 +25,10 @@ class Bar:
     def __init__(self, total: int, title: str = " ", now: str = "") -> None:
         from rich.console import Console
 
-        from auvbench.runs.progress import bars
+        from auvbench.runs.progress import bars, in_notebook
 
-        self._bars = bars(Console(stderr=True, highlight=False), title) if sys.stderr.isatty() else None
+        live = sys.stderr.isatty() and not in_notebook()
+        self._bars = bars(Console(stderr=True, highlight=False), title) if live else None
         self._last = time.monotonic()
         if self._bars is not None:
             self._task = self._bars.add_task("", total=total, now=now)

@@ -144,6 +144,11 @@ def to_go(seconds: float) -> str:
     )
 
 
+def in_notebook() -> bool:
+    """Return whether a cell of a notebook (`!auvbench ...`) runs this process: it has a terminal that shows no moving text."""
+    return "JPY_PARENT_PID" in os.environ
+
+
 def bars(console: Console, title: str = "", **options: Any) -> Bars:
     """Return rich's progress bars, whose field `now` shows each bar's present step.
 

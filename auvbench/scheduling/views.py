@@ -79,7 +79,7 @@ class View:
         self._next_lines = time.monotonic() + LINES_EVERY
 
     def begin(self) -> None:
-        if self.console.is_terminal:
+        if self.console.is_terminal and not progress.in_notebook():
             self.live = Live(
                 console=self.console, get_renderable=self.shown, refresh_per_second=2, transient=True
             )

@@ -102,6 +102,18 @@ def test_plain_lines_say_what_happens(runs: list[RunDirectory], monkeypatch: pyt
 LONG = "ppo_thesis-bluerov2_realistic_inertia-k100-f55-s4-4ef700ae"
 
 
+def test_in_a_notebook_the_runs_are_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its cells give a command a terminal, which cannot move the cursor."""
+    monkeypatch.setenv("JPY_PARENT_PID", "17")
+    run = fake_training.make(tmp_path / "run", total_steps=1000)
+    view = views.View(Console(file=(text := io.StringIO()), force_terminal=True), [run])
+    view.begin()
+    view.ended(run, Outcome.COMPLETE, "")
+    view.end()
+    assert "run: complete" in text.getvalue()
+    assert "\x1b[" not in text.getvalue()
+
+
 @pytest.mark.parametrize("width", [80, 140])
 @pytest.mark.parametrize("name", ["sac-k100-f25-s2-1b2a83c4", LONG])
 def test_a_terminal_shows_a_bar_for_each_run_at_work(tmp_path: Path, width: int, name: str) -> None:
