@@ -58,11 +58,11 @@ class Direct:
         self._arguments, self._results = [], []
         for number in range(function.n_in()):
             place = np.zeros(function.nnz_in(number))
-            self._buffer.set_arg(number, memoryview(place))
+            self._buffer.set_arg(number, place.data)
             self._arguments.append(place.reshape(function.size_in(number), order="F"))
         for number in range(function.n_out()):
             place = np.zeros(function.nnz_out(number))
-            self._buffer.set_res(number, memoryview(place))
+            self._buffer.set_res(number, place.data)
             self._results.append(place.reshape(function.size_out(number), order="F"))
 
     def __call__(self, *arguments: FloatArray) -> tuple[FloatArray, ...]:
