@@ -25,7 +25,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from auvbench.untrusted import reader
+from auvbench.errors import RunError
+
+try:
+    from auvbench.untrusted import reader
+except ModuleNotFoundError as _error:
+    if _error.name != "resource":
+        raise
+    raise RunError(
+        "models are read with limits of POSIX (resource), which Windows does not have; use WSL"
+    ) from _error
+
 from auvbench.untrusted.reader import ENDED, KILL, Arrays
 from auvbench.untrusted.text import short
 
