@@ -1,4 +1,5 @@
-# Every target installs what it needs: on a new machine with Python 3.11 to 3.13, `make demo` and `make test` work at once.
+# Every target installs what it needs: on a new machine with Python 3.11 to 3.13, `make demo` and `make test` work at once;
+# with 3.14 `make demo`.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
@@ -37,8 +38,8 @@ help: ## list the targets
 install: $(STAMP) ## make the virtual environment .venv with auvbench and MPC, without the developer's tools
 
 $(STAMP): pyproject.toml constraints.txt requirements.lock requirements-build.lock
-	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if (3, 11) <= v < (3, 14) else \
-	  f"auvbench needs Python 3.11 to 3.13, this is {v[0]}.{v[1]}; choose another one: make $(MAKECMDGOALS) PYTHON=python3.12")'
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if (3, 11) <= v < (3, 15) else \
+	  f"auvbench needs Python 3.11 to 3.14, this is {v[0]}.{v[1]}; choose another one: make $(MAKECMDGOALS) PYTHON=python3.12")'
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	@echo "installing into $(VENV) (PyTorch and others: some minutes the first time)"
 	@# Hashes check all files but PyTorch's. The last command installs PyTorch and auvbench, and checks the versions.
