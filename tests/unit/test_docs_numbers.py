@@ -98,7 +98,7 @@ def test_mpc_knows_depth_limits_in_waypoint_and_transit_only() -> None:
     assert found("controllers.md", r"in `waypoint` and `transit` the depth limits are (soft constraints)")
     for task in (
         "waypoint",
-        "transit",
+        "transit_solids",
         "station_keeping",
         "trajectory_tracking",
         "path_following",
@@ -106,7 +106,7 @@ def test_mpc_knows_depth_limits_in_waypoint_and_transit_only() -> None:
     ):
         config = configs.training(f"task={task}", "algo=mpc", "vehicle=bluerov2_heavy")
         room = MPCController(config, sheet.load("bluerov2_heavy")).room
-        assert np.isfinite(room).all() == (task in ("waypoint", "transit")), task
+        assert np.isfinite(room).all() == (task in ("waypoint", "transit_solids")), task
 
 
 def test_the_page_names_each_kind_of_learner_that_cannot_be_exported() -> None:
