@@ -76,7 +76,7 @@ class Outcome(Trials):
         seeds = len(self.plan.tune.seeds) if self.plan.learns else 0
         return seeds * sum(trial.last_step or 0 for trial in self.trials)
 
-    @property
+    @cached_property
     def cpu_s(self) -> float:
         """Return the processor time of the search in s, tests included; runs with fresh seeds are not part of it."""
         manifests = [run.manifest() for run in find_runs([self.folder.runs])]

@@ -61,6 +61,7 @@ def csv(ranking: Ranking) -> str:
     """
     metrics = list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
     keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
+    timed = any(row.trial_s is not None for row in ranking.rows)  # older searches did not record it
     rows = []
     for row in ranking.rows:
         line: dict[str, Any] = {"agent": row.label, "budget": " ".join(map(str, row.budget))}
@@ -82,7 +83,7 @@ def csv(ranking: Ranking) -> str:
             "confidence": ranking.confidence,
             "covers": "; ".join(dict.fromkeys(estimate.covers for estimate in row.estimates.values())),
         }
-        if any(other.trial_s is not None for other in ranking.rows):
+        if timed:
             line |= {"tuning_steps": row.trial_steps, "tuning_cpu_s": row.trial_s}
         for metric in metrics:
             line |= _with_ends(metric, row.estimates.get(metric))
