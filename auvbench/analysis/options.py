@@ -31,6 +31,7 @@ class Options:
     baseline: Name | None
     protocol: Name
     condition: Name | None
+    also: tuple[Name, ...]
     format: tuple[Format, ...]
     figures: bool
     log: Name | None
@@ -52,7 +53,7 @@ class Options:
 
 OF_THE_DECLARATION = ("declared", "declared_in", "usual", "undecided")
 KEYS = tuple(field.name for field in fields(Options) if field.name not in OF_THE_DECLARATION)
-LISTS = ("columns", "format")
+LISTS = ("columns", "also", "format")
 """options that may be typed as comma-separated lists"""
 
 STORED = ("primary", "names", "trials", "columns", "protocol", "condition", "study", "confidence")
@@ -87,7 +88,8 @@ def converted(given: Mapping[str, Any], typed: Collection[str] = ()) -> Options:
     for key in LISTS:
         if isinstance(values[key], str):
             values[key] = list(dict.fromkeys(name.strip() for name in values[key].split(",")))
-    values["columns"] = values["columns"] or []
+    for key in ("columns", "also"):
+        values[key] = values[key] or []
     for key in ("primary", "names", "trials"):
         values[key] = values[key] or {}
     try:

@@ -229,13 +229,15 @@ def headline(ranking: Ranking) -> str:
         return f"None of {len(ranking.rows)} agents is compared: each has one training seed."
     if not any(math.isfinite(c.difference.low) for c in primary.comparisons):
         return f"No agent can be compared with {primary.baseline}: a verdict needs at least {FEWEST} trainings of each learner."
-    ahead = primary.having(AHEAD)
-    first = (
-        _lead(max(ahead, key=lambda c: m.sign * c.difference.value), ranking, m)
-        if ahead
-        else f"No agent is ahead of {primary.baseline} in {name(m)}"
-    )
+    best = furthest_ahead(primary)
+    first = _lead(best, ranking, m) if best else f"No agent is ahead of {primary.baseline} in {name(m)}"
     return "; ".join(filter(None, [first, _counts(primary, m)])) + "."
+
+
+def furthest_ahead(primary: Primary) -> Against | None:
+    """Return the agent that is ahead of the baseline by most; None if none is ahead."""
+    sign = measure(primary.measure).sign
+    return max(primary.having(AHEAD), key=lambda c: sign * c.difference.value, default=None)
 
 
 def _lead(best: Against, ranking: Ranking, m: Measure) -> str:

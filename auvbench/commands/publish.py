@@ -35,7 +35,6 @@ def parser() -> Parser:
     parser.epilog = "example: auvbench publish outputs/thesis --to results/thesis --study thesis --policies"
     add = parser.add_argument
     add("--to", metavar="DIR", required=True, help="folder of the study: results/thesis")
-    add("--also", metavar="NAME,...", default="", help="further protocols, each with its own tables")
     add(
         "--pictures",
         metavar="NAME,...",
@@ -70,7 +69,6 @@ def main(argv: Sequence[str]) -> int:
     paths, options, own = read(parser(), argv)
     study = Study(
         folder=Path(own["to"]),
-        also=_names(own["also"]),
         pictures=_pictures(own["pictures"]),
         paths=own["trajectories"],
         compact=own["compact"],

@@ -30,11 +30,13 @@ def main(argv: Sequence[str]) -> int:
 
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     from auvbench.analysis.analyse import across_tasks, analyse
+    from auvbench.analysis.by_condition import compare
     from auvbench.commands import report_terminal as terminal
     from auvbench.reporting import folder
     from auvbench.runs.atomic_io import storage
 
     reports = analyse(paths, options)
+    subjects = compare(paths, options) if options.also else []
     runs = [run for report in reports for run in report.runs]
     experiment = os.path.commonpath([run.directory.absolute().parent for run in runs])
     out = options.out or Path(experiment, "report")
@@ -45,17 +47,18 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     score = across_tasks(reports, options) if len(reports) > 1 else None
     with storage(f"cannot write the report into {out}"):
         if len(reports) == 1:
-            report, written = folder.write(reports[0], options, command, out)
+            report, written = folder.write(reports[0], options, command, out, subjects=subjects)
             for name in ("score.tex", "score.csv"):  # files of an earlier report with several tasks
                 (out / name).unlink(missing_ok=True)
             reports = [report]
         else:
-            reports, written = folder.write_sections(reports, options, command, out, score)
+            reports, written = folder.write_sections(reports, options, command, out, score, subjects)
     for report in reports:
         if len(reports) > 1:
             terminal.heading(report.section.title)
         terminal.show(report, options)
     terminal.show_score(score, options)
+    terminal.show_by_condition(subjects, options)
     terminal.say_written(written)
     if options.log is not None:
         from auvbench import tracking

@@ -108,6 +108,11 @@ def parser() -> Parser:
     )
     add("--protocol", metavar="NAME", help="protocol whose rows are reported: test, thesis, robustness")
     add("--condition", metavar="NAME", help="test condition within the protocol, e.g. nominal, current=0.5")
+    add(
+        "--also",
+        metavar="NAME,...",
+        help="further protocols: who is furthest ahead under each condition of all of them; robustness",
+    )
     add("--format", metavar="NAME,...", help=",".join(FORMATS))
     add(
         "--figures",

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from auvbench.analysis.by_condition import Subject
     from auvbench.analysis.options import Options
     from auvbench.analysis.records import Report
     from auvbench.analysis.score import Scores
@@ -49,6 +50,18 @@ def show_score(score: Scores | None, options: Options) -> None:
     if score is not None and "terminal" in options.format:
         heading("score across tasks")
         Console(highlight=False).print(tables.TableView(tables.score_table(score)))
+
+
+def show_by_condition(subjects: Sequence[Subject], options: Options) -> None:
+    """Print who is furthest ahead under each condition, and all differences from the baseline."""
+    from rich.console import Console
+
+    from auvbench.reporting import tables
+
+    if "terminal" in options.format:
+        for table in tables.by_condition_tables(subjects):
+            heading(table.title)
+            Console(highlight=False).print(tables.TableView(table))
 
 
 def heading(title: str) -> None:

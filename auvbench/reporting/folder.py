@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from auvbench.analysis.by_condition import Subject
 from auvbench.analysis.options import Options
 from auvbench.analysis.records import Ranking, Report
 from auvbench.analysis.score import Scores
@@ -19,7 +20,12 @@ from auvbench.untrusted import path_safety
 
 
 def write(
-    report: Report, options: Options, command: str, out: Path, several: bool = False
+    report: Report,
+    options: Options,
+    command: str,
+    out: Path,
+    several: bool = False,
+    subjects: Sequence[Subject] = (),
 ) -> tuple[Report, list[Path]]:
     """Write the requested formats; return the report, with damage found while drawing, and the files.
 
@@ -29,7 +35,9 @@ def write(
         command: command line, for the page.
         out: folder of the report.
         several: whether there are further sections.
+        subjects: comparisons by condition, for the formats of the whole report.
     """
+    shown = tables.by_condition_tables(subjects)
     try:
         make_folder(out)
     except OSError as error:
@@ -42,9 +50,11 @@ def write(
         ranking = replace(ranking, problems=(*ranking.problems, *problems))
         report = replace(report, ranking=ranking)
     if "html" in options.format:
-        written.append(page.write(out / "index.html", report, figures, command=command, several=several))
+        written.append(
+            page.write(out / "index.html", report, figures, shown, command=command, several=several)
+        )
     if "md" in options.format:
-        written.append(files.text(out / "report.md", files.markdown(report, figures, out)))
+        written.append(files.text(out / "report.md", files.markdown(report, figures, out, shown)))
     if "tex" in options.format:
         written.append(files.text(out / "table.tex", tables.latex(ranking)))
         printed = [
@@ -59,11 +69,30 @@ def write(
         written += files.if_any(out / "comparisons.csv", tables.comparisons_csv(ranking.comparisons))
         written += files.if_any(out / "conditions.csv", tables.conditions_csv(ranking))
         written += files.if_any(out / "verdicts.json", files.verdicts([report]))
-    return report, written
+    return report, written + ([] if several else _by_condition(subjects, options, out))
+
+
+def _by_condition(subjects: Sequence[Subject], options: Options, out: Path) -> list[Path]:
+    """Write the comparisons by condition as by_condition.csv and .tex; without any, remove those of an earlier report."""
+    printed = [
+        tables.in_print(table, f"by-condition-{i}")
+        for i, table in enumerate(tables.by_condition_tables(subjects), 1)
+    ]
+    written = []
+    if "tex" in options.format:
+        written += files.if_any(out / "by_condition.tex", "\n".join(printed))
+    if "csv" in options.format:
+        written += files.if_any(out / "by_condition.csv", tables.by_condition_csv(subjects))
+    return written
 
 
 def write_sections(
-    reports: Sequence[Report], options: Options, command: str, out: Path, score: Scores | None
+    reports: Sequence[Report],
+    options: Options,
+    command: str,
+    out: Path,
+    score: Scores | None,
+    subjects: Sequence[Subject] = (),
 ) -> tuple[list[Report], list[Path]]:
     """Write each section into its own folder below `out`, and an overview: `index.html`, `report.md` and
     `table.csv`.
@@ -74,6 +103,7 @@ def write_sections(
         none, of the sections.
     """
     sections, below = [], []
+    shown = tables.by_condition_tables(subjects)
     for report in reports:
         folder = out / report.section.folder
         path_safety.check_output(folder, ("figures",))
@@ -82,9 +112,9 @@ def write_sections(
         below += written
     above = []
     if "html" in options.format:
-        above.append(write_overview(out / "index.html", sections, command, score))
+        above.append(write_overview(out / "index.html", sections, command, score, shown))
     if "md" in options.format:
-        above.append(files.text(out / "report.md", files.sections_markdown(sections, score)))
+        above.append(files.text(out / "report.md", files.sections_markdown(sections, score, shown)))
     if "csv" in options.format:
         above.append(files.text(out / "table.csv", rows(sections, tables.csv)))
     files.clear(out)
@@ -94,6 +124,7 @@ def write_sections(
         )
     if "csv" in options.format:
         above += files.if_any(out / "score.csv", tables.score_csv(score) if score else "")
+    above += _by_condition(subjects, options, out)
     return sections, above + [path for path in below if path.suffix not in {p.suffix for p in above}]
 
 

@@ -21,6 +21,7 @@ from auvbench.untrusted.text import short
 
 PARTS = {
     "table": "Result",
+    "conditions": "Conditions",
     "findings": "What the numbers say",
     "figures": "Figures",
     "claims": "Claims of the study",
@@ -86,6 +87,11 @@ def check(path: Path, names: Iterable[str]) -> str:
                 f"{path}: the block {name} is missing: add the lines {begin} and {end} where it belongs"
             )
     return text
+
+
+def has(path: Path, name: str) -> bool:
+    """Return whether a README has a place for a block."""
+    return _markers(name)[0] in check(path, ())
 
 
 def fold(summary: str, text: str) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from auvbench.analysis.analyse import across_tasks, analyse
 from auvbench.analysis.archive import RUNS, Archive, is_archive
+from auvbench.analysis.by_condition import Subject, compare
 from auvbench.analysis.damage import Damage
 from auvbench.analysis.formatting import counted, listed
 from auvbench.analysis.grouping import failed_training
@@ -38,7 +39,6 @@ class Study:
     """Options of publish itself, without report's flags."""
 
     folder: Path
-    also: tuple[str, ...]
     pictures: tuple[str, ...]
     paths: bool
     compact: bool
@@ -73,7 +73,7 @@ def publish(paths: Sequence[Path], study: Study, options: Options) -> Published:
         OSError: a file cannot be written.
     """
     readme.check(study.folder / "README.md", _blocks(study, options))
-    for protocol_options in (options, *(_further(options, name) for name in study.also)):
+    for protocol_options in (options, *(_further(options, name) for name in options.also)):
         analyse(paths, protocol_options)
     runs, omitted, duplicates = _copy(paths, options, study)
     count, without, further = _compute(study, options, {run.id: run for run in runs})
@@ -87,12 +87,15 @@ def _further(options: Options, protocol: str) -> Options:
 
 def _blocks(study: Study, options: Options) -> list[str]:
     policies = study.policies or best_policies.has_policies(study.folder)
-    chosen = {"figures": bool(study.pictures), "claims": bool(options.study), "policies": policies}
-    return [
-        name
-        for name in ("table", "findings", "figures", "claims", "policies", "provenance")
-        if chosen.get(name, True)
-    ]
+    readme_path = study.folder / "README.md"
+    conditions = bool(options.also) and (not readme_path.exists() or readme.has(readme_path, "conditions"))
+    chosen = {
+        "conditions": conditions,
+        "figures": bool(study.pictures),
+        "claims": bool(options.study),
+        "policies": policies,
+    }
+    return [name for name in readme.PARTS if chosen.get(name, True)]
 
 
 def _copy(
@@ -104,7 +107,7 @@ def _copy(
         ReportError: no run can be published, or the study's folder contains runs.
     """
     folder = study.folder
-    protocols = (options.protocol, *study.also)
+    protocols = (options.protocol, *options.also)
     runs, problems = load(paths, protocols, options.where)
     require(runs, problems, options.protocol)
     for run in runs:
@@ -161,15 +164,18 @@ def _compute(
     chosen = replace(options, format=("csv",), where=(), out=folder, undecided="")
     chosen = replace(chosen, declared=analysis, declared_in=folder, usual=chosen)
     reports = analyse([folder], chosen)
-    tested_also = [(name, analyse([folder], _further(chosen, name))) for name in study.also]
+    tested_also = [(name, analyse([folder], _further(chosen, name))) for name in options.also]
     protocols = [(options.protocol, reports), *tested_also]
     _tables(protocols, folder)
     scored = _scores(protocols, chosen, folder)
     runs = [run for report in reports for run in report.runs]
     names = _blocks(study, options)
+    subjects = compare([folder], chosen) if "conditions" in names else []
+    files.if_any(folder / "by_condition.csv", tables.by_condition_csv(subjects))
     policies, without = _policies(reports, study, sources) if "policies" in names else ("", [])
     texts = {
         "table": lambda: "\n\n".join([*scored, _ranked(reports, folder)]),
+        "conditions": lambda: _by_condition(subjects),
         "findings": lambda: _findings(reports),
         "figures": lambda: "\n\n".join(_figures(reports[0], study.pictures, folder)) or "No figure.",
         "claims": lambda: _claims(reports),
@@ -212,6 +218,13 @@ def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options,
         f"{tables.pipes(tables.score_table(s))}"
         for n, s in scores
     ]
+
+
+def _by_condition(subjects: Sequence[Subject]) -> str:
+    """Return the table of the agents furthest ahead, and the folded tables of each task."""
+    first, *further = tables.by_condition_tables(subjects)
+    folded = [fold(table.title, tables.pipes(table)) for table in further]
+    return "\n\n".join([f"### {first.title}", tables.pipes(first), *folded])
 
 
 def _stored(options: Options) -> Declared:

@@ -14,6 +14,7 @@ from auvbench.analysis.records import ClaimVerdict, Finding, Report, RunRecord
 from auvbench.analysis.score import Scores
 from auvbench.reporting import tables
 from auvbench.reporting.figures import FIGURES, MAIN, Figure
+from auvbench.reporting.tables.table import Table
 from auvbench.reporting.tables.text_formats import escape
 from auvbench.runs.atomic_io import as_json, write_atomic
 from auvbench.statistics.intervals import Estimate
@@ -37,8 +38,8 @@ def if_any(path: Path, content: str) -> list[Path]:
     return []
 
 
-def markdown(report: Report, figures: Sequence[Figure], folder: Path) -> str:
-    """Return report.md of one section; its links are relative to `folder`, its future location."""
+def markdown(report: Report, figures: Sequence[Figure], folder: Path, further: Sequence[Table] = ()) -> str:
+    """Return report.md of one section, with further tables; its links are relative to `folder`, its future location."""
     ranking = report.ranking
     main = next((figure for figure in figures if figure.name == MAIN), None)
     parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]
@@ -46,6 +47,7 @@ def markdown(report: Report, figures: Sequence[Figure], folder: Path) -> str:
         parts += ["## Findings", findings_in_markdown(report.findings)]
     for conditions in tables.conditions_tables(ranking):
         parts += [f"## {escape(conditions.title)}", tables.pipes(conditions)]
+    parts += _titled(further)
     if report.claims:
         parts += ["## Claims of the study", claims_in_markdown(report.claims)]
     if comparison := tables.comparison_table(report.comparison):
@@ -56,6 +58,10 @@ def markdown(report: Report, figures: Sequence[Figure], folder: Path) -> str:
         parts += [f"### {escape(f.title)}\n\n{figure_in_markdown(f, folder)}" for f in remaining]
     parts += ["## Appendix: ranks", tables.pipes(tables.ranks_table(ranking))]
     return "\n\n".join(parts) + "\n"
+
+
+def _titled(further: Sequence[Table]) -> list[str]:
+    return [text for table in further for text in (f"## {escape(table.title)}", tables.pipes(table))]
 
 
 def figure_in_markdown(figure: Figure, folder: Path) -> str:
@@ -115,8 +121,10 @@ def overview(sections: int, score: Scores | None) -> str:
     return f"{len(score.titles)} tasks: agents are compared within each task, and a score describes them across tasks."
 
 
-def sections_markdown(reports: Sequence[Report], score: Scores | None = None) -> str:
-    """Return report.md with the table and the findings of each section, and a link to the section's own report."""
+def sections_markdown(
+    reports: Sequence[Report], score: Scores | None = None, further: Sequence[Table] = ()
+) -> str:
+    """Return report.md with the table and the findings of each section, a link to the section's own report, and further tables."""
     pieces = ["# Report", overview(len(reports), score)]
     if score is not None:
         pieces += ["## Score across tasks", tables.pipes(tables.score_table(score))]
@@ -128,7 +136,7 @@ def sections_markdown(reports: Sequence[Report], score: Scores | None = None) ->
             findings_in_markdown(report.findings),
             f"[All of {escape(title)}](<{report.section.folder}/report.md>)",
         ]
-    return "\n\n".join(filter(None, pieces)) + "\n"
+    return "\n\n".join(filter(None, [*pieces, *_titled(further)])) + "\n"
 
 
 def clear(out: Path) -> None:

@@ -35,7 +35,13 @@ _DASHES = {"-": "solid", "--": "dashed", "-.": "dashdot", ":": "dotted"}
 
 
 def write(
-    path: Path, report: Report, figures: Sequence[Figure] = (), *, command: str = "", several: bool = False
+    path: Path,
+    report: Report,
+    figures: Sequence[Figure] = (),
+    by_condition: Sequence[Table] = (),
+    *,
+    command: str = "",
+    several: bool = False,
 ) -> Path:
     """Write the report of a section as one self-contained HTML file and return its path.
 
@@ -46,6 +52,7 @@ def write(
         path: file to write, usually `report/index.html`; its folders are created.
         report: report of the section.
         figures: figures in the order to show.
+        by_condition: tables of several conditions.
         command: command line of the report.
         several: whether the report has several sections; `../index.html` then shows all.
 
@@ -74,6 +81,7 @@ def write(
         # the table's colours mean verdicts
         table=of_page.of_agents(main_table(ranking), ranking, {}, links),
         conditions=[linked(table) for table in conditions_tables(ranking)],
+        by_condition=by_condition,
         further=linked(of_page.metrics_table(ranking)),
         ranks=linked(ranks_table(ranking)),
         link=links.row,
@@ -182,7 +190,11 @@ def _facts(ranking: Ranking, runs: Sequence[RunRecord], scenarios: bool) -> Fact
 
 
 def write_overview(
-    path: Path, reports: Sequence[Report], command: str = "", score: Scores | None = None
+    path: Path,
+    reports: Sequence[Report],
+    command: str = "",
+    score: Scores | None = None,
+    by_condition: Sequence[Table] = (),
 ) -> Path:
     """Write the overview page of all sections; each section has its own page at `<folder>/index.html`.
 
@@ -217,5 +229,6 @@ def write_overview(
         facts=_facts(reports[0].ranking, runs, scenarios=False),  # each section shows its own scenarios
         command=command,
         score=None if score is None else score_table(score),
+        by_condition=by_condition,
     )
     return text(path, html)

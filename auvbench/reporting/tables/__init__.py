@@ -1,9 +1,11 @@
 """Build the tables of a report in every format, without computing any number: all come from a `Ranking`."""
 
 from auvbench.reporting.tables.appendix import comparison_table, conditions_tables, ranks_table, score_table
+from auvbench.reporting.tables.by_condition import by_condition_tables
 from auvbench.reporting.tables.terminal import TableView, findings_terminal, terminal
 from auvbench.reporting.tables.text_formats import (
     answer,
+    by_condition_csv,
     comparisons_csv,
     conditions_csv,
     csv,
@@ -19,6 +21,8 @@ from auvbench.reporting.tables.text_formats import (
 __all__ = [
     "TableView",
     "answer",
+    "by_condition_csv",
+    "by_condition_tables",
     "comparison_table",
     "comparisons_csv",
     "conditions_csv",

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from auvbench.analysis.by_condition import Subject
 from auvbench.analysis.formatting import capitalized, counted
 from auvbench.analysis.labels import VEHICLE
 from auvbench.analysis.pairwise import UNDECIDED
@@ -158,6 +159,27 @@ def conditions_csv(ranking: Ranking) -> str:
         for row in ranking.rows
         for condition in ranking.conditions
         if (success := condition.success.get(row.label))
+    )
+
+
+def by_condition_csv(subjects: Sequence[Subject]) -> str:
+    """Return one CSV row per vehicle, task, condition and agent: means, and the comparison with the baseline."""
+    return lines(
+        {
+            "vehicle": subject.name,
+            "protocol": ranking.protocol,
+            "condition": ranking.condition,
+            "agent": row.label,
+            "measure": ranking.rank_by,
+            **_with_ends("mean", row.estimates.get(ranking.rank_by)),
+            **_with_ends("success_rate", row.estimates.get("success_rate")),
+            **_against(ranking, row),
+            "episodes": row.episodes,
+            "confidence": ranking.confidence,
+        }
+        for subject in subjects
+        for ranking in subject.rankings
+        for row in ranking.rows
     )
 
 

@@ -1,0 +1,70 @@
+"""Compare agents with the baseline under each condition of several protocols.
+
+Each condition is an analysis of its own: its intervals hold together over its agents, not over conditions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from auvbench.analysis.analyse import analyse
+from auvbench.analysis.grouping import agents
+from auvbench.analysis.measures import in_unit
+from auvbench.analysis.options import Options
+from auvbench.analysis.ranking import rank
+from auvbench.analysis.records import Ranking, Report
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """Comparisons of one vehicle and task, by condition."""
+
+    name: str
+    """vehicle and task: 'rexrov, task docking'"""
+    rankings: tuple[Ranking, ...]
+    """one for each condition, in the order of protocols and of their conditions"""
+
+    @property
+    def labels(self) -> list[str]:
+        """Return the agents in the order of the first condition; those of other conditions follow."""
+        return list(dict.fromkeys(row.label for ranking in self.rankings for row in ranking.rows))
+
+
+def compare(paths: Sequence[Path], options: Options) -> list[Subject]:
+    """Compare all agents under each condition of the report's protocol, and of those in `options.also`.
+
+    Raises:
+        UserError: see `analyse`; no run was tested by a protocol.
+    """
+    rankings: dict[str, list[Ranking]] = {}
+    for protocol in dict.fromkeys((options.protocol, *options.also)):
+        own = replace(options, protocol=protocol, condition=None, study=None)
+        reports = {report.section.vehicle: report for report in reversed(analyse(paths, own))}
+        for subject, report in reversed(reports.items()):  # of several sections, the largest counts
+            rankings.setdefault(subject, []).extend(_under_each(report, own))
+    return [Subject(name, tuple(own)) for name, own in rankings.items()]
+
+
+def _under_each(report: Report, options: Options) -> list[Ranking]:
+    usual = report.ranking
+    baseline = usual.primary.baseline if usual.primary else None
+    rankings = []
+    for condition in [c.name for c in usual.conditions] or [usual.condition]:
+        if condition == usual.condition:
+            rankings.append(usual)
+            continue
+        tested, _ = agents(report.runs, options.protocol, condition)
+        rankings.append(
+            rank(
+                tested,
+                rank_by=usual.rank_by,
+                baseline=baseline,
+                confidence=options.confidence,
+                margin=in_unit(options.margin, usual.rank_by),
+                protocol=options.protocol,
+                condition=condition,
+            )
+        )
+    return rankings
