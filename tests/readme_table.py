@@ -515,6 +515,7 @@ PAGES = {
     "results/robust/README.md": ("robust",),
     "results/navigation/README.md": ("sensors", "sensors_waypoints"),
     "results/navigation-tasks/README.md": ("sensors_worth", "sensors_trajectories", "sensors_docks"),
+    "results/navigation-transit/README.md": ("transit_worth", "sensors_transit"),
     "results/transfer/README.md": ("transfer",),
     "results/formation/README.md": ("formation",),
     "results/transit/README.md": ("transit",),
