@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -258,15 +258,16 @@ def sensors_waypoints(
     section: str = "bluerov2_2026",
     title: str = "mean time to a waypoint",
     limit: float = LIMIT,
+    conditions: Mapping[str, str] = SENSORS,
 ) -> str:
     """Return how soon agents reach goals with what each set of sensors lets them know, and the share that they reach."""
     rows = [row for row in _rows(study, "table.csv") if row.get("vehicle", "") == section]
     rows.sort(key=lambda row: row["agent"])
     columns = [
         [_reached(*found, best=False) for found in times]
-        for times in _times(study, rows, tuple(SENSORS.values()), limit)
+        for times in _times(study, rows, tuple(conditions.values()), limit)
     ]
-    return _table((title, *SENSORS), [row["agent"] for row in rows], columns)
+    return _table((title, *conditions), [row["agent"] for row in rows], columns)
 
 
 def sensors_docks() -> str:
@@ -277,7 +278,26 @@ def sensors_docks() -> str:
 
 def sensors_transit() -> str:
     """Return how soon agents cross fields with what each set of sensors lets them know, and the share that arrives."""
-    return sensors_waypoints(NAVIGATION_TRANSIT, "", "mean time to the goal", limit=TRANSIT_LIMIT)
+    title = "mean time, a failure as 120 s"
+    conditions = SENSORS | {"current, the truth": "truth-current", "current, DVL A50": "dvl-a50-current"}
+    return sensors_waypoints(NAVIGATION_TRANSIT, "", title, TRANSIT_LIMIT, conditions)
+
+
+def transit_ends() -> str:
+    """Return how crossings of fields end with some sets of sensors."""
+    episodes = pd.read_parquet(NAVIGATION_TRANSIT / "episodes.parquet")
+    rows = sorted(_rows(NAVIGATION_TRANSIT, "table.csv"), key=lambda row: row["agent"])
+    agents = [row["agent"] for row in rows]
+    columns, heads = [], []
+    for title in ("the truth", "DVL A50", "no DVL"):
+        for outcome in ("collision", "timeout"):
+            met = episodes[episodes["condition"] == SENSORS[title]]
+            shares = [
+                (met[met["run"].isin(row["runs"].split())]["outcome"] == outcome).mean() for row in rows
+            ]
+            columns.append([f"{_digits(100 * share)}{NO_BREAK}%" for share in shares])
+            heads.append(f"{title}: {outcome}s")
+    return _table(("agent", *heads), agents, columns)
 
 
 def sensors_worth() -> str:
@@ -329,15 +349,21 @@ def contrasts(study: Path, tasks: dict[str, tuple[str, str]], limit: float) -> s
         change = tested(agent, task, "dvl-a50") - tested(agent, task, "truth")
         return shown(change, np.zeros((1, change.shape[1])), task)
 
-    def training(agent: str, task: str) -> str:
-        other = f"{agent}, trained on estimates"
-        if (other, task) not in found:
-            return ""
-        return shown(tested(other, task, "dvl-a50"), tested(agent, task, "dvl-a50"), task)
+    def training(condition: str) -> Callable[[str, str], str]:
+        def text(agent: str, task: str) -> str:
+            other = f"{agent}, trained on estimates"
+            if (other, task) not in found:
+                return ""
+            return shown(tested(other, task, condition), tested(agent, task, condition), task)
 
-    columns = [[text(agent, task) for agent in agents] for task in tasks for text in (dvl, training)]
+        return text
+
+    texts = (dvl, training("dvl-a50"), training("truth"))
+    columns = [[text(agent, task) for agent in agents] for task in tasks for text in texts]
     heads = [
-        head for title, _ in tasks.values() for head in (f"{title}: DVL less truth", "trained on estimates")
+        head
+        for title, _ in tasks.values()
+        for head in (f"{title}: DVL A50 less truth", "trained on estimates", "the same, tested on the truth")
     ]
     return _table(("agent", *heads), agents, columns)
 
@@ -477,6 +503,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "sensors_docks": sensors_docks,
     "sensors_worth": sensors_worth,
     "sensors_transit": sensors_transit,
+    "transit_ends": transit_ends,
     "transit_worth": transit_worth,
     "transfer": transfer,
     "formation": formation,
@@ -515,7 +542,7 @@ PAGES = {
     "results/robust/README.md": ("robust",),
     "results/navigation/README.md": ("sensors", "sensors_waypoints"),
     "results/navigation-tasks/README.md": ("sensors_worth", "sensors_trajectories", "sensors_docks"),
-    "results/navigation-transit/README.md": ("transit_worth", "sensors_transit"),
+    "results/navigation-transit/README.md": ("transit_worth", "sensors_transit", "transit_ends"),
     "results/transfer/README.md": ("transfer",),
     "results/formation/README.md": ("formation",),
     "results/transit/README.md": ("transit",),

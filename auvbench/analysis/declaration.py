@@ -195,7 +195,7 @@ def _when(declared: Declared, used: Sequence[RunRecord]) -> str:
         return f"The analysis ({declared.digest}) was declared after {after} were made."
     if declared.names_runs:
         first = declared.rows[0]
-        return f"The analysis was declared on {_day(_time(first.declared))}, before the first run ({declared.digest})."
+        return f"The analysis was declared on {_day(_time(first.declared))}, before the first run ({declared.digests[0]})."
     covered, excluded = ["measure", "baseline", "margin"], ["agents", "seeds", "protocol", "conditions"]
     if declared.seeds:
         covered, excluded = [*covered, "the number of seeds"], ["agents", *excluded[2:]]

@@ -144,7 +144,7 @@ def declared_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Declared:
 
 def test_runs_that_are_declared_later_are_named_with_their_date(declared_runs: Declared) -> None:
     text = report()[1]
-    assert f"declared on 25 November 2026, before the first run ({declared_runs.digest})" in text
+    assert f"declared on 25 November 2026, before the first run ({declared_runs.digests[0]})" in text
     assert "Declared later: SAC (27 November 2026, after 3 of 5 runs)." in text
 
 
