@@ -96,6 +96,11 @@ def _choice(shown: str, key: str, value: Any, options: Sequence[str], node: Any)
     if isinstance(value, str | QuotedString):
         name = value.text if isinstance(value, QuotedString) else value
         path = PurePath(name)
+        inside = folders.options(f"{key}/{path.parent}") if len(path.parts) == 2 else []
+        if inside:  # a folder of options: algo=suite_2026/NAME
+            return (
+                f"{shown}: no such option; {closest(name, [f'{path.parent}/{option}' for option in inside])}"
+            )
         if "/" in name or path.suffix in (".yaml", ".yml"):
             return f"{shown}: takes a name, not a path; put the file into conf/{key}/{path.stem}.yaml, then {key}={path.stem}"
         return ""

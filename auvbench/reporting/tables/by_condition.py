@@ -54,6 +54,7 @@ def furthest(subjects: Sequence[Subject]) -> Table:
     notes = (
         f"The agent furthest ahead of {', '.join(baselines)}, its difference (typical training) with its interval, and its trainings "
         "that are not behind. Success of both is named where one fails now and then. Without an agent ahead: the baseline. "
+        "The largest of several differences tends to be too large; its interval allows for that. "
         f"Measures: {'; '.join(measures)}.",
         _level(subjects[0]),
     )
