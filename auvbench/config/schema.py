@@ -99,7 +99,13 @@ class Disturbance:
 @cache
 def with_disturbances(more: tuple[tuple[str, type], ...]) -> type[Disturbance]:
     """Return the schema of `disturbance` with the keys of more disturbances, by name."""
-    return make_dataclass("Disturbance", more, bases=(Disturbance,), kw_only=True)
+    # Workers receive the values, and this class is no module's.
+    pickled = {"__reduce__": lambda self: (_disturbance, (more, vars(self)))}
+    return make_dataclass("Disturbance", more, bases=(Disturbance,), kw_only=True, namespace=pickled)
+
+
+def _disturbance(more: tuple[tuple[str, type], ...], values: dict[str, Any]) -> Disturbance:
+    return with_disturbances(more)(**values)
 
 
 @dataclass(kw_only=True)

@@ -158,6 +158,7 @@ def evaluate(
     *,
     unless_done: bool = False,
     roll: Roll | None = None,
+    conditions: list[ResolvedCondition] | None = None,
 ) -> dict[str, Any] | None:
     """Test a complete run, write its results and return the summary. Only one process at a time tests a run
     by a protocol.
@@ -167,6 +168,7 @@ def evaluate(
         unless_done: return None if another process has finished the same test, and use the saved parts of an
             interrupted test (`parts`).
         roll: function that rolls out each condition; must give the same rows as `in_process`, the default.
+        conditions: result of `resolve_conditions`, if it is known.
 
     Raises:
         RunError: the run is incomplete, its files are damaged, or another process is testing it.
@@ -181,7 +183,7 @@ def evaluate(
         if not unless_done:
             saved.forget()
         with _named_packages(run):
-            return _evaluate(run, protocol, report, roll, saved)
+            return _evaluate(run, protocol, report, roll, saved, conditions)
 
 
 def _own_folder(run: RunDirectory, protocol: str) -> Path:
@@ -208,10 +210,16 @@ def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
 
 
 def _evaluate(
-    run: RunDirectory, protocol: schema.Protocol, report: Report, roll: Roll | None, saved: parts.SavedParts
+    run: RunDirectory,
+    protocol: schema.Protocol,
+    report: Report,
+    roll: Roll | None,
+    saved: parts.SavedParts,
+    conditions: list[ResolvedCondition] | None,
 ) -> dict[str, Any]:
     roll = roll or in_process(load_config(run))
-    conditions = resolve_conditions(protocol, run.check())
+    if conditions is None:
+        conditions = resolve_conditions(protocol, run.check())
     results: list[parts.Part] = []
     clocks: dict[str, str] = {}
     for number, condition in enumerate(conditions):

@@ -77,12 +77,22 @@ def evaluate_all(
             waiting[run.path], why[run.path] = run, reason or ""
     if pool.workers > 1 and len(waiting) > 1:
         pool.start()
+    # Resolved here for all workers, each of which would compose the options of the protocol again.
+    conditions = (
+        {} if pool.workers == 1 else {path: _conditions(run, protocol) for path, run in waiting.items()}
+    )
     # Only one test at a time can use the vehicles of a ROS 2 server.
-    sequential = pool.workers == 1 or any(_on_a_server(run, protocol) for run in waiting.values())
+    sequential = pool.workers == 1 or any(
+        is_served(condition.config.simulator) for found in conditions.values() for condition in found or ()
+    )
     shared = [
         path for path, run in waiting.items() if not sequential and protocol.episodes > 1 and _row_by_row(run)
     ]
-    whole = {path: (run, protocol, not force) for path, run in waiting.items() if path not in shared}
+    whole = {
+        path: (run, protocol, not force, conditions.get(path))
+        for path, run in waiting.items()
+        if path not in shared
+    }
     if not sequential and len(whole) > 1:
         for path, outcome in pool.results(_test, whole, "test"):
             if isinstance(outcome, WorkerDiedError):
@@ -92,7 +102,7 @@ def evaluate_all(
     for path in [*whole, *shared]:
         run = waiting[path]
         roll = _on_all(pool) if path in shared else None
-        result = _test(run, protocol, not force, partial(report, run), roll)
+        result = _test(run, protocol, not force, conditions.get(path), partial(report, run), roll)
         yield replace(result, why=why[path])
 
 
@@ -109,24 +119,24 @@ def _row_by_row(run: RunDirectory) -> bool:
     return bool(getattr(factory, "row_by_row", False))
 
 
-def _on_a_server(run: RunDirectory, protocol: schema.Protocol) -> bool:
-    """Return whether a test of the run uses ROS 2."""
+def _conditions(run: RunDirectory, protocol: schema.Protocol) -> list[ResolvedCondition] | None:
     try:
-        conditions = resolve_conditions(protocol, run.check())
+        return resolve_conditions(protocol, run.check())
     except AuvbenchError:
-        return False  # the test reports the error
-    return any(is_served(condition.config.simulator) for condition in conditions)
+        return None  # the test reports the error
 
 
 def _test(
     run: RunDirectory,
     protocol: schema.Protocol,
     unless_done: bool,
+    conditions: list[ResolvedCondition] | None,
     report: Report = lambda *_: None,
     roll: Roll | None = None,
 ) -> Result:
     try:
-        return Result(run, evaluate(run, protocol, report, unless_done=unless_done, roll=roll))
+        summary = evaluate(run, protocol, report, unless_done=unless_done, roll=roll, conditions=conditions)
+        return Result(run, summary)
     except AuvbenchError as error:
         return Result(run, error=naming_traceback(error), locked=isinstance(error, RunHeldError))
 

@@ -75,6 +75,20 @@ def test_one_pool_tests_whole_runs_and_then_episodes(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("*/*/evaluations/test/summary.json"))) == 3
 
 
+@pytest.mark.slow
+def test_workers_receive_disturbances_that_few_configurations_have(tmp_path: Path) -> None:
+    pytest.importorskip("casadi")
+    for algo in ("pid", "random", "mpc"):
+        frozen(tmp_path, f"algo={algo}", "disturbance=tether")
+    words = ["evaluate", str(tmp_path), "protocol=own", "protocol.episodes=2", "--workers"]
+    assert cli.main([*words, "2"]) == 0
+    found = [path.read_bytes() for path in sorted(tmp_path.glob("*/*/evaluations/own/episodes.csv"))]
+    assert cli.main([*words, "1", "--force"]) == 0
+    alone = [path.read_bytes() for path in sorted(tmp_path.glob("*/*/evaluations/own/episodes.csv"))]
+    assert len(found) == 3
+    assert found == alone
+
+
 def test_only_agents_that_say_so_are_shared(tmp_path: Path) -> None:
     assert MPCController.row_by_row
     assert parallel._row_by_row(frozen(tmp_path / "mpc", "algo=mpc"))
