@@ -92,8 +92,13 @@ def sources(folder: Path = PACKAGE) -> list[tuple[Path, ast.Module]]:
     return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in sorted(folder.rglob("*.py"))]
 
 
-def words(tree: ast.AST) -> Iterator[tuple[str, str]]:
-    """Yield the names, imports and texts of a syntax tree, each after its kind, without docstrings."""
+@cache
+def words(tree: ast.AST) -> list[tuple[str, str]]:
+    """Return the names, imports and texts of a syntax tree, each after its kind, without docstrings."""
+    return list(_words(tree))
+
+
+def _words(tree: ast.AST) -> Iterator[tuple[str, str]]:
     alone = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Name):
@@ -151,7 +156,7 @@ def names(name: str, tree: ast.AST, *, typed: bool = False) -> Iterator[str]:
     """
     text = re.compile(rf"^{name}$|[=.:]{name}(?!\w)|\bauvbench {name}\b")
     identifier = re.compile(name if typed else rf"(?i:{name})|{name.title().replace('_', '')}(?:[A-Z]\w*)?")
-    variables = set() if typed else set(local_variables(tree))
+    variables = () if typed else local_variables(tree)
     for kind, word in words(tree):
         if kind == "text":
             found = text.search(word) is not None
@@ -163,15 +168,13 @@ def names(name: str, tree: ast.AST, *, typed: bool = False) -> Iterator[str]:
             yield word
 
 
-def local_variables(tree: ast.AST) -> Iterator[str]:
-    """Yield the names of functions' arguments and variables."""
-    for function in ast.walk(tree):
-        if isinstance(function, ast.FunctionDef):
-            for node in ast.walk(function):
-                if isinstance(node, ast.arg):
-                    yield node.arg
-                elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                    yield node.id
+@cache
+def local_variables(tree: ast.AST) -> set[str]:
+    """Return the names of functions' arguments and variables."""
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    nodes = [node for function in functions for node in ast.walk(function)]
+    stored = {node.id for node in nodes if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+    return stored | {node.arg for node in nodes if isinstance(node, ast.arg)}
 
 
 def task_tests(tree: ast.AST) -> Iterator[tuple[int, str]]:
