@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
@@ -82,6 +84,8 @@ def test_a_copy_changes_alone_and_keeps_types_and_flags() -> None:
 )
 def test_a_configuration_is_as_hydra_composes_it(choices: str, monkeypatch: pytest.MonkeyPatch) -> None:
     nodes = []
+    begun = datetime.now()  # Hydra's configuration contains the time of day.
+    monkeypatch.setattr("hydra.core.utils.datetime", SimpleNamespace(now=lambda: begun))
     for loader, interpolations in (
         (compose._Loader, compose._interpolations),
         (ConfigLoaderImpl, compose._create_interpolation_map),
