@@ -68,7 +68,7 @@ demo: $(STAMP) ## train PPO with five seeds; test PID, MPC and PPO; rank them
 	$(BIN)/auvbench evaluate outputs/quickstart protocol.episodes=25
 	$(BIN)/auvbench report outputs/quickstart
 
-# .ci/run chooses the quick and the slow tests at once: two sessions would import, train and compile for their tests twice.
+# .ci/run chooses all tests at once: each session imports, trains and compiles for its tests.
 TESTS ?= not slow
 test: $(TOOLS) ## run the quick tests, as before every commit
 	$(PYTEST) $(ARGS) -m "$(TESTS)"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -42,6 +43,27 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
     terminalreporter.section(f"seconds of the slowest {FILES} files, {seconds.total():.0f} in total")
     for file, duration in seconds.most_common(FILES):
         terminalreporter.write_line(f"{duration:7.1f} {file}")
+
+
+@pytest.hookimpl(trylast=True)  # after the choice of -m
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let each process begin with its share of the long tests, so that none is left when the others have ended."""
+    processes = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+    long = [item for item in items if item.get_closest_marker("long")]
+    rest = [item for item in items if not item.get_closest_marker("long")]
+    # xdist cuts the list into as many equal pieces.
+    cuts = [len(rest) * part // processes for part in range(processes + 1)]
+    items[:] = [
+        item
+        for part in range(processes)
+        for item in (*long[part::processes], *rest[cuts[part] : cuts[part + 1]])
+    ]
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Leave out the long tests that a slow machine has not begun in time."""
+    if item.get_closest_marker("long") and time.time() > float(os.environ.get("AUVBENCH_LONG_UNTIL", "inf")):
+        pytest.skip("left out on a slow machine: `make test-long` runs it, before a release")
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -11,6 +11,7 @@ import re
 import shlex
 import shutil
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from auvbench.cli import main
 from auvbench.commands import plan
 from auvbench.config import complete as completing
 from auvbench.config import compose, grids
+from auvbench.envs import settings
 from auvbench.metrics import Metric
 from auvbench.reporting import replay_pictures
 from tests import synthetic
@@ -108,7 +110,7 @@ def two_of_each(jobs: list[list[str]]) -> list[list[str]]:
 
 
 @pytest.fixture
-def small(monkeypatch: pytest.MonkeyPatch) -> None:
+def small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     complete, jobs = completing.complete, grids.jobs
 
     def completed(config: DictConfig, **words: Any) -> DictConfig:
@@ -123,6 +125,8 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plan, "REPLICATIONS", 10)
     monkeypatch.setattr(grids, "jobs", lambda found: two_of_each(jobs(found)))
     assert compose.complete is completing
+    yield
+    settings._composed.cache_clear()  # Later tests of this process take the usual budgets.
 
 
 def with_ids(text: str) -> str:
