@@ -68,10 +68,12 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def state_home(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """One state directory for all processes of the session: its key signs the runs that they share."""
+    """One state directory for all processes of the session: its key signs the runs that they share. Trackers reach no server."""
     root = tmp_path_factory.getbasetemp()
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(root.parent if "PYTEST_XDIST_WORKER" in os.environ else root))
+        patch.setenv("WANDB_MODE", "offline")
+        patch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
         yield
 
 
@@ -113,7 +115,11 @@ def one_fork_server(state_home: None) -> Iterator[dict[str, Any]]:
                 aside.clear()
             ground[:] = here
         if running() is None or not modules.issuperset(preload):
-            modules.update(preload)
+            from auvbench.evaluation.parallel import PRELOAD
+            from auvbench.scheduling.local import LEARNERS
+
+            # All at once, since a server for one more module would import torch again.
+            modules.update(preload, PRELOAD, LEARNERS)
             stop()  # `start` calls the function that keeps it
             start(sorted(modules))
 

@@ -119,8 +119,6 @@ def small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             shrink(found)
         return found
 
-    monkeypatch.setenv("WANDB_MODE", "offline")
-    monkeypatch.setenv("MLFLOW_DISABLE_TELEMETRY", "true")
     monkeypatch.setattr(completing, "complete", completed)
     monkeypatch.setattr(plan, "REPLICATIONS", 10)
     monkeypatch.setattr(grids, "jobs", lambda found: two_of_each(jobs(found)))
