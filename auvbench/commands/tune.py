@@ -13,6 +13,7 @@ from auvbench.errors import ConfigError, RunError, closest
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
+    from auvbench.config.grids import Job
     from auvbench.scheduling.loop import Result
     from auvbench.tuning.folder import Plan, StudyFolder
 
@@ -22,13 +23,13 @@ def main(arguments: Sequence[str]) -> int:
     from auvbench.grammar import read_named_sheets
 
     read_named_sheets(arguments)
-    words, ranges, fixed = split(arguments)
+    words, ranges, _ = split(arguments)
 
-    def studies(configs: Sequence[DictConfig]) -> int:
-        _check_search(configs, arguments)
-        return _studies(configs, ranges, fixed, arguments)
+    def studies(jobs: Sequence[Job]) -> int:
+        _check_search([job.config for job in jobs], arguments)
+        return _studies(jobs, ranges, arguments)
 
-    return int(run("tune", words, job=lambda config: studies([config]), grid=studies) or 0)
+    return int(run("tune", words, jobs=studies) or 0)
 
 
 def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> None:
@@ -95,15 +96,11 @@ def _is_range(key: str, text: str) -> bool:
         return False  # The error is reported when the configuration is composed later.
 
 
-def _studies(
-    configs: Sequence[DictConfig],
-    ranges: Mapping[str, str],
-    fixed: Mapping[str, str],
-    arguments: Sequence[str],
-) -> int:
+def _studies(jobs: Sequence[Job], ranges: Mapping[str, str], arguments: Sequence[str]) -> int:
     """Run one study after another; all of them are checked before the first begins."""
     command = shlex.join(["auvbench", "tune", *arguments])
-    plans = [plan_of(config, ranges, fixed, command) for config in configs]
+    # A value in a grid of an experiment fixes its key as a typed one does.
+    plans = [plan_of(job.config, ranges, split(job.overrides)[2], command) for job in jobs]
     for plan, _ in plans:
         _refuse_ignored(plan, arguments)
     names = [study.path for _, study in plans]
@@ -113,10 +110,10 @@ def _studies(
                 f"{path}: two of these studies would have this name; run them one at a time, each with its own name=NAME"
             )
     code = 0
-    for number, ((plan, study), config) in enumerate(zip(plans, configs, strict=True), 1):
+    for number, ((plan, study), job) in enumerate(zip(plans, jobs, strict=True), 1):
         if len(plans) > 1:
             print(f"study {number} of {len(plans)}: {plan.name}", flush=True)
-        code = _study(plan, study, config)
+        code = _study(plan, study, job.config)
         if code > 128:
             break
     return code

@@ -424,14 +424,16 @@ def _option(group: str, choice: str) -> DictConfig:
 def run(
     entry: str,
     arguments: Sequence[str],
-    job: Callable[[DictConfig], Any],
+    job: Callable[[DictConfig], Any] | None = None,
     grid: Callable[[list[DictConfig]], Any] | None = None,
     dry_run: Callable[[list[DictConfig]], Any] | None = None,
+    jobs: Callable[[list[grids.Job]], Any] | None = None,
 ) -> Any:
     """Read the command line of `conf/<entry>.yaml`: flags, `-m` and overrides.
 
     Call `job` with the configuration, or `grid` with the configurations of all jobs: with `-m`, or for an
-    experiment that sets `hydra.mode: MULTIRUN`. With `--dry-run`, call `dry_run` with all configurations instead.
+    experiment that sets `hydra.mode: MULTIRUN`. With `--dry-run`, call `dry_run` with all configurations instead. `jobs`, if given, is
+    called in their place, with the overrides of each job.
 
     Raises:
         ConfigError: see `compose`.
@@ -444,22 +446,26 @@ def run(
                 shown = f"{_help(Hydra('auvbench', loader), entry, overrides)}\n"
             elif parsed.cfg:
                 shown = OmegaConf.to_yaml(complete.complete(grids.single(loader, load, overrides)))
-            elif parsed.multirun and grid is None:
+            elif parsed.multirun and grid is None and jobs is None:
                 raise ConfigError(f"-m: {entry} takes one value for each key; grids are for auvbench train")
             else:
                 shown = ""
-                composed = grids.compose(loader, load, overrides, parsed.multirun)
-                composed = [complete.complete(config) for config in composed]
+                found = grids.compose(loader, load, overrides, parsed.multirun)
+                found = [dataclasses.replace(job, config=complete.complete(job.config)) for job in found]
     except typing.FAULTS as error:
         raise translate(error, entry, arguments) from error
     if parsed.help or parsed.cfg:
         return print(
             plain_lines(shown), end=""
         )  # called outside the `try`: a closed pipe is not an error of the configuration
+    if jobs is not None:
+        return jobs(found)
+    composed = [job.config for job in found]
     if dry_run is not None and parsed.dry_run:
         return dry_run(composed)
     if grid is not None and (parsed.multirun or len(composed) > 1):
         return grid(composed)
+    assert job is not None, "only `jobs` comes without it"
     return job(composed[0])
 
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
@@ -34,15 +35,21 @@ Axis = list[str]
 Grid = dict[str, Axis]
 
 
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One job of a grid."""
+
+    config: DictConfig
+    overrides: tuple[str, ...]
+    """what was typed for it, and the values of its grid"""
+
+
 Load = Callable[[tuple[str, ...], RunMode], DictConfig]
 """Function that returns Hydra's configuration of some overrides, with the node `hydra`; the result must not be changed"""
 
 
-def compose(
-    loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], multirun: bool
-) -> list[DictConfig]:
-    """Return the configurations of all jobs; one configuration without `multirun` and without `hydra.mode:
-    MULTIRUN`.
+def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], multirun: bool) -> list[Job]:
+    """Return all jobs; one job without `multirun` and without `hydra.mode: MULTIRUN`.
 
     Raises:
         ConfigError, HydraException, OmegaConfBaseException: any job has a mistake.
@@ -57,7 +64,7 @@ def compose(
     # A value may belong to a swept file, so values are set per job: `algo=sac,td3 algo.learning_starts=300`.
     chosen = load(choices, RunMode.MULTIRUN).hydra
     if not multirun and chosen.mode != RunMode.MULTIRUN:
-        return [single(loader, load, overrides)]
+        return [Job(single(loader, load, overrides), tuple(overrides))]
     union, shared = chosen.sweeper.get("grids"), chosen.sweeper.get("params") or {}
     common = from_config(parser, [shared])[0]
     typed = axes(parser, [line for line in overrides if line not in own])
@@ -74,7 +81,7 @@ def compose(
             )
         return job
 
-    return [single(loader, of_job, line) for line in lines]
+    return [Job(single(loader, of_job, line), tuple(line)) for line in lines]
 
 
 def _refuse_several_grids(load: Load, parsed: Sequence[Override]) -> None:

@@ -60,6 +60,28 @@ def test_an_experiment_s_values_count_as_typed_ones(tmp_path: Path, monkeypatch:
     assert config.disturbance.name == "sea_state_2"
 
 
+def test_a_value_in_a_grid_of_an_experiment_is_not_searched(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    experiment = Path("conf/experiment/fixed.yaml")
+    experiment.parent.mkdir(parents=True)
+    experiment.write_text(
+        "# @package _global_\nhydra:\n  mode: MULTIRUN\n  sweeper:\n    grids:\n"
+        "      - {algo: pid, algo.bandwidth: '1.5'}\n      - {algo: lqr}\n"
+    )
+    plans: list[Plan] = []
+    monkeypatch.setattr(tune, "_study", lambda plan, study, config: plans.append(plan) or 0)
+    assert cli.main(["tune", "experiment=fixed"]) == 0
+    pid, lqr = plans
+    assert pid.base["algo"]["bandwidth"] == 1.5
+    assert "algo.bandwidth" not in pid.tune.space
+    assert {"algo.cruise_speed", "algo.approach"} <= pid.tune.space.keys() & lqr.tune.space.keys()
+    capsys.readouterr()
+    assert cli.main(["tune", "experiment=fixed", "algo=pid", "algo.bandwidth=interval(1.0,2.0)"]) == 2
+    assert "fixed by algo.bandwidth=1.5 and searched by" in capsys.readouterr().err
+
+
 def test_typed_overrides_of_the_protocol_choose_other_conditions(tmp_path: Path) -> None:
     overrides = "protocol.overrides=['task=same','noise=thesis','disturbance=unknown_vehicle']"
     (config, _) = circumstances(tmp_path, "algo=pid", overrides)
