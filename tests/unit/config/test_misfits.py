@@ -38,6 +38,7 @@ def test_the_examples_in_the_documentation(module: object) -> None:
         ("output={a:1}", "takes one value, not keys, for example output=outputs"),
         ("disturbance.current.speed.x=1", "disturbance.current.speed has no keys below it; type disturbance.current.speed=0"),
         ("sensors=bluerov2 sensors.dvl.lost=1", "sensors=bluerov2 has no sensors.dvl; use another sensors="),
+        ("algo=suite_2026/waypoint_pid", "did you mean 'suite_2026/waypoint_state_pid'"),
         # Removed and added keys.
         ("~noise.position", "a key cannot be removed; set one of noise.position.low"),
         ("~algo.n_epochs", "a key cannot be removed; type algo.n_epochs=10"),
