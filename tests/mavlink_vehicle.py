@@ -6,7 +6,9 @@ motor by motor, so that `auvbench.integrations.mavlink.mixer` is tested against 
 
 from __future__ import annotations
 
+import contextlib
 import math
+import random
 import socket
 import threading
 import time
@@ -26,10 +28,15 @@ PATIENCE = 10
 
 
 def free_port() -> int:
-    """Return a UDP port that no program has at present."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a UDP port of this machine that no program has at present.
+
+    It is below those that the system gives to sockets without one: another test's socket would get it before its user does.
+    """
+    while True:
+        port = random.SystemRandom().randrange(20_000, 32_000)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe, contextlib.suppress(OSError):
+            probe.bind(("127.0.0.1", port))
+            return port
 
 
 class ArduSub:
@@ -144,7 +151,8 @@ class ArduSub:
         )
 
     def _handle(self, message: Any) -> None:
-        assert message.get_srcSystem() == 255
+        if message.get_srcSystem() != 255:  # as ArduSub, it obeys only its ground station
+            return
         kind = message.get_type()
         self.heard.append(kind)
         if kind == "COMMAND_LONG":

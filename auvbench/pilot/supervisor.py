@@ -2,7 +2,8 @@
 
 The pilot hands over messages, each with the time by which the next one must come. If none comes in time (the
 pilot was killed, stopped, or hangs), or if the pilot is gone, the supervisor sends the will that the pilot
-left: commands that bring the vehicle to rest. Then it prints a line and ends. It writes no file. It imports
+left: commands that bring the vehicle to rest. It does so, too, if the pilot goes after commands that came too late. Then it prints a line
+and ends. It writes no file. It imports
 only the standard library and what the integration's file with the class `Sender` imports; neither file may import
 auvbench, since this file is a program of its own.
 """
@@ -58,6 +59,7 @@ class Sender(Protocol):
 def watch(control: socket.socket, sender: Sender, will: list[bytes]) -> str:
     """Send the pilot's messages; return why that ended, or '' if the vehicle is at rest."""
     due, received, ready = math.inf, b"", False
+    unsent = False  # whether the pilot's last command came too late
     heard = time.monotonic()
     while True:
         if not ready and sender.ready():
@@ -83,6 +85,11 @@ def watch(control: socket.socket, sender: Sender, will: list[bytes]) -> str:
                 heard = time.monotonic()
                 if length:
                     sender.send(content[:length])
+                    unsent = False
+                elif unsent and due == math.inf:  # the pilot believes that the vehicle is at rest
+                    return "the pilot's last commands came too late to be sent"
+            elif length:
+                unsent = True
 
 
 def main(control: str, file: str, *arguments: str) -> int:

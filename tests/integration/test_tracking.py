@@ -25,6 +25,12 @@ from tests.soak.campaign import frozen
 CASE = "ppo-8"
 
 
+def _forget() -> None:
+    """Let Weights & Biases, which other tests use too, forget the folder of its first run."""
+    if sys.modules.get("wandb") is not None:
+        sys.modules["wandb"].teardown()
+
+
 @pytest.fixture(autouse=True)
 def offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.chdir(tmp_path)
@@ -32,9 +38,9 @@ def offline(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("WANDB_ERROR_REPORTING", "false")
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/mlflow.db")
+    _forget()
     yield
-    if sys.modules.get("wandb") is not None:
-        sys.modules["wandb"].teardown()  # it keeps the folder of its first run
+    _forget()
 
 
 def stopped_once(service: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:

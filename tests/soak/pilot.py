@@ -138,8 +138,9 @@ def forked(work: Callable[[], None]) -> int:
             sys.setprofile(None)
             traceback.print_exc()
         finally:
-            with contextlib.suppress(OSError, ValueError):
-                sys.stderr.flush()
+            for stream in (sys.stdout, sys.stderr):
+                with contextlib.suppress(OSError, ValueError):
+                    stream.flush()
             os._exit(status)
     return number
 

@@ -233,15 +233,12 @@ class Autopilot:
         return f"ArduSub refuses {what}" + (f": {self.warning}" if self.warning else "")
 
     def disarm(self, seconds: float) -> bool:
-        """Request disarming until the vehicle confirms it, at most `seconds`; return whether it has."""
-        d = self._dialect
-        arm = d.MAV_CMD_COMPONENT_ARM_DISARM
-        self._answers.pop(arm, None)
-        return self.until(
-            lambda: not self.armed or self._answers.get(arm) == d.MAV_RESULT_ACCEPTED,
-            seconds,
-            lambda: self._command(arm, 0),
-        )
+        """Request disarming until the vehicle's heartbeat confirms it, at most `seconds`; return whether it has.
+
+        An acknowledgement is no proof: a late one may be that of the order to arm.
+        """
+        arm = self._dialect.MAV_CMD_COMPONENT_ARM_DISARM
+        return self.until(lambda: not self.armed, seconds, lambda: self._command(arm, 0))
 
     def will(self) -> list[bytes]:
         """Return the packets that bring the vehicle to rest from any state."""

@@ -162,7 +162,11 @@ class Pilot(loop.Pilot):
     def _rest(self) -> bool:
         super()._rest()
         # In another mode a person or a failsafe controls the vehicle.
-        if self.vehicle.mode != MANUAL or self.vehicle.disarm(1.5):
+        if self.vehicle.mode != MANUAL:
+            return True
+        disarmed = self.vehicle.disarm(1.5)
+        self.vehicle.manual_control(NEUTRAL)  # the first may have reached the supervisor too late to be sent
+        if disarmed:
             return True
         self._report("ArduSub has not said that it is disarmed")
         return False

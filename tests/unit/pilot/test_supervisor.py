@@ -137,6 +137,19 @@ def test_a_message_that_comes_too_late_is_not_sent(vehicle):
     vehicle.hears(*WILL)
 
 
+def test_a_pilot_that_goes_after_commands_that_came_too_late_leaves_its_will(vehicle, capfd):
+    vehicle = vehicle(patience=0.2)
+    os.kill(vehicle.guard._process.pid, signal.SIGSTOP)
+    vehicle.guard._holds = True  # two messages: a halted supervisor's buffer takes no more
+    vehicle.guard.forward(b"disarm")
+    until(lambda: pilots_end.time.monotonic() > vehicle.guard._handed + 0.2)
+    vehicle.guard.release()
+    os.kill(vehicle.guard._process.pid, signal.SIGCONT)
+    vehicle.hears(*WILL)
+    assert vehicle.ended() == supervisor.SENT
+    assert "the pilot's last commands came too late to be sent" in capfd.readouterr().err
+
+
 def test_signals_that_end_the_pilot_do_not_end_it(vehicle):
     vehicle = vehicle()
     number = vehicle.guard._process.pid
