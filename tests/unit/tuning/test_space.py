@@ -119,7 +119,7 @@ def test_one_command_gives_every_shipped_space_the_same_budget(monkeypatch):
     from auvbench.config import folders
 
     seen = []
-    monkeypatch.setattr(tune, "_studies", lambda configs, *_: seen.extend(configs) or 0)
+    monkeypatch.setattr(tune, "_studies", lambda jobs, *_: seen.extend(job.config for job in jobs) or 0)
     assert tune.main(["experiment=tune_all", "tune.trials=7"]) == 0
     plans = [plan_of(config, {}, {})[0] for config in seen]
     assert {plan.tune.trials for plan in plans} == {7}
