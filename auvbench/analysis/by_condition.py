@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from auvbench.analysis.analyse import analyse
 from auvbench.analysis.grouping import agents
 from auvbench.analysis.measures import in_unit
 from auvbench.analysis.options import Options
@@ -32,18 +30,22 @@ class Subject:
         return list(dict.fromkeys(row.label for ranking in self.rankings for row in ranking.rows))
 
 
-def compare(paths: Sequence[Path], options: Options) -> list[Subject]:
-    """Compare all agents under each condition of the report's protocol, and of those in `options.also`.
+def of_protocol(options: Options, protocol: str) -> Options:
+    """Return the options of a report for one of its further protocols."""
+    return replace(options, protocol=protocol, condition=None, study=None)
 
-    Raises:
-        UserError: see `analyse`; no run was tested by a protocol.
+
+def compare(tested: Sequence[tuple[Options, Sequence[Report]]]) -> list[Subject]:
+    """Compare all agents under each condition of several protocols.
+
+    Args:
+        tested: options and reports of each protocol (`analyse`).
     """
     rankings: dict[str, list[Ranking]] = {}
-    for protocol in dict.fromkeys((options.protocol, *options.also)):
-        own = replace(options, protocol=protocol, condition=None, study=None)
-        reports = {report.section.vehicle: report for report in reversed(analyse(paths, own))}
-        for subject, report in reversed(reports.items()):  # of several sections, the largest counts
-            rankings.setdefault(subject, []).extend(_under_each(report, own))
+    for options, reports in tested:
+        largest = {report.section.vehicle: report for report in reversed(reports)}
+        for subject, report in reversed(largest.items()):
+            rankings.setdefault(subject, []).extend(_under_each(report, options))
     return [Subject(name, tuple(own)) for name, own in rankings.items()]
 
 

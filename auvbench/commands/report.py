@@ -30,13 +30,15 @@ def main(argv: Sequence[str]) -> int:
 
 def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     from auvbench.analysis.analyse import across_tasks, analyse
-    from auvbench.analysis.by_condition import compare
+    from auvbench.analysis.by_condition import compare, of_protocol
     from auvbench.commands import report_terminal as terminal
     from auvbench.reporting import folder
     from auvbench.runs.atomic_io import storage
 
     reports = analyse(paths, options)
-    subjects = compare(paths, options) if options.also else []
+    others = [of_protocol(options, name) for name in options.also if name != options.protocol]
+    tested = [(options, reports), *((own, analyse(paths, own)) for own in others)]
+    subjects = compare(tested) if options.also else []
     runs = [run for report in reports for run in report.runs]
     experiment = os.path.commonpath([run.directory.absolute().parent for run in runs])
     out = options.out or Path(experiment, "report")

@@ -15,6 +15,7 @@ from auvbench.reporting import page, tables
 from auvbench.reporting import write as files
 from auvbench.reporting.figures import Figure, draw_all
 from auvbench.reporting.page.writer import write_overview
+from auvbench.reporting.tables.table import Table
 from auvbench.runs.atomic_io import make_folder
 from auvbench.untrusted import path_safety
 
@@ -69,17 +70,16 @@ def write(
         written += files.if_any(out / "comparisons.csv", tables.comparisons_csv(ranking.comparisons))
         written += files.if_any(out / "conditions.csv", tables.conditions_csv(ranking))
         written += files.if_any(out / "verdicts.json", files.verdicts([report]))
-    return report, written + ([] if several else _by_condition(subjects, options, out))
+    return report, written + _by_condition(subjects, shown, options, out)
 
 
-def _by_condition(subjects: Sequence[Subject], options: Options, out: Path) -> list[Path]:
+def _by_condition(
+    subjects: Sequence[Subject], shown: Sequence[Table], options: Options, out: Path
+) -> list[Path]:
     """Write the comparisons by condition as by_condition.csv and .tex; without any, remove those of an earlier report."""
-    printed = [
-        tables.in_print(table, f"by-condition-{i}")
-        for i, table in enumerate(tables.by_condition_tables(subjects), 1)
-    ]
     written = []
     if "tex" in options.format:
+        printed = [tables.in_print(table, f"by-condition-{i}") for i, table in enumerate(shown, 1)]
         written += files.if_any(out / "by_condition.tex", "\n".join(printed))
     if "csv" in options.format:
         written += files.if_any(out / "by_condition.csv", tables.by_condition_csv(subjects))
@@ -124,7 +124,7 @@ def write_sections(
         )
     if "csv" in options.format:
         above += files.if_any(out / "score.csv", tables.score_csv(score) if score else "")
-    above += _by_condition(subjects, options, out)
+    above += _by_condition(subjects, shown, options, out)
     return sections, above + [path for path in below if path.suffix not in {p.suffix for p in above}]
 
 

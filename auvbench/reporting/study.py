@@ -11,7 +11,7 @@ from pathlib import Path
 
 from auvbench.analysis.analyse import across_tasks, analyse
 from auvbench.analysis.archive import RUNS, Archive, is_archive
-from auvbench.analysis.by_condition import Subject, compare
+from auvbench.analysis.by_condition import Subject, compare, of_protocol
 from auvbench.analysis.damage import Damage
 from auvbench.analysis.formatting import counted, listed
 from auvbench.analysis.grouping import failed_training
@@ -73,16 +73,12 @@ def publish(paths: Sequence[Path], study: Study, options: Options) -> Published:
         OSError: a file cannot be written.
     """
     readme.check(study.folder / "README.md", _blocks(study, options))
-    for protocol_options in (options, *(_further(options, name) for name in options.also)):
+    for protocol_options in (options, *(of_protocol(options, name) for name in options.also)):
         analyse(paths, protocol_options)
     runs, omitted, duplicates = _copy(paths, options, study)
     count, without, further = _compute(study, options, {run.id: run for run in runs})
     lines = (*(f"not published: {line}" for line in omitted), *duplicates, *without, *further)
     return Published(count, not omitted and not without, lines)
-
-
-def _further(options: Options, protocol: str) -> Options:
-    return replace(options, protocol=protocol, condition=None, study=None)
 
 
 def _blocks(study: Study, options: Options) -> list[str]:
@@ -164,13 +160,14 @@ def _compute(
     chosen = replace(options, format=("csv",), where=(), out=folder, undecided="")
     chosen = replace(chosen, declared=analysis, declared_in=folder, usual=chosen)
     reports = analyse([folder], chosen)
-    tested_also = [(name, analyse([folder], _further(chosen, name))) for name in options.also]
+    tested_also = [(name, analyse([folder], of_protocol(chosen, name))) for name in options.also]
     protocols = [(options.protocol, reports), *tested_also]
     _tables(protocols, folder)
     scored = _scores(protocols, chosen, folder)
     runs = [run for report in reports for run in report.runs]
     names = _blocks(study, options)
-    subjects = compare([folder], chosen) if "conditions" in names else []
+    tested = [(chosen, reports), *((of_protocol(chosen, name), found) for name, found in tested_also)]
+    subjects = compare(tested) if "conditions" in names else []
     files.if_any(folder / "by_condition.csv", tables.by_condition_csv(subjects))
     policies, without = _policies(reports, study, sources) if "policies" in names else ("", [])
     texts = {
