@@ -151,8 +151,7 @@ class ArduSub:
         )
 
     def _handle(self, message: Any) -> None:
-        if message.get_srcSystem() != 255:  # as ArduSub, it obeys only its ground station
-            return
+        assert message.get_srcSystem() == 255
         kind = message.get_type()
         self.heard.append(kind)
         if kind == "COMMAND_LONG":
