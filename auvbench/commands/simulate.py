@@ -19,11 +19,13 @@ PICTURES = (".png", ".svg", ".pdf")
 
 
 def main(arguments: Sequence[str]) -> int:
-    from auvbench.config.compose import run
+    from auvbench.config.compose import read
     from auvbench.grammar import read_named_sheets
 
     read_named_sheets(arguments)
-    run("simulate", arguments, simulate)
+    request = read("simulate", arguments)
+    if request is not None:
+        simulate(request.configs[0])
     return 0
 
 

@@ -15,22 +15,21 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    from auvbench.config.compose import run
+    from auvbench.config.compose import read
     from auvbench.grammar import read_named_sheets
 
     read_named_sheets(arguments)
     command = shlex.join(["auvbench", "train", *arguments])
-    result = run(
-        "train",
-        arguments,
-        # A run that is carried out elsewhere counts as a grid of one.
-        job=lambda config: (
-            _train(config, command) if config.launcher.name == "local" else _grid([config], command)
-        ),
-        grid=lambda configs: _grid(configs, command),
-        dry_run=_dry_run,
-    )
-    return int(result or 0)
+    request = read("train", arguments, grid=True, dry_run=True)
+    if request is None:
+        return 0
+    configs = request.configs
+    if request.dry_run:
+        return _dry_run(configs)
+    # A run that is carried out elsewhere counts as a grid of one.
+    if request.grid or configs[0].launcher.name != "local":
+        return _grid(configs, command)
+    return _train(configs[0], command)
 
 
 def _remark(configs: Sequence[DictConfig]) -> None:

@@ -19,17 +19,16 @@ if TYPE_CHECKING:
 
 
 def main(arguments: Sequence[str]) -> int:
-    from auvbench.config.compose import run
+    from auvbench.config.compose import read
     from auvbench.grammar import read_named_sheets
 
     read_named_sheets(arguments)
     words, ranges, _ = split(arguments)
-
-    def studies(jobs: Sequence[Job]) -> int:
-        _check_search([job.config for job in jobs], arguments)
-        return _studies(jobs, ranges, arguments)
-
-    return int(run("tune", words, jobs=studies) or 0)
+    request = read("tune", words, grid=True)
+    if request is None:
+        return 0
+    _check_search(request.configs, arguments)
+    return _studies(request.jobs, ranges, arguments)
 
 
 def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> None:

@@ -1,6 +1,6 @@
 """Compose configurations with Hydra.
 
-`compose` is for commands and tests. `run` wraps a command line (`--cfg`, `--help`, `-m`, completion) around a
+`compose` is for commands and tests. `read` reads a command line (`--cfg`, `--help`, `-m`, completion) around a
 function. Both search `./conf` of the working directory first, so a user's own vehicle or preset needs no
 change to the package. Hydra composes and completes; it starts no job, calls no plug-in and sets up no
 logging.
@@ -421,52 +421,58 @@ def _option(group: str, choice: str) -> DictConfig:
     return node
 
 
-def run(
-    entry: str,
-    arguments: Sequence[str],
-    job: Callable[[DictConfig], Any] | None = None,
-    grid: Callable[[list[DictConfig]], Any] | None = None,
-    dry_run: Callable[[list[DictConfig]], Any] | None = None,
-    jobs: Callable[[list[grids.Job]], Any] | None = None,
-) -> Any:
+@dataclasses.dataclass(frozen=True, slots=True)
+class Request:
+    """What a command line asks for."""
+
+    jobs: list[grids.Job]
+    """one, or those of a grid, with the overrides of each"""
+    grid: bool
+    """whether it is a grid: `-m`, or an experiment that sets `hydra.mode: MULTIRUN`"""
+    dry_run: bool
+
+    @property
+    def configs(self) -> list[DictConfig]:
+        """Return the configuration of each job."""
+        return [job.config for job in self.jobs]
+
+
+def read(
+    entry: str, arguments: Sequence[str], *, grid: bool = False, dry_run: bool = False
+) -> Request | None:
     """Read the command line of `conf/<entry>.yaml`: flags, `-m` and overrides.
 
-    Call `job` with the configuration, or `grid` with the configurations of all jobs: with `-m`, or for an
-    experiment that sets `hydra.mode: MULTIRUN`. With `--dry-run`, call `dry_run` with all configurations instead. `jobs`, if given, is
-    called in their place, with the overrides of each job.
+    Args:
+        entry: name of a file of `conf/`.
+        arguments: words of the command line.
+        grid: whether the command takes grids.
+        dry_run: whether it has `--dry-run`.
+
+    Returns:
+        What is asked for; None if that was `--help` or `--cfg job`, which is printed.
 
     Raises:
         ConfigError: see `compose`.
     """
     try:
-        parsed = _parse(entry, arguments, dry=dry_run is not None)
+        parsed = _parse(entry, arguments, dry=dry_run)
         overrides = typing.read(parsed.overrides)
         with _composer(entry, WORKING_DIRECTORY) as (loader, load):
             if parsed.help:
                 shown = f"{_help(Hydra('auvbench', loader), entry, overrides)}\n"
             elif parsed.cfg:
                 shown = OmegaConf.to_yaml(complete.complete(grids.single(loader, load, overrides)))
-            elif parsed.multirun and grid is None and jobs is None:
+            elif parsed.multirun and not grid:
                 raise ConfigError(f"-m: {entry} takes one value for each key; grids are for auvbench train")
             else:
-                shown = ""
-                found = grids.compose(loader, load, overrides, parsed.multirun)
-                found = [dataclasses.replace(job, config=complete.complete(job.config)) for job in found]
+                jobs = grids.compose(loader, load, overrides, parsed.multirun)
+                jobs = [dataclasses.replace(job, config=complete.complete(job.config)) for job in jobs]
+                return Request(jobs, parsed.multirun or len(jobs) > 1, dry_run and parsed.dry_run)
     except typing.FAULTS as error:
         raise translate(error, entry, arguments) from error
-    if parsed.help or parsed.cfg:
-        return print(
-            plain_lines(shown), end=""
-        )  # called outside the `try`: a closed pipe is not an error of the configuration
-    if jobs is not None:
-        return jobs(found)
-    composed = [job.config for job in found]
-    if dry_run is not None and parsed.dry_run:
-        return dry_run(composed)
-    if grid is not None and (parsed.multirun or len(composed) > 1):
-        return grid(composed)
-    assert job is not None, "only `jobs` comes without it"
-    return job(composed[0])
+    # Outside of the `try`, since a closed pipe is not an error of the configuration.
+    print(plain_lines(shown), end="")
+    return None
 
 
 def complete_override(entry: str, line: str) -> list[str]:

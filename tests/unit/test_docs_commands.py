@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from auvbench.config import grids
-from auvbench.config.compose import compose, run
+from auvbench.config.compose import compose, read
 from auvbench.registry import COMMANDS
 from tests.docs_blocks import MISTAKES, PAGES, steps
 
@@ -55,10 +55,9 @@ def test_its_configuration_composes(line: str, tmp_path: Path, monkeypatch: pyte
     # Hundreds of runs compose alike.
     monkeypatch.setattr(grids, "jobs", lambda product: [(lines := jobs(product))[0], *lines[1:][-1:]])
     name, *arguments = shlex.split(line)
-    made: list[object] = []
     if name == "train":
-        run("train", arguments, job=made.append, grid=made.extend, dry_run=made.extend)
+        request = read("train", arguments, grid=True, dry_run=True)
+        assert request is not None
+        assert request.jobs
     else:
-        ranges = [word for word in arguments if "=" in word and "(" not in word]
-        made.append(compose(name, ranges))
-    assert made
+        assert compose(name, [word for word in arguments if "=" in word and "(" not in word])

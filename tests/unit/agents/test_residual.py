@@ -14,7 +14,7 @@ from auvbench.agents.classical import pid
 from auvbench.agents.learned.residual import Base, ResidualAgent, ResidualVecEnv
 from auvbench.analysis.labels import title
 from auvbench.config import schema
-from auvbench.config.compose import run, typed
+from auvbench.config.compose import read, typed
 from auvbench.envs.batch import Batch
 from auvbench.envs.sb3 import AuvVecEnv
 from auvbench.errors import ConfigError
@@ -183,8 +183,9 @@ def test_other_controllers_may_be_the_base(learner: str, base: str) -> None:
 
 def test_a_grid_takes_several_bases() -> None:
     words = ("algo=ppo_residual", "algo.base=pid,lqr", "-m")
-    names = run("train", words, lambda one: [one.algo.name], lambda all: [one.algo.name for one in all])
-    assert names == ["ppo_residual", "ppo_residual_lqr"]
+    request = read("train", words, grid=True)
+    assert request is not None
+    assert [config.algo.name for config in request.configs] == ["ppo_residual", "ppo_residual_lqr"]
 
 
 @pytest.mark.parametrize("learner", ["ppo", "sac"])

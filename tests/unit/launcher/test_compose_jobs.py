@@ -9,18 +9,16 @@ from typing import Any
 import pytest
 from omegaconf import DictConfig, OmegaConf
 
-from auvbench.config.compose import compose, run
+from auvbench.config.compose import compose, read
 from auvbench.errors import ConfigError
 
 
 def jobs(*arguments: str) -> list[DictConfig]:
     """What `auvbench train -m ARGUMENTS` composes."""
-
-    def single(config: DictConfig) -> Any:
-        raise AssertionError("this is a grid")
-
-    found: list[DictConfig] = run("train", ["-m", *arguments], single, grid=list)
-    return found
+    request = read("train", ["-m", *arguments], grid=True)
+    assert request is not None
+    assert request.grid
+    return request.configs
 
 
 def alone(overrides: Sequence[str]) -> Any:
@@ -106,13 +104,13 @@ def test_a_value_that_only_the_swept_algorithms_have() -> None:
 
 def test_what_shows_one_configuration_shows_no_grid() -> None:
     with pytest.raises(ConfigError, match="leave out -m"):
-        run("train", ["-m", "algo=ppo", "--cfg=job"], job=lambda config: None, grid=lambda configs: None)
+        read("train", ["-m", "algo=ppo", "--cfg=job"], grid=True)
 
 
 @pytest.mark.parametrize("override", ["vehicle=null", "vehicle=3", "disturbance=null"])
 def test_an_option_is_a_name(override: str) -> None:
     with pytest.raises(ConfigError, match=f"{override}: no such option; valid: "):
-        run("train", [override], job=lambda config: None)
+        read("train", [override])
 
 
 @pytest.mark.slow
@@ -132,4 +130,4 @@ def test_a_broken_file_of_conf_is_one_line(
     (tmp_path / "conf" / "vehicle" / "w.yaml").write_bytes(content)
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ConfigError, match=message):
-        run("train", ["vehicle=w"], job=lambda config: None)
+        read("train", ["vehicle=w"])
