@@ -187,7 +187,7 @@ def _timed(study: Path, limit: float) -> pd.DataFrame:
 def _reached(time: float, share: float, best: bool) -> str:
     shown = f"{time:.1f}{NO_BREAK}s"
     shown = f"**{shown}**" if best else shown
-    return shown if share == 1.0 else f"{shown} ({_digits(100 * share)}{NO_BREAK}%)"
+    return shown if share == 1.0 else f"{shown} ({_per_cent(share)}{NO_BREAK}%)"
 
 
 def vehicles() -> str:
@@ -295,7 +295,7 @@ def transit_ends() -> str:
             shares = [
                 (met[met["run"].isin(row["runs"].split())]["outcome"] == outcome).mean() for row in rows
             ]
-            columns.append([f"{_digits(100 * share)}{NO_BREAK}%" for share in shares])
+            columns.append([f"{_per_cent(share)}{NO_BREAK}%" for share in shares])
             heads.append(f"{title}: {outcome}s")
     return _table(("agent", *heads), agents, columns)
 
@@ -450,7 +450,7 @@ def currents() -> str:
     found = _under_disturbances()
     pairs = [(task, agent) for task in ("docking", "station_keeping") for agent in IN_CURRENTS]
     columns = [
-        [_digits(100 * float(found[task, agent, condition]["success_rate"])) for task, agent in pairs]
+        [_per_cent(float(found[task, agent, condition]["success_rate"])) for task, agent in pairs]
         for condition in CURRENTS.values()
     ]
     return _table(("agent", *CURRENTS), [f"{TASK_WORDS[task]}: {agent}" for task, agent in pairs], columns)
@@ -478,9 +478,13 @@ def _typical(row: dict[str, str], pid: dict[str, str], measure: str, unit: str, 
     """Return the typical training and its verdict; in brackets the mean where it is more than a tenth, or a point, away."""
     mean = float(row[measure])
     value = float(pid[measure]) + float(row["difference"] or 0.0)  # a controller's typical value is its mean
-    cell = f"{_digits(scale * value)} {unit} {SIGNS[row['verdict']]}".strip()
+
+    def shown(one: float) -> str:
+        return _per_cent(one) if measure == "success_rate" else f"{scale * one:#.3g}"
+
+    cell = f"{shown(value)} {unit} {SIGNS[row['verdict']]}".strip()
     apart = abs(mean - value) > (0.01 if measure == "success_rate" else 0.1 * value)
-    return f"{cell} (mean {_digits(scale * mean)})" if apart else cell
+    return f"{cell} (mean {shown(mean)})" if apart else cell
 
 
 def log_columns() -> str:
@@ -577,9 +581,10 @@ def code(path: str) -> str:
     return f"`{path}`:\n\n```{LANGUAGES[Path(path).suffix]}\n{text}\n```"
 
 
-def _digits(value: float) -> str:
-    """Return three digits; of a share just below 100 a fourth."""
-    return f"{value:#.{4 if 99.9 < value < 100.0 else 3}g}".rstrip(".")
+def _per_cent(share: float) -> str:
+    """Return a share in per cent: one decimal that is not 0; just below 100 two."""
+    value = 100.0 * share
+    return f"{value:.{2 if 99.9 < value < 100.0 else 1}f}".removesuffix(".0")
 
 
 def _rows(study: Path, name: str) -> list[dict[str, str]]:
@@ -603,7 +608,7 @@ def _time(row: dict[str, str], best: bool) -> str:
 
 
 def _shares(values: list[float]) -> list[str]:
-    cells = [f"{_digits(100 * value)}{NO_BREAK}%" for value in values]
+    cells = [f"{_per_cent(value)}{NO_BREAK}%" for value in values]
     return [f"**{cell}**" if v == max(values) else cell for v, cell in zip(values, cells, strict=True)]
 
 
