@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,8 +15,8 @@ from auvbench.record import Record
 
 Floats = NDArray[np.float64]
 
-UNIT = 127
-"""Commands are stored and replayed as multiples of 1/127 of their range."""
+UNIT = 32512
+"""Commands are stored and replayed as multiples of 1/32512 of their range: fine enough for a vehicle that turns aside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +36,16 @@ class Scenario:
         east, north = self.waypoint[:2] - self.pose[:2]
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([c * east + s * north, c * north - s * east, self.waypoint[2]])
+
+    def relative(self, pose: Floats) -> Floats:
+        """Return poses (..., 7) relative to the start, as `target`."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        east, north = np.moveaxis(pose[..., :2] - self.pose[:2], -1, 0)
+        place = c * east + s * north, c * north - s * east, pose[..., 2]
+        # Quaternion of a turn by -yaw about z, times the vehicle's quaternion.
+        c, s = np.cos(0.5 * self.yaw), np.sin(0.5 * self.yaw)
+        w, x, y, z = np.moveaxis(pose[..., 3:], -1, 0)
+        return np.stack([*place, c * w + s * z, c * x + s * y, c * y - s * x, c * z - s * w], axis=-1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +76,17 @@ class Trial:
         self.vehicle = self.batch.vehicle
 
     def run(self, scenario: Scenario, commands: Commands) -> Outcome:
-        """Apply commands (T, n_u) from the start, until there are no more commands or the episode ends."""
+        """Apply stored commands (T, n_u) from the start, until there are no more or the episode ends."""
+        flown = actions(commands)
+        return self.fly(scenario, len(flown), lambda step, pose, velocity: flown[step])
+
+    def fly(self, scenario: Scenario, steps: int, action: Callable[[int, Floats, Floats], Floats]) -> Outcome:
+        """Apply the actions (n_u,) that a function of step, pose and velocity returns, for `steps` steps or until the episode ends."""
         batch = self.batch
         batch.reset(pose=scenario.pose[None], waypoint=scenario.waypoint[None])
         pose, velocity = [batch.simulator.pose[0].copy()], [batch.simulator.velocity[0].copy()]
-        for command in commands:
-            transition = batch.step(actions(command)[None])
+        for step in range(steps):
+            transition = batch.step(action(step, pose[-1], velocity[-1])[None])
             pose.append(batch.simulator.pose[0].copy())
             velocity.append(batch.simulator.velocity[0].copy())
             if transition.records:
@@ -86,7 +102,7 @@ def silent(config: schema.TrainConfig) -> schema.TrainConfig:
 
 def stored(actions: Floats) -> Commands:
     """Return actions (T, n_u) in [-1, 1] in their stored form."""
-    return np.rint(UNIT * np.clip(actions, -1.0, 1.0)).astype(np.int8)
+    return np.rint(UNIT * np.clip(actions, -1.0, 1.0)).astype(np.int16)
 
 
 def actions(commands: Commands) -> Floats:

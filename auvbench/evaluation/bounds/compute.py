@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from auvbench.agents.base import Agent
 from auvbench.agents.classical.mpc import MPCController
@@ -17,10 +18,9 @@ from auvbench.config.compose import compose
 from auvbench.config.validate import train_config
 from auvbench.envs.batch import Batch
 from auvbench.errors import ConfigError
-from auvbench.evaluation.bounds.command_replay import Scenario, scenarios, silent, stored
+from auvbench.evaluation.bounds.command_replay import Scenario, scenarios, silent
 from auvbench.evaluation.bounds.files import (
     Bound,
-    Commands,
     Limits,
     Solution,
     Summary,
@@ -45,8 +45,9 @@ PRELOAD = ("auvbench.evaluation.bounds.compute", "casadi")
 """Modules that the pool's workers import at the start."""
 
 CONTROLLERS = {"pid": controller, "mpc": MPCController, "mpc_tuned": MPCController}
-"""Controllers by algorithm: a search starts from their commands, which are upper bounds themselves."""
+"""Controllers by algorithm: a search starts from their actions, which are upper bounds themselves."""
 
+Floats = NDArray[np.float64]
 Job = tuple[schema.TrainConfig, schema.Protocol, int, Scenario]
 """condition's configuration, protocol, and the episode's number and scenario"""
 
@@ -185,30 +186,30 @@ def _solve(
     if _built is None or _built[0] != config:
         _built = config, Search(config), controllers(config)
     _, search, agents = _built
-    return search.find(scenario, commands(config, agents, protocol, episode))
+    return search.find(scenario, flown(config, agents, protocol, episode))
 
 
 def controllers(config: schema.TrainConfig) -> dict[str, Agent]:
-    """Return the controllers, by name, from whose commands a search starts."""
+    """Return the controllers, by name, from whose actions a search starts."""
     vehicle = sheet.load(config.vehicle)
     algos = {name: train_config(compose("train", [f"algo={name}"], folder=None)).algo for name in CONTROLLERS}
     return {name: make(replace(config, algo=algos[name]), vehicle) for name, make in CONTROLLERS.items()}
 
 
-def commands(
+def flown(
     config: schema.TrainConfig, agents: Mapping[str, Agent], protocol: schema.Protocol, episode: int
-) -> dict[str, Commands]:
-    """Return the commands (T, n_u) that reached the actuators until an episode ended, by controller.
+) -> dict[str, Floats]:
+    """Return the actions (T, n_u) that reached the actuators until an episode ended, by controller.
 
-    The commands include the noise of the protocol: replayed without noise, they repeat the controller's
-    motion in the test.
+    They include the noise of the protocol: without noise they repeat the controller's motion in the test.
     """
-    recorded = {}
     vehicle = sheet.load(config.vehicle)
-    for name, agent in agents.items():
-        path = one_episode(config, agent, protocol, episode).trajectories[episode]
-        recorded[name] = stored(vehicle.action(np.array(path.command)))
-    return recorded
+    return {
+        name: vehicle.action(
+            np.array(one_episode(config, agent, protocol, episode).trajectories[episode].command)
+        )
+        for name, agent in agents.items()
+    }
 
 
 def all_scenarios(condition: ResolvedCondition, protocol: schema.Protocol) -> list[Scenario]:

@@ -27,10 +27,10 @@ from auvbench.untrusted import reading, typed_json
 from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range
 
-Commands = NDArray[np.int8]
-"""(T, n_u) commands, multiples of 1/127 of an actuator's range"""
+Commands = NDArray[np.int16]
+"""(T, n_u) commands, multiples of 1/32512 of an actuator's range"""
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 LINES = "bounds.jsonl"
 FOLDER = "bounds"
 """folder of bounds, next to the experiments and in this package"""
@@ -110,7 +110,7 @@ class Limits:
 
 def packed(commands: Commands) -> Prose:
     """Return commands (T, n_u) as text."""
-    return Prose(base64.b85encode(zlib.compress(commands.tobytes(), 9)).decode("ascii"))
+    return Prose(base64.b85encode(zlib.compress(commands.astype("<i2").tobytes(), 9)).decode("ascii"))
 
 
 def _unpacked(text: str, steps: int) -> Commands:
@@ -118,7 +118,7 @@ def _unpacked(text: str, steps: int) -> Commands:
         data = zlib.decompressobj().decompress(base64.b85decode(text), LONGEST)
     except zlib.error as error:
         raise ValueError(f"commands are damaged ({error})") from error
-    return np.frombuffer(data, dtype=np.int8).reshape(steps, -1)
+    return np.frombuffer(data, dtype="<i2").reshape(steps, -1)
 
 
 def shipped() -> Path:

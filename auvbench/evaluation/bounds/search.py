@@ -14,7 +14,6 @@ is the same everywhere, so the start enters only through its depth.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -24,8 +23,9 @@ from numpy.typing import NDArray
 
 from auvbench.config import schema
 from auvbench.errors import TrainingError
-from auvbench.evaluation.bounds.command_replay import Scenario, Trial, actions, stored
-from auvbench.evaluation.bounds.files import Commands, Solution
+from auvbench.evaluation.bounds.command_replay import Outcome, Scenario, Trial
+from auvbench.evaluation.bounds.files import Solution
+from auvbench.evaluation.bounds.tracking import Tracker
 from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,7 @@ LEAST_GAIN = 0.7
 """share of the last step's path: a plan with a smaller margin cannot save a step"""
 HOLD = 2
 """steps for which a thrust stays constant"""
-VERSION = 3
+VERSION = 4
 """version of the search; a journal of an older version is deleted"""
 INTERVALS = 40
 """number of intervals of `Free`"""
@@ -58,8 +58,8 @@ LONGEST = 1000.0
 _IPOPT: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
-    # Without this IPOPT would read ipopt.opt in the working directory, which may name libraries to load.
-    "option_file_name": os.devnull,
+    # Otherwise IPOPT would read ipopt.opt in the working directory, which may name libraries to load.
+    "option_file_name": "",
     "linear_solver": "mumps",
     # A fifth faster than the scalings that MUMPS would choose.
     "mumps_pivot_order": 0,
@@ -242,47 +242,57 @@ class Search:
             task.start[2],
             task.goal_radius,
         )
+        self.tracker = Tracker(
+            self.programs.model, self.programs.middle, self.programs.half, self.trial, 1.0 / self.frequency
+        )
 
-    def find(self, scenario: Scenario, starts: Mapping[str, Commands]) -> Solution:
-        """Search from commands (T, n_u) of controllers, with each thrust constant for `HOLD` steps.
-
-        If that finds nothing better than the commands themselves, search from a straight line.
+    def find(self, scenario: Scenario, starts: Mapping[str, Floats]) -> Solution:
+        """Search from actions (T, n_u) of controllers; if that finds nothing better than they are, from a straight line.
 
         Raises:
-            TrainingError: the simulation produced numbers that are not finite.
+            TrainingError: the simulation produced numbers that are not finite, or no trajectory reaches the goal.
         """
-        arrived = [result for name in starts if (result := self.replay(scenario, starts[name], name))]
-        best = min(arrived, key=lambda f: f.steps, default=None)
-        if best is not None:
-            plans = [(result.start, self.plan_of(scenario, result.commands)) for result in arrived]
-            result = self._improve(scenario, best, plans)
-            if result.steps < best.steps:
-                return result
-        return self._improve(scenario, best, [("straight", self._straight(scenario.target))])
+        plans = [
+            (name, plan) for name in starts if (plan := self.plan_of(scenario, starts[name])) is not None
+        ]
+        flown = [self._followed(scenario, plan, plan.U, name)[0] for name, plan in plans]
+        best = min(filter(None, flown), key=lambda solution: solution.steps, default=None)
+        for guesses in (plans, [("straight", self._straight(scenario.target))]):
+            better = self._improve(scenario, best, guesses)
+            if better is not None:
+                return better
+        if best is None:
+            place = np.round(scenario.waypoint, 2).tolist()
+            raise TrainingError(f"found no way to the waypoint at {place}, and no controller reaches it")
+        return best
 
-    def replay(self, scenario: Scenario, commands: Commands, start: str) -> Solution | None:
-        """Return commands (T, n_u) as a result; None if they do not reach the goal."""
-        outcome = self.trial.run(scenario, commands)
-        return Solution(commands[: outcome.steps], start) if outcome.arrived else None
-
-    def plan_of(self, scenario: Scenario, commands: Commands) -> Plan:
-        """Return the trajectory of commands (T, n_u) in a scenario, relative to its start."""
-        outcome = self.trial.run(scenario, commands)
-        n = len(outcome.pose) - 1
+    def plan_of(self, scenario: Scenario, flown: Floats) -> Plan | None:
+        """Return the trajectory of actions (T, n_u) in a scenario, relative to its start; None if they do not reach the goal."""
+        outcome = self.trial.fly(scenario, len(flown), lambda step, pose, velocity: flown[step])
+        if not outcome.arrived:
+            return None
+        n = outcome.steps
         X = np.zeros((self.programs.model.n_x, n + 1))
-        c, s = np.cos(scenario.yaw), np.sin(scenario.yaw)
-        east, north = (outcome.pose[:, :2] - scenario.pose[:2]).T
-        X[:3] = c * east + s * north, c * north - s * east, outcome.pose[:, 2]
-        # Quaternion of a turn by -yaw about z, times the vehicle's quaternion.
-        c, s = np.cos(0.5 * scenario.yaw), np.sin(0.5 * scenario.yaw)
-        w, x, y, z = outcome.pose[:, 3:].T
-        X[3:7] = c * w + s * z, c * x + s * y, c * y - s * x, c * z - s * w
+        X[:7] = scenario.relative(outcome.pose).T
         X[7:13] = outcome.velocity.T
-        thrust = self.vehicle.force(actions(commands[:n])).T
+        thrust = self.vehicle.force(flown[:n]).T
         lagging = [j for j, unit in enumerate(self.vehicle.units) if unit.lag.order > 0]
         X[13:, 0] = self.programs.model.rest
         X[13:, 1:] = thrust[lagging]
         return Plan(X, self.programs.shares(thrust), n / self.frequency)
+
+    def _followed(
+        self, scenario: Scenario, plan: Plan, shares: Floats, start: str
+    ) -> tuple[Solution | None, Outcome]:
+        """Follow a plan with shares (n_u, steps), one for each step; return what reaches the goal, if it does, and the outcome."""
+        steps = shares.shape[1]
+        # The nodes of a plan are some steps apart, the last one perhaps fewer.
+        apart = -(-steps // plan.U.shape[1])
+        nodes = np.minimum(apart * np.arange(plan.U.shape[1] + 1), steps)
+        X = np.array([np.interp(np.arange(steps + 1), nodes, row) for row in plan.X])
+        X[3:7] /= np.linalg.norm(X[3:7], axis=0)
+        commands, outcome = self.tracker.fly(scenario, X, shares)
+        return Solution(commands[: outcome.steps], start) if outcome.arrived else None, outcome
 
     def _straight(self, waypoint: Floats) -> Plan:
         """Return a straight line to the edge of the goal around a waypoint (3,), without turning or thrust."""
@@ -297,36 +307,23 @@ class Search:
         return Plan(X, np.repeat(programs.coasting[:, None], INTERVALS, axis=1), T)
 
     def _improve(
-        self, scenario: Scenario, incumbent: Solution | None, guesses: Iterable[tuple[str, Plan]]
-    ) -> Solution:
-        """Return the best result from several guesses: refine the quickest plan of the coarse grid step by step."""
+        self, scenario: Scenario, best: Solution | None, guesses: Iterable[tuple[str, Plan]]
+    ) -> Solution | None:
+        """Refine the quickest plan that several guesses lead to; return what is better than `best`."""
         plans = []
         for start, guess in guesses:
             plan, solved = self.programs.shortest(guess, scenario.target)
             if solved:
                 plans.append((plan.T, start, plan))
         plans.sort(key=lambda entry: entry[0])  # stable: equally quick plans keep their order
-        if plans and (incumbent is None or plans[0][0] * self.frequency <= incumbent.steps + 1):
-            _, start, plan = plans[0]
-            result = self._refine(scenario, plan, start, incumbent)
-            incumbent = (
-                result
-                if incumbent is None or (result is not None and result.steps < incumbent.steps)
-                else incumbent
-            )
-        if incumbent is None:
-            place = np.round(scenario.waypoint, 2).tolist()
-            raise TrainingError(f"found no way to the waypoint at {place}, and no controller reaches it")
-        return incumbent
+        if not plans or (best is not None and plans[0][0] * self.frequency > best.steps + 1):
+            return None
+        _, start, plan = plans[0]
+        return self._refine(scenario, plan, start, math.inf if best is None else best.steps - 1)
 
-    def _refine(
-        self, scenario: Scenario, plan: Plan, start: str, incumbent: Solution | None
-    ) -> Solution | None:
-        """Return the fewest steps in which plans near `plan` reach the goal in the simulator; None if no plan
-        does.
-        """
+    def _refine(self, scenario: Scenario, plan: Plan, start: str, most: float) -> Solution | None:
+        """Return the fewest steps, `most` at most, in which plans near `plan` reach the goal in the simulator; None if no plan does."""
         steps = max(1, math.ceil(plan.T * self.frequency))
-        most = math.inf if incumbent is None else incumbent.steps - 1
         too_few, best = 0, None
         guess = plan
         for _ in range(ATTEMPTS):
@@ -334,14 +331,12 @@ class Search:
             if steps <= too_few or steps < 1:
                 break
             guess, shares = self.programs.closest(guess, scenario.target, steps, 1.0 / self.frequency)
-            thrusts = self.programs.thrusts(shares).T
-            commands = stored(self.vehicle.action(thrusts))
-            outcome = self.trial.run(scenario, commands)
+            arrived, outcome = self._followed(scenario, guess, shares, start)
             # Number of steps that the plan is early or late, at its final speed.
             pace = max(float(np.linalg.norm(outcome.velocity[-1, :3])), 0.1) / self.frequency
             distance = float(np.linalg.norm(outcome.pose[-1, :3] - scenario.waypoint))
-            if outcome.arrived:
-                best = Solution(commands[: outcome.steps], start)
+            if arrived is not None:
+                best = arrived
                 most = outcome.steps - 1
                 spare = (self.radius - distance) / (LEAST_GAIN * pace)
                 if spare < 1.0:

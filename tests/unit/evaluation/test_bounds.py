@@ -16,10 +16,10 @@ from auvbench.evaluation.bounds.command_replay import Trial
 from auvbench.evaluation.bounds.compute import (
     PRELOAD,
     all_scenarios,
-    commands,
     compute,
     controllers,
     eligible,
+    flown,
 )
 from auvbench.evaluation.bounds.lower_bound import PRICES, Energy
 from auvbench.evaluation.bounds.search import Search
@@ -144,8 +144,7 @@ def test_no_controller_arrives_sooner_than_is_proven() -> None:
     for episode, scenario in enumerate(all_scenarios(condition, protocol)):
         least = energy.steps(scenario, 10.0)
         assert all(
-            least <= len(commands)
-            for commands in commands(condition.config, agents, protocol, episode).values()
+            least <= len(commands) for commands in flown(condition.config, agents, protocol, episode).values()
         )
         assert least > 20
 
@@ -161,7 +160,7 @@ def test_what_is_found_arrives_and_is_quicker_than_controllers(
     (condition,) = resolve_conditions(protocol, config)
     agents = controllers(condition.config)
     quickest = [
-        min(map(len, commands(condition.config, agents, protocol, episode).values())) for episode in range(2)
+        min(map(len, flown(condition.config, agents, protocol, episode).values())) for episode in range(2)
     ]
     steps = np.array([bound.steps for bound in held])
     assert (steps <= quickest).all()
@@ -238,11 +237,25 @@ def test_thrusters_with_lag_are_covered() -> None:
     protocol = protocol_of(*NEAR, episodes=1)
     (condition,) = resolve_conditions(protocol, config_of("vehicle=rexrov"))
     (scenario,) = all_scenarios(condition, protocol)
-    starts = commands(condition.config, controllers(condition.config), protocol, 0)
+    starts = flown(condition.config, controllers(condition.config), protocol, 0)
     search = Search(condition.config)
     found = search.find(scenario, starts)
     assert search.trial.run(scenario, found.commands).arrived
     assert found.steps <= min(map(len, starts.values()))
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_turns_aside_is_led_along_the_plan() -> None:
+    far = "task.waypoint_low=[-18,-18,-24]", "task.waypoint_high=[-14,-14,-20]"
+    protocol = protocol_of(*far, episodes=1)
+    (condition,) = resolve_conditions(protocol, config_of("vehicle=bluerov2_2026"))
+    (scenario,) = all_scenarios(condition, protocol)
+    starts = flown(condition.config, controllers(condition.config), protocol, 0)
+    search = Search(condition.config)
+    found = search.find(scenario, starts)
+    outcome = search.trial.run(scenario, found.commands)
+    assert (outcome.arrived, outcome.steps) == (True, found.steps)
+    assert found.steps < min(map(len, starts.values()))
 
 
 SHIPPED = sorted(folder.name for folder in files.shipped().glob("*-*") if folder.is_dir())
