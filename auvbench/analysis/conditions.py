@@ -4,12 +4,14 @@ undisturbed condition.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
+from auvbench.analysis.grouping import failed_training
 from auvbench.analysis.measures import UNKNOWN, Measure, metric_of
 from auvbench.analysis.records import Agent, Condition, Evaluation, RunRecord
 from auvbench.statistics import crossed, means, wilson
@@ -79,7 +81,7 @@ def results(
     agents: Sequence[Agent], protocol: str, confidence: float, by: Measure | None = None
 ) -> tuple[Condition, ...]:
     """Return the results under each condition of the protocol, in its order (`of_evaluations`); empty if it
-    has only one.
+    has only one. A failed training is a seed without a success, as in `grouping.agents`.
     """
     tested = {a.label: [r.evaluations[protocol] for r in a.runs if protocol in r.evaluations] for a in agents}
     names = {
@@ -88,11 +90,22 @@ def results(
         for evaluation in evaluations
         for c in evaluation.summary["conditions"]
     }
-    return of_evaluations(tested, confidence, by) if len(names) > 1 else ()
+    if len(names) < 2:
+        return ()
+    failed = {
+        a.label: sum(failed_training(r) and protocol not in r.evaluations for r in a.runs) for a in agents
+    }
+    value = {a.label: by.failure(a) if by else math.nan for a in agents}
+    return of_evaluations(
+        tested, confidence, by, {label: (n, value[label]) for label, n in failed.items() if n}
+    )
 
 
 def of_evaluations(
-    tested: Mapping[str, Sequence[Evaluation]], confidence: float, by: Measure | None = None
+    tested: Mapping[str, Sequence[Evaluation]],
+    confidence: float,
+    by: Measure | None = None,
+    failed: Mapping[str, tuple[int, float]] = {},
 ) -> tuple[Condition, ...]:
     """Return success rates and means under each condition, and changes from the undisturbed condition if
     there is one.
@@ -101,11 +114,16 @@ def of_evaluations(
         tested: evaluations of an agent's seeds, by agent; all with the same scenarios.
         confidence: confidence of the intervals.
         by: measure whose means are computed; not for rates and penalised times.
+        failed: number of failed trainings, and the value of `by` that their episodes count as, by agent.
     """
     column = by.column if by and not by.rate and not by.penalty else ""
     kind = metric_of(column) or UNKNOWN
     met = {label: by_condition(evaluations, column) for label, evaluations in tested.items()}
     names = dict.fromkeys(name for conditions in met.values() for name in conditions)
+    for label, (n, value) in failed.items():
+        for name in names:
+            example = next(conditions[name] for conditions in met.values() if name in conditions)
+            met[label][name] = met[label].get(name, example.without_seeds()).with_failed(n, value)
     return tuple(_condition(name, met, confidence, (kind.low, kind.high)) for name in names)
 
 
@@ -121,6 +139,21 @@ class Met:
     """step frequency in Hz and limit in steps: steps are compared only if the two are equal"""
     measured: FloatArray | None = None
     """(seeds, E) the primary measure"""
+
+    def without_seeds(self) -> Met:
+        """Return the same scenarios without results."""
+        return Met(
+            self.success[:0], self.par1[:0], self.time, None if self.measured is None else self.measured[:0]
+        )
+
+    def with_failed(self, n: int, value: float) -> Met:
+        """Return the results with `n` more seeds that failed in each scenario, which counts as `value` of the measure."""
+
+        def more(rows: FloatArray, fill: float) -> FloatArray:
+            return np.concatenate([rows, np.full((n, rows.shape[1]), fill)])
+
+        measured = None if self.measured is None else more(self.measured, value)
+        return Met(more(self.success, 0.0), more(self.par1, self.time[1]), self.time, measured)
 
 
 def by_condition(evaluations: Sequence[Evaluation], column: str) -> dict[str, Met]:

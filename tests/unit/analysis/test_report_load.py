@@ -298,6 +298,21 @@ def test_a_failed_training_is_a_seed_without_success(grid: list[Path]) -> None:
     )
 
 
+@pytest.mark.parametrize("failed", [1, 2])
+def test_a_failed_training_is_a_seed_without_success_under_each_condition(
+    grid: list[Path], failed: int
+) -> None:
+    for path in grid:
+        write_evaluation(path, "robustness", ("nominal", "current=0.5"), 6)
+    set_state(grid[:failed], "failed", "loss is nan")
+    runs, _ = load([grid[0].parent], ("robustness",))
+    for condition in rank(agents(runs, "robustness")[0], protocol="robustness").conditions:
+        own = agents(runs, "robustness", condition.name)[0]
+        expected = {agent.label: agent.success.mean() for agent in own}
+        assert {label: rate.value for label, rate in condition.success.items()} == pytest.approx(expected)
+        assert len(own) == len({agent.label for agent in own}) > 1
+
+
 def test_an_agent_all_of_whose_trainings_failed_is_in_the_table(grid: list[Path]) -> None:
     set_state(grid[:2], "failed", "loss is nan")
     shutil.rmtree(grid[0] / "evaluations")
