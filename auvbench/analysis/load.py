@@ -6,7 +6,6 @@ of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.registry import TASKS
 from auvbench.runs import integrity
 from auvbench.runs import run_filter as filters
-from auvbench.runs.directory import as_words, missing
+from auvbench.runs.directory import as_words, folders_of_runs
 from auvbench.runs.identity import LATER
 from auvbench.untrusted import reading
 from auvbench.untrusted.columns import LARGEST
@@ -67,7 +66,8 @@ def load(
         Runs sorted by id, including failed and unfinished ones (without evaluations), and the problems.
 
     Raises:
-        ReportError: a path does not exist, or no run under the paths is readable.
+        RunError: a path does not exist, or is a file that is not of a run.
+        ReportError: no run under the paths is readable.
         UserError: a term of `where` has a key or value that no run has.
     """
     protocols = (protocol,) if isinstance(protocol, str) else tuple(protocol)
@@ -169,27 +169,14 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
 def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterator[Path]:
     resolved: set[Path] = set()
     for path in map(Path, paths):
-        if not path.exists():
-            raise ReportError(missing(path))
-        if path.is_file():
-            if path.name not in ("manifest.json", "config.yaml"):
-                raise ReportError(f"{path}: is a file, not a run; name a run directory or a folder of runs")
-            path = path.parent
-        count = 0
-        for folder, folders, files in os.walk(path):
-            directory = Path(folder)
-            if is_archive(directory) or "manifest.json" in files:
-                folders.clear()  # folders below a run are not runs
-                count += 1
-                if (real := directory.resolve()) not in resolved:
-                    resolved.add(real)
-                    yield directory
-            elif "config.yaml" in files and directory != path:
-                folders.clear()
-                problems.append(Problem(str(directory), "damaged", "config.yaml without a manifest.json"))
-            else:
-                folders[:] = sorted(f for f in folders if f != "report" and not f.startswith("."))
-        if not count:
+        folders = list(folders_of_runs(path, is_archive))
+        for folder in folders:
+            if not is_archive(folder) and not (folder / "manifest.json").is_file():
+                problems.append(Problem(str(folder), "damaged", "config.yaml without a manifest.json"))
+            elif (real := folder.resolve()) not in resolved:
+                resolved.add(real)
+                yield folder
+        if not folders:
             problems.append(Problem(str(path), "missing", "no run here (no folder with a manifest.json)"))
 
 

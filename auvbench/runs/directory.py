@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import shlex
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -309,9 +309,7 @@ def find_runs(paths: Iterable[Path | str]) -> list[RunDirectory]:
     """
     runs: dict[Path, RunDirectory] = {}
     for path in map(Path, paths):
-        if not path.exists():
-            raise RunError(missing(path))
-        folders = sorted(_walk(path))
+        folders = list(folders_of_runs(path))
         if not folders:
             raise RunError(
                 f"{path}: is not a run directory and contains none; name a run directory or a folder of runs"
@@ -338,25 +336,26 @@ def missing(path: Path) -> str:
     return f"{path}: no such file or directory"
 
 
-def _walk(path: Path) -> list[Path]:
-    """Return the directories that have a manifest, at most three levels down: root, experiment, run."""
+def folders_of_runs(
+    path: Path, is_study: Callable[[Path], bool] = lambda folder: False, levels: int = 3
+) -> Iterator[Path]:
+    """Yield the run directories, damaged ones too, and the published studies below a path, sorted.
+
+    They are at most `levels` down: root, experiment, run; the trials of a search are further down. Reports, hidden folders and links are
+    left out.
+
+    Raises:
+        RunError: the path does not exist, or is a file that is not of a run.
+    """
+    if not path.exists():
+        raise RunError(missing(path))
     if path.is_file():
         if path.name not in ("manifest.json", "config.yaml"):
             raise RunError(f"{path}: is a file, not a run; name a run directory or a folder of runs")
         path = path.parent
-    if (path / "manifest.json").is_file() or (path / "config.yaml").is_file():
-        return [path]
-    runs: list[Path] = []
-    level = [path]
-    for _ in range(3):
-        following: list[Path] = []
-        for folder in level:
-            for child in folder.iterdir():
-                if not child.is_dir() or child.name.startswith("."):
-                    continue
-                if (child / "manifest.json").is_file():
-                    runs.append(child)
-                else:
-                    following.append(child)
-        level = following
-    return runs
+    if is_study(path) or (path / "manifest.json").is_file() or (path / "config.yaml").is_file():
+        yield path
+    elif levels:
+        for child in sorted(path.iterdir()):
+            if child.is_dir() and not child.is_symlink() and child.name != "report" and child.name[0] != ".":
+                yield from folders_of_runs(child, is_study, levels - 1)

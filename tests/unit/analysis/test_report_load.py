@@ -14,7 +14,7 @@ import pytest
 from auvbench.analysis.load import agents, available_protocols, load, require
 from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import NO_POLICY, Problem
-from auvbench.errors import ReportError
+from auvbench.errors import ReportError, RunError
 from auvbench.reporting.tables.main import remarks
 from tests.synthetic import damage, reconfigure, seal, set_state, write_evaluation, write_experiment
 
@@ -77,7 +77,7 @@ def test_paths_may_overlap_and_be_runs(grid: list[Path]) -> None:
 
 
 def test_no_such_folder_and_no_run_at_all(tmp_path: Path) -> None:
-    with pytest.raises(ReportError, match=r"nowhere: no such file or directory"):
+    with pytest.raises(RunError, match=r"nowhere: no such file or directory"):
         load([tmp_path / "nowhere"])
     with pytest.raises(ReportError, match="no run under"):
         load([tmp_path])

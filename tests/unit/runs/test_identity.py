@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import shutil
+
 import pytest
 from omegaconf import OmegaConf
 
+from auvbench.analysis.load import load
 from auvbench.config.compose import typed
 from auvbench.errors import ConfigError, RunError
 from auvbench.runs import identity
@@ -137,6 +140,12 @@ def test_finding_runs(tmp_path):
     runs = [freeze(plain(f"output={tmp_path}", f"seed={seed}", "name=a")) for seed in range(3)]
     assert {run.id for run in find_runs([tmp_path])} == {run.id for run in runs}
     assert [run.id for run in find_runs([runs[0].path, runs[0].path])] == [runs[0].id]
+    (tmp_path / "linked").symlink_to(runs[0].path)
+    (tmp_path / "a" / "report").mkdir()
+    shutil.copytree(runs[0].path, tmp_path / "a" / "report" / "b")
+    shutil.copytree(runs[0].path, tmp_path / "tune" / "study" / "runs" / "trial")
+    assert [run.id for run in find_runs([tmp_path])] == sorted(run.id for run in runs)
+    assert {run.id for run in load([tmp_path])[0]} == {run.id for run in runs}
     with pytest.raises(RunError, match="no such file or directory"):
         find_runs([tmp_path / "nowhere"])
     (tmp_path / "empty").mkdir()
