@@ -68,7 +68,7 @@ def declared_rows(
 def sentence(
     plan: Plan, done: Analysed, runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Ranking
 ) -> str:
-    """Return whether a table is the declared analysis, and when it was declared.
+    """Return the sentence that says whether a table is the declared analysis, and when that was declared.
 
     Args:
         plan: declared analysis.

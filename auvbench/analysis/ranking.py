@@ -214,7 +214,7 @@ def tuned_on_these(agents: Sequence[Agent], protocol: str) -> str:
     single = len(labels) == 1
     return (
         f"{listed(labels, 4)} {'was' if single else 'were'} tuned on the scenarios of this table (protocol {protocol}): "
-        f"{'its settings are' if single else 'their settings are each'} the luckiest of many trials here, so this is no ranking; "
+        f"{'its settings are' if single else 'their settings are each'} the best of many trials, and partly lucky, so this is no ranking; "
         "protocol=test has scenarios that no tuning sees."
     )
 

@@ -81,7 +81,7 @@ def main(argv: Sequence[str]) -> int:
     if options.undecided and (study.folder / declared.FILE).is_file():
         raise UserError(
             f"--to {study.folder}: its declared analysis would be lost: {options.undecided}. If its {declared.FILE} declares"
-            " all runs, cp it to the other folders"
+            " all runs, copy that file to the other folders"
         )
     if study.policies:
         export.require()

@@ -71,7 +71,9 @@ def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], mult
     product = [{**common, **grid} for grid in from_config(parser, union)]
     lines = jobs(narrow(product or [common], typed))
     if not lines:
-        raise ConfigError(f"{' '.join(overrides)}: leaves no job of the experiment's grids")
+        raise ConfigError(
+            f"{' '.join(overrides)}: no job of the experiment's grids has these values; leave one out"
+        )
 
     def of_job(files: tuple[str, ...], mode: RunMode) -> DictConfig:
         job = load((*own, *files), mode)

@@ -33,7 +33,7 @@ ACTIONS = 200
 WARM_UP = 3
 """number of first actions that are not counted, since they compile and build"""
 SECONDS = 3.0
-"""wall time in s after which no further action is timed; the first action always is"""
+"""wall time in s after which no further action is timed; at least one is timed"""
 
 
 @dataclass(slots=True)

@@ -288,8 +288,8 @@ def _check_units(log: Log) -> None:
         ):
             if slope is not None and 0.6 < abs(slope) / factor < 1.6:
                 raise LogError(
-                    f"{log.name}: {CHANNELS[rate]} is {abs(slope):.3g} times the derivative of {CHANNELS[angle]}; {what}: name"
-                    " columns in degrees _deg and _degps"
+                    f"{log.name}: {CHANNELS[rate]} is {abs(slope):.3g} times the derivative of {CHANNELS[angle]}; {what}:"
+                    " end names of columns in degrees in _deg, in deg/s in _degps"
                 )
     slope = _slope(log, 2, 8)
     if slope is not None and not 0.1 < abs(slope) < 10.0:

@@ -67,7 +67,7 @@ def path(e: Record, progress: float, last: int) -> tuple[Vector, Vector]:
 
 @row
 def project(e: Record, position: Vector, last: int) -> None:
-    """Move the progress to the path's closest point to a position, by two Gauss-Newton steps."""
+    """Move the progress to the point of the path that is closest to a position, by two Gauss-Newton steps."""
     x, y, z = position
     progress = e.progress
     for _ in range(2):

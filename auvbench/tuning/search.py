@@ -117,8 +117,7 @@ def objective(name: str, then: str) -> Objective:
 
 
 def tested(runs: Sequence[RunDirectory], protocol: str) -> Agent:
-    """Return the runs' validation episodes as an agent of the tables, with the digests of their files
-    checked.
+    """Check the digests of the runs' files and return their validation episodes as one `Agent`.
 
     Raises:
         RunError: an evaluation is missing or damaged, or the runs have different scenarios.

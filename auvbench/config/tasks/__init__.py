@@ -155,7 +155,7 @@ class TaskSpec(Spec):
     free_goal: bool = False
     """whether `reset` may place the goal, as seen from a fixed start: options waypoint and distance"""
     path: bool = False
-    """whether the reference is a path, and its point of now goes along with the vehicle"""
+    """whether the reference is a path, whose point of reference advances with the vehicle"""
     holds: bool = False
     """whether the vehicle is to stay at the reference until the time is up"""
     bottom: bool = False

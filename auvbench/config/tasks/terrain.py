@@ -23,7 +23,7 @@ class Terrain(Tracked):
     tolerance: float = number(0.0, 1e3, open_low=True)  # m
 
     def check_length(self, frequency: float) -> None:
-        """Reject a settling time as long as an episode."""
+        """Reject a settling time that leaves no step of an episode."""
         steps, length = feasible.length(self, frequency)
         why = "the RMS errors exclude that time and need at least one step"
         late = round(self.settling * frequency) >= steps

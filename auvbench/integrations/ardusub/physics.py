@@ -37,7 +37,7 @@ _FIRST = np.zeros(1, dtype=np.int64)
 class Physics:
     """One vehicle in its water, driven by the PWM of ArduSub's motors.
 
-    Below the surface its motion has the bits of `FossenSimulator` under the same forces. At the surface the
+    Below the surface its motion equals that of `FossenSimulator` under the same forces, bit by bit. At the surface the
     buoyancy falls with the share of the vehicle above it, so that a floating vehicle stays at the surface.
 
     Args:

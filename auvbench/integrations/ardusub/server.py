@@ -67,7 +67,9 @@ class FrameCheck:
     def _other(self, why: str) -> UserError:
         frame, name = self._motors.frame, self._motors.vehicle.name
         if frame is None:
-            return UserError(f"{why}; {name} needs {len(self._motors.order)}, see FRAME_CONFIG and --motors")
+            return UserError(
+                f"{why}; {name} has {len(self._motors.order)} motors: set FRAME_CONFIG and --motors to match"
+            )
         return UserError(
             f"{why}; vehicle={name} is {frame.name}: set FRAME_CONFIG to {frame.config} and reboot ArduSub, or serve another vehicle"
         )

@@ -24,7 +24,7 @@ def fan(azimuths: Floats, elevations: Floats) -> Floats:
 
 
 def middles(angle: float, count: int) -> Floats:
-    """Return the middles in rad of `count` equal parts of an angle, less its half."""
+    """Return the centres in rad of `count` equal sectors of a fan that is centred on 0."""
     return np.asarray(angle * ((np.arange(count) + 0.5) / count - 0.5))
 
 

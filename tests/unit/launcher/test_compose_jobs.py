@@ -90,7 +90,7 @@ def test_a_grid_that_nothing_remains_of_is_said(tmp_path: Path, monkeypatch: pyt
     grids = "[{algo: sac, seed: '1,2'}, {algo: pid, seed: 0}]"
     (folder / "study.yaml").write_text(f"# @package _global_\nhydra: {{sweeper: {{grids: {grids}}}}}\n")
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ConfigError, match=r"algo=pid seed=1: leaves no job"):
+    with pytest.raises(ConfigError, match=r"algo=pid seed=1: no job"):
         jobs("experiment=study", "algo=pid", "seed=1")
 
 
