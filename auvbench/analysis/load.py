@@ -1,7 +1,7 @@
 """Read run directories for a report, and name what keeps a run, or a part of it, out of the tables.
 
 An error never stops the reading: readable runs are returned, and the rest is returned as `Problem`s. Format
-of the directories: docs/architecture.md; of the CSV: docs/protocol.md.
+of the directories: docs/runs.md; of the CSV: docs/protocol.md.
 """
 
 from __future__ import annotations
