@@ -211,6 +211,55 @@ def stay_within(b: Record, here: Vector, most: float) -> None:
         b.estimate[0], b.estimate[1] = x + dx * (most / away), y + dy * (most / away)
 
 
+@row
+def measured_place(e: Record, p: Record, pose: Floats, offset: Floats, stream: int) -> Vector:
+    """Return the position in m that an observation has: measured pose, plus the errors of its reading, plus noise."""
+    here = add(triple(pose), triple(offset))
+    if p.position_noise_high > 0.0:
+        ux, uy, uz, _ = uniform4(e.seed, SENSOR | stream, 0, e.steps, e.episode, e.environment)
+        low, high, both = p.position_noise_low, p.position_noise_high, p.both_signs > 0
+        here = add(here, (noise(ux, low, high, both), noise(uy, low, high, both), noise(uz, low, high, both)))
+    return here
+
+
+@row
+def hear(
+    e: Record,
+    b: Record,
+    p: Record,
+    here: Vector,
+    source: Vector,
+    way: float,
+    sent: float,
+    now: float,
+    stream: int,
+) -> None:
+    """Take the ping that arrives at a place (m), unless it is lost: remember it, and correct the estimate.
+
+    It was sent at a source (m), `way` m from here, at a time in s. The first ping of an episode is never lost, and begins the estimate.
+    """
+    error, _, _, _ = normal4(e.seed, MESSAGE | stream, 0, b.next_ping, e.episode, e.environment)
+    chance, _, _, _ = uniform4(e.seed, MESSAGE | stream, 1, b.next_ping, e.episode, e.environment)
+    distance = max(way + p.range_noise * error, 0.0)
+    begins = e.steps == 0
+    if begins:
+        east, north = prior_errors(e, p, stream)
+        begin_estimate(b, p, source, east, north)
+        for k in range(len(b.pings)):
+            remember(b, k, here, distance, now)
+    elif chance >= p.message_loss:
+        for k in range(len(b.pings) - 1, 0, -1):
+            for j in range(5):
+                b.pings[k, j] = b.pings[k - 1, j]
+        _, _, b.depth = source
+        remember(b, 0, here, distance, sent)
+    if begins or chance >= p.message_loss:
+        # Noise of the vehicle's own position counts as noise of the range; its bias and drift do not.
+        variance = p.range_noise * p.range_noise + p.position_noise_high * p.position_noise_high
+        correct(b, here, distance, now - sent, variance)
+    b.next_ping += 1
+
+
 @compiled("dynamics", ".")
 def listen(
     rows: Integers, pose: Floats, offset: Floats, true: Any, believed: Any, parameters: Any, stream: int
@@ -231,54 +280,27 @@ def listen(
     """
     p = parameters[0]
     pose, offset = borrowed(pose), borrowed(offset)
-    both = p.both_signs > 0
-    # Noise of the vehicle's own position counts as noise of the range; its bias and drift do not.
-    variance = p.range_noise * p.range_noise + p.position_noise_high * p.position_noise_high
     for n in range(rows.shape[0]):
         i = rows[n]
         e, b = true[i], believed[i]
-        here = add(triple(pose[i]), triple(offset[i]))
-        if p.position_noise_high > 0.0:
-            # The noise of the observation's position.
-            ux, uy, uz, _ = uniform4(e.seed, SENSOR | stream, 0, e.steps, e.episode, e.environment)
-            low, high = p.position_noise_low, p.position_noise_high
-            here = add(
-                here, (noise(ux, low, high, both), noise(uy, low, high, both), noise(uz, low, high, both))
-            )
+        here = measured_place(e, p, pose[i], offset[i], stream)
         now = e.steps * p.duration
         b.steps = e.steps
         begins = e.steps == 0
-        sent = b.next_ping * p.ping_interval
-        s = e.rate * sent
-        was = (place(e, s, X), place(e, s, Y), place(e, s, Z))
-        way = between(triple(e.position), was)
-        arrives = begins or sent + p.transmission + way / p.sound_speed <= now + SOON
         if not begins:
             predict(b, p.duration, p.agility)
-        if arrives:
-            error, _, _, _ = normal4(e.seed, MESSAGE | stream, 0, b.next_ping, e.episode, e.environment)
-            lost, _, _, _ = uniform4(e.seed, MESSAGE | stream, 1, b.next_ping, e.episode, e.environment)
-            distance = max(way + p.range_noise * error, 0.0)
-            if begins:
-                east, north = prior_errors(e, p, stream)
-                begin_estimate(b, p, was, east, north)
-                for k in range(len(b.pings)):
-                    remember(b, k, here, distance, now)
-            elif lost >= p.message_loss:
-                for k in range(len(b.pings) - 1, 0, -1):
-                    for j in range(5):
-                        b.pings[k, j] = b.pings[k - 1, j]
-                _, _, b.depth = was
-                remember(b, 0, here, distance, sent)
-            if begins or lost >= p.message_loss:
-                correct(b, here, distance, now - sent, variance)
-            b.next_ping += 1
+        sent = b.next_ping * p.ping_interval
+        phase = e.rate * sent
+        source = (place(e, phase, X), place(e, phase, Y), place(e, phase, Z))
+        way = between(triple(e.position), source)
+        if begins or sent + p.transmission + way / p.sound_speed <= now + SOON:
+            hear(e, b, p, here, source, way, sent, now, stream)
         stay_within(b, here, p.bounds)
         guess = (b.estimate[0], b.estimate[1], b.depth)
         circle(b, now, p, guess, (b.estimate[2], b.estimate[3], 0.0))
         if not begins:
-            miss = between(guess, triple(e.target))
-            b.miss_squared_sum += miss * miss
+            error = between(guess, triple(e.target))
+            b.miss_squared_sum += error * error
 
 
 class TargetTrackingTask(TrajectoryTrackingTask):
