@@ -53,7 +53,7 @@ _TAKEN = (
 )
 """attributes of every task that `Task._take` creates"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
-"""methods that `installed.guard` replaces for a package's task or reward, and `observe` for its blocks"""
+"""Methods that `installed.guard` replaces if a package has the task or the reward. If a package has a block, it replaces `observe`."""
 
 
 class Task:
@@ -66,15 +66,16 @@ class Task:
     """
 
     draw: ClassVar[Callable[..., float]]
-    """`draw(e, p, stream) -> yaw`: begins the episode e: writes its reference and `e.start`, and returns the yaw of
-    the start. The task's own fields of e are 0 before"""
+    """`draw(e, p, stream) -> yaw`: begins the episode e. It writes the reference and `e.start`, and returns the yaw at
+    the start. Before the call, the task's own fields of e are 0"""
     step: ClassVar[Callable[..., int]]
     """`step(e, v, p) -> outcome`: adds a step to the episode's fields, and returns the outcome or GOES_ON.
-    `e.distance` and, if the reference has its own yaw, `e.yaw_error` have their present values"""
+    Before the call, `e.distance` and, if the reference has its own yaw, `e.yaw_error` are up to date"""
     refer: ClassVar[Callable[..., None]]
     """`refer(e, v, p)`, optional: moves the reference; called before `step`"""
     look: ClassVar[Callable[..., None]]
-    """`look(e, v, p, solids, heights)`, optional: measures the solids of a world after `refer`; of `solids`, the first `e.solids` exist"""
+    """`look(e, v, p, solids, heights)`, optional: called after `refer`; measures the solids of a world. Only the first `e.solids` records
+    of `solids` are in use"""
     preview_row: ClassVar[Callable[..., None]]
     """`preview_row(e, p, points)`, for tasks with the block `preview`: writes the future positions (points, 3) of the
     reference"""
@@ -85,7 +86,7 @@ class Task:
     transient: ClassVar[tuple[str, ...]] = ()
     """fields that each step writes before it reads them"""
     taken: ClassVar[tuple[str, ...]] = ()
-    """further attributes that its `_take` creates"""
+    """Attributes that the `_take` of a subclass creates in addition"""
     success_ends: ClassVar[bool] = True
     """whether success ends the episode; if not, success is a property of the whole episode, which then times out"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
@@ -96,9 +97,10 @@ class Task:
     reference_key: ClassVar[str] = "reference"
     """name of the reference in `info`"""
     hidden: ClassVar[bool] = False
-    """whether agents never know the reference: the task writes what the vehicle believes into `believed`, also where it knows its pose"""
+    """Whether agents never know the true reference: the task writes the vehicle's estimate of the reference into `believed`, even if the
+    vehicle knows its pose"""
     owners: tuple[str, str] | None = None
-    """names and packages of task and reward if a package has one of them: `installed` checks their results"""
+    """Names of task and reward for messages; None if neither comes from a package. `installed` checks the results of both"""
 
     def __init__(
         self,
@@ -113,7 +115,7 @@ class Task:
         self.vehicle = vehicle
         self.n = n
         self.team = config.task.team
-        """number of vehicles in an episode, which are rows one after the other"""
+        """Number of vehicles in an episode; they are consecutive rows"""
         self.name = config.task.name
         self.frequency = config.step.frequency
         self.noise_scale = _command_noise_scale(config.noise, vehicle)
@@ -123,12 +125,12 @@ class Task:
         self.reach = start_bounds(config, vehicle)
         """(3,) m, largest position errors at the start of an episode"""
         self.limits = _limits(config)
-        """values that the errors of a failed episode count as, by the `failed` of their metrics"""
+        """Values that replace the errors of a failed episode, by the names that `Metric.failed` uses"""
         self.reads_velocity = reads(config.task, "velocity")
         """whether the observation contains more of the vehicle's state than its pose"""
         self._names = names = tasks.blocks(config.task)
         self.block_owners = {name: owner_of_block(name, config.task) for name in config.task.block_packages}
-        """packages' blocks with their names in messages; `installed` checks the numbers that they write"""
+        """Names for messages of the blocks that packages have, by block; `installed` checks the numbers that these blocks write"""
         codes = [spec.name for spec in loops.observed(names)]
         self._codes = np.array([codes.index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
@@ -136,7 +138,7 @@ class Task:
         self.sensors = ranges.make(config, n, shared)
         """range sensors; None without any"""
         self.parameters = records.one_row(self.own_parameters(config.task), shared, owner_name)
-        """(1,)"""
+        """(1,) parameters of the task"""
         records.check_names(config.reward, owner("reward", config.reward))
         prices = records.of_schema(config.reward)
         self.prices = records.one_row(prices, shared, owner("reward", config.reward))
@@ -153,13 +155,13 @@ class Task:
         """(n,) record of each episode"""
         points = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
         self.preview: Floats = np.zeros((n, points, 3))
-        """m, future positions of the references"""
+        """(n, points, 3) m, future positions of the references"""
         self.navigation_name = config.navigation.name
         estimated = is_estimated(config) or self.hidden
         self.believed: Any = (
             records.table(n, (*self.own_fields, *records.BELIEF), owner_name) if estimated else None
         )
-        """(n,) episodes as an estimator believes them to be, which observations read; None: the true ones"""
+        """(n,) episodes as an estimator believes them to be; observations read them. None: observations read the true episodes"""
         self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))
         self.estimated: Callable[[int], dict[str, float]] | None = None
         """Function that returns the columns that the estimator of environment i adds to the record"""
@@ -181,7 +183,7 @@ class Task:
         """Store the loops that call the task's functions and reward, and views of the arrays for these loops."""
         self._interpreted = interpreted
         self.rows = records.common(self.episodes)
-        """(n,) the fields that every task has, for compiled functions of all tasks"""
+        """(n,) view of the episodes with the fields that every task has, for functions that are compiled once for all tasks"""
         self._common = records.common_row(self.parameters)
         self.outcome: Integers = self.episodes.outcome
         """(n,) -1 during an episode, else an index into OUTCOMES"""
@@ -213,7 +215,7 @@ class Task:
             self._read = believed if interpreted else records.plain(believed), parameters
         else:
             self._read = records.common(believed), self._common
-        """episodes and parameters, with their own fields only where a block reads these"""
+        """Episodes and parameters that blocks read; they have the task's own fields only if a block reads own fields"""
         self._believe: Any = believed if interpreted else records.plain(believed)
         self.shown = (
             () if self.believed is None else tuple(np.asarray(believed[name]) for name, *_ in records.BELIEF)
@@ -254,7 +256,9 @@ class Task:
         return {}
 
     def reseed(self, seed: int, indices: Integers | None = None) -> None:
-        """Set all or some environments before episode 0 of a seed; environment i draws from (seed, i), a team t from (seed, t)."""
+        """Reset the episode counters of all or some environments, so that episode 0 of a seed comes next. Environment i draws from
+        (seed, i); team t draws from (seed, t).
+        """
         rows = np.arange(self.n) if indices is None else indices
         if len(rows) == self.n:
             self.seed = int(seed)
@@ -263,8 +267,8 @@ class Task:
         self.episodes.episode[rows] = -1
 
     def reseed_each(self, indices: Integers, seeds: Integers) -> None:
-        """Set environments `indices` (k,) before episode 0 of their seeds (k,); each draws as environment 0 of its
-        seed.
+        """Reset the episode counters of environments `indices` (k,), so that episode 0 of their `seeds` (k,) comes next. Each one draws the
+        same numbers as environment 0 of its seed.
         """
         self.episodes.seed[indices] = seeds
         self.episodes.environment[indices] = VEHICLE * (indices % self.team)
@@ -328,12 +332,12 @@ class Task:
         away, most = (", ".join(f"{value:g}" for value in values) for values in (error, self.reach))
         return f"is ({away}) m from the {self.reference_key}; must be at most ({most}) m"
 
-    # Each of these does it for the environments start .. stop - 1, by default all; threads share the environments.
+    # Each of these functions acts on the environments start .. stop - 1, by default on all; threads divide the environments.
 
     def protect(
         self, pose: Floats, velocity: Floats, action: Floats, start: int = 0, stop: int | None = None
     ) -> None:
-        """Change actions (n, n_u) in [-1, 1] by the filter, if there is one, for measured poses and velocities."""
+        """Let the filter, if the task has one, change actions (n, n_u) in [-1, 1], given measured poses and velocities."""
         if self.filter is not None:
             stop = self.n if stop is None else stop
             self.filter.act(pose, velocity, action, self.observation, self._filtered, start, stop)
@@ -354,12 +358,12 @@ class Task:
         start: int = 0,
         stop: int | None = None,
     ) -> int:
-        """Compute rewards and ends after one agent step; return the argument of `checked`."""
+        """Compute rewards and outcomes after one agent step; return the number that `checked` takes."""
         stop = self.n if stop is None else stop
         return self.step_rows(start, stop, pose, velocity, action, self.previous, force, power)
 
     def checked(self, ended: int) -> int:
-        """Return the result of `advance`, a number of episodes.
+        """Return the result of `advance` as the number of episodes that ended.
 
         Raises:
             TrainingError: a simulated position is not finite.
@@ -379,7 +383,7 @@ class Task:
         indices: Integers | None = None,
         seats: Floats | None = None,
     ) -> NDArray[np.float32]:
-        """Return observations (n, n_obs) from measured poses and velocities; with `indices`, only these rows are renewed.
+        """Return observations (n, n_obs) from measured poses and velocities; with `indices`, renew only these rows.
 
         Args:
             pose: (n, 7)
@@ -396,13 +400,13 @@ class Task:
         return self.observation
 
     def begin_belief(self, indices: Integers) -> None:
-        """Let episodes that begin be believed as they are: a mission plan is known."""
+        """Copy episodes that begin into the believed episodes: at the start, the vehicle knows its mission plan."""
         for name in self.episodes.dtype.names:
             self.believed[name][indices] = self.episodes[name][indices]
         self.believed_preview[indices] = self.preview[indices]
 
     def move_belief(self, start: int, stop: int, *motion: Floats) -> None:
-        """Move the references of the believed episodes, after a step with estimated poses and velocities (the first of `motion`)."""
+        """Move the references of the believed episodes after a step; `motion` begins with estimated poses and velocities."""
         self.loops.believe(start, stop, *motion, self._believe, self.believed_preview, self._arrays[2])
 
     def goal(self, i: int) -> Floats:
@@ -414,8 +418,8 @@ class Task:
         return None
 
     def outlines(self, i: int, low: Floats, high: Floats, time: float) -> Floats:
-        """Return the segments (k, 2, 3) in m that show the world of environment i, which is not open, inside a box, after a time in s
-        of the episode.
+        """Return segments (k, 2, 3) in m that draw the solids of environment i inside a box, `time` s after the start of the episode. The
+        world must not be open water.
         """
         assert self.world is not None
         return self.world.outlines(i, int(self.episodes[i].solids), low, high, time)
@@ -429,7 +433,7 @@ class Task:
         return [self._counted(self.measured(int(i))) for i in indices]
 
     def measured(self, i: int) -> Record:
-        """Return the measured columns of environment i's episode, before a failure counts as its bounds."""
+        """Return the record of environment i's episode as measured, before `limits` replace the errors of a failed episode."""
         names = self.name, self.world_name, self.navigation_name
         return record_of(self._totals(i), *names, filtered=self.filter is not None)
 
@@ -497,7 +501,7 @@ class Task:
         """Return the fields of `episodes` that a checkpoint of version 2 stores as columns of floats."""
         has_goal = TASKS[self.name].has_goal
         names = records.columns(self.episodes.dtype, TASKS[self.name].has_yaw, has_goal)
-        # A way is the agent's: the scenarios of agents that see none are the same.
+        # The shortest way is an observation and not part of the scenario: agents that do not see it have the same scenarios.
         shown = [name for name, *_ in self.world.way] if self.world else []
         return [name for name in names if name not in (*self.transient, *shown)]
 
@@ -521,7 +525,7 @@ class TrackingTask(Task):
 
         Args:
             i: index of the environment.
-            failed: value that the position error of a failed episode counts as, m.
+            failed: position error that is assigned to a failed episode, m.
         """
         e = self.episodes[i]
         squared, yaw_squared = float(e.error_squared_sum), float(e.yaw_error_squared_sum)

@@ -22,7 +22,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 SIGMAS = 6.0
-"""number of standard deviations of a normal distribution within the observation's bounds"""
+"""Number of standard deviations of a normal error for which the observation's bounds leave room"""
 
 LONGEST = 1e6
 """m, bound if the vehicle has no damping"""
@@ -34,7 +34,7 @@ def bounded_spec(config: schema.TrainConfig, vehicle: VehicleModel) -> Observati
 
 
 def position_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats:
-    """Return the largest position errors (3,) in m, with the errors of the readings."""
+    """Return the largest position errors (3,) in m, including the errors of the readings."""
     seconds = step_limit(config.task, config.step.frequency) / config.step.frequency
     return np.asarray(
         np.ceil(np.minimum(_true_bounds(config, vehicle, seconds) + _misreading(config, seconds), LONGEST))

@@ -35,9 +35,9 @@ from auvbench.tasks.rows import (
 )
 
 ALIGNED = 1.0 / 3.0
-"""Share of the cone's angle up to which the reference is the dock"""
+"""Angle to the dock's axis up to which the reference is the dock, as a share of the cone's angle"""
 TURNED = 2.0
-"""Share of the cone's angle from which on the reference leads round the dock"""
+"""Angle to the dock's axis from which the reference leads round the dock, as a share of the cone's angle"""
 
 
 @row
@@ -54,7 +54,10 @@ def seen_from_dock(e: Record, position: Vector) -> tuple[float, float]:
 
 @row
 def lead(e: Record, position: Vector, distance: float, angle: float, p: Record) -> None:
-    """Write the reference for a vehicle at a position, and the distance in m from the reference into the dock."""
+    """Write the reference for a vehicle at a position, and `e.detour`, the distance in m from the reference to the dock.
+
+    `distance` (m) and `angle` (rad) are the result of `seen_from_dock` for this position.
+    """
     (x, y, z), (dock_x, dock_y, dock_z) = position, triple(e.goal)
     yaw, cone = e.reference_yaw, p.cone
     ax, ay = -math.cos(yaw), -math.sin(yaw)

@@ -1,7 +1,7 @@
-"""Columns and blocks that fingerprints cover, of auvbench's own tasks whose reference has a yaw
-(`evaluation.reference`).
+"""List columns and blocks that fingerprints cover (`evaluation.reference`), for all of auvbench's own tasks except
+waypoint.
 
-The lists must not grow: then a new metric or block does not change the fingerprints of published results.
+The lists must not grow, so that a new metric or block does not change the fingerprints of published results.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Formation: each vehicle of a team follows its slot beside a leader's reference (docs/teams.md).
 
-The vehicles of a team are rows of the batch, one after the other. They have the episode's seed and number, and the counter
-`environment` of the team plus their index times `rows.VEHICLE`: what a team has in common is drawn with the team's counter, what
-each vehicle has for itself with its own.
+The vehicles of a team are consecutive rows of the batch. They share the episode's seed and number. A vehicle's counter `environment`
+is the team's counter plus the vehicle's index times `rows.VEHICLE`. Draws for the whole team use the team's counter, and draws for one
+vehicle use the vehicle's counter.
 
 Vehicles act on each other only through collisions and messages. `meet` judges a team before the loop over its vehicles, so that
-all of them end together; `exchange` passes messages before they observe.
+all vehicles end together; `exchange` passes messages before the vehicles observe.
 """
 
 from __future__ import annotations
@@ -62,12 +62,12 @@ from auvbench.tasks.trajectory_tracking import (
 )
 
 SOON = 1e-9
-"""s, by which a time may round to the wrong side of a step"""
+"""s, tolerance for times that rounding puts on the wrong side of a step"""
 AVERAGED = (
     *("reward", "initial_distance", "distance", "deviation", "deviation_squared", "command_norm"),
     *("energy", "path", "change"),
 )
-"""totals that are means over the vehicles of a team"""
+"""Totals of a team that are means over its vehicles"""
 draw_curve_and_start = trajectory_tracking.draw
 
 
@@ -83,7 +83,7 @@ def bend(e: Record, s: float, axis: int) -> float:
 
 @row
 def lead(e: Record, time: float) -> tuple[float, float, float]:
-    """Set the reference to the leader's at a time in s; return cosine and sine of its course and its yaw rate in rad/s."""
+    """Set the reference to the leader's at a time in s; return the cosine and sine of the leader's course, and its yaw rate (rad/s)."""
     follow(e, time)
     vx, vy, _ = triple(e.reference_velocity)
     s, squared = e.rate * time, max(vx * vx + vy * vy, 1e-12)
@@ -107,7 +107,7 @@ def take_slot(e: Record, c: float, s: float, turning: float) -> None:
 
 @row
 def ahead(e: Record, s: float) -> tuple[float, float, float, float, float]:
-    """Return the leader's position at s in m, and cosine and sine of its course."""
+    """Return the leader's position (m) at the curve's parameter s, and the cosine and sine of its course."""
     vx, vy = slope(e, s, X), slope(e, s, Y)
     level = math.sqrt(max(vx * vx + vy * vy, 1e-12))
     return place(e, s, X), place(e, s, Y), place(e, s, Z), vx / level, vy / level
@@ -115,14 +115,14 @@ def ahead(e: Record, s: float) -> tuple[float, float, float, float, float]:
 
 @row
 def put_ahead(e: Record, at: tuple[float, float, float, float, float], point: Floats) -> None:
-    """Write the position (3,) of the vehicle's slot for a leader that is at `ahead`."""
+    """Write the position (3,) in m of the vehicle's slot; `at` is the leader's position and course from `ahead`."""
     (x, y, z, c, s), (forward, port, up) = at, triple(e.slot)
     put(point, (x + (c * forward - s * port), y + (s * forward + c * port), z + up))
 
 
 @row
 def preview_row(e: Record, p: Record, points: Floats) -> None:
-    """Write the future positions of the slot, unless `meet` has."""
+    """Write the future positions of the slot, unless `meet` has written them for this step."""
     if e.met == e.steps:
         return
     for k in range(points.shape[0]):
@@ -150,7 +150,7 @@ def draw(e: Record, p: Record, stream: int) -> float:
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Move the reference to the present time, unless `meet` has."""
+    """Move the reference to the present time, unless `meet` has moved it."""
     if e.met != e.steps:
         c, s, turning = lead(e, e.steps * p.duration)
         take_slot(e, c, s, turning)
@@ -165,7 +165,7 @@ def step(e: Record, v: Vehicle, p: Record) -> int:
 
 @compiled("dynamics", ".")
 def meet(first: int, stop: int, pose: Floats, episodes: Any, preview: Floats, parameters: Any) -> None:
-    """Judge the teams of rows first .. stop - 1 after a step that `steps` does not count yet: references, distances, ends."""
+    """Update references, distances and outcomes of the teams in rows first .. stop - 1 after a step that `e.steps` does not count yet."""
     p = parameters[0]
     n, pose, preview = p.vehicles, borrowed(pose), borrowed(preview)
     for start in range(first, stop, n):
@@ -210,7 +210,7 @@ def meet(first: int, stop: int, pose: Floats, episodes: Any, preview: Floats, pa
 
 @row
 def say(e: Record, p: Record, pose: Floats, velocity: Floats, offset: Floats, stream: int) -> None:
-    """Write what a vehicle reads of its position (m) and velocity (m/s), world axes, with the errors that its observation has."""
+    """Write the vehicle's message: its measured position (m) and velocity (m/s), world axes, with the same errors as its observation."""
     x, y, z = add(triple(pose), triple(offset))
     if p.position_noise_high > 0.0:
         a, b, c, _ = uniform4(e.seed, SENSOR | stream, 0, e.steps, e.episode, e.environment)
@@ -222,7 +222,7 @@ def say(e: Record, p: Record, pose: Floats, velocity: Floats, offset: Floats, st
 
 @row
 def hear(e: Record, other: Record, j: int, time: float) -> None:
-    """Take what vehicle j said at a time in s."""
+    """Store the message that vehicle j sent at a time in s."""
     for k in range(6):
         e.heard[j, k] = other.said[k]
     e.heard_at[j] = time
@@ -239,10 +239,11 @@ def exchange(
     parameters: Any,
     stream: int,
 ) -> None:
-    """Pass messages within the teams that begin with rows `firsts` (k,), as of the present step.
+    """Pass the messages of the present step within teams.
 
-    A vehicle speaks in each `vehicles`-th turn. Its message has what it reads at the step before the turn begins, and arrives
-    after the time of transmission and the way of the sound. At the start of an episode all know each other's readings.
+    The vehicles of a team take turns: each one sends a message every `vehicles` turns. The message has the vehicle's readings at the last
+    step before the turn begins. It arrives after the transmission time and the travel time of the sound. At the start of an episode, each
+    vehicle knows the readings of all others.
 
     Args:
         firsts: rows of the first vehicle of each team.

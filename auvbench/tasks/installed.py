@@ -160,7 +160,7 @@ def telling(owner: str, what: str) -> Iterator[None]:
 
 
 def _finite_check(task: Task, owner: str) -> Callable[[Integers, str], None]:
-    """Return a check that the fields of episodes, which a function wrote, are finite."""
+    """Return a function that checks that the fields of episodes are finite after a package's function wrote them."""
     e, kind = task.episodes, task.episodes.dtype
     # All numbers of an episode at once, for speed: records are aligned, so that each is a whole number of words.
     words = np.ndarray((task.n, kind.itemsize // 8), np.float64, e)

@@ -170,7 +170,7 @@ _IN_WORLD = {
 
 
 class Loops(NamedTuple):
-    """Loops of a task and a reward; the source texts above have their arguments."""
+    """Loops of a task and a reward; the source texts above show their arguments."""
 
     draw: Callable[..., None]
     step: Callable[..., int]
@@ -178,7 +178,7 @@ class Loops(NamedTuple):
     """writes the reference of an episode whose drawn start was replaced; None if the task's reference does not depend
     on the start"""
     believe: Callable[..., None]
-    """goes on to the next step of the episodes as an estimator believes them to be"""
+    """Advances the believed episodes by one step"""
 
 
 def of_task(
@@ -193,8 +193,8 @@ def of_task(
     """Return the loops of a task.
 
     Args:
-        functions: the task's `draw` and `step`; `refer`, `preview_row` and `relocate`, if it has them; the reward's `sight`, if it
-            has it.
+        functions: the task's `draw` and `step`; `refer`, `look`, `preview_row` and `relocate`, if the task has them; the reward's
+            `sight`, if the reward has it.
         reward: function of one step.
         own: the task's own fields: (name, type) or (name, type, shape).
         has_yaw: whether the reference has its own yaw.
@@ -247,8 +247,8 @@ def _of_task(
 
 
 def observed(names: Iterable[str]) -> tuple[blocks.BlockSpec, ...]:
-    """Return the blocks in the order of their codes: all of auvbench's that are no sensors and read neither an estimate, a
-    team nor a task's own fields, so that most tasks share one function, then the others.
+    """Return the blocks in the order of their codes. First come all of auvbench's blocks that are not sensors and do not read an
+    estimate, a team or a task's own fields, so that most tasks share one compiled function. The other blocks of `names` follow.
     """
     special = {READS, "task", "team"}
     own = [name for name in BLOCKS.own if not BLOCKS[name].sensor and not special & {*BLOCKS[name].reads}]
@@ -280,7 +280,7 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
             continue
         namespace = own
         if spec.name not in BLOCKS.own:
-            lines.append("    out[:] = nan")  # what its function leaves out is found
+            lines.append("    out[:] = nan")  # so that checks find a number that the block does not write
             module = spec.write.__globals__
             replacements = (
                 {} if module is vars(blocks) else {id(vars(blocks)[name]): own[name] for name in own}
@@ -329,7 +329,7 @@ class Maker:
             digest.update(Path(function.__code__.co_filename).read_bytes())
         name = f"{kind}_{digest.hexdigest()[:16]}"
         namespace: dict[str, Any] = {**self.names, "__name__": self.module}
-        # numba reads the lines of the file from the function's first one on. They must be Python, so it is the file's first.
+        # numba reads the file from the function's first line on and expects Python. So the function claims to begin at line 1.
         exec(compile(source.lstrip("\n").replace("{name}", name), self.file, "exec"), namespace)
         loop: Callable[..., Any] = namespace[name]
         if self.interpreted:
@@ -357,7 +357,7 @@ def plain_function(function: Any) -> Any:
 
 
 def row_compiler(interpreted: bool) -> Callable[..., Any]:
-    """Return what compiles a function of one episode, or leaves it to Python."""
+    """Return the function that compiles a function of one episode; if `interpreted`, it leaves the function as Python."""
     return plain_function if interpreted else rows.row
 
 
@@ -381,11 +381,11 @@ def _mentions(function: Any, name: str) -> bool:
 def _with_compiled(
     module: dict[str, Any], replacements: Mapping[int, Any], compile_row: Callable[..., Any]
 ) -> dict[str, Any]:
-    """Return the names of a module of blocks with compiled copies of its functions, which call each other.
+    """Return the namespace of a module of blocks, with compiled copies of its functions that call each other.
 
     Args:
         module: the names of the module.
-        others: compiled functions by the identity of the plain functions that they replace.
+        replacements: compiled functions by the identity of the plain functions that they replace.
         compile_row: compiles a function.
     """
     namespace = dict(module)
@@ -401,15 +401,15 @@ def _with_compiled(
 
 
 FIRST_CHANNEL = 0
-"""Channel of a block's first draws; `_noise_of` gives each block one of its own."""
+"""Channel of a block's first draws; `_noise_of` gives each block its own channel."""
 
 
 def _normals(m: blocks.Reading, e: Any, channel: int) -> tuple[float, float, float, float]:
-    """Return the noise of a block in an environment: `blocks.normals`."""
+    """Return four standard normal numbers of a block in this step; this function replaces `blocks.normals`."""
     return normal4(e.seed, BLOCK | m.stream, FIRST_CHANNEL + channel, e.steps, e.episode, e.environment)
 
 
 def _noise_of(spec: blocks.BlockSpec) -> Callable[..., Any]:
-    """Return `_normals` with channels of one block."""
+    """Return a copy of `_normals` with the random channels of one block."""
     first = zlib.crc32(spec.name.encode())
     return FunctionType(_normals.__code__, {**globals(), "FIRST_CHANNEL": first}, "normals")

@@ -78,7 +78,7 @@ def _described(name: str, setting: Setting, task: tasks.Task) -> Block:
 
 
 def _labels(name: str, label: Any) -> bool:
-    """Return whether a label shows its block, as the card of a policy needs."""
+    """Return whether a label begins with the name of its block, as the card of a policy requires."""
     return isinstance(label, str) and (label == name or label.startswith(f"{name}_"))
 
 

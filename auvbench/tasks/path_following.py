@@ -81,7 +81,7 @@ def project(e: Record, position: Vector, last: int) -> None:
 
 @row
 def search(e: Record, last: int, farthest: float) -> None:
-    """Set the progress to the path's closest point to the start, at most `farthest`."""
+    """Set the progress to the point of the path that is closest to the start; search up to the progress `farthest`."""
     x, y, z = triple(e.start)
     nearest = math.inf
     for sample in range(SAMPLES * last + 1):
@@ -130,7 +130,7 @@ def draw(e: Record, p: Record, stream: int) -> float:
     last = p.waypoints - 1
     follow(e, last, p)
     start_in_ball(e, p.start_radius, p, u, v, w)
-    # No farther than a ball round the first point reaches: a path may come back to its beginning.
+    # Search only as far as the ball of starts round the first point reaches: a path may return to its beginning.
     search(e, last, 1.0 + 2.0 * p.start_radius / p.spacing)
     follow(e, last, p)
     return wrap(2.0 * math.pi * heading)
@@ -147,7 +147,7 @@ def draw_path(e: Record, p: Record, stream: int) -> None:
         bearing, slope, _, _ = drawn(e, stream, 1 + k)
         course = 2.0 * math.pi * bearing if k == 0 else course + p.turn * (2.0 * bearing - 1.0)
         climb = p.climb * (2.0 * slope - 1.0)
-        # A point nearer to a depth limit than the margin is followed by none that is nearer still.
+        # If a point is nearer to a depth limit than the margin, the next point is not nearer still.
         bottom, top = min(low, z), max(high, z)
         height = z + p.spacing * math.sin(climb)
         if height < bottom or height > top:
@@ -170,7 +170,7 @@ def relocate(e: Record, p: Record) -> None:
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Measure the speed along the path since the last step, and move the reference."""
+    """Add the error of the speed along the path to its sum, and move the reference."""
     last = p.waypoints - 1
     (vx, vy, vz), (wx, wy, wz) = triple(e.reference_velocity), world_velocity(v)
     along = vx * wx + vy * wy + vz * wz
@@ -249,7 +249,7 @@ class PathFollowingTask(TrackingTask):
             **errors,
             "cross_track_rms_m": errors["position_error_rms_m"] if reached else bounds,
             "completion": 1.0 if reached else float(e.progress) / self._last(),
-            # A path that is not followed to its end is followed no better than by a vehicle at rest.
+            # If the vehicle does not reach the end, its error is at least the error of a vehicle at rest.
             "speed_error_m_per_s": speed_error
             if reached
             else max(speed_error, float(self.parameters[0].speed)),

@@ -55,11 +55,11 @@ BELIEF: Fields = (
     ("specific_force", "f8", (3,)),  # m/s2
     ("sensor_age", "f8", (3,)),  # s, of DVL, depth and heading
 )
-"""fields that blocks read of an episode as an estimator believes it to be"""
+"""Further fields of a believed episode, which blocks of the estimate read"""
 LOST = 1000.0
-"""m, error of the position at which an estimate counts as diverged; the observation's bounds contain it"""
+"""m, position error from which an estimate counts as diverged; the observation's bounds leave room for it"""
 _GOAL: Fields = (("goal", "f8", (3,)),)
-"""m, field of tasks that offer the block `goal_error`"""
+"""Field of tasks that offer the block `goal_error`: position of the goal, m"""
 _COUNTERS: Fields = (
     ("steps", "i8"),
     ("episode", "i8"),
@@ -81,8 +81,8 @@ _STEP: Fields = (
 
 @cache
 def _interned(fields: tuple[tuple[Any, ...], ...]) -> np.dtype[Any]:
-    """Return one object for equal fields: numba looks up types in each call, which is ten times faster for the same
-    object.
+    """Return the same dtype object for equal fields: numba looks up the type in each call, ten times faster if it is the
+    same object.
     """
     return np.dtype([*fields], align=True)
 
@@ -131,7 +131,7 @@ _SHARED_KEYS = {
 
 
 class Row(np.void):  # type: ignore[misc]
-    """A record whose fields are attributes, also where an array has a method of this name: `p.size`, `e.mean`."""
+    """Record with its fields as attributes. A field hides an array's method of the same name: `p.size`, `e.mean`."""
 
     def __getattribute__(self, name: str) -> Any:
         field = np.void.__getattribute__(self, "dtype").fields.get(name)
@@ -176,7 +176,7 @@ def table(n: int, fields: Fields, owner: str) -> Any:
 
 
 def state(n: int, fields: Fields, owner: str) -> Any:
-    """Return what n episodes remember of something (n,), all zero.
+    """Return records (n,) with the given fields, all zero: the state of a sensor, disturbance or estimator in n episodes.
 
     Raises:
         AgentError: a field has a wrong name or type.
@@ -235,14 +235,14 @@ def check_names(config: Any, owner: str) -> None:
 
 
 def plain(array: Any) -> Any:
-    """Return a table without attribute access in Python, for compiled functions: numba recognises this type faster.
-    With NUMBA_DISABLE_JIT functions need the access, and the table is unchanged.
+    """Return a table as compiled functions take it: without attribute access in Python, so that numba recognises its type
+    faster. With NUMBA_DISABLE_JIT, functions need this access and get the table itself.
     """
     return array if INTERPRETED else bare(array)
 
 
 def bare(array: Any) -> Any:
-    """Return a view of a table without attribute access, as in files."""
+    """Return a view of a table without attribute access, as files store it."""
     return np.ndarray(array.shape, _interned_type(array.dtype), array, strides=array.strides)
 
 

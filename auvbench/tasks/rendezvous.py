@@ -1,7 +1,7 @@
 """Rendezvous: enter the dock at the stern of a vehicle that moves along a straight line (docs/moving-targets.md).
 
-It is docking in the axes of the other vehicle, with the relative velocity in place of the velocity. The other vehicle keeps its course
-and speed, whatever the water does: it is a point on a line and not a row of the batch, so that its controller has no part in the result.
+The task is docking in the axes of the other vehicle; the relative velocity replaces the velocity. The other vehicle keeps its course and
+speed in moving water too. It is a point on a line and not a row of the batch, so that the results do not depend on a second controller.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class RendezvousTask(DockingTask):
     )
 
     def goal(self, i: int) -> Floats:
-        """Return where the dock is when the time is up (3,) in m."""
+        """Return the position of the dock (3,) in m at the time limit."""
         p = self.parameters[0]
         seconds = float(p.max_steps) * self.duration
         return np.asarray(p.dock + self.episodes[i].reference_velocity * seconds)

@@ -1,8 +1,8 @@
 """Compute the reward of one step; `config.rewards` has the parameters, docs/task.md the formulas and sources.
 
 A reward is a function of `e`, the episode after the step (`e.outcome` is GOES_ON if it continues), `v`, the vehicle,
-and `p`, the parameters with the names of the reward's schema. A reward may have a second function, which sees the solids of a world and
-whose value is added (`sights`).
+and `p`, the parameters with the names of the reward's schema. A reward may have a second function (`sights`), which sees the solids of a
+world; its value is added to the reward.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def function_of(reward: rewards.Reward) -> Callable[..., float]:
 
 
 def sight_of(reward: rewards.Reward) -> Callable[..., float] | None:
-    """Return the function of what the solids add to a reward; None for a reward that does not see them."""
+    """Return the function that computes what solids add to a reward; None if the reward does not depend on solids."""
     named = REWARDS[reward.name].sight
     return resolve(named) if named else None
 
@@ -58,7 +58,7 @@ def thesis(e: Record, v: Vehicle, p: Record) -> float:
 
 @row
 def exponential(e: Record, v: Vehicle, p: Record) -> float:
-    """Return a reward of only the distance."""
+    """Return a reward that depends only on the distance."""
     return float(p.failure if failed(e) else p.k * math.exp(-p.rate * e.to_go))
 
 
@@ -101,7 +101,7 @@ def end(e: Record, p: Record) -> float:
 
 @row
 def tracking(e: Record, v: Vehicle, p: Record) -> float:
-    """Return a reward of small errors and little effort."""
+    """Return a reward for small errors and little effort."""
     return float(p.k * (errors(e, v, p) + end(e, p)))
 
 

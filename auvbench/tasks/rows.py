@@ -34,14 +34,14 @@ OUT_OF_BOUNDS = 3
 GOES_ON = -1
 
 VEHICLE = 1 << 24
-"""What the counter `environment` of a vehicle has for each vehicle before it in its team."""
+"""Step of the counter `environment` from one vehicle of a team to the next."""
 
 SHALLOWEST = 1.0
 """m, smallest distance of a drawn start from a depth limit, unless the centre of the draw is closer"""
 
 _TWO_PI = 2.0 * math.pi
 
-# Before numba compiles a function for the record of one task, it looks whether the code for another one's would do.
+# Before numba compiles a function for the record of one task, it checks whether code for another task's record fits, and warns.
 warnings.filterwarnings("ignore", ".*has been considered a subtype of", NumbaExperimentalFeatureWarning)
 
 
@@ -68,7 +68,7 @@ triple = row(blocks.triple)
 
 @row
 def put(field: Floats, vector: Vector) -> None:
-    """Write a vector of a record."""
+    """Write a vector to a field of a record."""
     field[0], field[1], field[2] = vector
 
 
@@ -130,7 +130,7 @@ def vehicle(
 
 @row
 def current_at(w: Record, z: float) -> Vector:
-    """Return the current in m/s, world axes, at a height z in m; `w` is what `Simulator.set_current` set for a vehicle."""
+    """Return the current in m/s, world axes, at a height z in m; `w` is the vehicle's current as `Simulator.set_current` stores it."""
     below = min(max((w.top - z) * w.per_thickness, 0.0), 1.0)
     (x, y, up), (dx, dy, d_up) = triple(w.velocity), triple(w.change)
     return x + below * dx, y + below * dy, up + below * d_up
@@ -167,13 +167,13 @@ def between(a: Vector, b: Vector) -> float:
 
 @row
 def team_of(environment: int) -> int:
-    """Return the counter of a vehicle's team: the counter of its first vehicle, or of a vehicle alone."""
+    """Return the counter of a vehicle's team, which is the counter of the team's first vehicle."""
     return environment & (VEHICLE - 1)
 
 
 @row
 def misses(e: Record, p: Record, speaker: int, turn: int, stream: int) -> bool:
-    """Return whether a vehicle does not receive the acoustic message of a turn, which the vehicle `speaker` of its team sends."""
+    """Return whether a vehicle misses the acoustic message that the vehicle `speaker` of its team sends in a turn."""
     lost, _, _, _ = uniform4(e.seed, MESSAGE | stream, speaker, turn, e.episode, e.environment)
     return bool(lost < p.message_loss)
 

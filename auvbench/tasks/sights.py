@@ -1,4 +1,4 @@
-"""Compute the terms of rewards that see the solids of a world; see `rewards` for the arguments."""
+"""Compute the terms of rewards that depend on the solids of a world; see `rewards` for the arguments."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from auvbench.tasks.rows import Vehicle, row
 from auvbench.worlds.casting import first_hit
 
 RAY_STEP, RAY_LENGTH = math.radians(10.0), 10.0
-"""rad between the rays of gym_dockauv's radar, and m"""
+"""Angle in rad between the rays of gym_dockauv's radar, and their length in m"""
 
 
 @row
 def gym_dockauv_sight(e: Record, v: Vehicle, p: Record, solids: Any, heights: Any) -> float:
-    """Return the term of the obstacles in gym_dockauv's reward: Reward.obstacle_avoidance of gym_dockauv/envs/docking3d.py.
+    """Return the obstacle term of gym_dockauv's reward: Reward.obstacle_avoidance of gym_dockauv/envs/docking3d.py.
 
-    The rays are those of its radar: 7 rows over 60 degrees and 9 columns over 80 degrees, of 10 m.
+    It uses the rays of gym_dockauv's radar: 7 rows over 60 degrees and 9 columns over 80 degrees, of 10 m.
     """
     rotation, time = rotation_matrix(v.attitude), e.steps * p.duration
     total, weighted = 0.0, 0.0

@@ -1,7 +1,7 @@
 """Terrain following: hold an altitude over the bottom along a line (docs/transit.md).
 
-The reference moves along the line at its speed, at the depth of the vehicle: its position error says nothing of the altitude, which only
-a range sensor measures.
+The reference moves along the line at the task's speed and at the vehicle's depth. The position error therefore does not contain the
+altitude, which only a range sensor measures.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from auvbench.tasks.rows import (
 from auvbench.worlds.casting import range_below
 
 DEEPEST = 1e4
-"""m, altitude over no bottom"""
+"""m, altitude if the vehicle has no bottom below it"""
 
 
 @row
@@ -64,7 +64,7 @@ def refer(e: Record, v: Vehicle, p: Record) -> None:
 
 @row
 def look(e: Record, v: Vehicle, p: Record, solids: Any, heights: Any) -> None:
-    """Measure the altitude; rewards see its error as a detour."""
+    """Measure the altitude error, and write its size to `e.detour`, which rewards read."""
     time = e.steps * p.duration
     e.altitude_error = range_below(solids[: e.solids], heights, time, v.position, DEEPEST) - p.altitude
     e.detour = abs(e.altitude_error)

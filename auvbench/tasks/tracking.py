@@ -1,9 +1,9 @@
-"""Target tracking: follow a moving target of which the vehicle hears only acoustic ranges (docs/moving-targets.md).
+"""Target tracking: follow a moving target to which the vehicle measures only acoustic ranges (docs/moving-targets.md).
 
 The target is a point on a curve of `trajectory_tracking`. The true reference, for rewards and metrics, circles round the true target;
-the reference that agents observe circles in the same way round the place where an estimator believes the target to be. From a vehicle
-that circles, ranges show the place of a target in all directions (Masmitja et al., "Dynamic robotic tracking of underwater targets using
-reinforcement learning", Science Robotics 8, 2023).
+the reference that agents observe circles in the same way round the estimated position of the target. Ranges from a circling vehicle
+determine the target's position in all directions (Masmitja et al., "Dynamic robotic tracking of underwater targets using reinforcement
+learning", Science Robotics 8, 2023).
 
 The estimator is a second-order extended Kalman filter with a target of nearly constant velocity (Bar-Shalom, Li and Kirubarajan,
 "Estimation with applications to tracking and navigation", 2001, sections 6.2 and 10.3).
@@ -57,12 +57,12 @@ from auvbench.tasks.trajectory_tracking import (
 draw_curve_and_start = trajectory_tracking.draw
 
 STATES = 4
-"""of the estimator: level position (m) and velocity (m/s) of the target"""
+"""Number of states of the estimator: horizontal position (m) and horizontal velocity (m/s) of the target"""
 
 
 @row
 def circle(e: Record, time: float, p: Record, target: Vector, velocity: Vector) -> None:
-    """Set the reference to a point that circles round a target at a place (m) with a velocity (m/s): bow towards the target."""
+    """Set the reference to a point that circles round a target with a position (m) and a velocity (m/s); its yaw points to the target."""
     (x, y, z), (vx, vy, vz) = target, velocity
     angle = e.angle + p.orbit_speed / p.orbit * time
     c, s = math.cos(angle), math.sin(angle)
@@ -82,9 +82,9 @@ def move(e: Record, p: Record) -> None:
 
 @row
 def prior_errors(e: Record, p: Record, stream: int) -> tuple[float, float]:
-    """Return the errors east and north in m of the target's place that the vehicle knows at the start.
+    """Return the east and north errors in m of the target's position that the vehicle knows at the start.
 
-    They are normal; their sum vector is shortened to PRIOR_SDS standard deviations, so that no episode starts in a collision.
+    The errors are normal. Their vector is shortened to PRIOR_SDS standard deviations, so that no episode starts in a collision.
     """
     _, east, north, _ = normal4(e.seed, MESSAGE | stream, 0, 0, e.episode, e.environment)
     size = p.prior * min(1.0, PRIOR_SDS / max(math.hypot(east, north), 1e-9))
@@ -129,7 +129,7 @@ def step(e: Record, v: Vehicle, p: Record) -> int:
 
 @row
 def begin_estimate(b: Record, p: Record, target: Vector, east: float, north: float) -> None:
-    """Begin an estimate about a target (m), with the errors (m) of what the vehicle knows at the start."""
+    """Begin the estimate of a target at `target` (m), with the errors east and north (m) of `prior_errors`."""
     x, y, z = target
     b.estimate[0], b.estimate[1] = x + east, y + north
     b.depth = z
@@ -159,14 +159,22 @@ def predict(b: Record, dt: float, q: float) -> None:
 
 @row
 def gain(b: Record, i: int, ux: float, uy: float, late: float) -> float:
-    """Return row i of P H^T for a range along (ux, uy) to where the target was some time ago in s."""
+    """Return row i of P H^T for a range along (ux, uy) to the target's position `late` s ago."""
     P = b.covariance
     return float(ux * (P[i, 0] - late * P[i, 2]) + uy * (P[i, 1] - late * P[i, 3]))
 
 
 @row
 def correct(b: Record, here: Vector, distance: float, late: float, variance: float) -> None:
-    """Correct an estimate by the range in m, heard at a place, to where the target was some time ago in s, with a variance in m^2."""
+    """Correct an estimate by a range.
+
+    Args:
+        b: believed episode with the estimate.
+        here: m, position of the vehicle, which hears the ping now.
+        distance: m, range to the target's position at the sending.
+        late: s since the sending.
+        variance: m^2, of the range.
+    """
     x, y, z = here
     P = b.covariance
     dx, dy = b.estimate[0] - late * b.estimate[2] - x, b.estimate[1] - late * b.estimate[3] - y
@@ -195,7 +203,7 @@ def correct(b: Record, here: Vector, distance: float, late: float, variance: flo
 
 @row
 def remember(b: Record, k: int, here: Vector, distance: float, sent: float) -> None:
-    """Write ping k that the vehicle heard at a place (m): range in m, and when it was sent in s."""
+    """Store ping k, which the vehicle heard at `here` (m): its range in m and the time in s when it was sent."""
     x, y, z = here
     b.pings[k, 0], b.pings[k, 1], b.pings[k, 2] = x, y, b.depth - z
     b.pings[k, 3], b.pings[k, 4] = distance, sent
@@ -203,7 +211,7 @@ def remember(b: Record, k: int, here: Vector, distance: float, sent: float) -> N
 
 @row
 def stay_within(b: Record, here: Vector, most: float) -> None:
-    """Keep the believed target at most some m from a place, level: otherwise the episode would have ended."""
+    """Keep the estimated target within a horizontal distance of `most` m from a place: a farther target would have ended the episode."""
     x, y, _ = here
     dx, dy = b.estimate[0] - x, b.estimate[1] - y
     away = math.sqrt(dx * dx + dy * dy)
@@ -213,7 +221,7 @@ def stay_within(b: Record, here: Vector, most: float) -> None:
 
 @row
 def measured_place(e: Record, p: Record, pose: Floats, offset: Floats, stream: int) -> Vector:
-    """Return the position in m that an observation has: measured pose, plus the errors of its reading, plus noise."""
+    """Return the position in m as the observation shows it: measured pose, plus the errors of its reading, plus noise."""
     here = add(triple(pose), triple(offset))
     if p.position_noise_high > 0.0:
         ux, uy, uz, _ = uniform4(e.seed, SENSOR | stream, 0, e.steps, e.episode, e.environment)
@@ -234,9 +242,10 @@ def hear(
     now: float,
     stream: int,
 ) -> None:
-    """Take the ping that arrives at a place (m), unless it is lost: remember it, and correct the estimate.
+    """Store the ping that arrives at `here` (m) and correct the estimate, unless the ping is lost.
 
-    It was sent at a source (m), `way` m from here, at a time in s. The first ping of an episode is never lost, and begins the estimate.
+    The target sent the ping from `source` (m), `way` m away, at the time `sent` in s. The first ping of an episode is never lost, and
+    begins the estimate.
     """
     error, _, _, _ = normal4(e.seed, MESSAGE | stream, 0, b.next_ping, e.episode, e.environment)
     chance, _, _, _ = uniform4(e.seed, MESSAGE | stream, 1, b.next_ping, e.episode, e.environment)
@@ -264,10 +273,10 @@ def hear(
 def listen(
     rows: Integers, pose: Floats, offset: Floats, true: Any, believed: Any, parameters: Any, stream: int
 ) -> None:
-    """Let vehicles hear the target and estimate its place, and move the references that they believe in.
+    """Let vehicles hear the target, update their estimates of its position and move their believed references.
 
-    Ping k is sent at k `ping_interval`. It arrives after the time of transmission and the way of the sound, which is the range: clocks
-    are synchronous. At the start a ping arrives at once.
+    The target sends ping k at k `ping_interval`. The ping arrives after the transmission time and the travel time of the sound. Clocks are
+    synchronous, so that the travel time gives the range. At the start of an episode, a ping arrives at once.
 
     Args:
         rows: environments (k,).
@@ -351,10 +360,10 @@ class TargetTrackingTask(TrajectoryTrackingTask):
         }
 
     def begin_belief(self, indices: Integers) -> None:
-        """Leave the beliefs to `observe`."""
+        """Do nothing: `observe` begins the beliefs."""
 
     def move_belief(self, start: int, stop: int, *motion: Floats) -> None:
-        """Leave the beliefs to `observe`."""
+        """Do nothing: `observe` moves the beliefs."""
 
     def observe(
         self,

@@ -34,13 +34,13 @@ from auvbench.tasks.rows import (
 CURVES = ("circle", "helix", "lemniscate", "random", "any")
 HELIX, LEMNISCATE, ANY = 1, 2, 4
 SMOOTH = 3
-"""number of the first curves, which are not random"""
+"""Number of curves that are not random; they come first in CURVES"""
 
 X, Y, Z = range(3)
 SINES = 3
 """number of sines per axis of a curve"""
 TURNS, SAMPLES = 4, 600
-"""turns along which, and number of points at which, the largest speed is computed"""
+"""Number of turns of a curve, and of points on these turns, from which the largest speed is computed"""
 
 
 @row

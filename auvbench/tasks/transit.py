@@ -10,8 +10,8 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import SUCCESS, arrival, drawn, put, row, triple, wrap
 
 SLOWEST, FASTEST = 8.0, 2.0
-"""times between which the score of the BARN challenge falls, in times of the shortest way (Xiao et al., "Autonomous ground navigation in
-highly constrained spaces", IEEE Robotics and Automation Magazine 29(4), 2022)"""
+"""Times between which the score of the BARN challenge falls, as multiples of the time that the shortest way takes (Xiao et al.,
+"Autonomous ground navigation in highly constrained spaces", IEEE Robotics and Automation Magazine 29(4), 2022)"""
 
 
 @row

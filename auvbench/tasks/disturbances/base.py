@@ -1,7 +1,7 @@
-"""What a disturbance is: functions of one episode, what an episode remembers of it, and what the simulator gets.
+"""Define a disturbance: functions of one episode, a state in each episode, and what the simulator gets.
 
 A disturbance is one file of this folder, or of a package. It declares functions of one episode, which are compiled into loops, and
-its state: a record per episode, all of which an exact resume needs. `composed.Disturbances` calls the active ones.
+its state, a record per episode. An exact resume needs the whole state. `composed.Disturbances` calls the active disturbances.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def kind_of(name: str) -> type[Disturbance]:
     """Return the class of a disturbance.
 
     Raises:
-        AgentError: that of a package is not one.
+        AgentError: the class of a package is not a Disturbance.
     """
     if name in DISTURBANCES.own:
         kind: type[Disturbance] = resolve(DISTURBANCES[name].code)
@@ -53,7 +53,7 @@ def kind_of(name: str) -> type[Disturbance]:
 
 
 def water_speed(disturbance: schema.Disturbance, vehicle: VehicleModel) -> tuple[float, float]:
-    """Return the largest mean speed of the water in m/s, and the standard deviation of what is added to it in m/s."""
+    """Return the largest mean speed of the water in m/s, and the standard deviation in m/s of the fluctuation that is added to it."""
     water = [_asked(name, "water_speed", settings, vehicle) for name, settings in disturbance.active()]
     return sum(mean for mean, _ in water), math.hypot(*(spread for _, spread in water))
 
@@ -67,18 +67,18 @@ def misreading(disturbance: schema.Disturbance, seconds: float) -> Floats:
 
 
 def extreme(vehicle: VehicleModel, disturbance: schema.Disturbance, damping: float) -> VehicleModel:
-    """Return the vehicle at the ends of what disturbances draw of it (`Disturbance.extreme`)."""
+    """Return the most extreme vehicle that the active disturbances may draw (`Disturbance.extreme`)."""
     for name, settings in disturbance.active():
         vehicle = kind_of(name).extreme(settings, vehicle, damping)
     return vehicle
 
 
 _SIZES = {"water_speed": 2, "misreading": 3}
-"""how many numbers a static method returns"""
+"""Number of values that each static method returns"""
 
 
 def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
-    """Return the finite numbers that a static method of a disturbance gives."""
+    """Return the numbers that a static method of a disturbance returns; raise AgentError if their count is wrong or one is not finite."""
     kind, size = kind_of(name), _SIZES[method]
     with asking(name, settings, method):
         given = np.asarray(getattr(kind, method)(settings, *arguments), dtype=np.float64)
@@ -91,44 +91,44 @@ def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
 class Disturbance:
     """One disturbance of N episodes.
 
-    In its functions, `e` is the record of an episode (the fields that every task has), `d` what the episode remembers of the
-    disturbance, `p` its parameters. `stream` is the flag of the random streams: draw by `uniform4(e.seed, OWN | stream, ...)`.
+    In its functions, `e` is the record of an episode (the fields that every task has), `d` the disturbance's state in this episode, and
+    `p` the disturbance's parameters. `stream` is the flag of the random streams: draw by `uniform4(e.seed, OWN | stream, ...)`.
 
     Args:
-        settings: of the schema of its spec.
-        vehicle: of all episodes.
-        task: whose episodes they are.
-        who: the disturbance, for messages.
+        settings: configuration, with the schema of the disturbance's spec.
+        vehicle: vehicle of all episodes.
+        task: task of the episodes.
+        who: name of the disturbance for messages.
     """
 
     draw: ClassVar[Callable[..., None]]
-    """`draw(e, d, p, stream)`: begins an episode; what it remembers is 0 before"""
+    """`draw(e, d, p, stream)`: begins an episode; before the call, d is 0"""
     before: ClassVar[Callable[..., None]]
-    """`before(e, d, p, stream)`: before each agent step; `e.steps` counts those that are over"""
+    """`before(e, d, p, stream)`: called before each agent step; `e.steps` is the number of completed steps"""
     act: ClassVar[Callable[..., None]]
-    """`act(e, d, p, command, effectiveness)`: changes the commands (n_u,) in [-1, 1] that act now and the share of its force that
-    each thruster has (n_u,)"""
+    """`act(e, d, p, command, effectiveness)`: changes the commands (n_u,) in [-1, 1] that act now, and the effectiveness (n_u,), which is
+    the share of its force that each thruster gives"""
     push: ClassVar[Callable[..., None]]
     """`push(e, d, p, v, w, duration, wrench)`: adds to the force and the moment (6,) in N and N m, body axes, on the vehicle `v` in the
-    current `w` (`rows.current_at`) for the next `duration` s. Its schema needs `forces` of a simulator"""
+    current `w` (`rows.current_at`) for the next `duration` s. The `needs` of its schema must yield `forces`"""
     read: ClassVar[Callable[..., None]]
-    """`read(e, d, p, stream, offset)`: adds to the errors (4,) of the readings of the position (m) and the yaw (rad), at the start of an
+    """`read(e, d, p, stream, offset)`: adds to the errors (4,) of the position (m) and yaw (rad) readings. Called at the start of an
     episode (`e.steps == 0`) and after each agent step"""
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
-    """what an episode remembers: (name, type) or (name, type, shape)"""
+    """Fields of the state in each episode: (name, type) or (name, type, shape)"""
     longest: ClassVar[float] = math.inf
     """s, largest `duration` of a push"""
     runs_on: ClassVar[bool] = False
-    """whether the simulator goes on by itself with what `give` gave it"""
+    """Whether the simulator advances the disturbance by itself after `give`"""
 
     def __init__(self, settings: Any, vehicle: VehicleModel, task: Task, who: str) -> None:
         self.settings, self.vehicle, self.task, self.who = settings, vehicle, task, who
         records.check_names(settings, who)
         shared = {name: task.parameters[name][0] for name in records.PARAMETERS}
         self.parameters = records.one_row(self.own_parameters(settings), shared, who)
-        """(1,)"""
+        """(1,) parameters"""
         self.state = records.state(task.n, self.fields, who)
-        """(n,) records: what each episode remembers"""
+        """(n,) state in each episode"""
         self.moves = hasattr(self, "before")
         """whether it changes from step to step, so that `before` and `give` are called before each"""
         self.rereads = hasattr(self, "read")
@@ -137,7 +137,7 @@ class Disturbance:
         self._take()
 
     def own_parameters(self, settings: Any) -> dict[str, Any]:
-        """Return its parameters by name: numbers, or lists of numbers."""
+        """Return the disturbance's parameters by name: numbers, or lists of numbers."""
         return records.of_schema(settings)
 
     @staticmethod
@@ -145,12 +145,12 @@ class Disturbance:
         """Check the keys against a vehicle before a run.
 
         Raises:
-            ConfigError: the vehicle cannot be disturbed so.
+            ConfigError: the vehicle does not fit the disturbance.
         """
 
     @staticmethod
     def water_speed(settings: Any, vehicle: VehicleModel) -> tuple[float, float]:
-        """Return the largest mean speed of the water in m/s, and the standard deviation of what is added to it in m/s."""
+        """Return the largest mean speed of the water in m/s, and the standard deviation in m/s of the fluctuation that is added to it."""
         return 0.0, 0.0
 
     @staticmethod
@@ -160,18 +160,20 @@ class Disturbance:
 
     @staticmethod
     def extreme(settings: Any, vehicle: VehicleModel, damping: float) -> VehicleModel:
-        """Return the vehicle with the most thrust, and the most or the least damping, that is drawn; the vehicle without draws."""
+        """Return the vehicle with the most thrust that may be drawn, and with the most (`damping` = 1) or the least damping (-1). A
+        disturbance that does not draw vehicles returns `vehicle`.
+        """
         return vehicle
 
     def give(self, simulator: Simulator) -> None:
         """Give the simulator what it needs: at the start of episodes, and before each step if the disturbance `moves`."""
 
     def scales(self, indices: Integers) -> Floats | None:
-        """Return factors (k, 6) on the vehicles of new episodes (`Simulator.reset`); None: the sheet's."""
+        """Return factors (k, 6) on the vehicles of new episodes (`Simulator.reset`); None: the vehicle of the sheet."""
         return None
 
     def interpret(self) -> None:
-        """Run its functions as Python from now on, which checks each of their indices."""
+        """From now on, run the disturbance's functions as Python, which checks each index."""
         self._interpreted = True
         self._take()
 
@@ -186,7 +188,7 @@ class Disturbance:
         """views (n, ...) of the fields of `state`, which Python reads faster than attributes of records"""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out what `__setstate__` makes: NumPy copies a view as an array of its own."""
+        """Leave out the attributes that `__setstate__` creates: NumPy would copy a view as a separate array."""
         return {
             name: value for name, value in self.__dict__.items() if name not in ("loops", "_own", "field")
         }
@@ -201,12 +203,12 @@ class Disturbance:
         return self.task.episodes if self._interpreted else self.task.rows
 
     def draw_rows(self, indices: Integers) -> None:
-        """Draw for new episodes."""
+        """Draw the state of new episodes."""
         if loop := self.loops.get("draw"):
             loop(indices, self._rows, *self._own, self.task.stream)
 
     def before_rows(self) -> None:
-        """Go on to the next agent step."""
+        """Advance the state to the next agent step."""
         if loop := self.loops.get("before"):
             loop(self._rows, *self._own, self.task.stream)
 
@@ -227,11 +229,11 @@ class Disturbance:
         self.loops["read"](indices, self._rows, *self._own, self.task.stream, self.task.offset)
 
     def arrays(self) -> dict[str, Array]:
-        """Return the arrays of which an exact resume needs copies."""
+        """Return the arrays that an exact resume needs."""
         return {"state": records.bare(self.state)} if self.fields else {}
 
     def restored(self) -> None:
-        """Renew what is a function of episodes and arrays, after both came back."""
+        """Recompute values that depend on episodes and arrays, after both were restored."""
 
     def clear(self) -> None:
         """Forget all episodes."""
@@ -239,6 +241,6 @@ class Disturbance:
             array[...] = np.zeros((), array.dtype)
 
     def load(self, state: Mapping[str, Array]) -> None:
-        """Take arrays of the names of `arrays`."""
+        """Restore the arrays of `arrays` by their names."""
         for name, array in self.arrays().items():
             np.copyto(array, state[name], casting="no")

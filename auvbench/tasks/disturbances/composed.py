@@ -47,10 +47,10 @@ def _parts(
 
 
 def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-    """Check disturbances against the vehicle before a run is made.
+    """Check disturbances against the vehicle before a run is created.
 
     Raises:
-        ConfigError: the vehicle cannot be disturbed so, whether the disturbance is active or not.
+        ConfigError: the vehicle does not fit a disturbance; inactive disturbances are checked too.
     """
     for name, settings in config.disturbance.factors():
         kind = kind_of(name)
@@ -61,12 +61,12 @@ def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
 class Disturbances:
     """The disturbances of N episodes, which act one after the other.
 
-    Order of calls: `draw` and, after the simulator's reset, `begin` when episodes begin; `advance` in place of the
-    simulator's step; `read` before the task observes.
+    Order of calls when episodes begin: `draw`, the simulator's reset, `begin`. Order in each agent step: `advance` in
+    place of the simulator's step, then `read` before the task observes.
 
     Args:
-        parts: by name; each acts.
-        task: whose episodes they are.
+        parts: active disturbances, by name.
+        task: task of the episodes.
     """
 
     def __init__(self, parts: Mapping[str, Disturbance], task: Task) -> None:
@@ -99,7 +99,7 @@ class Disturbances:
         return product
 
     def begin(self, indices: Integers, simulator: Simulator) -> None:
-        """Give the simulator what was drawn; set rings and first readings of new episodes."""
+        """Give the simulator what was drawn; set delays, power and errors of the first readings of new episodes."""
         for part in self.parts.values():
             part.give(simulator)
         if self._delay is not None:
@@ -123,7 +123,7 @@ class Disturbances:
             simulator.step(command, duration)
             return
         pushed: Any = simulator  # a configuration with forces has a simulator that takes them
-        # The margin keeps a quotient that rounding makes larger than a whole number.
+        # The margin avoids an extra part where rounding makes the quotient slightly larger than a whole number.
         count = max(1, math.ceil(duration / self._longest - 1e-9))
         for _ in range(count):
             pushed.external_wrench[:] = 0.0
@@ -131,11 +131,11 @@ class Disturbances:
             simulator.step(command, duration / count)
 
     def before(self, simulator: Simulator, *, running: bool = False) -> None:
-        """Go on to the next agent step.
+        """Advance the disturbances to the next agent step.
 
         Args:
-            simulator: gets what changes.
-            running: whether the simulator goes on by itself with what it was given at the start (`Disturbance.runs_on`).
+            simulator: simulator that gets the changes.
+            running: whether the simulator advances by itself the disturbances that allow it (`Disturbance.runs_on`).
         """
         for part in self._moving:
             if not (running and part.runs_on):
@@ -174,12 +174,12 @@ class Disturbances:
             part.clear()
 
     def interpret(self) -> None:
-        """Run the functions of all disturbances as Python from now on."""
+        """From now on, run the functions of all disturbances as Python."""
         for part in self.parts.values():
             part.interpret()
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Return copies of the state that an exact resume needs and neither task nor simulator holds."""
+        """Return copies of the state that an exact resume needs in addition to the states of task and simulator."""
         arrays = {
             f"{name}.{key}": array
             for name, part in self.parts.items()
@@ -188,7 +188,7 @@ class Disturbances:
         return {key: np.copy(array) for key, array in {"power": self.power, **arrays}.items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Return to a state of `state_dict`, or to that of a checkpoint of version 2; the task has returned to it before."""
+        """Restore a state of `state_dict` or of a checkpoint of version 2. The task's state must have been restored before."""
         np.copyto(self.power, state["power"], casting="no")
         for name, part in self.parts.items():
             if "D" in state:

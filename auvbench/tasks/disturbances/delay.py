@@ -18,11 +18,11 @@ from auvbench.tasks.disturbances.base import Disturbance
 Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-9
-"""As a fraction of the step: a delay this close to whole steps is whole steps."""
+"""Tolerance as a fraction of a step: a delay this close to a whole number of steps is that number of steps."""
 
 
 class DeadTime(Disturbance):
-    """The commands and the measurements of N episodes that are under way."""
+    """Commands and measurements of N episodes that are under way because of delays."""
 
     settings: Delay
 
@@ -31,13 +31,13 @@ class DeadTime(Disturbance):
         task, n_u = self.task, len(self.vehicle.actuators)
         self.schedule = schedule(task.frequency, self.settings.action, self.settings.observation)
         self.commands: Floats = np.zeros((self.schedule.commands, task.n, n_u))
-        """ring of the last commands: that of step t lies at t modulo its length"""
+        """Ring (k, n, n_u) of the last commands: the command of step t is at index t modulo k"""
         self.measurements: Floats = np.zeros((self.schedule.measurements, task.n, 7))
-        """ring of the last measured poses"""
+        """Ring (k, n, 7) of the last measured poses"""
         self.velocities: Floats = np.zeros(
             (self.schedule.measurements if task.reads_velocity else 0, task.n, 6)
         )
-        """ring of the last measured velocities, where the task observes them"""
+        """Ring (k, n, 6) of the last measured velocities; empty if the task does not observe velocities"""
         self.clock: NDArray[np.int64] = np.zeros((), dtype=np.int64)  # steps of the batch
 
     def begin(self, indices: NDArray[np.int64], simulator: Simulator) -> None:
@@ -53,7 +53,7 @@ class DeadTime(Disturbance):
         power: Floats,
         act: Callable[[Simulator, Floats, float], None],
     ) -> None:
-        """Carry out an agent step, each part of which `act` simulates; write the mean power (n,)."""
+        """Carry out an agent step: let `act` simulate each segment, and write the mean power (n,)."""
         duration, reads_velocity = self.task.duration, self.task.reads_velocity
         kept, now = len(self.commands), int(self.clock)
         self.commands[now % kept] = command
@@ -72,7 +72,7 @@ class DeadTime(Disturbance):
         kept = len(self.measurements)
         if not kept:
             return simulator.pose, simulator.velocity
-        # `clock` is where the next measurement goes: there lies the oldest.
+        # The next measurement will replace the oldest one, at `clock`.
         oldest = int(self.clock) % kept
         velocity = self.velocities[oldest] if self.task.reads_velocity else simulator.velocity
         return self.measurements[oldest], velocity
@@ -121,9 +121,10 @@ def split(delay: float, frequency: float) -> tuple[int, float]:
 def schedule(frequency: float, action: float, observation: float) -> Schedule:
     """Return the schedule for agent steps at `frequency` Hz with delays in s, exact at any frequency.
 
-    With agent steps of T seconds, the command of step k acts from k T + d on: d = m T + r, 0 <= r < T, so within a
-    step the command of m + 1 steps ago acts for r seconds and then that of m steps ago. A measurement that arrives at
-    k T was taken at k T - d = (k - p) T - s, 0 <= s < T: T - s seconds into a step.
+    With agent steps of T seconds and an action delay d = m T + r, 0 <= r < T, the command of step k acts from k T + d
+    on. Within a step, the command of m + 1 steps ago acts for r seconds, and then the command of m steps ago acts.
+    With an observation delay d, a measurement that arrives at k T was taken at k T - d = (k - p) T - s, 0 <= s < T,
+    which is T - s seconds into a step.
     """
     late, begins = split(action, frequency)  # the command of `late` steps ago begins to act at `begins`
     old, before_end = split(observation, frequency)

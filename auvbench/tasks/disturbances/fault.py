@@ -26,7 +26,7 @@ MODES = ("none", "dead", "weak", "stuck", "any")
 
 @row
 def draw(e: Record, d: Record, p: Record, stream: int) -> None:
-    """Draw what fails and when; the actuator is drawn as a place in the list of those that may fail."""
+    """Draw what fails and when; `d.actuator` is an index into the list of actuators that may fail."""
     fails, which, when, _ = uniform4(e.seed, FAULT | stream, 0, 0, e.episode, e.environment)
     how, _, _, _ = uniform4(e.seed, FAULT | stream, 1, 0, e.episode, e.environment)
     mode = p.mode
@@ -36,13 +36,13 @@ def draw(e: Record, d: Record, p: Record, stream: int) -> None:
     d.mode = mode if fails < p.probability else HEALTHY
     d.actuator = int(p.candidates * which)
     time = p.time_low + (p.time_high - p.time_low) * when
-    # The margin keeps 0.3 s at 10 Hz at step 3, for any last bit of the product.
+    # The margin keeps 0.3 s at 10 Hz at step 3, in spite of rounding.
     d.begin = math.ceil(time * p.frequency - 1e-9)
 
 
 @row
 def act(e: Record, d: Record, p: Record, command: Any, effectiveness: Any) -> None:
-    """Let a fault that has begun act.
+    """Apply a fault that has begun.
 
     A dead thruster also draws no power: its command becomes 0. A stuck actuator holds the command that acts when
     the fault begins.
@@ -97,7 +97,7 @@ class ActuatorFault(Disturbance):
         """Check that the vehicle has the actuator, and that it has a force to lose.
 
         Raises:
-            ConfigError: it has not.
+            ConfigError: the vehicle does not have the actuator, or the actuator has no force to lose.
         """
         if settings.active:
             candidates(settings, vehicle)

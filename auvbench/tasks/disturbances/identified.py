@@ -41,7 +41,7 @@ class Identified(Factor):
 def draw_differences(
     indices: Integers, episodes: Any, root: Floats, reach: Floats, test: int, x: Floats
 ) -> None:
-    """Draw for new episodes the differences (n, n_p) of normalised numbers from their estimates, each within +-`reach` (n_p,)."""
+    """Draw the differences (n, n_p) of normalised values from their estimates for new episodes, each within +-`reach` (n_p,)."""
     size = root.shape[0]
     z = np.empty(size + 3)
     for k in range(indices.shape[0]):
@@ -72,7 +72,7 @@ class IdentifiedVehicles(Disturbance):
         super().__init__(*arguments)
         self.drawn = drawn(self.settings, self.vehicle)
         self.x: Floats = np.zeros((self.task.n, len(self.drawn.reach)))
-        """(n, n_p) differences of normalised numbers from their estimates"""
+        """(n, n_p) differences of normalised values from their estimates"""
         self._new: Integers = np.empty(0, dtype=np.int64)
 
     @staticmethod
@@ -80,7 +80,7 @@ class IdentifiedVehicles(Disturbance):
         """Check that the vehicle's sheet has an identification.
 
         Raises:
-            ConfigError: it has none, or names a number that the vehicle does not have.
+            ConfigError: the sheet has no identification, or the identification names a parameter that the vehicle does not have.
         """
         if settings.active:
             drawn(settings, vehicle)
@@ -106,7 +106,7 @@ class IdentifiedVehicles(Disturbance):
 
 
 def drawn(settings: Identified, vehicle: VehicleModel) -> DrawnVehicles:
-    """Return what is drawn of a vehicle.
+    """Return the distribution from which vehicles are drawn.
 
     Raises:
         ConfigError: see `IdentifiedVehicles.check`.

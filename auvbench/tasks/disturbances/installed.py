@@ -1,4 +1,4 @@
-"""Disturbances of installed packages behind the contract: what they compute is checked before it is used."""
+"""Check the results of installed packages' disturbances before they are used."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from auvbench.tasks.installed import telling
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 SHORTEST = 1e-4
-"""s, smallest `longest`"""
+"""s, smallest allowed value of `Disturbance.longest`"""
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -48,7 +48,7 @@ def _check_made(part: Disturbance, settings: DisturbanceConfig, who: str) -> Non
 
 
 def _told(name: str) -> Callable[..., Any]:
-    """Return a method that calls that of the disturbance, whose exceptions name it."""
+    """Return a method that calls the disturbance's method `name`; its exceptions name the disturbance."""
 
     def call(self: Checked, *arguments: Any) -> Any:
         with telling(self.who, f"{name} fails"):
@@ -58,7 +58,7 @@ def _told(name: str) -> Callable[..., Any]:
 
 
 class Checked:
-    """A disturbance whose exceptions and whose numbers that are not finite name it.
+    """Wrapper of a disturbance: an exception, or a number that is not finite, raises an AgentError that names the disturbance.
 
     Args:
         part: the disturbance.

@@ -1,4 +1,4 @@
-"""The loops over episodes of each disturbance, as those of tasks (`auvbench.tasks.loops`)."""
+"""Make the loops over episodes of each disturbance, in the same way as the loops of tasks (`auvbench.tasks.loops`)."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def of_disturbance(
     """Return a loop for each function of a disturbance, by its name.
 
     Args:
-        functions: of one episode, by name.
-        own: the fields of its state, (name, type) or (name, type, shape).
+        functions: functions of one episode, by name.
+        own: fields of the disturbance's state: (name, type) or (name, type, shape).
         interpreted: do not compile the loops and the functions, so that Python checks each index.
     """
     clear = [f"d.{name} = 0" if not shape else f"d.{name}[:] = 0" for name, _, *shape in own]

@@ -1,4 +1,4 @@
-"""A vehicle with uncertain numbers, drawn anew in each episode."""
+"""Draw uncertain properties of the vehicle anew in each episode."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _MASS, _BUOYANCY = SCALES.index("mass"), SCALES.index("buoyancy")
 def draw(e: Record, d: Record, p: Record, stream: int) -> None:
     """Draw factors on mass, buoyancy, inertia, added mass, damping and thrust.
 
-    With `keep_trim` the factor on buoyancy is multiplied by (B + (s - 1) W) / B, where s is the factor on
-    mass: net buoyancy B - W stays what it was before the factor on buoyancy itself.
+    With `keep_trim` the factor on buoyancy is multiplied by (B + (s - 1) W) / B, where s is the factor on mass.
+    Then the factor on mass does not change the net buoyancy B - W; only the factor on buoyancy does.
     """
     u = uniform4(e.seed, RANDOMISATION | stream, 0, 0, e.episode, e.environment)
     v = uniform4(e.seed, RANDOMISATION | stream, 1, 0, e.episode, e.environment)

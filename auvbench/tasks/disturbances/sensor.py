@@ -27,7 +27,7 @@ def draw(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def read(e: Record, d: Record, p: Record, stream: int, offset: Any) -> None:
-    """Advance the random walk by one agent step, whose increments have the variance drift^2 dt; add the errors."""
+    """Advance the random walk by one agent step, with increments of variance drift^2 dt, and add the errors to `offset`."""
     if p.drifts > 0 and e.steps > 0:
         z = normal4(e.seed, DRIFT | stream, 0, e.steps, e.episode, e.environment)
         for channel in range(4):

@@ -38,11 +38,11 @@ NODES = SEGMENTS + 1
 END = SEGMENTS
 """node at the vehicle; node 0 is at the surface"""
 _SHARE = 0.5
-"""of the time in which the fastest wave crosses a segment, for a step of the cable; 2 would be unstable"""
+"""Longest step of the cable, times the cable's highest angular frequency; steps are unstable from 2 on"""
 _DAMPED = 0.25
-"""of the time in which damping stops a node, for a step of the cable"""
+"""Longest step of the cable, as a share of the time constant with which damping stops a node"""
 _SHORTEST = 2e-5
-"""s, shortest step of the cable: shorter ones would take longer than the time that they simulate"""
+"""s, shortest step of the cable: with shorter steps, the simulation would be slower than real time"""
 
 
 @dataclass(kw_only=True)
@@ -78,7 +78,7 @@ def plus(a: Vector, share: float, b: Vector) -> Vector:
 
 @row
 def tension(x: Any, v: Any, k: int, p: Record) -> Vector:
-    """Return the force in N with which segment k pulls node k towards node k + 1; a slack segment does not."""
+    """Return the force in N with which segment k pulls node k towards node k + 1; it is 0 for a slack segment."""
     along = subtract(triple(x[k + 1]), triple(x[k]))
     length = math.sqrt(dot(along, along))
     strain = length / p.segment - 1.0
@@ -99,7 +99,10 @@ def tangent(x: Any, k: int) -> Vector:
 
 @row
 def drag(along: Vector, u: Vector, share: float, p: Record) -> tuple[float, float]:
-    """Return drag over velocity in N s/m across and along the cable, of a share of a segment with the velocity u through the water."""
+    """Return the ratio of drag to velocity in N s/m, across and along the cable, for a share of a segment.
+
+    `u` is the segment's velocity through the water.
+    """
     lengthwise = dot(along, u)
     across = plus(u, -lengthwise, along)
     speed = math.sqrt(dot(across, across))
@@ -108,7 +111,7 @@ def drag(along: Vector, u: Vector, share: float, p: Record) -> tuple[float, floa
 
 @row
 def move(x: Any, v: Any, k: int, share: float, force: Vector, w: Record, h: float, p: Record) -> None:
-    """Advance node k, which has a share of a segment, by h s under a force in N; the drag is that at the end of the step."""
+    """Advance node k, which has a share of a segment's mass, by h s under a force in N. The drag acts on the velocity after the step."""
     mass = share * p.node
     _, _, z = triple(x[k])
     water = current_at(w, z)
@@ -129,7 +132,7 @@ def move(x: Any, v: Any, k: int, share: float, force: Vector, w: Record, h: floa
 
 @row
 def step(x: Any, v: Any, w: Record, h: float, p: Record, free: bool) -> Vector:
-    """Advance the cable by h s; return the force in N on what its end is attached to.
+    """Advance the cable by h s; return the force in N of its end on the vehicle.
 
     Args:
         x: (NODES, 3) m, world axes.
@@ -159,7 +162,7 @@ def step(x: Any, v: Any, w: Record, h: float, p: Record, free: bool) -> Vector:
 
 @row
 def draw(e: Record, d: Record, p: Record, stream: int) -> None:
-    """Lay the cable: straight if the start is as far as it is long, else bent at its middle, to a side that is drawn."""
+    """Lay the cable between surface and vehicle: straight if it is just long enough, otherwise bent at its middle towards a drawn side."""
     x, y, z = triple(e.start)
     top = (x + p.east, y + p.north, 0.0)
     bow_x, bow_y = math.cos(e.start_yaw), math.sin(e.start_yaw)
@@ -230,7 +233,7 @@ class Cable(Disturbance):
                 )
 
     def draw_rows(self, indices: Integers) -> None:
-        """Draw for new episodes.
+        """Lay the cables of new episodes.
 
         Raises:
             ConfigError: the cable is too short for a start.

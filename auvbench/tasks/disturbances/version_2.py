@@ -1,4 +1,4 @@
-"""The state of disturbances in checkpoints of version 2, whose arrays `D` and `I` had numbered columns."""
+"""Read the state of disturbances from checkpoints of version 2, whose arrays `D` and `I` had numbered columns."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ COLUMNS: Mapping[str, Mapping[str, tuple[str, int | slice]]] = {
 
 
 def load(name: str, part: Disturbance, state: Mapping[str, NDArray[Any]]) -> None:
-    """Take the state of one disturbance; what was not saved is a function of the episodes and is drawn again."""
+    """Restore the state of one disturbance. State that version 2 did not save is a function of the episodes and is drawn again."""
     if name == "delay":
         part.load(state)
     elif name in COLUMNS:

@@ -27,7 +27,7 @@ _QUANTILES = 1025
 
 
 class Sea(Disturbance):
-    """Waves of N episodes, a function of their keys and steps: an exact resume needs nothing else."""
+    """Waves of N episodes. They are a function of the episodes' keys and steps, so that an exact resume needs no further state."""
 
     runs_on = True
     settings: Waves

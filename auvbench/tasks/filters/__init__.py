@@ -1,4 +1,4 @@
-"""Filters of commands: `barrier` keeps a vehicle away from solids and limits, `rows` has its constraints, `quadratic` its programme."""
+"""Filters of commands: `barrier` keeps a vehicle away from solids and limits, `rows` has its constraints, and `quadratic` solves them."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ class BarrierFilter:
         limits = _thrust_limits(vehicle)
         strongest = np.abs(limits).max(axis=1)
         self.tallies: Floats = np.zeros((n, 3))
-        """(n, 3) of the present episodes, see `rows.CHANGED`"""
+        """(n, 3) tallies of the present episodes, with the columns CHANGED, CHANGE and INFEASIBLE of `rows`"""
         low, high = (limits / strongest[:, None]).T.copy()
         self.effect: Floats = vehicle.M_inverse @ vehicle.allocation * strongest
         moments = vehicle.allocation[3:] * strongest
@@ -149,12 +149,12 @@ class BarrierFilter:
 def braking(vehicle: VehicleModel, push: Floats, settings: Barrier) -> float:
     """Return the deceleration in m/s2 that the thrusters can give in every direction against the water.
 
-    Along each axis, the largest force without a yaw moment; in between, the force on the octahedron through these.
+    Along each axis, it comes from the largest force without a yaw moment; between the axes, from the octahedron through these forces.
 
     Args:
         vehicle: vehicle of all episodes.
         push: (3,) m/s2, largest acceleration by moving water along each axis.
-        settings: with the keys for messages.
+        settings: settings of the filter, whose keys messages name.
 
     Raises:
         ConfigError: the vehicle has other actuators than thrusters, or cannot brake in every direction.

@@ -1,4 +1,4 @@
-"""Remember the echoes of an agent's own rays as small spheres, for a filter that knows no map.
+"""Store the echoes of an agent's own rays as small spheres, for a filter that does not know the map.
 
 The spheres are at rest in the world, at places that follow from the poses and distances that the agent knows.
 """
@@ -24,11 +24,11 @@ Integers = NDArray[np.int64]
 BLOCK = "range.ideal"
 """the block whose rays show where an echo is"""
 SCANS, BETWEEN = 6, 0.8
-"""scans that are remembered, the newest replaced at each step, and s between the others: an echo is forgotten after 4.0 to 4.8 s"""
+"""Number of scans that are stored, and s between them. Each step replaces the newest scan. An echo is forgotten after 4.0 to 4.8 s"""
 RADIUS = 0.1
-"""m, of the sphere of an echo"""
+"""Radius of an echo's sphere, m"""
 FAR = 1e6
-"""m, place of an echo that there is not"""
+"""m, coordinates of a sphere without an echo"""
 
 
 class Echoes:
@@ -57,7 +57,7 @@ class Echoes:
         self.every = max(1, round(BETWEEN * config.step.frequency))
         count = SCANS * len(self.rays)
         self.counts: Integers = np.full(n, count)
-        """(n,) solids"""
+        """(n,) number of spheres of each episode"""
         self.solids = np.zeros((n, count), SOLID)
         """(n, SCANS k) spheres"""
         self.solids["kind"], self.solids["radius"], self.solids["reach"] = SPHERE, RADIUS, RADIUS
@@ -72,7 +72,7 @@ class Echoes:
     def see(
         self, pose: Floats, observation: NDArray[np.float32], steps: Integers, start: int, stop: int
     ) -> None:
-        """Remember what the vehicles start .. stop - 1 observe at poses (n, 7) after `steps` (n,) of their episodes."""
+        """Store the echoes that the vehicles start .. stop - 1 observe at poses (n, 7), after `steps` (n,) steps of their episodes."""
         close = observation[start:stop, self.columns].astype(np.float64)
         R = frames.rotation(pose[start:stop, 3:])
         # Term by term, since a matrix product may round differently in a batch of another size.

@@ -25,14 +25,14 @@ from auvbench.worlds.solids import NO_HEIGHTS, SOLID
 Floats = NDArray[np.float64]
 
 FAR = 1e6
-"""m, room where nothing is near"""
+"""m, distance to the nearest solid where none is near"""
 
 
 class Protection:
     """Filter of the commands of one vehicle on its map.
 
     Args:
-        settings: of the filter, which knows the map.
+        settings: settings of the filter, which knows the map.
         vehicle: sheet of the vehicle.
         frequency: rate of the commands, Hz.
         depths: lowest and highest z, m.
@@ -79,7 +79,7 @@ class Protection:
         self.begin()
 
     def begin(self) -> None:
-        """Count anew."""
+        """Set the counts of changed and infeasible commands to 0."""
         self._filter.tallies[:] = 0.0
 
     @property
@@ -103,7 +103,7 @@ class Protection:
         return "" if room >= 0.0 else f"is {-room:.2g} m too near to a solid for the filter"
 
     def _room(self, point: Floats) -> float:
-        """Return the distance in m between the hull and the margin of the nearest solid, in any direction of the bow."""
+        """Return the distance in m that the hull, with any heading, has left to the margin round the nearest solid."""
         distance, nearest, gradient = np.empty(1), np.empty(1, np.int64), np.empty((1, 3))
         clearance(self._solids, self._heights, 0.0, point[None], FAR, distance, nearest, gradient)
         return float(distance[0]) - self._radius - self._margin

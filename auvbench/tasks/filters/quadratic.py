@@ -25,7 +25,7 @@ PENALTY = 1e6
 TOLERANCE = 1e-9
 """Tolerance of a constraint, in units of its own scale"""
 MOST_STEPS = 200
-"""changes of the active set, against a cycle by rounding"""
+"""Largest number of changes of the active set; it ends a cycle that rounding may cause"""
 
 
 @njit(nogil=True)
@@ -173,7 +173,7 @@ def nearest(
 def residual(
     A: Floats, b: Floats, count: int, low: Floats, high: Floats, side: Floats, target: Floats, p: int
 ) -> float:
-    """Return what constraint p misses at the target."""
+    """Return the amount by which the target violates constraint p; negative if the target meets it."""
     if p >= count:
         j = p - count
         return float(low[j] - target[j] if side[j] > 0.0 else target[j] - high[j])

@@ -1,6 +1,6 @@
 """The constraints of the barrier filter on a vehicle's command, one row a x >= b for each solid and limit.
 
-With d the distance that is left, v the closing speed and a the deceleration that is sure, a vehicle that brakes after T seconds stops in
+With d the distance that is left, v the closing speed and a the guaranteed deceleration, a vehicle that brakes after T seconds stops in
 time if v T + v^2 / (2 a) <= d for v > 0: v <= w(d). The barrier is w(d) - v, of relative degree one in the thrust, and the command must keep
 
     d/dt (w(d) - v) >= -(w(d) - v) / T,    that is    v + T v' + T w'(d) max(v, 0) <= w(d)
@@ -38,9 +38,9 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MOST = 24
-"""rows; if more are needed, the rows of the nearest solids"""
+"""Largest number of rows; if more are needed, the rows of the nearest solids and limits are kept"""
 POINTS = 801
-"""points of the table of a thruster's force by command: each fourth is one of the 201 points of a T200's table"""
+"""Number of points in the table of a thruster's force by command; every fourth point is one of the 201 points of a T200's table"""
 SLACK = 1e-3
 """m/s2, largest slack of a command that counts as feasible"""
 CHANGED, CHANGE, INFEASIBLE = range(3)
@@ -53,14 +53,14 @@ MODEL = record(
     quadratic=(6,),
     lift=(),  # N, buoyancy less weight
     righting=(3,),  # N m, B r_b - W r_g
-    brake=(),  # m/s2, deceleration that is sure in every direction
+    brake=(),  # m/s2, guaranteed deceleration in every direction
     horizon=(),  # s, from a measurement to the force of its command
     margin=(),  # m
     drag=(3,),  # m/s2 per m/s of the vehicle's speed, largest effect of the water's motion
-    push=(3,),  # m/s2, of the same at rest
+    push=(3,),  # m/s2, largest effect of the water's motion on a vehicle at rest
     speed=(),  # m/s, largest; infinite: no limit
     tilt=(),  # rad, largest angle between the vehicle's z and the vertical; infinite: no limit
-    turn_brake=(),  # rad/s2, deceleration that is sure about each level axis
+    turn_brake=(),  # rad/s2, guaranteed deceleration about each horizontal axis
     low=(),  # m, depth limits
     high=(),
     duration=(),  # s, of an agent step
@@ -79,7 +79,7 @@ def largest_speed(d: float, brake: float, horizon: float) -> tuple[float, float]
 
 @njit(nogil=True)
 def still_acceleration(p: Record, up: Vector, v: Vector, omega: Vector) -> tuple[Vector, Vector]:
-    """Return the accelerations of the body origin and of the rates, without thrust and in still water, body axes."""
+    """Return the acceleration of the body origin (m/s2) and the angular acceleration (rad/s2) without thrust in still water, body axes."""
     nu, force, rate = np.empty(6), np.empty(6), np.empty(6)
     nu[0], nu[1], nu[2] = v
     nu[3], nu[4], nu[5] = omega
@@ -108,7 +108,7 @@ def still_acceleration(p: Record, up: Vector, v: Vector, omega: Vector) -> tuple
 
 @njit(nogil=True)
 def along(effect: Floats, normal: Vector, turning: Vector, j: int) -> float:
-    """Return the acceleration along a normal by the largest force of thruster j; `turning` is that of the point's arm."""
+    """Return the acceleration along a normal that the largest force of thruster j causes; `turning` is as in `add_row`."""
     (x, y, z), (roll, pitch, yaw) = triple(effect[:, j]), turning_of(effect[:, j])
     (nx, ny, nz), (tx, ty, tz) = normal, turning
     return float(nx * x + ny * y + nz * z + tx * roll + ty * pitch + tz * yaw)
@@ -128,11 +128,9 @@ def add_row(
     distances: Floats,
     count: int,
 ) -> int:
-    """Add the row of an acceleration of at least b, m/s2 along a normal or rad/s2 about `turning`; return the number of rows.
+    """Add the row that requires an acceleration of at least b: m/s2 along a normal or rad/s2 about `turning`; return the number of rows.
 
-    A point at an arm has the turning vector arm x normal, body axes.
-
-    A row that every command meets is left out.
+    For a point at an arm from the body origin, `turning` is arm x normal, body axes. A row that every command meets is left out.
     """
     at = count
     if count == MOST:
@@ -186,7 +184,7 @@ def constraints(
     A: Floats,
     bounds: Floats,
 ) -> int:
-    """Write the rows A x >= bounds of a vehicle; return how many there are."""
+    """Write the rows A x >= bounds of a vehicle; return their number."""
     distances = np.empty(MOST)
     R = rotation_matrix(attitude)
     up = R[2]
@@ -276,7 +274,7 @@ def force_of(table: Floats, first: float, last: float, command: float) -> float:
 
 @njit(nogil=True)
 def command_of(table: Floats, first: float, last: float, force: float) -> float:
-    """Return a command of a force within the table, which rises; 0 for the force 0."""
+    """Return the command that gives a force, from a table whose forces rise; 0 for the force 0."""
     if abs(force) < 1e-9:
         return 0.0
     low, high = 0, POINTS - 1

@@ -1,6 +1,6 @@
 """Heading: a compass with a constant error, hard iron (one cycle per turn), soft iron (two cycles per turn) and noise.
 
-The current of the thrusters adds to the hard iron, in a direction of its own. The filter knows the size of this error.
+The thrusters' current adds a further error with one cycle per turn and its own phase. The filter knows the amplitude of this error.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def yaw_of(q: Quaternion) -> float:
 
 @row
 def measured(d: Record, p: Record, yaw: float, noise: float) -> float:
-    """Return what the compass shows at a yaw in rad, with a standard normal number of noise."""
+    """Return the compass's reading in rad at a yaw in rad; `noise` is a standard normal number."""
     error = d.heading_bias + p.heading_noise * noise
     error += d.thruster_iron * math.cos(yaw + d.thruster_phase)
     error += d.hard_iron * math.cos(yaw + d.hard_iron_phase)
@@ -48,7 +48,7 @@ def measured(d: Record, p: Record, yaw: float, noise: float) -> float:
 
 @row
 def sense(d: Record, p: Record, noise: float, power: float) -> None:
-    """Measure the heading with a standard normal number of noise and the thrusters' power in W."""
+    """Measure the heading; `noise` is a standard normal number, `power` the thrusters' power in W."""
     d.thruster_iron = p.heading_thrusters * power / VOLTAGE
     d.heading = measured(d, p, yaw_of(attitude_of(d.true_attitude)), noise)
     d.predicted_heading = yaw_of(attitude_of(d.attitude)) + d.bias

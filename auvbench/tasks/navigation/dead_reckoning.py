@@ -1,7 +1,7 @@
 """Dead reckoning: the sum of the DVL's velocities along the heading.
 
-The gyros give the attitude; accelerometers (roll and pitch) and compass (yaw) correct it with a time constant. Height is the last
-depth. Without bottom lock the last velocity, in body axes, stays.
+The gyros give the attitude; accelerometers (roll and pitch) and compass (yaw) correct it with a time constant. The height is the last
+reading of the depth sensor. Without bottom lock, the estimate keeps the last velocity in body axes.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from auvbench.tasks.rows import put, row, triple, wrap
 
 @row
 def advance(d: Record, p: Record, before: Vector, force: Vector, seconds: float) -> None:
-    """Correct what the IMU made of the estimate in an interval: roll and pitch by the specific force, velocity by the DVL.
+    """Correct the estimate after the IMU has moved it over an interval: roll and pitch by the specific force, velocity by the DVL.
 
     Args:
-        d: its attitude comes from the gyros.
+        d: estimate, whose attitude the gyros have moved.
         p: parameters.
         before: m, position before the interval.
         force: m/s2, specific force, world axes.
@@ -41,7 +41,7 @@ def advance(d: Record, p: Record, before: Vector, force: Vector, seconds: float)
 
 @row
 def correct_velocity(d: Record, p: Record) -> None:
-    """Take the velocity of the DVL's last ping."""
+    """Set the velocity to the velocity of the DVL's last ping."""
     rates = subtract(triple(d.rates), triple(d.rate_bias))
     put(d.water_velocity, subtract(triple(d.dvl_velocity), cross(rates, triple(p.dvl_lever))))
     d.stamp[DVL] = d.time - p.dvl_delay
@@ -49,14 +49,14 @@ def correct_velocity(d: Record, p: Record) -> None:
 
 @row
 def correct_depth(d: Record, p: Record) -> None:
-    """Take the height of the depth sensor."""
+    """Set the height to the depth sensor's reading."""
     d.position[2] = d.height
     d.stamp[DEPTH] = d.time - p.depth_delay
 
 
 @row
 def correct_heading(d: Record, p: Record) -> None:
-    """Turn a share of the way to the compass."""
+    """Turn the estimated yaw towards the compass's heading, by the share that the time constant gives."""
     share = 1.0 - math.exp(-1.0 / (p.heading_rate * p.settling))
     way = turn((0.0, 0.0, share * wrap(d.heading - d.predicted_heading)))
     put_attitude(d.attitude, multiply(way, attitude_of(d.attitude)))

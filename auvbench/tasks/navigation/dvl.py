@@ -1,14 +1,14 @@
-"""DVL: four beams to the bottom; at least three must return. Without, it may measure relative to a layer of the water.
+"""DVL: four beams to the bottom, of which at least three must return. Otherwise it may measure relative to a layer of the water.
 
 Beam i points along b_i = (sin t cos a_i, sin t sin a_i, -cos t), with the tilt t and azimuths a_i of 45, 135, 225 and 315 degrees, in
 body axes (forward, port, up). It measures b_i . (v + w x l). The velocity is the least-squares solution of the valid beams, so that with
 four beams its standard deviations are s / (sqrt(2) sin t) along x and y and s / (2 cos t) along z, for beams with a standard deviation s.
 
-Water track has the same geometry: a beam measures b_i . (v - c + w x l), with the current c in the middle of the layer. Only beams with
-no solid as near as the far end of the layer return it (Water Linked's DVL A50: 1.5 to 4.5 m below it, at 2 Hz). Each ping without lock on
-the bottom is one to the water: a real A50 does one or the other, as its computer commands. Left out: that command, the current's change
-across the layer, the waves' motion in it, the bias that a bottom beyond the layer may cause, and water with too few scatterers. Bursts
-are without lock on the bottom only.
+Water track has the same geometry: a beam measures b_i . (v - c + w x l), with the current c in the middle of the layer. A beam is valid
+only if it meets no solid before the far end of the layer (Water Linked's DVL A50: 1.5 to 4.5 m below the DVL, at 2 Hz). Each ping without
+bottom lock measures the water; a real A50 measures one or the other, as its computer commands. Left out: this command, the change of the
+current and the motion of waves within the layer, the bias that a bottom beyond the layer may cause, and water with too few scatterers.
+Bursts interrupt only the bottom lock.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def beam(p: Record, i: int) -> Vector:
 
 @row
 def beam_sd(d: Record, p: Record) -> float:
-    """Return the standard deviation of a beam in m/s: the figure of merit is for a horizontal velocity."""
+    """Return the standard deviation of a beam in m/s, from the figure of merit, which holds for a horizontal velocity."""
     return float(d.merit * math.sqrt(2.0) * p.dvl_sine)
 
 
@@ -145,7 +145,7 @@ def relative(d: Record) -> Vector:
 
 @row
 def predicted(d: Record, p: Record) -> Vector:
-    """Return what the last ping would measure at the DVL in m/s, body axes, as the estimate has it."""
+    """Return the velocity at the DVL in m/s, body axes, that the last ping would measure if the estimate were exact."""
     own = transposed_product(rotation_matrix(attitude_of(d.attitude)), relative(d))
     there = add(own, cross(subtract(triple(d.rates), triple(d.rate_bias)), triple(p.dvl_lever)))
     return scale(1.0 + d.scale, there)
@@ -159,7 +159,7 @@ def with_errors(d: Record, velocity: Vector) -> Vector:
 
 @row
 def is_clear(p: Record, solids: Any, heights: Any, time: float, origin: Vector, way: Vector) -> bool:
-    """Return whether a beam meets no solid until the far end of the layer of water; arguments are those of `height_along`."""
+    """Return whether a beam meets no solid before the far end of the layer of water; see `height_along` for the arguments."""
     end = p.dvl_water_far / p.dvl_cosine
     distance, _ = first_hit(solids, heights, time, origin, way, end + 1.0)
     return bool(distance > end)
@@ -169,7 +169,7 @@ def is_clear(p: Record, solids: Any, heights: Any, time: float, origin: Vector, 
 def sense_water(
     d: Record, p: Record, solids: Any, heights: Any, origin: Vector, velocity: Vector, noise: Quaternion
 ) -> None:
-    """Measure the beams' velocities relative to the water; `velocity` in m/s, body axes, is the DVL's through it."""
+    """Measure the beams' velocities relative to the water; `velocity` is the DVL's velocity through the water in m/s, body axes."""
     rotation, measured = rotation_matrix(attitude_of(d.true_attitude)), with_errors(d, velocity)
     sd = p.dvl_water_noise * beam_sd(d, p)
     d.beams, d.on_water, d.dvl_period = 0, 1, 1.0 / p.dvl_water_rate
@@ -183,9 +183,10 @@ def sense_water(
 
 @called
 def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: Any, water: Record) -> None:
-    """Ping: measure the beams' velocities and their solution, to the bottom or, without lock and with water track, to the water.
+    """Ping: measure the beams' velocities and the DVL's velocity over the bottom. Without bottom lock, a DVL with water track measures them
+    relative to the water.
 
-    `water` is what `Simulator.set_current` set.
+    `water` is the current as `Simulator.set_current` stores it.
     """
     rotation = rotation_matrix(attitude_of(d.true_attitude))
     lever = triple(p.dvl_lever)

@@ -1,12 +1,14 @@
 """Error-state extended Kalman filter with 15 states (Sola, "Quaternion kinematics for the error-state Kalman filter", arXiv 1711.02508).
 
 The errors are position and velocity (world axes), attitude (world axes: R = exp([phi]x) R_estimated, section 7) and the biases of
-accelerometers and gyros (body axes). `navigation=ekf_model` has two more: a horizontal current. With `dvl_scale` and `heading_bias` the
-DVL's scale and the compass's constant error are states, and with a USBL the position at its last ping ("stochastic cloning": Roumeliotis and Burdick, ICRA 2002), so that a late position
-corrects the present one exactly; with a modem, also the position at a beacon's last message. Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves
-when a reading arrives and at the end of an agent step. Updates are scalar, in Joseph's form. Other errors that last an episode (iron,
-density, alignment) are not states: they enlarge the standard deviation of each reading, as if they were drawn anew. A reading that the
-gate rejects many times in a row is believed, as ArduPilot's EKF3 does after a time-out.
+accelerometers and gyros (body axes). `navigation=ekf_model` adds two states: a horizontal current. `dvl_scale` adds the DVL's scale, and
+`heading_bias` adds the compass's constant error. A USBL adds the position at its last ping, so that a late position corrects the present
+position exactly ("stochastic cloning": Roumeliotis and Burdick, ICRA 2002). A modem adds the position at a beacon's last message.
+
+Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves when a reading arrives and at the end of
+an agent step. Updates are scalar, in Joseph's form. Other errors that last an episode (iron, density, alignment) are not states: they
+enlarge the standard deviation of each reading, as if they were drawn anew. After many rejected readings in a row, the filter accepts a
+sensor's readings, as ArduPilot's EKF3 does after a time-out.
 """
 
 from __future__ import annotations
@@ -49,15 +51,15 @@ Floats = NDArray[np.float64]
 WORK = 7
 """rows of the memory of `Work`"""
 PARTS = 4
-"""parts of a sensor in `rejected`: the beams of a DVL"""
+"""Number of counters of each sensor in `rejected`: one for each beam of a DVL"""
 MOVING = 9
-"""position, velocity and attitude: states that the others change"""
+"""Number of states that other states change: position, velocity and attitude"""
 LEVEL = 0.01
 """smallest cosine of the pitch at which a heading is used"""
 
 
 class Work(NamedTuple):
-    """Room for the correction by a reading, for s states."""
+    """Arrays for the correction by a reading, for s states."""
 
     slope: Floats  # (s,) derivatives of the reading
     gain: Floats  # (s,)
@@ -68,7 +70,7 @@ class Work(NamedTuple):
 
 @row
 def work_in(memory: Any) -> Work:
-    """Return room in memory (WORK, s)."""
+    """Return the arrays of `Work` as views of a memory (WORK, s)."""
     return Work(memory[0], memory[1], memory[2], memory[3], memory[4:])
 
 
@@ -96,7 +98,7 @@ def begin(P: Floats, p: Record) -> None:
 
 @row
 def collect(d: Record, force: Vector, R: Matrix, seconds: float) -> None:
-    """Add an IMU sample to the integrals from which the covariance moves: force in world axes, attitude in its middle."""
+    """Add an IMU sample to the integrals that `propagate` needs; `force` is in world axes, `R` is the attitude in the middle of the sample."""
     d.elapsed += seconds
     put(d.force_sum, add(triple(d.force_sum), scale(seconds, force)))
     for i in range(3):
@@ -242,11 +244,11 @@ def update(
     gated = sensor * PARTS + part
     if nis <= p.gate:
         d.rejected[gated] = 0
-    # A sheet, a beacon or the current may be wrong for ever.
+    # A sheet, a beacon or the current may stay wrong.
     elif sensor in (MODEL, MODEM, WATER) or d.rejected[gated] < GATED:
         d.rejected[gated] += 1
         return False
-    else:  # The covariance is wrong. The states that the reading shows are uncertain by the innovation, and the others keep theirs.
+    else:  # The covariance is wrong. The states of the reading get the innovation as uncertainty; other states keep theirs.
         for j in range(first, min(first + 3, stop)):
             P[j, :] = 0.0
             P[:, j] = 0.0
@@ -316,7 +318,7 @@ def velocity_row(d: Record, p: Record, way: Vector, work: Work) -> None:
     """Write the derivatives of the velocity at the DVL along a direction in body axes: h = (1 + k) way . (R^T v + w x l), with v - c
     instead of v if the last ping was to the water.
 
-    The rates are measured less bias, so that the column of the gyro bias is [l]x.
+    The rates w are the measured rates less the gyro bias, so that the column of the gyro bias is [l]x.
     """
     seen = scale(1.0 + d.scale, way)
     x, y, _ = along = product(rotation_matrix(attitude_of(d.attitude)), seen)
@@ -332,7 +334,7 @@ def velocity_row(d: Record, p: Record, way: Vector, work: Work) -> None:
 
 @row
 def heading_row(d: Record, p: Record, work: Work) -> float:
-    """Write the derivatives of the compass's heading; return the squared cosine of the pitch, near 0 where there is none."""
+    """Write the derivatives of the compass's heading; return the squared cosine of the pitch. Near 0, the heading is not defined."""
     R = rotation_matrix(attitude_of(d.attitude))
     x, y, z = R[0][0], R[1][0], R[2][0]
     level = x * x + y * y
@@ -403,7 +405,7 @@ def correct_heading(d: Record, p: Record, P: Floats, work: Work) -> None:
 
 @called
 def remember(d: Record, p: Record, P: Floats, k: int) -> None:
-    """Make the present position the past one, of a USBL's last ping or a beacon's last message, that begins at state k."""
+    """Copy the present position's covariance to the position at a USBL's last ping or a beacon's last message, which begins at state k."""
     propagate(d, p, P)
     for j in range(P.shape[0]):
         P[k, j], P[k + 1, j], P[k + 2, j] = three(P, 0, j)
@@ -422,7 +424,7 @@ def put_sight(p: Record, way: Vector, work: Work) -> None:
 def correct_fix(d: Record, p: Record, P: Floats, work: Work) -> None:
     """Correct the estimate by the USBL's position: by its range, and by its directions across the estimated line of sight.
 
-    The gate judges the three together.
+    The gate judges range and directions together.
     """
     propagate(d, p, P)
     k, boat = p.ping_state, triple(p.usbl_position)
@@ -449,7 +451,7 @@ def correct_fix(d: Record, p: Record, P: Floats, work: Work) -> None:
     elif d.rejected[gated] < GATED_FIXES:
         d.rejected[gated] += 1
         return
-    else:  # The covariance is wrong, as in `update`: position now and at the ping are uncertain by the innovation.
+    else:  # The covariance is wrong, as in `update`: the positions now and at the ping get the innovation as uncertainty.
         for i in range(3):
             P[i, :] = 0.0
             P[:, i] = 0.0

@@ -37,28 +37,28 @@ class Navigation:
     Args:
         config: with an estimator and its sensors.
         vehicle: vehicle of all episodes.
-        task: whose episodes they are.
+        task: task of the episodes.
     """
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> None:
         self.task, self.is_filter = task, config.navigation.is_filter
         self.rate = float(config.sensors.imu.rate)  # type: ignore[union-attr]
-        """Hz, of the IMU"""
+        """Sampling rate of the IMU, Hz"""
         shared = {name: task.parameters[name][0] for name in records.PARAMETERS}
         owner = f"navigation={config.navigation.name}"
         self.parameters = records.one_row(parameters(config, float(vehicle.gravity)), shared, owner)
         self.state = records.state(task.n, FIELDS, owner)
-        """(n,) what each episode remembers"""
+        """(n,) sensors and estimate of each episode (`state.FIELDS`)"""
         has_model = bool(self.parameters[0].has_model)
         self.sheet = Sheet(vehicle, task.n, config.simulator.max_step) if has_model else None
-        """the vehicle's sheet, for an estimator that knows it"""
+        """Model from the vehicle's sheet; None if the estimator does not use it"""
         states = int(self.parameters[0].states)
         self.covariance: Floats = np.zeros((task.n, states, states))
         """Covariance of the filter's errors (`ekf`)"""
         self.pose: Floats = np.zeros((task.n, 7))
-        """estimates, m and unit quaternion"""
+        """(n, 7) estimated poses, m and unit quaternion"""
         self.velocity: Floats = np.zeros((task.n, 6))
-        """estimates, m/s and rad/s, body axes"""
+        """(n, 6) estimated velocities, m/s and rad/s, body axes"""
         self._none = np.zeros(task.n, np.int64), np.zeros((task.n, 1), SOLID), NO_HEIGHTS
         task.estimated = self.columns
         self._take()
@@ -68,7 +68,7 @@ class Navigation:
         self._parameters = records.plain(self.parameters)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out views, which NumPy would copy as arrays of their own."""
+        """Leave out views, which NumPy would copy as separate arrays."""
         return {name: value for name, value in self.__dict__.items() if name not in _VIEWS}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -76,7 +76,7 @@ class Navigation:
         self._take()
 
     def watched(self, simulator: Simulator) -> Watched:
-        """Return a simulator whose steps the sensors follow."""
+        """Return a simulator that lets the sensors measure during each of its steps."""
         return Watched(simulator, self)
 
     def intervals(self, duration: float) -> int:
@@ -98,7 +98,7 @@ class Navigation:
         return records.named(water) if records.INTERPRETED else water
 
     def begin(self, indices: Integers, simulator: Simulator) -> None:
-        """Draw sensors and first estimates of episodes whose vehicles are at their starts."""
+        """Draw the sensors' errors and the first estimates of episodes whose vehicles are at their start positions."""
         task, true = self.task, (simulator.pose, simulator.velocity)
         task.begin_belief(indices)
         own = self._state, self._parameters, self.covariance, task.shown
@@ -107,7 +107,7 @@ class Navigation:
             self.sheet.begin(indices, self.pose, self.velocity)
 
     def sample(self, simulator: Any, seconds: float, start: int = 0, stop: int | None = None) -> None:
-        """Measure an interval of some s that ends now, in the environments start .. stop - 1."""
+        """Let the sensors of environments start .. stop - 1 measure an interval of `seconds` s that ends now."""
         rows = start, self.task.n if stop is None else stop
         own = self.task.rows, self._state, self._parameters, self.covariance, self.task.stream
         true, water = (simulator.pose, simulator.velocity), self._water(simulator)
@@ -119,7 +119,7 @@ class Navigation:
     def conclude(
         self, action: Floats, force: Floats, power: Floats, start: int = 0, stop: int | None = None
     ) -> None:
-        """End an agent step: write the estimates, add their errors, and move the references that agents see."""
+        """End an agent step: write the estimates, add their errors to the sums, and move the references that agents observe."""
         task, rows = self.task, (start, self.task.n if stop is None else stop)
         sheet = self.velocity
         if self.sheet is not None:
@@ -161,11 +161,11 @@ class Navigation:
 
 
 class Watched:
-    """A simulator whose steps a vehicle's sensors follow.
+    """A simulator that lets navigation sensors measure during each of its steps.
 
     Args:
-        simulator: the simulator; everything but `step` is its own.
-        navigation: samples each interval of a step.
+        simulator: wrapped simulator; everything but `step` is passed on to it.
+        navigation: sensors, which measure each interval of a step.
     """
 
     def __init__(self, simulator: Simulator, navigation: Navigation) -> None:

@@ -23,7 +23,7 @@ def sense(e: Record, d: Record, p: Record, stream: int) -> bool:
     a, b, _, _ = normals(e, d, stream, 21)
     x, y, z = triple(d.true_position)
     expect(d, GNSS, 1.0 / p.gnss_rate, 0.0)
-    d.arrives[GNSS] = NEVER  # It is here now, or does not come.
+    d.arrives[GNSS] = NEVER  # A position arrives at once or not at all.
     if -z > p.gnss_depth:
         return False
     east, north = d.gnss_offset

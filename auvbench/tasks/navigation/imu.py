@@ -1,8 +1,8 @@
 """IMU: means of specific force and angular rates over each interval, with white noise and a bias.
 
-The bias is a constant of the episode plus a first-order Gauss-Markov process, drawn exactly once per agent step. Means over an interval
-are what an IMU with coning and sculling compensation gives: without errors, the sum of the intervals is the motion. The turn of the Earth
-is left out.
+The bias is a constant of the episode plus a first-order Gauss-Markov process, which moves once per agent step by its exact discretisation.
+An IMU with coning and sculling compensation gives such means: without errors, their sum over the intervals is the motion. The rotation of
+the Earth is left out.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def decayed(walk: float, tau: float, seconds: float) -> tuple[float, float]:
-    """Return the factor on a Gauss-Markov process after a time in s, and the standard deviation of what is added to it.
+    """Return the factor by which a Gauss-Markov process decays in a time in s, and the standard deviation of the noise that it gains.
 
     `walk` is the driving density: the stationary standard deviation is walk sqrt(tau / 2).
     """
@@ -45,7 +45,7 @@ def decayed(walk: float, tau: float, seconds: float) -> tuple[float, float]:
 
 @row
 def walk(e: Record, d: Record, p: Record, stream: int, seconds: float) -> None:
-    """Let the biases change for a time in s."""
+    """Advance the Gauss-Markov processes of the biases by a time in s."""
     if p.accelerometer_walk == 0.0 and p.gyro_walk == 0.0:
         return
     a, b, c, x = normals(e, d, stream, 10)
@@ -60,7 +60,7 @@ def walk(e: Record, d: Record, p: Record, stream: int, seconds: float) -> None:
 def moved(
     before: Quaternion, after: Quaternion, gained: Vector, gravity: float, seconds: float
 ) -> tuple[Vector, Vector]:
-    """Return the mean specific force in m/s2, in the axes of the middle of an interval, and the mean rates in rad/s.
+    """Return the mean specific force in m/s2, in the body axes at the middle of an interval, and the mean rates in rad/s.
 
     Args:
         before: attitude at the start of the interval.
@@ -80,7 +80,7 @@ def moved(
 
 @row
 def sense(e: Record, d: Record, p: Record, stream: int, force: Vector, rates: Vector, seconds: float) -> None:
-    """Measure a specific force and rates, means over an interval of some s."""
+    """Measure the specific force and the rates, which are means over an interval of `seconds` s."""
     a, b, c, x = normals(e, d, stream, 0)
     y, z, _, _ = normals(e, d, stream, 1)
     root = 1.0 / math.sqrt(seconds)
@@ -113,7 +113,7 @@ def advance(d: Record, p: Record, seconds: float) -> tuple[Vector, Matrix]:
 
 @row
 def put_attitude(field: Floats, q: Quaternion) -> None:
-    """Write a quaternion of a record with length 1."""
+    """Scale a quaternion to length 1 and write it to a field of a record."""
     w, x, y, z = q
     length = 1.0 / math.sqrt(w * w + x * x + y * y + z * z)
     field[0], field[1], field[2], field[3] = w * length, x * length, y * length, z * length

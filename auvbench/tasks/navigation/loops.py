@@ -45,9 +45,9 @@ from auvbench.tasks.rows import between, put, put_motion, quaternion, row, tripl
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shown: TypeAlias = tuple[Floats, Floats, Floats]
-"""arrays (n, 3) of what blocks show, in the order of `records.BELIEF`"""
+"""Arrays (n, 3) that blocks of the estimate read, in the order of `records.BELIEF`"""
 Sea: TypeAlias = tuple[Any, ...]
-"""components, rays and time of `dynamics.waves.Waves`, of all vehicles or of a block and its vehicle"""
+"""Components, rays and time of `dynamics.waves.Waves`: for all vehicles, or the rays of a block of vehicles and the time of one of them"""
 
 FASTEST = 50.0
 """m/s and rad/s, largest speeds of an estimate (`blocks.FASTEST`)"""
@@ -55,7 +55,7 @@ FASTEST = 50.0
 
 @row
 def see(d: Record, pose: Floats, velocity: Floats) -> None:
-    """Take the true motion at the end of an interval."""
+    """Store the true motion at the end of an interval."""
     q = quaternion(pose)
     put(d.true_position, triple(pose))
     put(d.true_velocity, rotate(rotation_matrix(q), triple(velocity)))
@@ -65,7 +65,7 @@ def see(d: Record, pose: Floats, velocity: Floats) -> None:
 
 @row
 def start(e: Record, d: Record, p: Record, stream: int) -> None:
-    """Draw the errors of the sensors and of the estimate of an episode whose truth is known."""
+    """Draw the errors of the sensors and of the first estimate; `see` has stored the true motion before."""
     d.samples, d.time, d.diverged = 0, 0.0, 0
     imu.begin(e, d, p, stream)
     pressure.begin(e, d, p, stream)
@@ -109,7 +109,7 @@ def start(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def show(d: Record, P: Floats, shown: Shown, i: int, pose: Floats, velocity: Floats) -> None:
-    """Write the estimate of episode i: what observations read."""
+    """Write the estimate of episode i to the arrays that observations read."""
     q = d.attitude
     put(pose, triple(d.position))
     for j in range(4):
@@ -125,7 +125,7 @@ def show(d: Record, P: Floats, shown: Shown, i: int, pose: Floats, velocity: Flo
 
 @row
 def is_sound(d: Record) -> bool:
-    """Return whether an estimate can be shown: near enough, slow enough and finite."""
+    """Return whether an estimate is usable: near the true position, slow enough and finite."""
     near = between(triple(d.position), triple(d.true_position)) <= LOST
     vx, vy, vz = triple(d.velocity)
     slow = abs(vx) + abs(vy) + abs(vz) <= FASTEST
@@ -193,7 +193,7 @@ def sample(
     e: Record, d: Record, p: Record, P: Floats, work: ekf.Work, stream: int, pose: Floats, velocity: Floats,
     solids: Any, heights: Any, water: Record, power: float, sea: Sea, lane: int, seconds: float,
 ) -> None:  # fmt: skip
-    """Measure an interval of some s that ends at a pose and velocity, and move the estimate."""
+    """Measure an interval of `seconds` s that ends at a pose and a velocity, and move the estimate."""
     before, had = attitude_of(d.true_attitude), triple(d.true_velocity)
     see(d, pose, velocity)
     d.samples += 1
@@ -271,7 +271,7 @@ def sample_rows(
     true_pose: Floats, true_velocity: Floats, counts: Integers, solids: Any, heights: Floats, water: Any,
     power: Floats, waves: Sea, seconds: float,
 ) -> None:  # fmt: skip
-    """Measure an interval of some s in the episodes first .. stop - 1."""
+    """Measure an interval of `seconds` s in the episodes first .. stop - 1, and move their estimates."""
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
     work, covariances = ekf.work_in(borrowed(memory)), borrowed(covariances)
     true_pose, true_velocity = borrowed(true_pose), borrowed(true_velocity)
@@ -289,8 +289,8 @@ def sample_rows(
 def range_rows(
     first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, stream: int
 ) -> None:
-    """Measure ranges to beacons whose turn begins now, and correct the estimates by messages that arrive now, in the teams of rows
-    first .. stop - 1, which `sample_rows` has moved.
+    """In the teams of rows first .. stop - 1, measure ranges to beacons whose turn begins now, and correct the estimates by messages that
+    arrive now. Call `sample_rows` first, which moves the estimates.
     """
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
     work, covariances = ekf.work_in(borrowed(memory)), borrowed(covariances)

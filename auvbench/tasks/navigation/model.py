@@ -1,9 +1,9 @@
-"""The vehicle's sheet as a reading of its velocity through the water, which lasts when the DVL is lost.
+"""Use the vehicle's sheet as a sensor of the velocity through the water, which works without bottom lock of the DVL.
 
-The sheet's equations are integrated with the commands of the agent. They take attitude and rates from the estimate, but have a velocity of
-their own, so that its errors are independent of the estimate's (Hegrenaes and Hallingstad, "Model-aided INS with sea current estimation for
-robust underwater navigation", IEEE Journal of Oceanic Engineering 36, 2011). A DVL measures over ground, the sheet through the water: their
-difference is the current, two states of the filter.
+The sheet's equations of motion are integrated with the agent's commands. They take attitude and rates from the estimate, but have a
+velocity of their own, so that its errors are independent of the errors of the estimate (Hegrenaes and Hallingstad, "Model-aided INS with
+sea current estimation for robust underwater navigation", IEEE Journal of Oceanic Engineering 36, 2011). A DVL measures the velocity over
+ground, and the sheet gives the velocity through the water. Their difference is the current, which is two states of the filter.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Integers = NDArray[np.int64]
 
 
 class Sheet:
-    """The sheets of N vehicles: never the drawn properties, faults, currents or waves of the vehicles that are simulated.
+    """Models of N vehicles with the properties of their sheet, without the simulation's drawn properties, faults, currents or waves.
 
     Args:
         vehicle: model of the sheet.
@@ -51,7 +51,7 @@ class Sheet:
         return self.simulator.velocity
 
     def begin(self, indices: Integers, pose: Floats, velocity: Floats) -> None:
-        """Start again at the first estimates (n, 7) and (n, 6) of episodes."""
+        """Restart the models of episodes at their first estimates: poses (n, 7) and velocities (n, 6)."""
         self.simulator.reset(indices, pose[indices], velocity[indices])
 
     def follow(
@@ -66,7 +66,7 @@ class Sheet:
 
 @row
 def predicted(d: Record) -> Vector:
-    """Return the velocity through the water in m/s, body axes, as the estimate has it."""
+    """Return the estimated velocity through the water in m/s, body axes."""
     return transposed_product(rotation_matrix(attitude_of(d.attitude)), through_water(d))
 
 

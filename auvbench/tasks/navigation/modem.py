@@ -1,13 +1,13 @@
-"""Acoustic modem: ranges to the beacons of a team, vehicles whose messages say where they believe to be (docs/navigation.md).
+"""Acoustic modem: ranges to the beacons of a team, which are vehicles that send their estimated position (docs/navigation.md).
 
-The receiver measures the one-way travel time of a message; clocks are synchronous. The sender says its estimated position at the sending, and
-that position's covariance. The message arrives after the time of transmission and the sound's way, so that its range is one of a past
-position, which the filter has as a state, as for a USBL.
+The receiver measures the one-way travel time of a message; clocks are synchronous. The message has the sender's estimated position at the
+sending, and the covariance of this position. It arrives after the transmission time and the travel time of the sound. The range therefore
+belongs to a past position of the receiver, which is a state of the filter, as for a USBL.
 
-A beacon's error lasts, so that a second range does not say what the first did not. The filter takes it for a first-order autoregressive
-process with a correlation time, and multiplies its stated variance by the number of messages that say as much as one independent message
-(Bayley and Hammersley, "The effective number of independent observations in an autocorrelated time series", JRSS Supplement 8, 1946).
-Beacons take no ranges: what a vehicle learns from a beacon never comes back to it, and nothing is counted twice.
+A beacon's position error lasts, so that a second range adds little information. The filter models this error as a first-order
+autoregressive process with a correlation time. It multiplies the stated variance by the number of messages that have as much information
+as one independent message (Bayley and Hammersley, "The effective number of independent observations in an autocorrelated time series", JRSS
+Supplement 8, 1946). Beacons do not use ranges, so that no information returns to its source and is counted twice.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def hears(e: Record, d: Record, p: Record, stream: int) -> bool:
 
 @called
 def sense(e: Record, d: Record, p: Record, P: Floats, stream: int, beacon: Record, Q: Floats) -> None:
-    """Measure the range to a beacon with the covariance Q, and take its message; both arrive later."""
+    """Measure the range to a beacon, whose covariance is Q, and store its message; both arrive later."""
     error, _, _, _ = normals(e, d, stream, 22)
     way = between(triple(d.true_position), triple(beacon.true_position))
     d.measured_range = way + p.modem_noise * error
@@ -113,7 +113,7 @@ def bend(total: float, radial: float, r: float) -> float:
 
 @row
 def independent(d: Record, p: Record) -> float:
-    """Return how many of the beacon's messages say as much about its position as one independent message would."""
+    """Return how many messages of the beacon have as much information about its position as one independent message."""
     last = d.beacon_sent[d.speaker]
     kept = math.exp((last - d.sent) / p.modem_memory) if last >= 0.0 else 0.0
     return (1.0 + kept) / (1.0 - kept)

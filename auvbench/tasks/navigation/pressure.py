@@ -1,7 +1,7 @@
 """Depth: a pressure sensor's height over the surface, quantised, with the errors of density and air pressure.
 
-The pressure of waves, which falls with depth, looks like a change of depth. The filter knows its variance there, and
-that the readings of a quarter of a period share their error.
+The pressure of waves, which falls with depth, looks like a change of depth. The filter knows the variance of this
+error, and that the readings within a quarter of a wave period share it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def sense(d: Record, p: Record, noise: float, waves: Vector) -> None:
-    """Measure the height with a standard normal number of noise, under waves as `dynamics.waves.pressure_head` returns them."""
+    """Measure the height; `noise` is a standard normal number, `waves` the result of `dynamics.waves.pressure_head`."""
     head, d.wave_variance, frequency = waves
     d.wave_readings = max(1.0, 0.25 * p.depth_rate / frequency) if frequency > 0.0 else 0.0
     _, _, z = triple(d.true_position)

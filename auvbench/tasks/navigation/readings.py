@@ -29,10 +29,10 @@ class Reading:
 
 
 def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
-    """Return the last readings of environment i by sensor; a sensor without one, or whose next is under way, is left out.
+    """Return the last readings of environment i by sensor. A sensor is left out if it has no reading yet or its next reading is under way.
 
-    Covariances are those that auvbench's filter takes: errors that last an episode enlarge them. A velocity relative to the water is left
-    out, so that no program takes it for one over ground.
+    Covariances are the same as in auvbench's filter: errors that last an episode enlarge them. A velocity relative to the water is left
+    out, so that no program mistakes it for a velocity over ground.
 
     Returns:
         `imu`: specific force in m/s2 and rates in rad/s; `dvl`: velocity in m/s, body axes, at the DVL; `depth`: height in m;
@@ -75,13 +75,13 @@ def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
 
 
 def _of_heading(d: Any, p: Any) -> float:
-    """Return the variance of the compass's yaw, with its constant error also where that is a state of the filter."""
+    """Return the variance of the compass's yaw. It includes the constant error, even if this error is a state of the filter."""
     slow = p.heading_slow**2 + 0.5 * d.thruster_iron**2 + (p.heading_bias**2 if p.bias_state else 0.0)
     return float(p.heading_noise**2 + slow)
 
 
 def _of_velocity(d: Any, p: Any) -> Floats:
-    """Return the covariance (3, 3) of the DVL's velocity: that of the least-squares solution, and of scale and mounting."""
+    """Return the covariance (3, 3) of the DVL's velocity, from the errors of the beams, the scale and the mounting."""
     level = math.sqrt(0.5) * p.dvl_sine
     signs = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
     beams = np.column_stack([level * signs, np.full(BEAMS, -p.dvl_cosine)])[np.array(d.valid) > 0]

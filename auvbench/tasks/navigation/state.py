@@ -1,4 +1,4 @@
-"""Define what an episode remembers of its sensors and its estimate, and the parameters of both."""
+"""Define the fields in which an episode stores its sensors and its estimate, and the parameters of both."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ STATES = 15
 MODEL_STATES = 17
 """States of the filter with the vehicle's sheet: also errors of a horizontal current (world axes)"""
 VELOCITY, ATTITUDE, ACCELERATION_BIAS, RATE_BIAS, CURRENT = 3, 6, 9, 12, 15
-"""first index of each group of states; position is at 0. The DVL's scale, the compass's constant error and the position at the last ping of
-a USBL, if they are states, follow at `p.scale_state`, `p.bias_state` and `p.ping_state`; at `p.modem_state` the position when a beacon sent
-its last message."""
+"""First index of each group of states; position is at 0. Optional states follow: the DVL's scale at `p.scale_state`, the compass's constant
+error at `p.bias_state`, the position at a USBL's last ping at `p.ping_state`, and the position at a beacon's last message at
+`p.modem_state`."""
 DVL, DEPTH, HEADING, MODEL, USBL, GNSS, MODEM, WATER = 0, 1, 2, 3, 4, 5, 6, 7
-"""Index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on. WATER is the DVL's water track: its pings are due and arrive as the
-DVL's."""
+"""Index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on. WATER is the DVL's water track: its pings are due and arrive
+with the DVL's pings."""
 SOON = 1e-6
 """s: a measurement that is due this soon is due now"""
 NEVER = 1e300
-"""s, when a reading arrives that is not under way"""
+"""s, arrival time of a sensor that has no reading under way"""
 
 _V, _Q, _S = (3,), (4,), (8,)
 FIELDS: tuple[tuple[Any, ...], ...] = (
-    ("samples", "i8"),  # of the IMU in the episode
+    ("samples", "i8"),  # number of IMU samples in the episode
     ("time", "f8"),  # s, in the episode
     # The truth at the last sample.
     ("true_position", "f8", _V),
@@ -125,14 +125,15 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("nees", "f8"),  # sum over steps, of the position
     ("unlocked", "f8"),  # s without bottom lock
 )
-"""fields of `d`"""
+"""Fields of `d`, the record of an episode's sensors and estimate"""
 
 MODES = 5
-"""range modes of a missing DVL: compiled code is made for each number of them"""
+"""Number of range modes in the parameters of a vehicle without a DVL; each other number would need code compiled anew"""
 GATED_FIXES = 5
-"""positions of a USBL that may be rejected in a row; they come once a second"""
+"""Number of USBL positions that the gate may reject in a row; USBL positions come about once a second"""
 GATED = 20
-"""readings of a sensor that may be rejected in a row; the next ones are accepted until one passes the gate, so that a filter can come back"""
+"""Number of a sensor's readings that the gate may reject in a row. After that, the filter accepts readings until one passes the gate, so
+that it can recover"""
 
 
 def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
@@ -239,9 +240,9 @@ def next_of_burst(burst: int, share: float, pause: float, u: float) -> int:
     """Return whether the next ping of a two-state Markov chain is in a burst without readings, 1 or 0.
 
     Args:
-        burst: whether the present ping is.
+        burst: whether the present ping is in a burst.
         share: share of the time in bursts; 1: always.
-        pause: time between two pings over the mean duration of a burst.
+        pause: time between two pings, divided by the mean duration of a burst.
         u: uniform draw.
     """
     if share >= 1.0:
@@ -259,7 +260,7 @@ def is_due(d: Record, sensor: int) -> bool:
 
 @row
 def expect(d: Record, sensor: int, period: float, delay: float) -> None:
-    """Note that a sensor has measured now, when its reading arrives and when it measures again."""
+    """Write when a sensor that measures now will measure again, and when its present reading arrives."""
     d.due[sensor] += period
     if d.due[sensor] < d.time:  # it stood still
         d.due[sensor] = d.time + period

@@ -1,9 +1,9 @@
 """USBL: positions from a boat's transceiver, by the range to the vehicle's transponder and the direction of its sound.
 
-The reading is a position in world axes. Its error along the line of sight has the range's standard deviation, and across it that of the
-angles times the range. The head's misalignment about the vertical, which lasts an episode, turns all positions round the boat. Multipath
-makes outliers; positions are missing in bursts. A reading is of the moment when the transponder sends: it arrives after the sound has
-reached the boat, and the message the vehicle.
+The reading is a position in world axes. Along the line of sight, its error has the standard deviation of the range. Across the line of
+sight, its standard deviation is that of the angles times the range. The head's misalignment about the vertical lasts an episode and turns
+all positions round the boat. Multipath makes outliers; positions are missing in bursts. A reading is the position at the moment when the
+transponder sends. It arrives after the sound has reached the boat and the boat's message has reached the vehicle.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import VEHICLE, put, row, triple
 
 STEEP = 0.5
-"""square of the cosine between line of sight and vertical, from which on `sight` takes its axes from x instead of z"""
+"""Squared cosine of the angle between line of sight and vertical above which `sight` derives its axes from x instead of z"""
 
 
 @row
 def has(e: Record, p: Record) -> bool:
-    """Return whether the vehicle has a transponder: in a team, the first ones may have it alone."""
+    """Return whether the vehicle has a transponder; in a team, only the first `usbl_vehicles` vehicles have one."""
     return bool(e.environment // VEHICLE < p.usbl_vehicles)
 
 
@@ -43,7 +43,7 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def sight(way: Vector) -> tuple[Matrix, float]:
-    """Return three unit vectors as rows, the first along a way from the boat, and the way's length in m."""
+    """Return three unit vectors as rows, the first along the vector `way` from the boat, and the length of `way` in m."""
     r = math.sqrt(dot(way, way))
     along = scale(1.0 / r, way) if r > 1e-6 else (0.0, 0.0, -1.0)
     _, _, z = along
@@ -54,7 +54,7 @@ def sight(way: Vector) -> tuple[Matrix, float]:
 
 @row
 def sense(e: Record, d: Record, p: Record, stream: int) -> bool:
-    """Ping; return whether a position is under way."""
+    """Ping the transponder; return whether a position is under way to the vehicle."""
     u, wrong, _, _ = uniforms(e, d, stream, 18)
     a, b, c, _ = normals(e, d, stream, 16)
     way = subtract(triple(d.true_position), triple(p.usbl_position))

@@ -1,7 +1,7 @@
-"""What a range sensor is: a function of one episode, and what the episode remembers of the sensor.
+"""Define a range sensor: a function of one episode, and the sensor's state in this episode.
 
-A sensor sees the solids from the true pose at the end of an agent step, or from the pose that a delayed measurement has. It changes its
-state once for each step of the episode, so that observing again changes nothing.
+A sensor measures the solids from the true pose at the end of an agent step or, with delayed measurements, from the delayed pose. It changes
+its state once for each step of the episode, so that observing again changes nothing.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ NOW = 1e-9
 
 
 class Scene(NamedTuple):
-    """What a sensor can measure, and from where."""
+    """Solids that a sensor can measure, and the pose from which it measures."""
 
     solids: Any  # (most,) records, the first `n_solids` exist
     n_solids: int
@@ -43,7 +43,7 @@ class Scene(NamedTuple):
 
 @row
 def scene(solids: Any, n_solids: int, heights: Any, time: float, pose: Any, stream: int) -> Scene:
-    """Return what a vehicle at a pose (7,) can measure at a time in s."""
+    """Return the scene of a vehicle at a pose (7,) at a time in s."""
     rotation: Matrix = rotation_matrix((pose[3], pose[4], pose[5], pose[6]))
     return Scene(solids, n_solids, heights, time, (pose[0], pose[1], pose[2]), rotation, stream)
 
@@ -53,7 +53,7 @@ def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: 
     """Return the distance in m of the nearest echo of some rays, or `longest`.
 
     Args:
-        scene: what is there.
+        scene: solids and the vehicle's pose.
         rotation: from the axes of the rays to the world's.
         rays: (k, 3) unit vectors; first .. stop - 1 are used.
         first: index of the first ray.
@@ -91,7 +91,7 @@ def closeness(e: Record, p: Record, stream: int, block: int, distance: float, lo
 
 @row
 def pings_until(steps: int, p: Record) -> int:
-    """Return the pings from the start of an episode, without the one at the start, to the end of an agent step."""
+    """Return the number of pings from the start of an episode to the end of an agent step, without the ping at the start."""
     pings: int = math.floor(steps * p.duration / p.period + NOW)
     return pings
 
@@ -106,12 +106,12 @@ def new_step(e: Record, d: Record) -> bool:
 
 @row
 def keep(e: Record, p: Record, memory: Floats) -> None:
-    """Put the numbers of now into the ring of numbers that are under way; at the start, into all of it.
+    """Store the present numbers in the ring of numbers that are under way; at the start of an episode, in all its slots.
 
     Args:
         e: the episode.
         p: parameters of the sensor, with `size` and `slots` of `more`.
-        memory: (size (1 + slots),) the numbers of now, then the ring.
+        memory: (size (1 + slots),) the present numbers, then the ring.
     """
     for slot in range(p.slots):
         if e.steps == 0 or slot == e.steps % p.slots:
@@ -121,7 +121,7 @@ def keep(e: Record, p: Record, memory: Floats) -> None:
 
 @row
 def arrived(e: Record, p: Record, memory: Floats, j: int) -> float:
-    """Return number j of those that have arrived by now."""
+    """Return number j of the numbers that arrive at this step."""
     slot = 1 + (e.steps + 1) % p.slots
     return float(memory[slot * p.size + j])
 
@@ -131,15 +131,15 @@ class RangeSensor:
 
     Args:
         name: name of the block.
-        settings: configuration, of the schema of its spec.
+        settings: configuration, with the schema of the sensor's spec.
         n: number of episodes.
         frequency: frequency of the agent's steps, Hz.
         shared: parameters of every task, by name.
     """
 
     sense: ClassVar[Callable[..., None]]
-    """`sense(e, d, memory, p, rays, scene, out)`: writes the numbers of the block for the episode e, with the parameters p. The
-    sensor remembers d and the floats `memory` of the episode"""
+    """`sense(e, d, memory, p, rays, scene, out)`: writes the numbers of the block for the episode e, with the parameters p. The record d
+    and the floats `memory` are the sensor's state in the episode"""
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
     """Fields that an episode stores in addition to `memory`: (name, type)"""
 
@@ -153,21 +153,21 @@ class RangeSensor:
         more = {"size": size, "slots": slots, "channel": zlib.crc32(name.encode()) & 0xFFFF0000}
         own = {**records.of_schema(settings), **self.more(), **more}
         self.parameters = records.one_row(own, shared, owner)
-        """(1,)"""
+        """(1,) parameters"""
         self.rays = mounted(self.directions(), settings.yaw, settings.pitch)
         """(k, 3) unit vectors, body axes"""
         self.state = records.state(n, (*self.fields, ("step", "i8")), owner)
-        """(n,) records: what each episode remembers"""
+        """(n,) records: state of the sensor in each episode"""
         # Not a field of the records: compiled code is made for each shape of a record's fields.
         self.memory: Floats = np.zeros((n, size * (1 + slots)))
-        """numbers of now and those that are under way (`keep`)"""
+        """Present numbers of each episode, and numbers under way (`keep`)"""
 
     def directions(self) -> Floats:
         """Return the rays (k, 3) of a sensor that points forward: unit vectors."""
         raise NotImplementedError
 
     def size(self) -> int:
-        """Return the numbers of a measurement that an episode remembers."""
+        """Return how many numbers of a measurement an episode stores."""
         return 0
 
     def more(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""An ideal fan of rays: it sees at every step, at once."""
+"""An ideal fan of rays: it measures at every step, without delay."""
 
 from __future__ import annotations
 

@@ -15,10 +15,10 @@ from auvbench.tasks.ranges.base import RangeSensor
 
 
 class Sensors:
-    """The sensors of N episodes, in the order of their names, as `loops.observed` has them.
+    """The sensors of N episodes, sorted by name, which is their order in `loops.observed`.
 
     Args:
-        names: names of their blocks, sorted.
+        names: sorted names of the sensors' blocks.
         config: with a world that has solids.
         n: number of episodes.
         shared: parameters of every task, by name.
@@ -35,7 +35,7 @@ class Sensors:
         ]
 
     def tables(self, interpreted: bool) -> tuple[tuple[Any, ...], ...]:
-        """Return states, floats that are remembered, parameters and rays, as the loop takes them."""
+        """Return states, memories, parameters and rays of the sensors, as the loop takes them."""
         states, parameters = [s.state for s in self.sensors], [s.parameters for s in self.sensors]
         if not interpreted:
             states, parameters = [*map(records.plain, states)], [*map(records.plain, parameters)]

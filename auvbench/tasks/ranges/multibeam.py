@@ -23,12 +23,12 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row
 
 ACROSS, HIGH = 2, 5
-"""rays across the horizontal and across the vertical angle of a beam"""
+"""Number of rays across the horizontal angle of a beam, and across its vertical angle"""
 
 
 @row
 def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Scene, out: Any) -> None:
-    """Write the closeness of each beam and their age."""
+    """Write the closeness of each beam and the age of the ping."""
     beams = out.shape[0] - 1
     if new_step(e, d):
         if e.steps == 0 or pings_until(e.steps, p) > pings_until(e.steps - 1, p):

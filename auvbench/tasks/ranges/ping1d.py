@@ -1,8 +1,9 @@
 """A Ping1D echo sounder: the nearest echo in a cone, with a confidence.
 
-Confidence, noise and jumps come from 15 Hz recordings of the Seattle Aquarium's vehicle. 6 % of the pings have confidence 0, 14 % a confidence
-below 50 % and 81 % a confidence of 100 %. The noise is 2 mm. 1.2 % of the pings jump by more than 1 m; with a confidence of at least 80 %,
-0.2 % do. The recordings do not say where a jump leads: here, anywhere from the shortest range to twice the distance, the second echo.
+Confidence, noise and jumps come from 15 Hz recordings of the Seattle Aquarium's vehicle. 6 % of the pings have confidence 0, 14 % a
+confidence below 50 % and 81 % a confidence of 100 %. The noise is 2 mm. 1.2 % of the pings jump by more than 1 m; of the pings with a
+confidence of at least 80 %, 0.2 % jump. The recordings do not show where a jump leads. Here it leads anywhere from the shortest range to
+twice the distance, which is the second echo.
 """
 
 from __future__ import annotations
@@ -30,19 +31,19 @@ from auvbench.tasks.rows import row
 
 # Shares of the pings that have an echo.
 WEAK = 0.08 / 0.94
-"""confidence below 50 %"""
+"""Share of pings with a confidence below 50 %"""
 FAIR = 0.05 / 0.94
-"""confidence from 50 % to 100 %"""
+"""Share of pings with a confidence from 50 % to 100 %"""
 SURE = 0.8
-"""confidence from which jumps are rare"""
+"""Confidence from which jumps are rare"""
 SURE_JUMPS = 0.2 / 1.2
-"""share of jumps of sure pings, as a share of the jumps of all pings"""
+"""Jump rate of pings with a confidence of at least SURE, relative to the jump rate of all pings"""
 SURE_SHARE = 0.81 + 0.05 * (1.0 - SURE) / 0.5
 UNSURE_SHARE = 0.94 - SURE_SHARE
 UNSURE_JUMPS = (1.0 - SURE_JUMPS * SURE_SHARE) / UNSURE_SHARE
 
 INNER, OUTER = 6, 12
-"""rays at half and at the whole of the cone's half angle"""
+"""Number of rays at half of the cone's half angle, and at its whole half angle"""
 
 
 @row

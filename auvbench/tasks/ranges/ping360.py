@@ -1,7 +1,7 @@
 """A Ping360 scanning sonar: one narrow beam at a time.
 
-Beams that are due in one agent step are all sent from the pose at its end. What a sector shows was measured when the head last passed,
-in the vehicle's axes of that moment.
+All beams that are due in an agent step are sent from the pose at the end of the step. A sector shows the measurement of the head's last
+pass, in the vehicle's axes at that time.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row
 
 RAYS = 5
-"""rays across the vertical angle of a beam"""
+"""Number of rays across the vertical angle of a beam"""
 
 
 @row
@@ -46,7 +46,7 @@ def turned(rotation: Matrix, yaw: float) -> Matrix:
 
 @row
 def beam_of(count: int, p: Record) -> int:
-    """Return the place in the scan of a beam, counted from the start of the episode."""
+    """Return the place in the scan of beam `count` of the episode."""
     if p.to_and_fro == 0:
         return int(count % p.beams)
     place = count % (2 * p.beams)

@@ -72,7 +72,7 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
 
 
 class NearestSolids:
-    """The nearest solids of N episodes; see `RangeSensor` for what the loop takes."""
+    """The nearest solids of N episodes, with the attributes of `RangeSensor` that the loop takes."""
 
     sense = staticmethod(sense)
 

@@ -13,18 +13,18 @@ from auvbench.observation import BODY, Block
 from auvbench.worlds.kinds import KINDS
 
 MOST, SIGHT = 8, 10.0
-"""solids that the block `solids` shows, and m in which it shows them"""
+"""Largest number of solids that the block `solids` shows, and the distance in m within which it shows them"""
 SOLID = (
     "kind", "x", "y", "z", "axis_x", "axis_y", "axis_z", "side_x", "side_y", "side_z", "radius", "half_x", "half_y", "half_z",
 )  # fmt: skip
 NUMBERS = len(SOLID)
-"""numbers of a solid"""
+"""Number of values that describe a solid"""
 LONGEST = 1e5
 """m, bound of the size of a solid and of the distance of its centre"""
 
 
 def in_the_loop(m: Reading, e: Any, p: Any, out: Any) -> None:
-    """Stand for the function of a block that its sensor writes."""
+    """Stand in for the `write` function of a block: the loop lets a sensor write this block."""
     raise NotImplementedError
 
 

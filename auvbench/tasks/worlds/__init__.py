@@ -1,6 +1,6 @@
-"""Worlds: what is in the water of an episode.
+"""Worlds: the solids in the water of an episode.
 
-`base` says what a world is, each other file is one, and `surroundings` has the solids of N episodes.
+`base` defines a world, `surroundings` has the solids of N episodes, `contact` measures clearances, and each other file is one world.
 """
 
 from __future__ import annotations

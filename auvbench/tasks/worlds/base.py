@@ -1,4 +1,4 @@
-"""What a world is: the solids of one episode, drawn for its start and goal."""
+"""Define a world: the solids of one episode, drawn for its start and goal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from auvbench.worlds.solids import NO_HEIGHTS
 
 
 class Episode(NamedTuple):
-    """What a world may depend on."""
+    """Properties of an episode on which its world may depend."""
 
     start: Floats  # (3,) m
     goal: Floats  # (3,) m
@@ -41,21 +41,21 @@ class World:
     most: int = 1
     """largest number of solids"""
     inside: ClassVar[str] = "inside the bottom"
-    """where a point is that is not in the water, for messages"""
+    """Where a point outside of the water is, for messages"""
     follows: ClassVar[bool] = False
-    """whether it depends on the path of the task"""
+    """Whether the world depends on the path of the task"""
     heights: Floats = NO_HEIGHTS
-    """m, of its terrain"""
+    """Heights of its terrain, m"""
     middle: tuple[float, float] = (0.0, 0.0)
-    """x and y in m of a point that it has"""
+    """x and y in m of a point that the world covers"""
     fingerprint: bytes = b""
-    """what names its terrain; empty: the heights"""
+    """Digest that identifies its terrain; empty: the heights identify it"""
 
     def __init__(self, settings: Any, depth_low: float, radius: float) -> None:
         self.settings, self.depth_low, self.radius = settings, depth_low, radius
 
     def draw(self, episode: Episode) -> tuple[Solids, Mapping[str, float]]:
-        """Return the solids (k,) of an episode, and what the episode remembers of it: numbers of `fields` by name.
+        """Return the solids (k,) of an episode, and the numbers of `fields` by name, which the episode stores.
 
         Raises:
             ConfigError: the world cannot be drawn.
@@ -63,19 +63,21 @@ class World:
         raise NotImplementedError
 
     def covers(self, point: Floats) -> bool:
-        """Return whether it is known at a point (3,) in m."""
+        """Return whether the world is known at a point (3,) in m."""
         return True
 
     fields: ClassVar[tuple[str, ...]] = ()
-    """numbers that an episode remembers"""
+    """Names of numbers that an episode stores"""
 
     def stand(self, episode: Episode, rises: NDArray[np.float64], highest: float) -> float:
-        """Return the z in m of a bottom's reference level: `depth` or, without it, `altitude` below start, goal and path.
+        """Return z in m of a bottom's reference level.
+
+        With `depth`, the level is at that depth. Otherwise the bottom's highest point is `altitude` below start, goal and path.
 
         Args:
-            episode: with start and goal.
-            rises: (2,) m, of the mean bottom below start and goal over the reference level.
-            highest: m, of its highest point over the mean bottom.
+            episode: episode with start and goal.
+            rises: (2,) m, heights of the mean bottom over the reference level, below start and goal.
+            highest: m, height of the bottom's highest point over the mean bottom.
         """
         if self.settings.depth is not None:
             return -float(self.settings.depth)
@@ -85,7 +87,7 @@ class World:
 
 
 def key_of(seed: int | None, own: Key) -> Key:
-    """Return the key of a world's draws: the episode's own, or the key of one seed for all episodes."""
+    """Return the key of a world's draws: the episode's own key or, with a seed, the same key for all episodes."""
     if seed is not None:
         return seed, WORLD, 0, 0
     seed, stream, episode, environment = own

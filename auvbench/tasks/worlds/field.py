@@ -15,13 +15,13 @@ from auvbench.worlds.passage import scatter, shortest_way
 from auvbench.worlds.solids import box, cylinder, none, plane, sphere
 
 MOST = 256
-"""obstacles"""
+"""Largest number of obstacles"""
 TRIES = 20
-"""fields that are drawn until one can be passed"""
+"""Largest number of fields that are drawn until a vehicle can pass one"""
 SIZES = 10_000
-"""Block of the draws of kinds and heights; the blocks below it draw places"""
+"""First block of draws of the obstacles' kinds and heights; smaller blocks draw their places"""
 MOTIONS = SIZES + MOST
-"""Block of the draws of motions"""
+"""First block of draws of the obstacles' motions"""
 
 
 class FieldWorld(World):
@@ -61,7 +61,7 @@ class FieldWorld(World):
         )
 
     def _move(self, obstacle: Solids, share: float, bearing: float) -> None:
-        """Let an obstacle (1,) move in a level direction if its draw is below the share of those that move."""
+        """Let an obstacle (1,) move in a horizontal direction if its draw `share` is below the share of moving obstacles."""
         if share < self.settings.moving:
             angle = 2.0 * math.pi * bearing
             obstacle["velocity"] = (

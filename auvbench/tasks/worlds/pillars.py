@@ -13,7 +13,7 @@ from auvbench.worlds.kinds import Solids
 from auvbench.worlds.solids import capsule
 
 TRIES = 64
-"""draws of the direction until the start is free"""
+"""Largest number of draws of the direction until the start is free"""
 
 
 class PillarsWorld(World):

@@ -1,4 +1,4 @@
-"""A fractal bottom: one grid of heights, which each episode draws a place and a direction on."""
+"""A fractal bottom: one grid of heights, on which each episode draws a place and a direction."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ Integers = NDArray[np.int64]
 FAR = 1e6
 """m, clearance where nothing is near"""
 SIDE = 8.0
-"""m beyond start and goal in which ways are searched, in worlds without a margin of their own"""
+"""m, margin round start and goal within which ways are searched, in worlds without their own margin"""
 WAY = (("way", "f8", (CORNERS, 3)), ("way_corners", "i8"))
 """fields of an episode whose shortest way is observed: corners in m and their number"""
 
@@ -60,7 +60,7 @@ class Surroundings:
         """fields of the way"""
         own = ((name, "f8") for name in self.world.fields)
         self.fields = (*FIELDS, *own, *self.way)
-        """Fields that an episode has in addition"""
+        """Fields of an episode in addition to `records.EPISODE`"""
 
     @property
     def loops(self) -> tuple[Any, ...]:
@@ -104,7 +104,11 @@ class Surroundings:
             )
 
     def _check(self, i: int, count: int, episode: Episode, yaw: float) -> float:
-        """Return the clearance of the start in m."""
+        """Return the clearance of the start in m.
+
+        Raises:
+            ConfigError: the start or the goal is not in the water.
+        """
         hull = self.hull[0]
         ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         spheres = episode.start + np.outer(hull.first + hull.spacing * np.arange(hull.count), ahead)
@@ -153,7 +157,7 @@ class Surroundings:
         return f"{self.settings.name}-{digest.hexdigest()[:8]}"
 
     def columns(self, e: Any, i: int) -> dict[str, Any]:
-        """Return the columns of the record of episode i that has ended, the record `e`."""
+        """Return the columns that the world adds to the record of episode i, which has ended; `e` is the episode."""
         hit = self.solids[i, e.contact - 1]["kind"] if e.contact else None
         return {
             "world": self.name(i, int(e.solids)),
