@@ -32,7 +32,7 @@ class Agent(Protocol):
 
     * `load(folder)`: read the run's `model/`; called before the first `reset`;
     * `row_by_row = True` in its class: a batch does not make its actions faster, so processes share the episodes of a
-    test;
+      test;
     * `ended(rows)`: called with the rows of the batch that have ended;
     * `simulator(config, vehicle, navigation)`: the simulator of its tests, with one vehicle, for an agent whose own loop
       moves the actuators within an agent step; its actions are then only recorded, not applied. `navigation` has the
@@ -75,7 +75,7 @@ class Callbacks(Protocol):
         """
 
     def checkpoint(self, steps: int) -> None:
-        """Call this when `state()` has everything that training continues with, at least every few hundred
+        """Call this when `state()` has everything that training needs to continue, at least every few hundred
         steps.
 
         Saves the learner if a checkpoint is due, and raises an exception if the run was asked to stop.
@@ -186,7 +186,7 @@ class Learner(Agent, Protocol):
         """
 
     def state(self) -> Components:
-        """Return everything that training continues with, except `replay` and the environment: arrays,
+        """Return everything that training needs to continue, except `replay` and the environment: arrays,
         tensors, plain values.
 
         Called within `callbacks.checkpoint`, and once more when `learn` has returned.

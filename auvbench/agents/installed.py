@@ -1,4 +1,4 @@
-"""Agents of installed packages behind the contract: their answers are checked before they steer a vehicle."""
+"""Run agents of installed packages, and check their results before they steer a vehicle."""
 
 from __future__ import annotations
 

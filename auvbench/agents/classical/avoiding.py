@@ -32,11 +32,11 @@ NEARNESS = record(
 
 
 class Avoidance:
-    """What a controller knows of solids round its vehicle.
+    """Solids round a vehicle, as its controller observes them.
 
     Args:
-        config: with a world that has solids.
-        vehicle: its vehicle.
+        config: configuration with a world that has solids.
+        vehicle: vehicle of the controller.
         columns: columns of the block `solids` in an observation.
     """
 
@@ -51,8 +51,8 @@ class Avoidance:
 
         Args:
             reading: (n_obs,) observation.
-            position: (3,) m, in the axes that the solids shall have.
-            yaw: rad, of the vehicle in these axes.
+            position: (3,) m, position of the vehicle in the axes of the result.
+            yaw: rad, yaw of the vehicle in these axes.
         """
         rows = reading[self.columns].reshape(-1, NUMBERS)
         rows = rows[rows[:, 0] > 0.0]
@@ -67,8 +67,8 @@ class Avoidance:
         return solids.view(np.float64).reshape(len(rows), SOLID.itemsize // 8)
 
     def way(self, solids: Floats, position: Floats, goal: Floats, lengths: Floats) -> Floats:
-        """Return the points (n, 3) in m of the shortest way past solids that are `lengths` (n,) m from its start; without a way, of
-        the straight line.
+        """Return points (n, 3) in m of the shortest way past solids, `lengths` (n,) m along the way from its start. If no way leads to the
+        goal, return points of the straight line.
 
         Args:
             solids: (k, size), see `solids`.

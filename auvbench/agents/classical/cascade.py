@@ -7,10 +7,10 @@ with a moving reference. The control law computes a wrench from the missing velo
 pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation), scaled down as a whole if a thruster
 would saturate, so that the wrench keeps its direction.
 
-The sensors are no better than the learners' (see `Estimator`). If the task observes gravity and angular
-velocity and the thrusters span roll and pitch, they keep the vehicle level: at speed, the Munk moment may
-exceed the restoring moment. Otherwise no moment is commanded. If thrust causes a moment (the BlueROV2's
-thrusters are below its origin), it is kept below a share of the largest restoring moment.
+The controllers get the same observations as learners (see `Estimator`). If the task observes gravity and
+angular velocity and the thrusters span roll and pitch, the thrusters keep the vehicle level: at speed, the
+Munk moment may exceed the restoring moment. Otherwise no moment is commanded. If thrust causes a moment (the
+BlueROV2's thrusters are below its origin), it is kept below a share of the largest restoring moment.
 """
 
 from __future__ import annotations
@@ -193,7 +193,7 @@ class Cascade:
         spec = observation_spec(config.task, vehicle.actuators)
         self.estimate = Estimator(self.dt, gains.filter_time, spec)
         self.ranging = ranging.of(config, vehicle, spec)
-        """guidance by range sensors; None without a fitting one"""
+        """Guidance by an observed way or range sensor; None if the task observes neither"""
         self.mass = np.diag(vehicle.M).copy()
         self.inertia = vehicle.M_RB + vehicle.coriolis_sign * vehicle.M_A
         self.inverse: Floats = np.asarray(np.linalg.pinv(_controlled(vehicle.allocation)), dtype=np.float64)
@@ -218,7 +218,7 @@ class Cascade:
             self.ranging.reset(len(episodes))
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Return `Estimator.memory` with what law and guidance carry from step to step."""
+        """Return `Estimator.memory` with the arrays that law and guidance carry from step to step."""
         guided = {} if self.ranging is None else self.ranging.memory()
         own = {name: getattr(self, name) for name in self.carried}
         return {**self.estimate.memory(), **guided, **own}
@@ -287,7 +287,7 @@ class Cascade:
         return np.asarray(vehicle.linear_damping[axes] + vehicle.quadratic_damping[axes] * np.abs(velocity))
 
     def _munk(self, velocity: Floats) -> Floats:
-        """Return the moments (n, 3) in N m that balance those of the motion itself: v x p + w x L (Kirchhoff)."""
+        """Return the moments (n, 3) in N m that balance the moments of the vehicle's own motion: v x p + w x L (Kirchhoff)."""
         now = self.estimate
         rates = np.column_stack([now.tilt_rate, now.yaw_rate])
         momentum = _product(np.column_stack([velocity, rates]), self.inertia)

@@ -1,7 +1,7 @@
 """Control by a linear-quadratic regulator about the cruise state, with integral action.
 
 The state is the missing velocity (u, v, w), the yaw error, the yaw rate and the integral of the missing
-velocity. The input is the wrench (X, Y, Z, N) beyond the one that keeps the commanded velocity. The plant is
+velocity. The input is what the wrench (X, Y, Z, N) adds to the drag at the commanded velocity. The plant is
 the sheet's M nu' + C(nu) nu + D(nu) nu = tau, linearised at `cruise_speed` ahead (Fossen 2021, chapter 16);
 the gain solves the discrete algebraic Riccati equation for the agent's step. Guidance, allocation and limits
 are in `cascade.py`.

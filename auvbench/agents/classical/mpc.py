@@ -12,10 +12,10 @@ over the thrusts u of a horizon, constant in blocks that grow with time. States 
 2022, a dual active-set method). The model has the thrusters' lags unless they are short; the state comes from `observer.Observer`,
 that is, from the noisy readings.
 
-Where the task observes the nearest solids (`solids`), the targets are points of the shortest way past them (`avoiding.Avoidance.way`), at
-times at which a vehicle of 0.7 of the largest speed is there, and each node has the cost c |clearance wanted - clearance|^2 of a smaller
-clearance, linearised about the plan: alone, it would stop plans before flat faces. Where the task observes the shortest way (`way`), the
-target is its point.
+If the task observes the nearest solids (`solids`), the targets are points of the shortest way past them (`avoiding.Avoidance.way`), which a
+vehicle at 0.7 of the largest speed reaches at the times of the nodes. Each node with too small a clearance also has the cost
+c |clearance wanted - clearance|^2, linearised about the plan. Without the way, this cost would stop plans before flat faces. If the task
+observes the shortest way (`way`), the target of all nodes is the point of the way that the observation shows.
 
 A failed solve keeps the plan of the previous step, advanced by one step. Failures are counted, and so are
 solves that took longer than the agent's step (a simulation waits for them; a vehicle would not).
@@ -69,7 +69,7 @@ class MPCController(Planner):
         self.program = Program(symbolic(without_lags(vehicle)) if prompt else model, algo, self.avoidance)
         times = self.program.interval * np.arange(1, self.program.N + 1)
         self.lengths: Floats = np.asarray(CRUISE * algo.effort * largest_speed(vehicle) * times)
-        """(N,) m, of the way to the nodes among solids"""
+        """(N,) m, lengths along the way past solids at which the targets of the nodes are"""
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:

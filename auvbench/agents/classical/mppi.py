@@ -2,13 +2,14 @@
 
 At each step the plan of the previous step, advanced in time, is replaced by the weighted mean of simulated samples about it
 (Williams et al. 2018, "Information-theoretic model predictive control: theory and applications to autonomous driving", IEEE Transactions
-on Robotics 34(6), algorithm 2). The cost of a sample is that of `mpc.py`:
+on Robotics 34(6), algorithm 2). The cost of a sample is the same as in `mpc.py`:
 
     sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + t |tilt_k|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
 
-with a price per metre beyond the depth limits. Where the task observes the shortest way (`way`), the target is its point. Where it observes
-the nearest solids (`solids`), `avoiding` adds a price of the clearance. `sampling` has the draws, the cost and the weights. The model is the sheet's vehicle; the state and the current come from `observer.Observer`, that is, from
-the noisy readings. The states of the thrusters' lags follow from the observed actions.
+with a price per metre beyond the depth limits. If the task observes the shortest way (`way`), the target is the point of the way that the
+observation shows. If the task observes the nearest solids (`solids`), `avoiding` adds a price of the clearance. `sampling` has the draws,
+the cost and the weights. The model is the sheet's vehicle; the state and the current come from `observer.Observer`, that is, from the noisy
+readings. The states of the thrusters' lags follow from the observed actions.
 
 The draws are a function of the run's seed, the episode and the step. If no sample has a finite cost, the plan stays, and the failure is
 counted. So are steps that took longer than the agent's step (a simulation waits for them; a vehicle would not).
@@ -61,7 +62,7 @@ class MPPIController(Planner):
         self.plans: Floats = np.zeros((n, NODES, n_u))
         """(n, NODES, n_u) thrusts in N"""
         self.actuators: Floats = np.zeros((n, self.lags.actuators.shape[1]))
-        """(n, n_actuator_states)"""
+        """(n, n_actuator_states) estimated states of the actuators"""
         self.depth: Floats = np.zeros((n, 2))
         """(n, 2) allowed range of z, in m above the waypoint"""
 
@@ -97,7 +98,7 @@ class MPPIController(Planner):
         self.actuators[i] = lags.actuators[0]
 
     def _aims(self, i: int, reading: Floats) -> Floats:
-        """Return where row i's vehicle should be at the nodes, (NODES, 7) records of `sampling.AIM`."""
+        """Return the targets of row i's vehicle at the nodes, (NODES, 7), records of `sampling.AIM` seen as floats."""
         observer = self.observer
         aims = np.zeros(NODES, AIM)
         if self._way is None:

@@ -69,7 +69,7 @@ class Observer:
         self.reset(0)
 
     def reset(self, n: int) -> None:
-        """Forget everything: rows at rest, level, in still water."""
+        """Reset n rows: at rest, level, in still water."""
         self.first: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
         """(n,) whether the row has had no reading yet"""
         self.state: Floats = np.zeros((n, self.model.n_x))
@@ -96,7 +96,7 @@ class Observer:
             self.first[i] = False
 
     def reference(self, i: int, interval: float, count: int) -> Floats:
-        """Return the positions (count, 3) in m of row i's reference, one after each interval in s: previewed, then straight on."""
+        """Return the positions (count, 3) in m of row i's reference at multiples of `interval` s: from the preview, then straight on."""
         times = interval * np.arange(1, count + 1)
         points, velocity = self.ahead[i], self.target[i]
         apart = 0.0 if self._preview is None else self._preview.interval
@@ -125,7 +125,7 @@ class Observer:
                 self._begin(i)
         predicted = float(frames.yaw(x[3:7]))
         if self.body_frame:
-            # The readings do not contain the yaw in the world: its value only names the axes.
+            # The readings do not contain the yaw in the world: its value only defines the axes.
             yaw, position = predicted, -turned(error, predicted)
         else:
             yaw, position = float(wrap(np.arctan2(error[1], error[0]) - yaw_error)), -error
@@ -158,7 +158,7 @@ class Observer:
     def _begin_covariance(self, i: int) -> None:
         """Set the covariance of row i after its first reading of position and yaw."""
         position, yaw = self._noise
-        # In the body frame the first yaw names the axes: it has no error.
+        # In the body frame the first yaw defines the axes: it has no error.
         turn = 0.0 if self.body_frame else yaw
         spread = (
             [position] * 3 + [FIRST["tilt"]] * 2 + [turn] + [FIRST["velocity"]] * 6 + [FIRST["current"]] * 3

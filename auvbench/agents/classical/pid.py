@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 
 HOLDING = np.radians(30.0)  # largest yaw error at which the integral of the heading grows
 STEERED = 2.0
-"""rad/s, bandwidth of the heading at least where a guidance turns the bow: against the moment of a current across it, 0.6 rad/s leaves a
-BlueROV2 up to 60 degrees off its course"""
+"""rad/s, smallest bandwidth of the heading if a guidance by way or sonar turns the bow: with 0.6 rad/s, the moment of a cross current keeps
+a BlueROV2 up to 60 degrees off its course"""
 STEEPEST = np.radians(35.0)  # largest commanded flight-path angle
 RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
 TURNING_RADIUS = 14.0  # turning radius in m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
@@ -127,7 +127,7 @@ class FinController:
         self.opening = np.zeros(len(episodes), dtype=np.bool_)
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Return `Estimator.memory` with whether the vehicle moves on until it can reach the waypoint."""
+        """Return `Estimator.memory` with `opening`: whether the vehicle moves on straight until it can reach the waypoint."""
         return {**self.estimate.memory(), "opening": self.opening}
 
     def act(self, observation: Observations) -> Actions:

@@ -29,7 +29,7 @@ FIRST_ITERATIONS = 8
 class Planner:
     """Controller of position, and of yaw if the task has its own yaw, for vehicles with only thrusters.
 
-    A class below it has the plans, and improves one of them in `plan`.
+    A subclass has the plans, and improves one of them in `plan`.
 
     Attributes:
         row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
@@ -77,7 +77,7 @@ class Planner:
         Args:
             i: row of the batch.
             first: whether this is the first step of the episode.
-            reading: (n_obs,) observation, which the observer has already.
+            reading: (n_obs,) observation, which the observer has processed.
         """
         raise NotImplementedError
 

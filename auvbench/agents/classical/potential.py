@@ -4,8 +4,8 @@
 
 after O. Khatib, "Real-time obstacle avoidance for manipulators and mobile robots", International Journal of Robotics Research 5(1), 1986.
 rho is the distance of an echo from the hull. The source has one nearest point for each obstacle; a sonar does not tell obstacles apart, so
-here each of SECTORS sectors round the vehicle has one. F is a velocity: F_goal is that of the PID guidance. Where F vanishes, or turns to
-and fro, before the goal, the vehicle stays in a local minimum.
+here each of SECTORS sectors round the vehicle has one nearest echo. F is a velocity, and F_goal is the velocity of the PID guidance. If F
+vanishes, or turns to and fro, before the goal, the vehicle stays in a local minimum.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 SECTORS = 12
-"""round the vehicle, of which each repels by its nearest echo"""
+"""Number of sectors round the vehicle; the nearest echo of each sector repels the vehicle"""
 TOUCHING = 0.05
 """m, smallest rho: the force is finite at contact"""
 
@@ -83,7 +83,7 @@ class PotentialGuidance(FreeWayGuidance):
     def steer(
         self, observation: Floats, error: Floats, wanted: Floats, velocity: Floats, yaw_rate: Floats
     ) -> tuple[Floats, Floats | None]:
-        """Return velocity and yaw error to correct; the arguments are those of `FreeWayGuidance.steer`."""
+        """Return the commanded velocity and the yaw error to correct; see `FreeWayGuidance.steer`."""
         echoes = self._remembered(self._distances(observation), velocity, yaw_rate)
         to_goal = np.hypot(error[:, 0], error[:, 1])
         fastest = np.minimum(np.hypot(wanted[:, 0], wanted[:, 1]), FASTEST)

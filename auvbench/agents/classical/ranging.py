@@ -1,6 +1,6 @@
-"""Guide vehicles along a known way, or by what their range sensors show: round obstacles, and at an altitude.
+"""Guide vehicles along a known way, round obstacles that a sonar shows, or at an altitude that an echo sounder shows.
 
-The controllers of `cascade` do this if the task observes the way or such a sensor. They know the sensor's keys.
+The controllers of `cascade` use this guidance if the task observes a way or such a sensor. They know the sensor's configuration.
 """
 
 from __future__ import annotations
@@ -22,41 +22,41 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MARGIN = 0.45
-"""m that a way between echoes is wider than the vehicle, on each side"""
+"""m, margin on each side of the vehicle in a way between echoes"""
 LOOK_AHEAD = 6.0
-"""m that a way must be free"""
+"""m, length over which a way must be free"""
 TURNS = np.radians(np.arange(-90.0, 91.0, 5.0))
 """rad, directions among which a vehicle chooses"""
 KEEPING = 0.3
-"""weight of a change of direction, in rad of detour"""
+"""Cost of a change of direction by 1 rad, in rad of detour"""
 NEAR = 1.0
-"""m, level distance to the goal below which the way does not become steeper"""
+"""m, horizontal distance to the goal below which the way does not become steeper"""
 FASTEST = 0.6
-"""m/s: faster, a BlueROV2 raises its bow, and its sonar does not look ahead"""
+"""m/s, largest speed: above it, a BlueROV2 raises its bow, and its sonar does not look ahead"""
 STOPPING = 0.5
-"""1/s: speed towards an echo, over the distance to it"""
+"""1/s, largest speed towards an echo, divided by the free distance"""
 SCANS, BETWEEN = 6, 0.8
-"""echoes that are remembered: scans, and s between them. A beam passes over and under what is near"""
+"""Number of scans that are stored, and s between them. Near obstacles need stored echoes, because a beam passes over or under them"""
 LEVEL = np.radians(12.0)
-"""elevation of rays that show what is ahead"""
+"""rad, largest elevation of rays that look ahead"""
 
 FAR = 1e6
-"""m, of an echo that there is not"""
+"""m, coordinates of a missing echo"""
 
 CLIMB = 0.8
-"""1/s, bandwidth of the altitude"""
+"""1/s, bandwidth of the altitude loop"""
 FASTEST_CLIMB = 0.5
-"""m/s"""
+"""m/s, largest vertical speed"""
 GLITCH = 1.0
-"""m: a distance that jumps by more is not believed"""
+"""m, largest jump of a distance that is accepted"""
 PATIENCE = 8
-"""distances that jump after which the next one is believed"""
+"""Number of rejected distances in a row after which a jump is accepted"""
 SURE = 0.5
-"""confidence of a distance that is believed"""
+"""Smallest confidence of a distance that is accepted"""
 
 
 def of(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec) -> Any:
-    """Return the guidance for what a task observes: a way, or else a range sensor; None if it has no fitting one."""
+    """Return the guidance by an observed way or, without a way, by an observed range sensor; None if the task observes neither."""
     if "way" in blocks(config.task):
         return WayGuidance(spec)
     seen = {key_of(name) for name in blocks(config.task)}
@@ -68,14 +68,14 @@ def of(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec)
 
 
 def sonar_of(config: schema.TrainConfig) -> str | None:
-    """Return the key of the observed sonar that looks ahead; None without one, or if the reference has a yaw of its own."""
+    """Return the key of the observed sonar that looks ahead; None without a sonar, or if the reference has its own yaw."""
     seen = {key_of(name) for name in blocks(config.task)}
     sonars = [key for key in ("multibeam", "ideal", "ping360") if key in seen]
     return sonars[0] if sonars and not TASKS[config.task.name].has_yaw else None
 
 
 def rays_of(key: str, sensor: Any) -> tuple[Floats, Integers]:
-    """Return the azimuths (k,) in rad, counter-clockwise from the bow, of the numbers of a sonar that look ahead, and their columns."""
+    """Return azimuths (k,) in rad, counter-clockwise from the bow, and columns (k,) of those numbers of a sonar's block that look ahead."""
     if key == "multibeam":
         return sensor.yaw - middles(sensor.horizontal, sensor.beams), np.arange(sensor.beams)
     if key == "ping360":
@@ -88,7 +88,7 @@ def rays_of(key: str, sensor: Any) -> tuple[Floats, Integers]:
 
 
 class WayGuidance:
-    """Follow a way: move to the point of it that the observation shows, and turn the bow there."""
+    """Follow a way: move towards the point of the way that the observation shows, and turn the bow to this point."""
 
     turns = True
     """whether the heading follows the guidance"""
@@ -106,7 +106,7 @@ class WayGuidance:
     def steer(
         self, observation: Floats, error: Floats, wanted: Floats, velocity: Floats, yaw_rate: Floats
     ) -> tuple[Floats, Floats | None]:
-        """Return velocity and yaw error to correct; the arguments are those of `FreeWayGuidance.steer`."""
+        """Return the commanded velocity and the yaw error to correct; see `FreeWayGuidance.steer`."""
         ahead = observation[:, self.block]
         course = np.arctan2(ahead[:, 1], ahead[:, 0])
         speed = np.sqrt((wanted**2).sum(axis=1))
@@ -115,7 +115,7 @@ class WayGuidance:
 
 
 class FreeWayGuidance:
-    """Steer towards the direction nearest to the goal in which a way as wide as the vehicle is free.
+    """Steer in the direction nearest to the goal in which a way as wide as the vehicle is free.
 
     After the vector field histogram of Borenstein and Koren (IEEE Transactions on Robotics and Automation 7(3), 1991), with the echoes
     of the last seconds in place of a grid, moved by dead reckoning.
@@ -138,9 +138,9 @@ class FreeWayGuidance:
 
     def reset(self, n: int) -> None:
         self.course: Floats = np.zeros(n)
-        """(n,) rad, from the bow, of the last step"""
+        """(n,) direction of the last step, rad from the bow"""
         self.echoes: Floats = np.full((n, SCANS, self.unit.shape[1], 2), FAR)
-        """(n, scans, k, 2) m, level axes from the vehicle"""
+        """(n, scans, k, 2) stored echoes in m from the vehicle, level axes"""
         self.steps = np.zeros(n, dtype=np.int64)
 
     def memory(self) -> dict[str, NDArray[Any]]:
@@ -166,7 +166,7 @@ class FreeWayGuidance:
         off = np.abs(_wrap(TURNS - bearing[:, None]))
         cost = off + KEEPING * np.abs(TURNS - self.course[:, None])
         enough = free >= np.minimum(LOOK_AHEAD, to_goal)[:, None]
-        # Where no way is free for long enough, the longest.
+        # If no way is free for long enough, take the longest.
         cost = np.where(enough.any(axis=1, keepdims=True), np.where(enough, cost, np.inf), -free)
         best = np.argmin(cost, axis=1)
         rows = np.arange(len(best))
@@ -182,12 +182,12 @@ class FreeWayGuidance:
         return np.concatenate([level, climb[:, None]], axis=1), course
 
     def _distances(self, observation: Floats) -> Floats:
-        """Return the distances (n, k) in m of the echoes of now; infinite without an echo."""
+        """Return the distances (n, k) in m of the present echoes; infinite without an echo."""
         close = observation[:, self.columns]
         return np.where(close > 0.0, self.high * (1.0 - close), np.inf)
 
     def _remembered(self, distance: Floats, velocity: Floats, yaw_rate: Floats) -> Floats:
-        """Return the echoes (n, m, 2) of now and of the last seconds in m, level axes, for distances (n, k)."""
+        """Store the present echoes at distances (n, k); return the echoes (n, m, 2) of the last seconds in m, level axes."""
         x, y = np.moveaxis(self.echoes, -1, 0)
         moved = (velocity[:, :2] * self.dt)[:, :, None, None]
         x, y = x - moved[:, 0], y - moved[:, 1]
@@ -218,7 +218,7 @@ class FreeWayGuidance:
 
 
 class AltitudeGuidance:
-    """Hold an altitude by an echo sounder, as ArduSub's SURFTRAK: glitches are left out, and the way since a distance is added."""
+    """Hold an altitude by an echo sounder, like ArduSub's SURFTRAK: reject glitches, and add the vertical motion since a measurement."""
 
     turns = False
 
@@ -228,9 +228,9 @@ class AltitudeGuidance:
 
     def reset(self, n: int) -> None:
         self.held: Floats = np.full(n, np.inf)
-        """(n,) m, last distance that was believed; infinite: none yet"""
+        """(n,) m, last accepted distance; infinite: none yet"""
         self.doubts = np.zeros(n, dtype=np.int64)
-        """(n,) distances that were not believed since"""
+        """(n,) number of distances that were rejected since then"""
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that are carried from step to step."""
@@ -239,7 +239,7 @@ class AltitudeGuidance:
     def steer(
         self, observation: Floats, error: Floats, wanted: Floats, velocity: Floats, yaw_rate: Floats
     ) -> tuple[Floats, Floats | None]:
-        """Return the commanded velocity (n, 3) in m/s, level axes; the arguments are those of `FreeWayGuidance.steer`."""
+        """Return the commanded velocity (n, 3) in m/s, level axes, and no yaw error; see `FreeWayGuidance.steer` for the arguments."""
         distance, confidence, age = observation[:, self.block].T
         near = (np.abs(distance - self.held) <= GLITCH) | (self.doubts >= PATIENCE) | np.isinf(self.held)
         believed = near & (confidence >= SURE)

@@ -26,17 +26,17 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 NODES = 24
-"""commands of a plan"""
+"""Number of commands of a plan"""
 SAMPLES = 0x81
-"""stream of the noise, in addition to those in dynamics/random.py; 0x80 is that of `random.py`"""
+"""Random stream of the noise, in addition to the streams in dynamics/random.py; `random.py` uses 0x80"""
 LONGEST_SUBSTEP = 0.1
-"""s; RK4 is then right to a centimetre over the horizon"""
+"""s, longest substep of the model, with which RK4 is accurate to a centimetre over the horizon"""
 STABLE = 2.0
-"""longest substep over the shortest time constant of the vehicle; RK4 is stable up to 2.78"""
+"""Longest substep as a multiple of the vehicle's shortest time constant; RK4 is stable up to 2.78"""
 POINTS = 513
-"""points of the tables of commands over thrust"""
+"""Number of points in the tables of commands by thrust"""
 SERVED = 0.99
-"""share of a wrench along one axis that thrusters must give, so that the axis has noise of its own"""
+"""Share of a wrench along one axis that thrusters must be able to give, for the axis to get its own noise"""
 DEPTH_PRICE = 1e3
 """cost per m beyond the depth limits"""
 YAW_WEIGHT = 1.0
@@ -54,14 +54,14 @@ PRICES = record(
     tilt=(),  # m2
     depth=(),  # 1/m
 )
-"""weights of a cost"""
+"""Weights of the terms of a cost"""
 AIM = record(
     position=(3,),  # m
     course=(2,),  # cosine and sine of the yaw
     low=(),  # m, lower depth limit
     high=(),  # m
 )
-"""where a vehicle should be at a node"""
+"""Target of a vehicle at a node"""
 
 
 @compiled("dynamics")
@@ -81,7 +81,7 @@ def draw(
     commands: Floats,  # (nodes, n, n_u) out
     control: Floats,  # (n,) out: u' Sigma^-1 (v - u)
 ) -> None:
-    """Write n samples of a plan: first the plan itself, then pairs, the plan plus and minus noise.
+    """Write n samples of a plan: first the plan itself, then pairs of the plan plus noise and the plan minus the same noise.
 
     The noise along an axis is e_k = keep e_(k-1) + sqrt(1 - keep^2) w_k with standard normal w. Sigma is its covariance.
     """
@@ -92,7 +92,7 @@ def draw(
     for a in range(n_u):
         per_newton[a] = (points - 1) / (high[a] - low[a])
     for first in range(-1, n, 2):
-        # The first pair is the plan without noise; its first half has no place.
+        # The first pair is the plan without noise; only its second half is stored.
         second = first + 1
         total = 0.0
         e[:] = 0.0
@@ -164,8 +164,8 @@ def charge(
 def weights(cost: Floats, control: Floats, temperature: float, control_cost: float) -> Floats | None:
     """Return the weights (n,) of samples, exp(-(S - min S) / lambda - control_cost u' Sigma^-1 (v - u)), with sum 1.
 
-    Williams et al. 2018, eq. 29 and algorithm 2, where gamma = control_cost lambda. Lambda is `temperature` times the distance from the least
-    to the median cost, so that the same temperature suits costs of any size. Samples without a finite cost have weight 0.
+    Williams et al. 2018, eq. 29 and algorithm 2, where gamma = control_cost lambda. Lambda is `temperature` times the distance from the
+    least to the median cost, so that the same temperature suits costs of any size. Samples without a finite cost have weight 0.
 
     Args:
         cost: (n,) S.
@@ -189,8 +189,8 @@ def weights(cost: Floats, control: Floats, temperature: float, control_cost: flo
 
 
 def axes(allocation: Floats, shares: Floats) -> Floats:
-    """Return thrusts (n_u, 6) in N that push and turn a vehicle along each of its axes, scaled so that the thruster that works hardest has
-    its whole range; zeros for an axis that the thrusters cannot serve alone.
+    """Return thrusts (n_u, 6) in N that push a vehicle along or turn it about each of its axes. They are scaled so that one thruster uses
+    its whole range. An axis on which the thrusters cannot act without other axes has zeros.
 
     Args:
         allocation: (6, n_u) wrench per newton of each thruster.
@@ -233,7 +233,7 @@ class Sampler:
         prices["yaw"], prices["tilt"] = (YAW_WEIGHT, TILT_WEIGHT) if turns else (0.0, 0.0)
         prices["depth"] = DEPTH_PRICE
         self.prices = prices.view(np.float64).reshape(2, -1)
-        """weights before the end of the horizon, and at its end"""
+        """(2, size) weights at the nodes before the last node, and at the last node"""
         self.thrusts, self.commands = np.zeros((2, NODES, algo.samples, len(vehicle.units)))
         self.cost, self.control = np.zeros(algo.samples), np.zeros(algo.samples)
         self.before = np.zeros(self.model.command_force.shape)
@@ -266,7 +266,7 @@ class Sampler:
         return True
 
     def draw(self, plan: Floats, key: tuple[int, int, int, int]) -> None:
-        """Write `thrusts`, `commands` and `control` of samples about a plan; the arguments are those of `improve`."""
+        """Write `thrusts`, `commands` and `control` of samples about a plan; see `improve` for the arguments."""
         shape = self.unmix @ plan.T  # (m, NODES) plan in standard deviations of the noise along each axis
         slope = shape.copy()
         slope[:, 1:] = (shape[:, 1:] - self.keep * shape[:, :-1]) / math.sqrt(1.0 - self.keep * self.keep)
@@ -277,7 +277,7 @@ class Sampler:
     def roll_out(
         self, state: Floats, actuators: Floats, current: Floats, applied: Floats, aims: Floats
     ) -> None:
-        """Simulate `commands` from one state, and add up `cost`; the arguments are those of `improve`."""
+        """Simulate `commands` from one state, and add up `cost`; see `improve` for the arguments."""
         model = self.model
         model.pose[:], model.velocity[:], model.actuators[:] = state[:7], state[7:], actuators
         model.set_current(current)

@@ -112,9 +112,9 @@ class Program:
             plan.X[:, k + 1] = x[:, 0]
 
     def improve(self, plan: Plan, state: Floats, current: Floats) -> bool:
-        """Make one iteration from an estimated state (n_x,) towards the origin.
+        """Improve a plan by one iteration from an estimated state (n_x,).
 
-        Return False if the solver failed: the thrusts are as before, and the next call simulates the plan anew.
+        Return False if the solver failed: then the thrusts are unchanged, and the next call simulates the plan anew.
         """
         solved = self._iterate(plan, state, current)
         if not solved:
@@ -245,7 +245,7 @@ class Program:
         return H, g
 
     def _nearness(self, plan: Plan, solids: Floats, S: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Return how much the clearance of each node is too small (m,), and slopes (m, n), for the nodes at which it is."""
+        """Return missing clearances (m,) in m and their slopes (m, n), for the hull's spheres at nodes with too small a clearance."""
         assert self.avoidance is not None
         room, away = self.avoidance.clearances(solids, plan.X[:7, 1:].T, self.clearance)
         missing = self.clearance - room - np.einsum("jkc,kc->jk", away, d[1:, :3])

@@ -1,1 +1,1 @@
-"""Policies that are trained: Stable-Baselines3's algorithms."""
+"""Learned policies: Stable-Baselines3's algorithms, residual policies and PETS."""

@@ -1,8 +1,9 @@
 """An ensemble of networks that predicts the change of a vehicle's motion in one agent step.
 
-Each member is a probabilistic network: it returns mean and variance of a normal distribution, and learns by maximum likelihood from a bootstrap
-sample of the transitions (Chua, Calandra, McAllister and Levine 2018, "Deep reinforcement learning in a handful of trials using probabilistic
-dynamics models", NeurIPS, section 4; bounds of the variance: appendix A.1). The networks, their gradients and AdamW are PyTorch's.
+Each member is a probabilistic network: it returns mean and variance of a normal distribution, and learns by maximum likelihood from a
+bootstrap sample of the transitions (Chua, Calandra, McAllister and Levine 2018, "Deep reinforcement learning in a handful of trials using
+probabilistic dynamics models", NeurIPS, section 4; bounds of the variance: appendix A.1). The networks, their gradients and AdamW are
+PyTorch's.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ BOUND_WEIGHT = 0.01
 
 
 class Ensemble(nn.Module):
-    """Networks of `members` members from inputs (n_in,) to mean and variance of changes (n_out,), computed as one batch.
+    """Networks that map inputs (n_in,) to mean and variance of changes (n_out,); all members are computed as one batch.
 
     Args:
         members: number of networks.

@@ -1,11 +1,11 @@
-"""Predict where plans lead by an ensemble, and what reward they earn, for `pets.py`.
+"""Predict the motions and rewards of plans by an ensemble, for `pets.py`.
 
-The ensemble predicts the change of the motion: velocity, angular velocity and direction of gravity, in body axes. The other observed numbers
-follow from the motion by their own definition (`auvbench.blocks`): the vehicle moves with its velocity and turns with its yaw rate, both
-integrated by the trapezoidal rule, and the error is the reference less the position. Nothing here depends on the vehicle.
+The ensemble predicts the change of the motion: velocity, angular velocity and direction of gravity, in body axes. The other observed
+numbers follow from the motion by their definitions (`auvbench.blocks`): the vehicle moves with its velocity and turns with its yaw rate,
+both integrated by the trapezoidal rule, and the error is the reference less the position. Nothing here depends on the vehicle.
 
-Each member of the ensemble simulates every plan to its end with its own draws (trajectory sampling "TS infinity" of Chua et al. 2018, with one
-particle per member). All plans have the same draws, so that differences between plans have less noise.
+Each member of the ensemble simulates every plan to its end with its own draws (trajectory sampling "TS infinity" of Chua et al. 2018, with
+one particle per member). All plans have the same draws, so that differences between plans have less noise.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from auvbench.registry import TASKS
 MOTION = ("velocity", "angular_velocity", "gravity")
 """blocks that the ensemble predicts"""
 SIZE = 9
-"""numbers of a motion"""
+"""Number of values of a motion"""
 REWARDS = ("thesis", "tracking", "goal", "exponential")
 """rewards that are functions of the predicted numbers"""
 TASKS_KNOWN = ("waypoint", "station_keeping")
 """tasks whose reference stands still, and whose reward and end are functions of the predicted numbers"""
 STEEPEST = 1e-2
-"""least squared cosine of the pitch in the yaw rate"""
+"""Smallest squared cosine of the pitch by which the yaw rate is divided"""
 
 
 class Prediction:
@@ -126,7 +126,7 @@ class Returns:
         self._dt = 1.0 / config.step.frequency
         p = self._reward
         self._decay = p.rate if p.name == "exponential" else 1.0 / p.length
-        """1/m"""
+        """Decay of the reward with the distance, 1/m"""
         self._has_yaw = TASKS[config.task.name].has_yaw
 
     def __call__(self, aim: Tensor, previous: Tensor, actions: Tensor, states: Tensor) -> Tensor:

@@ -41,7 +41,7 @@ ACTIVATIONS = {
 
 
 def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
-    """Return the SB3 learner for `config.algo` on an environment. One torch thread."""
+    """Return the SB3 learner for `config.algo` on an environment; it uses one torch thread."""
     torch.set_num_threads(1)
     learner: BaseAlgorithm = algorithm(config.algo)(**arguments(config, environment))
     return learner
@@ -57,7 +57,9 @@ def algorithm(algo: Any) -> type[BaseAlgorithm]:
 
 
 def arguments(config: schema.TrainConfig, environment: VecEnv) -> dict[str, Any]:
-    """Return the arguments of the learner: the keys of `config.algo` with the same name, and those that differ."""
+    """Return the arguments of the learner: keys of `config.algo` with the same name, and arguments that auvbench names or computes
+    differently.
+    """
     algo: Any = config.algo
     parameters = inspect.signature(resolve(AGENTS[algo.agent].algorithm)).parameters
     options = {f.name: getattr(algo, f.name) for f in fields(algo) if f.name in parameters}
@@ -175,7 +177,7 @@ def check_parameters(model: BaseAlgorithm) -> None:
 
 @contextmanager
 def diagnosed(model: BaseAlgorithm) -> Iterator[None]:
-    """Report non-finite weights as the cause of an error that they have caused.
+    """If an error occurs while weights are not finite, report the weights as its cause.
 
     If a NaN appears within an update, torch's distributions raise an error of many lines before the weights
     are checked.

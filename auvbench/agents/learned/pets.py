@@ -1,9 +1,10 @@
 """Learn the vehicle's motion, and plan with it: probabilistic ensembles with trajectory sampling (PETS).
 
-Chua, Calandra, McAllister and Levine 2018, "Deep reinforcement learning in a handful of trials using probabilistic dynamics models", NeurIPS.
-From this paper: the ensemble of probabilistic networks (`ensemble`), trajectory sampling (`imagined`), and the alternation of acting and fitting.
-Different from it: plans are improved by the weights of MPPI (Williams et al. 2018; `classical.sampling.weights`) instead of by the cross-entropy
-method, and the reward is the task's own (`imagined.Returns`). Networks and optimizer are PyTorch's; no other library takes part.
+Chua, Calandra, McAllister and Levine 2018, "Deep reinforcement learning in a handful of trials using probabilistic dynamics models",
+NeurIPS. From this paper come the ensemble of probabilistic networks (`ensemble`), trajectory sampling (`imagined`), and the alternation of
+acting and fitting. Unlike in the paper, plans are improved by the weights of MPPI (Williams et al. 2018; `classical.sampling.weights`)
+instead of by the cross-entropy method, and the reward is the task's own (`imagined.Returns`). Networks and optimizer are PyTorch's; no
+other library is used.
 
 The learner knows the observation, the action and the reward's formula. It knows nothing of the vehicle but the number of actuators.
 
@@ -79,7 +80,7 @@ class Transitions:
         self.timeouts = np.zeros((rows, n_envs), dtype=np.float32)
 
     def add(self, before: Floats, action: Floats, result: Transition) -> None:
-        """Add a step of all environments: observations (n_envs, n_obs), actions (n_envs, n_u) and what they led to."""
+        """Add a step of all environments: observations (n_envs, n_obs), actions (n_envs, n_u) and the results of these actions."""
         at = self.pos
         self.observations[at], self.actions[at], self.rewards[at] = before, action, result.reward
         self.next_observations[at] = result.observation
@@ -193,7 +194,10 @@ class PETSLearner:
         return np.array(plan[0])
 
     def _estimate(self, reading: Floats, plans: Plans, i: int) -> None:
-        """Estimate row i's position and yaw errors: the mean of all readings, moved along, or of the last 1 / `reading_share`."""
+        """Estimate row i's position and yaw errors: the mean of its readings, each moved with the vehicle since then.
+
+        After 1 / `reading_share` steps, each new reading has the weight `reading_share`, so that old readings fade.
+        """
         motion, read = reading[self._columns], np.append(reading[self._error], reading[self._yaw])
         share = max(1.0 / (1.0 + plans.steps[i]), self.algo.reading_share)
         if plans.steps[i]:
@@ -224,7 +228,7 @@ class PETSLearner:
         return True
 
     def _samples(self, plan: Floats, generator: np.random.Generator) -> Floats:
-        """Return samples (H, n, n_u) of a plan: first the plan itself, then pairs, the plan plus and minus noise."""
+        """Return samples (H, n, n_u) of a plan: first the plan itself, then the plan plus noises, then the plan minus the same noises."""
         n = self.algo.samples
         white = generator.standard_normal((self._horizon, n // 2, self._n_u), np.float32)
         noise, fresh = white * self.algo.noise, math.sqrt(1.0 - self._keep**2)

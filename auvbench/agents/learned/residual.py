@@ -38,7 +38,7 @@ _MEMORY = "residual"
 
 
 class Base:
-    """Controller under N policies: extends their observations by its action, and adds their actions to it.
+    """Controller below N policies: appends its action to their observations, and adds a share of their actions to its action.
 
     Raises:
         ConfigError: the controller cannot steer the vehicle, or cannot do the task.

@@ -87,7 +87,7 @@ def restore(
 
 
 def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
-    """Check that only its learner has filled a buffer, whose rows are stored by number.
+    """Check that only the learner has filled its replay buffer, because checkpoints store the buffer's rows by number.
 
     Raises:
         TrainingError: other code has filled it, too.

@@ -109,7 +109,7 @@ Network = tuple[BasePolicy, Scaling | None]
 
 
 class FrozenPolicy:
-    """Policy as it is tested: deterministic, with frozen statistics of its observations.
+    """Policy for tests: deterministic, with frozen statistics of its observations.
 
     It draws no random number and does not change the policy, so a policy can be tested during its training.
     """
@@ -200,7 +200,7 @@ def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
 
 
 class NoOptimizer:
-    """Optimizer of a policy that is only tested: the first real one of a process imports torch._dynamo, which takes a second."""
+    """Stand-in for the optimizer of a policy that is only tested: a process's first real optimizer imports torch._dynamo for a second."""
 
     def __init__(self, *_: object, **__: object) -> None:
         pass

@@ -1,7 +1,8 @@
 """The constraints of the barrier filter on a vehicle's command, one row a x >= b for each solid and limit.
 
 With d the distance that is left, v the closing speed and a the guaranteed deceleration, a vehicle that brakes after T seconds stops in
-time if v T + v^2 / (2 a) <= d for v > 0: v <= w(d). The barrier is w(d) - v, of relative degree one in the thrust, and the command must keep
+time if v T + v^2 / (2 a) <= d for v > 0, that is, v <= w(d). The barrier is w(d) - v, of relative degree one in the thrust, and the command
+must keep
 
     d/dt (w(d) - v) >= -(w(d) - v) / T,    that is    v + T v' + T w'(d) max(v, 0) <= w(d)
 """

@@ -98,7 +98,7 @@ def begin(P: Floats, p: Record) -> None:
 
 @row
 def collect(d: Record, force: Vector, R: Matrix, seconds: float) -> None:
-    """Add an IMU sample to the integrals that `propagate` needs; `force` is in world axes, `R` is the attitude in the middle of the sample."""
+    """Add an IMU sample to the integrals that `propagate` needs; `force` is in world axes, `R` the attitude in the middle of the sample."""
     d.elapsed += seconds
     put(d.force_sum, add(triple(d.force_sum), scale(seconds, force)))
     for i in range(3):

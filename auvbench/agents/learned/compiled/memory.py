@@ -169,7 +169,6 @@ def batch(model: OffPolicyAlgorithm, n: int) -> tuple[Floats, ...]:
     Returns:
         Observation (n, d), action (n, n_u), following observation (n, d), reward (n, 1) and discount (n, 1),
             which is 0 if the episode ended for another reason than its time limit.
-        episode ended otherwise than by its time limit.
     """
     assert model.replay_buffer is not None
     drawn: Any = model.replay_buffer.sample(n, env=model.get_vec_normalize_env())

@@ -36,7 +36,7 @@ STATISTICS = np.dtype(
         ("pull", np.float32),  # derivative of the negative subtracted mean with respect to the batch mean
     ]
 )
-"""What `normalise` stores of an input"""
+"""Record that `normalise` stores for each input"""
 
 
 @compiled(error_model="numpy")
