@@ -42,7 +42,7 @@ NETWORK, CARD = "policy.onnx", "policy.json"
 """Files of a run of `algo=onnx`, in its `model/`."""
 
 SLACK = 1e-6
-"""tolerance by which a rounded action may exceed [-1, 1]; the action is then clipped"""
+"""amount by which rounding may take an action beyond [-1, 1]; such an action is clipped"""
 
 ROWS = 64
 """rows of each forward pass, since matrix products of another shape may round differently, and an answer must
@@ -53,7 +53,7 @@ not depend on the size of the batch
 DIFFERENT = "answers the same observations differently the second time"
 
 Lengths = tuple[int | None, ...]
-"""lengths of an array's axes; None for an open one"""
+"""lengths of an array's axes; None for an axis of any length"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ class PolicyError(RunError):
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """A vehicle, an observed number or an actuator."""
+    """Entry of a card with a name: a vehicle, an observed number or an actuator."""
 
     name: str
 
@@ -138,7 +138,7 @@ def read_card(path: Path | str) -> Card:
 
 
 def parse_card(data: bytes, where: str) -> Card | None:
-    """Return the card in some bytes; None if the JSON describes something else.
+    """Return the card in `data`; None if the JSON describes something else.
 
     Raises:
         PolicyError: the data are not JSON, have another schema version, or an entry is missing or impossible.
@@ -278,7 +278,7 @@ class Policy:
         """Return the unchecked answer (n, ...) to observations (n, n_obs).
 
         Raises:
-            ValueError: there is no answer.
+            ValueError: the process gives no answer, or an answer of another form.
         """
         try:
             note, arrays = self._child.ask({"rows": self._rows}, {"data": rows})
@@ -373,9 +373,10 @@ def _only(ports: tuple[Port, ...], kind: str, what: str) -> Port:
 
 
 def _fits(kind: str, port: Port, length: int | None, named: tuple[str, ...] | None) -> None:
-    """
+    """Check that a port has float numbers of shape (n, length), and one column for each name of the card.
+
     Raises:
-        Raise ValueError unless the port has float numbers of shape (n, length).
+        ValueError: the port has another type or shape.
     """
     label, shape = f"its {kind} {port}", port.shape
     if port.type not in ("float32", "float64"):

@@ -36,13 +36,14 @@ SUITES: dict[str, tuple[tuple[Callable[[Any], None], ...], Callable[..., None]]]
     "simulator=": (SIMULATOR_CHECKS, check_simulator),
     "launcher=": (LAUNCHER_CHECKS, check_launcher),
 }
-"""Checks of a kind, and the function that runs them, by the override that chooses it; `algo=` has two suites."""
+"""Checks of each kind of part, and the function that runs them, by the override that chooses the part; `algo=` has two suites of checks,
+which `check_agent` runs."""
 
 NAMED: dict[str, tuple[tuple[Callable[[Any], None], ...], Callable[..., None]]] = {
     "train.log=": (TRACKER_CHECKS, check_tracker),
     "command=": (COMMAND_CHECKS, check_command),
 }
-"""The same for kinds that are chosen by a name only."""
+"""Checks of the kinds of parts that are chosen by only a name, and the function that runs them."""
 
 __all__ = [
     "AGENT_CHECKS",

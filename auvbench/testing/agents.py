@@ -1,4 +1,4 @@
-"""Check agents, and learners further."""
+"""Check agents; check agents that learn also for their training."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from auvbench.training.execute import execute
 from auvbench.training.learning import Session
 
 EPISODES, STEPS = 7, 25
-"""number of vehicles and steps in the checks of an agent's actions"""
+"""Number of vehicles, and number of steps, in the checks of an agent's actions"""
 
 SIZES = (1, 3)
-"""sizes of the batches in which the same episodes are repeated"""
+"""Sizes of the batches in which the same episodes are repeated"""
 
 Make = Callable[[], base.Agent]
 
@@ -99,7 +99,7 @@ def actions_do_not_depend_on_the_batch(config: schema.TrainConfig, make: Make) -
 
 
 def nothing_outlives_an_episode(config: schema.TrainConfig, make: Make) -> None:
-    """Check that after `reset` an agent acts as a fresh one does."""
+    """Check that after `reset` an agent acts like a new agent."""
     agent = make()
     flight = fly(config, agent)
     replay(flight, agent, range(EPISODES), "in the same episodes once more")
@@ -201,7 +201,7 @@ def nothing_is_pickled(trainings: Trainings) -> None:
 
 @contextmanager
 def stopped_at(step: int) -> Iterator[None]:
-    """Stop a training with an error at a step."""
+    """Stop trainings inside this context with an error at a step."""
     ordinary = Session.step
 
     def strike(self: Session, steps: int, transition: Any) -> float:

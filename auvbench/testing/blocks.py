@@ -17,14 +17,14 @@ from auvbench.pilot import live_observation as observation
 from auvbench.testing.draws import ConformanceError, actions, reseed_generators, run_checks, same, untouched
 
 N, STEPS = 5, 20
-"""number of parallel episodes, number of steps of a check"""
+"""Number of parallel episodes, and number of steps, of a check"""
 
 ROUNDING = 1e-6
 """largest relative difference between compiled and interpreted numbers, which are rounded to 32 bits"""
 
 
 def play(batch: Batch, first: int = 0) -> NDArray[np.float32]:
-    """Return the observations (steps + 1, n, size) of a play."""
+    """Reset a batch and step it; return the observations (steps + 1, n, size)."""
     observations = [batch.reset().copy()]
     for step in range(STEPS):
         action = actions(step, batch.n, len(batch.vehicle.actuators), first)
@@ -66,7 +66,7 @@ def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
 
 
 def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
-    """Check that the block, run as Python, accesses nothing that does not exist, and writes what its compiled form writes."""
+    """Check that the block, run as Python, accesses only existing fields and indices, and writes the same numbers as its compiled form."""
     compiled = play(Batch(config, 2, seed=3))
     try:
         plain = play(interpreted(config, 2))
@@ -79,7 +79,7 @@ def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
 
 
 def it_changes_nothing_that_it_reads(config: schema.TrainConfig) -> None:
-    """Check that the block writes to its own numbers only."""
+    """Check that the block writes only to its own numbers."""
     batch = interpreted(config, 2)
     play(batch)
     task, simulator = batch.task, batch.simulator
@@ -99,7 +99,7 @@ def it_changes_nothing_that_it_reads(config: schema.TrainConfig) -> None:
 
 
 def a_pilot_observes_it(config: schema.TrainConfig) -> None:
-    """Check that a pilot gets finite numbers within the bounds, if the block reads nothing that a pilot lacks."""
+    """Check that a pilot observes finite numbers within the bounds; skip blocks that need more than a pilot can supply."""
     batch = Batch(config, 1, seed=3)
     spec, task = batch.task.spec, batch.task
     if not set(tasks.blocks(config.task)) <= set(observation.supplied()) or config.task.history > 1:

@@ -27,7 +27,7 @@ from auvbench.testing.tasks import (
 
 
 def it_changes_the_motion_or_the_readings(config: schema.TrainConfig) -> None:
-    """Check that an environment with the disturbance differs from one without."""
+    """Check that an environment with the disturbance gives other observations than an environment without it."""
     without = train_config(compose("train", ["algo=pid", "disturbance=none"])).disturbance
     observations = []
     for disturbance in (config.disturbance, without):
@@ -39,7 +39,7 @@ def it_changes_the_motion_or_the_readings(config: schema.TrainConfig) -> None:
 
 
 def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
-    """Check that an episode is the same after any other episodes and in any environment of a batch."""
+    """Check that an episode gives the same observations in any environment of a batch."""
 
     def observations(*episodes: int) -> Any:
         batch = Batch(config, len(episodes), seed=3, test=True, autoreset=False)
@@ -56,7 +56,7 @@ def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
 
 
 def its_water_stays_within_its_bound(config: schema.TrainConfig) -> None:
-    """Check that the current in the simulator is not faster than `water_speed` says."""
+    """Check that the current in the simulator is not faster than the bound that follows from `water_speed`."""
     batch = Batch(config, N, seed=3)
     batch.reset()
     play(batch, range(STEPS))
@@ -72,7 +72,7 @@ def its_water_stays_within_its_bound(config: schema.TrainConfig) -> None:
 
 
 def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
-    """Check that the functions of one episode, run as Python, access nothing that does not exist."""
+    """Check that the functions of one episode, run as Python, access only existing fields and indices."""
     batch = Batch(config, 2, seed=3)
     if batch.disturbances is None:
         raise ConformanceError("the configuration has no active disturbance")

@@ -1,5 +1,5 @@
-"""Provide what the conformance checks share: their loop and error, comparison of bits, global generators, and
-pickles.
+"""Provide functions that the conformance checks share: their loop and error, and tests for equal bits, for draws
+from global generators, and for pickles.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from auvbench.errors import AgentError, AuvbenchError
 
 
 class ConformanceError(AssertionError):
-    """An agent or task breaks its contract; the message names it and the fault."""
+    """A part, such as an agent or a task, breaks its contract; the message names the part and the fault."""
 
 
 def run_checks(
@@ -27,7 +27,7 @@ def run_checks(
     overrides: Sequence[str],
     run: Callable[[Callable[..., None]], None],
 ) -> None:
-    """Call `run` with each check, or with `only`; name overrides and check in an error."""
+    """Call `run` with each check, or only with `only`; an error names the overrides and the check."""
     for check in checks:
         if only is not None and check is not only:
             continue
@@ -90,7 +90,7 @@ def reseed_generators(seed: int) -> None:
 
 @contextmanager
 def untouched(what: str) -> Iterator[None]:
-    """Raise `ConformanceError` if the global generators were used inside."""
+    """Raise `ConformanceError` if the code inside this context draws from a global generator."""
     before = generators()
     yield
     after = generators()
@@ -110,7 +110,7 @@ def _hear(event: str, arguments: tuple[Any, ...]) -> None:
 
 @contextmanager
 def no_unpickling(what: str) -> Iterator[None]:
-    """Raise `ConformanceError` if anything that could run code is unpickled inside."""
+    """Raise `ConformanceError` if the code inside this context unpickles anything that could run code."""
     global _hooked
     if not _hooked:
         # Python cannot remove an audit hook: it stays, but does nothing outside this context.

@@ -19,12 +19,12 @@ from auvbench.scheduling.loop import Backend, Job, Status
 from auvbench.testing.draws import ConformanceError, failing, run_checks
 
 WAIT = 600.0
-"""s that a run of a check may take at most"""
+"""Largest duration of a run in a check, s"""
 
 
 @dataclass
 class Launches:
-    """Runs of a controller, in a folder of their own, and the backend that carries them out."""
+    """Runs of a controller in a separate folder, and the backends that carry them out."""
 
     overrides: tuple[str, ...]
     folder: Path
@@ -59,7 +59,7 @@ def until_ended(place: Backend, job: Job) -> Status:
 
 
 def it_carries_runs_out(launches: Launches) -> None:
-    """Check that a submitted run ends with exit code 0 and is complete, and that another job is another run."""
+    """Check that a submitted run ends with exit code 0 and is complete, and that each job belongs to its run."""
     place = launches.backend()
     runs = [launches.run("first", f"seed={seed}") for seed in (0, 1)]
     for run in runs:
@@ -83,7 +83,7 @@ def it_reports_a_run_that_fails(launches: Launches) -> None:
 
 
 def an_ended_job_stays_as_it_is(launches: Launches) -> None:
-    """Check that polling and cancelling an ended job change nothing, and that no ended run is adopted."""
+    """Check that polling or cancelling an ended job changes nothing, and that `adopt` returns None for an ended run."""
     place = launches.backend()
     run = launches.run("ended")
     job = place.submit(run.path)
@@ -99,7 +99,7 @@ def an_ended_job_stays_as_it_is(launches: Launches) -> None:
 
 
 def it_closes_twice(launches: Launches) -> None:
-    """Check that a backend can be closed before its first run, and a second time."""
+    """Check that a backend can be closed before its first run, and can be closed twice."""
     place = launches.backend()
     place.close()
     place.close()

@@ -20,7 +20,7 @@ from auvbench.testing.draws import ConformanceError, actions, reseed_generators,
 from auvbench.testing.tasks import play
 
 N, STEPS = 5, 30
-"""number of parallel episodes, number of steps of a check"""
+"""Number of parallel episodes, and number of steps, of a check"""
 
 
 def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
@@ -56,7 +56,7 @@ def it_pays_every_end(config: schema.TrainConfig) -> None:
 
 
 def it_changes_nothing_that_it_reads(config: schema.TrainConfig) -> None:
-    """Check that the reward changes neither the episode nor its vehicle nor the parameters."""
+    """Check that the reward does not change the episode, the vehicle or the parameters."""
     for batch, pay in _plain(config):
         task = batch.task
         read = {
@@ -74,7 +74,7 @@ def it_changes_nothing_that_it_reads(config: schema.TrainConfig) -> None:
 
 
 def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
-    """Check that the reward, run as Python, accesses nothing that does not exist, and gives what its compiled form gives."""
+    """Check that the reward, run as Python, accesses only existing fields and indices, and gives the same value as its compiled form."""
     compiled, plain = Batch(config, 2, seed=3), Batch(config, 2, seed=3)
     plain.task.interpret()
     try:
@@ -92,7 +92,7 @@ def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
 
 
 def _plain(config: schema.TrainConfig) -> Iterator[tuple[Batch, Callable[[], float]]]:
-    """Yield environments after a few steps, with a function that pays the last step of the first one."""
+    """Yield environments after a few steps, with a function that returns the reward of the first environment's last step."""
     batch = Batch(config, 2, seed=3)
     batch.reset()
     function = getattr(function_of(config.reward), "py_func", function_of(config.reward))

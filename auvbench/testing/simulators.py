@@ -1,4 +1,4 @@
-"""What every simulator must do (`auvbench.simulators.base.Simulator`), as checks for auvbench's own simulators and those that packages add."""
+"""Check simulators."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from auvbench.testing.draws import ConformanceError, same
 from auvbench.vehicles import sheet
 
 N, STEPS, DURATION = 3, 12, 0.1
-"""vehicles side by side, steps of a check, s of a step"""
+"""Number of vehicles, number of steps of a check, and duration of a step in s"""
 
 Make = Callable[[int], Simulator]
-"""a simulator with so many vehicles"""
+"""Function that returns a simulator with a number of vehicles"""
 
 STATE = ("pose", "velocity", "command_force", "power")
 
 
 def start(simulator: Simulator, first: int = 0, **options: Any) -> None:
-    """Put all vehicles at different places, at rest; the place of one depends on `first` and its row."""
+    """Put all vehicles at different places, at rest; a vehicle's place depends on `first` and its row."""
     rows = np.arange(simulator.n)
     pose = np.zeros((simulator.n, 7))
     pose[:, 0], pose[:, 2], pose[:, 3] = 2.0 * (first + rows), -20.0, 1.0
@@ -36,7 +36,7 @@ def start(simulator: Simulator, first: int = 0, **options: Any) -> None:
 
 
 def fly(simulator: Simulator, steps: range = range(STEPS), first: int = 0) -> dict[str, NDArray[np.float64]]:
-    """Apply commands for some steps; return the states after each, (steps, n, ...)."""
+    """Apply commands for some steps; return the states after each step by name, (steps, n, ...)."""
     states: dict[str, list[NDArray[np.float64]]] = {name: [] for name in STATE}
     for step in steps:
         simulator.step(draws.actions(step, simulator.n, len(simulator.vehicle.actuators), first), DURATION)
@@ -51,7 +51,9 @@ def compare(first: dict[str, Any], second: dict[str, Any], what: str) -> None:
 
 
 def its_arrays_are_what_they_should(make: Make) -> None:
-    """Pose (n, 7), velocity (n, 6), command_force (n, n_u), power (n,), finite, with unit quaternions; it says what it can."""
+    """Check that `pose` (n, 7), `velocity` (n, 6), `command_force` (n, n_u) and `power` (n,) are finite float64 arrays, that quaternions
+    have length 1, and that `capabilities` has the right type.
+    """
     simulator = make(N)
     if not isinstance(simulator.capabilities, Capabilities):
         raise ConformanceError("capabilities is no auvbench.plugin.Capabilities")
@@ -69,7 +71,7 @@ def its_arrays_are_what_they_should(make: Make) -> None:
 
 
 def reset_puts_vehicles_where_it_says(make: Make) -> None:
-    """`reset` moves the vehicles it names, and no others."""
+    """Check that `reset` moves the given vehicles, and no others."""
     simulator = make(N)
     start(simulator)
     fly(simulator)
@@ -84,7 +86,7 @@ def reset_puts_vehicles_where_it_says(make: Make) -> None:
 
 
 def motion_does_not_depend_on_the_batch(make: Make) -> None:
-    """A vehicle moves in the same way in any batch (deterministic simulators: to the last bit)."""
+    """Check that a vehicle of a deterministic simulator moves with the same bits in any batch."""
     simulator = make(N)
     start(simulator)
     together = fly(simulator)
@@ -97,7 +99,7 @@ def motion_does_not_depend_on_the_batch(make: Make) -> None:
 
 
 def nothing_outlives_a_reset(make: Make) -> None:
-    """After `reset` vehicles move as in a fresh simulator."""
+    """Check that after `reset` vehicles of a deterministic simulator move with the same bits as in a new simulator."""
     simulator = make(N)
     start(simulator)
     first = fly(simulator)
@@ -108,7 +110,7 @@ def nothing_outlives_a_reset(make: Make) -> None:
 
 
 def motion_is_deterministic(make: Make) -> None:
-    """The same commands give the same bits, if it says so, and no generator of the process moves."""
+    """Check that steps draw from no global generator, and that in a deterministic simulator the same commands give the same bits."""
     draws.reseed_generators(1)
     simulator = make(N)
     start(simulator)
@@ -122,7 +124,7 @@ def motion_is_deterministic(make: Make) -> None:
 
 
 def commands_are_clipped(make: Make) -> None:
-    """A command beyond [-1, 1] is one at its end."""
+    """Check that a command beyond [-1, 1] has the same force as a command of 1."""
     forces = []
     for size in (1.0, 3.0):
         simulator = make(1)
@@ -133,7 +135,7 @@ def commands_are_clipped(make: Make) -> None:
 
 
 def its_state_comes_back(make: Make) -> None:
-    """`state_dict` holds plain arrays; with `exact_resume` it brings back the very state, in another simulator too."""
+    """Check that `state_dict` has plain arrays, and that with `exact_resume` another simulator continues from it with the same bits."""
     simulator = make(N)
     start(simulator)
     fly(simulator)
@@ -154,7 +156,7 @@ def its_state_comes_back(make: Make) -> None:
 
 
 def it_can_what_it_says(make: Make) -> None:
-    """Currents and numbers of one's own change the motion where it says that it can."""
+    """Check that currents and scales change the motion, if `capabilities` has them."""
     can = make(1).capabilities
     moved = []
     for current in (0.0, 0.5) if can.currents != "none" else ():
@@ -196,12 +198,12 @@ def check_simulator(*overrides: str, only: Callable[[Make], None] | None = None)
     """Check a simulator against its contract (`auvbench.simulators.base.Simulator`).
 
     Args:
-        overrides: what one would type behind `auvbench train`: the simulator, `simulator=NAME`, a vehicle perhaps.
-        only: one of `SIMULATOR_CHECKS`; all of them by default.
+        overrides: arguments of `auvbench train`: the simulator, `simulator=NAME`, and possibly a vehicle.
+        only: one of `SIMULATOR_CHECKS`; default: all.
 
     Raises:
-        ConformanceError: it breaks its contract.
-        ConfigError: the overrides are none, or the simulator cannot be used here.
+        ConformanceError: the simulator breaks its contract.
+        ConfigError: an override is wrong, or the simulator cannot be used here.
     """
     config = train_config(compose("train", list(overrides)))
     vehicle = sheet.load(config.vehicle)

@@ -20,7 +20,7 @@ from auvbench.registry import TASKS
 from auvbench.testing.draws import ConformanceError, actions, run_checks, same
 
 N, STEPS = 5, 40
-"""number of parallel episodes, number of steps of a check"""
+"""Number of parallel episodes, and number of steps, of a check"""
 
 
 def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
@@ -89,8 +89,8 @@ def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
 
 
 def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
-    """Check that episodes end at their limit at the latest, and that records have the task's columns, finite
-    and in range.
+    """Check that episodes end by their time limit, and that records have the task's columns with finite values
+    in range.
     """
     limit = 2 * STEPS
     short = replace(config, task=replace(config.task, max_steps=limit, time_limit=None))
@@ -123,7 +123,7 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
 
 
 def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
-    """Check that the task's functions, run as Python, access nothing that does not exist.
+    """Check that the task's functions, run as Python, access only existing fields and indices.
 
     The functions of `auvbench.tasks.rows` that they call stay compiled.
     """

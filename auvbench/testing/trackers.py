@@ -27,7 +27,7 @@ def _config() -> dict[str, Any]:
 
 
 def it_logs_a_training(service: Service) -> None:
-    """Check that a log opens, takes numbers, NaN too, and ends, without a draw from a global generator."""
+    """Check that a log opens, takes numbers (also NaN), and ends, without a draw from a global generator."""
     with untouched("logging"):
         with failing("prepare"):
             service.prepare("conformance")
@@ -41,7 +41,7 @@ def it_logs_a_training(service: Service) -> None:
 
 
 def an_attempt_continues_the_log_of_an_earlier_one(service: Service) -> None:
-    """Check that a log of the same key opens again after a failure, and takes a step that it has already seen."""
+    """Check that a log with the same key opens again after a failure, and takes an earlier step than its last step."""
     with failing("prepare"):
         service.prepare("conformance")
     for step, error in ((10, RuntimeError("struck down to see how it goes on")), (5, None)):
@@ -52,7 +52,7 @@ def an_attempt_continues_the_log_of_an_earlier_one(service: Service) -> None:
 
 
 def it_changes_nothing_that_it_gets(service: Service) -> None:
-    """Check that the configuration and the scalars of a run are as before."""
+    """Check that the tracker does not change the configuration and the scalars of a run."""
     config, scalars = _config(), {"train/loss": 0.5}
     with failing("start"):
         log = service.start(KEY, config, "ppo-first")
@@ -67,7 +67,7 @@ def it_changes_nothing_that_it_gets(service: Service) -> None:
 
 
 def it_logs_a_table(service: Service) -> None:
-    """Check that a ranked table with the files of its report is logged, and that the files stay."""
+    """Check that a ranked table with the files of its report can be logged, and that the files do not change."""
     with tempfile.TemporaryDirectory(prefix="auvbench-testing-") as folder:
         file = Path(folder) / "table.csv"
         csv = "agent,success_rate\nppo,0.5\n"

@@ -21,21 +21,21 @@ LOCAL = "tensorboard"
 
 
 class Tracker(Protocol):
-    """An open logged run."""
+    """Open log of a run at a tracking service."""
 
     def write(self, scalars: Mapping[str, float], step: int) -> None:
         """Add scalars by name at an environment step."""
 
     def close(self, error: BaseException | None) -> None:
-        """End the logged run, or mark this attempt as failed with an error."""
+        """End the log; with an error, mark this attempt as failed."""
 
 
 class Service(Protocol):
-    """Functions of a tracker's module. Any exception becomes one line for the user."""
+    """Functions of a tracker's module. The user sees one line of any exception that they raise."""
 
     def prepare(self, experiment: str) -> None:
-        """Prepare before the first run of a grid what parallel runs cannot do; `experiment` is the `name` of
-        the runs.
+        """Do everything that parallel runs cannot do, once before the first run of a grid; `experiment` is the
+        `name` of the runs.
         """
 
     def start(self, key: str, config: Mapping[str, Any], name: str) -> Tracker:
@@ -47,8 +47,8 @@ class Service(Protocol):
 
 @functools.cache
 def prepare(service: str, experiment: str) -> None:
-    """Prepare before the first run of a grid what parallel runs cannot do: import the client, and create
-    MLflow's experiment.
+    """Do everything that parallel runs cannot do, once before the first run of a grid: import the client, and
+    create MLflow's experiment.
 
     Args:
         service: value of `train.log`.
@@ -125,7 +125,7 @@ class _Lenient:
 
 
 def _client(service: str, option: str) -> Service:
-    """Return the module of a service, which imports its client; `option` is what chose the service."""
+    """Return the module of a service, which imports its client; `option` is the user's option, for messages."""
     spec = TRACKERS.choose(service)
     try:
         module: Service = resolve(spec.code)

@@ -30,7 +30,7 @@ from auvbench.training import worker
 from auvbench.vehicles import sheet
 
 TRIED = 16
-"""episodes that are drawn in a world before a run is made"""
+"""Number of episodes that are drawn in a world to check it before a run is created"""
 
 
 def check_runnable(config: schema.TrainConfig) -> None:
@@ -70,7 +70,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
     Raises:
         TrainingError: the run failed; the manifest has the error.
-        KeyboardInterrupt: the run was interrupted; the manifest says so.
+        KeyboardInterrupt: the run was interrupted; the manifest has the state `interrupted`.
     """
     manifest = run.manifest()
     if status.finished(run, manifest):
@@ -135,7 +135,7 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
 
 
 def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity.Entry]:
-    """Try an agent from elsewhere that does not learn here; return the files to record in the manifest."""
+    """Check an agent that does not learn; return the files to record in the manifest (a policy file's, for `algo=onnx`)."""
     if complete.releases(config):
         _try(config)
     if config.algo.agent in AGENTS.own and (check := AGENTS[config.algo.agent].check):

@@ -30,7 +30,7 @@ from auvbench.training.checkpoint.logs import EventWriter
 from auvbench.training.checkpoint.saver import Checkpointer
 from auvbench.training.validation import Validator
 
-GRACE = 20.0  # s to reach the next checkpoint after SIGTERM; SLURM kills 30 s after it by default
+GRACE = 20.0  # s to reach the next checkpoint after SIGTERM; by default, SLURM kills a job 30 s after SIGTERM
 
 
 @dataclass
@@ -44,7 +44,7 @@ class Session:
     total_steps: int
     """budget in environment steps"""
     checkpointer: Checkpointer
-    """prepared checkpointer with its parts"""
+    """checkpointer after `prepare`, with its `parts`"""
     episodes: EpisodeLog
     events: EventWriter
     reporter: Reporter
@@ -116,7 +116,7 @@ class Session:
         returned.
 
         Raises:
-            TrainingError: the budget is not used up.
+            TrainingError: the learner returned before the budget was used up.
         """
         if self.steps < self.total_steps:
             raise TrainingError(
@@ -189,7 +189,7 @@ def learn(
         Interrupted: `stop` was set; a checkpoint is written.
     """
     begun = time.monotonic()
-    # phases of earlier attempts that could still write the manifest
+    # Durations of the phases of earlier attempts that managed to write the manifest.
     earlier: dict[str, float] = run.manifest().get("phases", {})
     train = config.train
     checkpointer = Checkpointer(

@@ -79,16 +79,16 @@ class Validator:
         self._log.flush()
 
     def is_due(self, steps: int, n: int) -> bool:
-        """Return whether the last step of n environments, up to `steps` in total, passed a multiple of the
-        interval.
+        """Return whether the last step of n environments, which ended at `steps` environment steps, passed a
+        multiple of the interval.
         """
         return steps // self._every > (steps - n) // self._every
 
     def is_owed(self, steps: int, n: int) -> bool:
-        """Return whether the end of a training must still be tested.
+        """Return whether the policy at the end of a training must still be tested.
 
-        That is the case if the budget is not a multiple of the interval, also for a run that continues from
-        its last checkpoint.
+        This is so if the budget is not a multiple of the interval, also in a run that continues from its last
+        checkpoint.
         """
         return steps % self._every >= n and self._tested != steps
 
@@ -96,7 +96,7 @@ class Validator:
         """Test a policy and write a row; return the duration in s.
 
         Args:
-            agent: agent that acts as the policy does now.
+            agent: agent that acts by the present policy.
             steps: finished environment steps.
             episodes: number of ended training episodes.
             elapsed: wall time in s of training so far, without tests.

@@ -118,7 +118,7 @@ def _interrupted(run: RunDirectory) -> None:
 
 
 class WorkerDied(Exception):
-    """A worker could not record its own end."""
+    """A worker ended without recording its end; another process records this error in the manifest."""
 
 
 def fail(run: RunDirectory, error: BaseException) -> None:

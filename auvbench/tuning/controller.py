@@ -58,7 +58,7 @@ class StudyView(View):
         return sum(trial.state.is_finished() for trial in self.search.trials)
 
     def counts(self) -> str:
-        """Return `12 of 50 trials begun: 2 done, 1 running, 9 pruned · 3 min to go, until 17:05`."""
+        """Return a text such as `12 of 50 trials begun: 2 done, 1 running, 9 pruned · 3 min to go, until 17:05`."""
         trials = self.search.trials
         failed = sum(ERROR in trial.user_attrs for trial in trials)
         done, running, pruned = (
@@ -88,7 +88,7 @@ class StudyView(View):
 
 
 def worth(score: Score, objective: Objective) -> str:
-    """Return `success rate: 98.0 % [93.0, 99.4], PAR-1 steps 312`."""
+    """Return a text such as `success rate: 98.0 % [93.0, 99.4], PAR-1 steps 312`."""
     first, then = objective.measure, objective.then
     shown = f"{name(first)}: {amount(score.estimate, first)}"
     if then == first:
@@ -102,12 +102,12 @@ AT_ONCE = 8
 HELD_FOR = 60.0
 """s to wait for a run that is still locked by a worker of an earlier, killed controller"""
 TRIES = 3
-"""number of starts of a run whose worker dies"""
+"""Largest number of starts of a run whose worker dies"""
 
 
 @dataclass(slots=True)
 class TrialRuns:
-    """Runs that belong together, with what to do when all are complete or one has failed."""
+    """Runs of one trial, with functions to call when all runs are complete or one run has failed."""
 
     unfinished: set[Path]
     """incomplete runs"""
@@ -116,7 +116,7 @@ class TrialRuns:
 
 
 class Controller(Loop):
-    """Scheduling loop that asks a search for runs; the backend's target is `runs.TARGET`."""
+    """Scheduling loop that gets its runs from a search; the backend's target is `runs.TARGET`."""
 
     view: StudyView
 
@@ -125,7 +125,7 @@ class Controller(Loop):
         self.study, self.search = study, search
         self.plan = search.plan
         self.jobs: list[TrialRuns] = []
-        self.locked: dict[Path, float] = {}  # time since which each run has been locked
+        self.locked: dict[Path, float] = {}  # when each locked run was found locked
         self.started: dict[Path, int] = {}
         self.stopped = ""
         self.confirmed = False
@@ -209,7 +209,7 @@ class Controller(Loop):
                 job.done()
 
     def _settle(self, run: RunDirectory, outcome: Outcome, message: str) -> None:
-        # The holder of a complete run is testing it.
+        # If a complete run is locked, the lock's holder is testing it.
         is_locked = outcome is Outcome.HELD or lock.living_holder(run.path) is not None
         if is_locked and outcome in (Outcome.HELD, Outcome.COMPLETE) and not self.signals:
             self.locked[run.path] = time.monotonic()

@@ -30,7 +30,7 @@ from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Prose
 
 CONTROLLER = "controller"
-"""folder next to the journal that carries the lock of the study's controller"""
+"""folder next to the journal with the lock of the study's controller"""
 
 LARGEST = 1 << 28
 """largest journal to read, in bytes"""
@@ -55,7 +55,7 @@ class Journal(BaseJournalBackend):
             return
         except (OSError, ValueError) as error:
             raise RunError(f"{path}: cannot be read: {error}") from error
-        for line in data.split(b"\n")[:-1]:  # text after the last line break is a line that a kill truncated
+        for line in data.split(b"\n")[:-1]:  # a text after the last line break was truncated by a kill
             self._take(line)
 
     def _take(self, line: bytes) -> None:
@@ -85,7 +85,7 @@ class Journal(BaseJournalBackend):
         """Append operations; they are on the disk when this returns.
 
         Raises:
-            LockLostError: another process has the study.
+            LockLostError: another process has the lock of the study.
             TrainingError: the disk is full or failing.
         """
         lock.verify(self.path.parent / CONTROLLER)
@@ -166,7 +166,7 @@ class StudyFolder:
         """Lock the study for this process.
 
         Raises:
-            RunError: another process has the study, the folder is not writable, or a link leads out of it.
+            RunError: another process has the lock, the folder is not writable, or a link leads out of it.
         """
         place = self.path / CONTROLLER
         with storage(f"cannot write {self.path}"):
@@ -176,7 +176,7 @@ class StudyFolder:
         return lock.acquire(place)
 
     def write(self, plan: Plan) -> None:
-        """Write the plan; a continued study gets the typed numbers of trials and fresh seeds."""
+        """Write the plan. When a study continues, the plan has the numbers of trials and fresh seeds of the new command."""
         with storage(f"cannot write {self.plan_path}"):
             write_json(self.plan_path, asdict(plan))
 
@@ -209,7 +209,7 @@ def of_run(run: Path) -> tuple[Plan, schema.Protocol]:
 
 
 def refuse_change(folder: StudyFolder, stored: Plan, typed: Plan) -> None:
-    """Raise ConfigError for a command that would change the study in the folder.
+    """Reject a command that would change the study in the folder.
 
     Raises:
         ConfigError: a value differs; the message names the changed values.

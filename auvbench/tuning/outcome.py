@@ -42,11 +42,11 @@ class Gain:
     tuned: Estimate
     untuned: Estimate
     difference: Estimate
-    """tuned less untuned, for learners between typical trainings; without limits below five trainings"""
+    """tuned less untuned; for learners, the difference of typical trainings, without limits below five trainings"""
     trainings: int = 0
-    """number of trainings of each; 0 for a controller"""
+    """number of trainings with tuned and with untuned settings; 0 for a controller"""
     reliability: Reliability | None = None
-    """tuned trainings that are not behind the typical untuned one"""
+    """share of tuned trainings that are at least as good as the typical untuned training"""
 
 
 @dataclass
@@ -55,7 +55,7 @@ class Outcome(Trials):
 
     folder: StudyFolder
     gains: tuple[Gain, ...] = ()
-    """gains by the two measures; empty until all runs with fresh seeds are tested"""
+    """gains in the study's two measures; empty until all runs with fresh seeds are tested"""
     broken: tuple[str, ...] = ()
     """trainings with fresh seeds that failed"""
 
@@ -66,7 +66,7 @@ class Outcome(Trials):
 
     @cached_property
     def ordered(self) -> list[FrozenTrial]:
-        """Return the trials, best first, then those without a result."""
+        """Return the trials with a result, best first, then the trials without a result."""
         numbers = {trial.number for trial in self.ranked}
         return [*self.ranked, *(trial for trial in self.trials if trial.number not in numbers)]
 
@@ -89,8 +89,8 @@ class Outcome(Trials):
 
     @property
     def evaluator(self) -> PedAnovaImportanceEvaluator:
-        """Return PED-ANOVA (Watanabe, Bansal & Hutter 2023), which measures what the best tenth of the trials
-        has in common.
+        """Return PED-ANOVA (Watanabe, Bansal & Hutter 2023), which measures how important each setting is for
+        being among the best tenth of the trials.
         """
         return PedAnovaImportanceEvaluator(target_quantile=max(0.1, 5 / max(FEWEST_TRIALS, self.complete)))
 
@@ -109,7 +109,7 @@ def state_of(trial: FrozenTrial) -> str:
 
 
 def read(folder: StudyFolder) -> Outcome:
-    """Return the present state of the study; write nothing.
+    """Return the present result of the study; write nothing.
 
     Raises:
         RunError: the study is missing or damaged.

@@ -22,7 +22,7 @@ TARGET = "auvbench.tuning.runs:carry_out"
 def configuration(
     plan: Plan, study: StudyFolder, algo: Mapping[str, Any], seed: int, budget: int, folder: str = RUNS
 ) -> dict[str, Any]:
-    """Return the configuration of a run: the study's, with an algorithm, a seed and a budget."""
+    """Return the configuration of a run: the study's configuration with an algorithm, a seed and a budget."""
     config = copy.deepcopy(plan.base)
     config["algo"] = dict(algo)
     config["seed"] = seed
@@ -56,7 +56,7 @@ def prepare(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) 
 
 
 def fresh(plan: Plan, study: StudyFolder, algo: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the configurations of the runs with fresh seeds; only one if nothing is trained."""
+    """Return the configurations of the runs with fresh seeds; only one if the algorithm does not learn."""
     seeds = plan.tune.fresh_seeds if plan.learns else plan.tune.fresh_seeds[:1]
     return [configuration(plan, study, algo, seed, plan.budgets[-1], FRESH) for seed in seeds]
 

@@ -44,7 +44,7 @@ class Score:
     """Score of a trial at a rung."""
 
     score: float
-    """score that decides; higher is better"""
+    """number by which trials are ranked; higher is better"""
     objective: float
     low: float
     high: float
@@ -93,8 +93,8 @@ class Objective:
         return Score(score, estimate.value, estimate.low, estimate.high, then)
 
     def _joined(self, agent: Agent, value: float, then: float) -> float:
-        """Return one number that sorts by the two measures: the second changes a rate by less than one
-        episode does.
+        """Return one number that ranks by both measures: the second measure changes a rate by less than one
+        episode does, so that it decides only between equal rates.
         """
         score = self.measure.sign * value
         if not self.measure.rate or not math.isfinite(then):
@@ -284,10 +284,10 @@ class Search(Trials):
             self._advance(trial)
 
     def next(self) -> Step | None:
-        """Return what to train now; None until the next result, or when the search is over."""
+        """Return the next step to train; None if the search waits for a result or is over."""
         if self.plan.tune.preset and not self.trials:
             first = of_preset(self.plan.base["algo"], self.plan.dimensions)
-            self.study.enqueue_trial(first, skip_if_exists=True)  # it may wait already, since a kill
+            self.study.enqueue_trial(first, skip_if_exists=True)  # after a kill, it may already wait
         while not self.queue and len(self.trials) < self.limit:
             self._advance(self.study.ask({d.key: d.distribution for d in self.plan.dimensions}))
         return self.queue.popleft() if self.queue else None
@@ -323,7 +323,7 @@ class Search(Trials):
         self._advance(trial)
 
     def fail(self, step: Step, why: str) -> None:
-        """Close a trial whose own settings ruined its training."""
+        """Close a trial whose settings made its training fail."""
         self._close(self.running.pop(step.trial), why)
 
     def _close(self, trial: Trial, why: str) -> None:

@@ -27,7 +27,7 @@ IDENTITY = ("algo.name", "algo.agent", "algo.tuned")
 FORMS = "interval(LOW,HIGH), range(FROM,TO,STEP) or choice(A,B)"
 
 Value = float | int | str
-"""Value of a parameter in the journal; a choice is its text."""
+"""Value of a parameter in the journal; a choice is stored as its text."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ def validate_space(
 
 
 def of_preset(algo: Mapping[str, Any], dimensions: Sequence[Dimension]) -> dict[str, Value]:
-    """Return the parameters of the plain values of `algo` that are in the ranges."""
+    """Return the parameters of the dimensions for the plain values of `algo`; leave out values outside of their range."""
     values = flat(algo, GROUP)
     found = {d.key: d.parameter(values[d.key]) for d in dimensions}
     return {key: value for key, value in found.items() if value is not None}

@@ -56,7 +56,7 @@ class EventWriter:
             self._tracker.write(scalars, step)
 
     def close(self) -> None:
-        """Close the file, and the tracker with the exception that is being handled."""
+        """Close the file and the tracker; if an exception is being handled, pass it to the tracker."""
         self._file.close()
         if self._tracker is not None:
             self._tracker.close(sys.exception())
@@ -71,7 +71,7 @@ class LogMark:
 
     bytes: Count
     sha256: str
-    """SHA-256 of these bytes"""
+    """SHA-256 of the file's first `bytes` bytes"""
 
     def holds(self, path: Path) -> bool:
         """Return whether the file still begins with the content at the checkpoint."""
@@ -79,7 +79,7 @@ class LogMark:
 
 
 class GrowingLog:
-    """Follows one file and hashes what is new since the last mark.
+    """Follows one file, and hashes the content that was added since the last mark.
 
     Args:
         path: path of the file; it may not exist yet.

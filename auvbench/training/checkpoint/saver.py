@@ -43,7 +43,7 @@ class ReplayStore:
         self._written: dict[tuple[int, int], Segment] = {}
 
     def save(self, buffer: Ring, rows: int) -> list[Segment]:
-        """Write what is new up to row `rows`; return all segments of the ring's content.
+        """Write the segments up to row `rows` that are not on disk yet; return all segments of the ring's content.
 
         Raises:
             OSError: the disk is full or read-only; earlier segments do not change.
@@ -96,7 +96,7 @@ CLOCK = "clock"
 
 
 class Stateful(Protocol):
-    """State of a run besides the learner's: the environments, a recorder."""
+    """Part of a run that has its own state, such as the environments or a recorder; the learner is separate."""
 
     def state_dict(self) -> Mapping[str, NDArray[Any]]: ...
 

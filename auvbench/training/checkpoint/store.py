@@ -36,7 +36,7 @@ class LogMismatchError(ValueError):
 
 
 class CheckpointWarning(AuvbenchWarning):
-    """A checkpoint could not be used; the message names it and the checkpoint that is used instead."""
+    """A checkpoint could not be used; the message names this checkpoint and the checkpoint that is used instead."""
 
 
 @dataclass(frozen=True, slots=True)
