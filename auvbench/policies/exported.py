@@ -312,7 +312,7 @@ def load(
     rows: int = ROWS,
     seconds: int = sandbox.SECONDS,
 ) -> Policy:
-    """Read an ONNX file and the card next to it, if there is one; see `Policy` for arguments and errors."""
+    """Read an ONNX file and its card, if a card is next to it; see `Policy` for arguments and errors."""
     data, card, _ = read(path)
     sizes = {"observations": observations, "actions": actions}
     return Policy(data, str(path), card=card, rows=rows, seconds=seconds, **sizes)
@@ -353,7 +353,7 @@ def _ports(answer: object) -> tuple[Port, ...]:
     """Return the inputs or outputs that the policy's process reports.
 
     Raises:
-        ValueError: the answer is not such a list.
+        ValueError: the answer is not a list of inputs or outputs.
     """
     ports = []
     for name, kind, shape in typed_json.convert(answer, list[list[Any]]):

@@ -297,7 +297,7 @@ class Task:
         self.loops.draw(indices, *self._arrays[:3], self.stream, pose)
 
     def step_rows(self, start: int, stop: int, *motion: Floats) -> int:
-        """Step episodes start .. stop - 1; return how many ended, or -1 - i if pose i is not finite."""
+        """Step episodes start .. stop - 1; return the number of ended episodes, or -1 - i if pose i is not finite."""
         return self.loops.step(start, stop, *motion, *self._arrays, self.reward, *self._around)
 
     def interpret(self) -> None:
@@ -389,7 +389,7 @@ class Task:
             pose: (n, 7)
             velocity: (n, 6)
             indices: indices of environments; None: all.
-            seats: (n, 7) poses from which range sensors look; None: the measured ones.
+            seats: (n, 7) poses from which range sensors measure; None: `pose`.
         """
         rows = self._all if indices is None else indices
         episodes, parameters = self._read

@@ -382,7 +382,7 @@ class FormationTask(TrajectoryTrackingTask):
         return super().observe(pose, velocity, indices, seats)
 
     def records(self, indices: Integers) -> list[Row]:
-        """Return the record of its team for each vehicle whose episode just ended."""
+        """Return a record for each vehicle whose episode just ended: the record of the vehicle's team."""
         firsts = indices[:: self.team].tolist()
         return [record for first in firsts for record in [self._counted(self.measured(first))] * self.team]
 

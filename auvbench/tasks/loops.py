@@ -219,7 +219,7 @@ def _of_task(
     pays = plain_function(reward)
     compile_row = row_compiler(interpreted)
     compiled_rows = {name: compile_row(function) for name, function in {**named, "reward": pays}.items()}
-    # A bearing costs as much as the rest of a step: it is computed where the reward reads it.
+    # A bearing costs as much as the rest of a step: it is computed only if the reward reads it.
     turn = ["turn_own(e, v)"] if has_yaw else ["turn_to(e, v)"] if _mentions(pays, "yaw_error") else []
     lines = {
         "clear": clear,

@@ -49,7 +49,7 @@ def observation_spec(
 
 
 def owner_of_block(name: str, task: tasks.Task) -> str:
-    """Return what a message calls a block of a package: `task.observation=sonar of sonars==1.0`."""
+    """Return the name of a package's block in messages: `task.observation=sonar of sonars==1.0`."""
     return f"task.observation={name} of {task.block_packages[name]}"
 
 
@@ -57,7 +57,7 @@ def _described(name: str, setting: Setting, task: tasks.Task) -> Block:
     """Return labels, unit and bounds of a block; check them if the block is a package's.
 
     Raises:
-        AgentError: a package's block describes itself wrongly.
+        AgentError: the description of a package's block is invalid.
     """
     if name not in task.block_packages:
         own = getattr(task.range, ranges.key_of(name), None) if task.range else None

@@ -29,7 +29,7 @@ from auvbench.tasks.rows import (
 
 
 def function_of(reward: rewards.Reward) -> Callable[..., float]:
-    """Return the function behind a reward's configuration."""
+    """Return the function that computes a reward."""
     function: Callable[..., float] = resolve(REWARDS[reward.name].code)
     return function
 

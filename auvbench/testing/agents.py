@@ -130,7 +130,7 @@ AGENT_CHECKS: tuple[Callable[[schema.TrainConfig, Make], None], ...] = (
 
 @dataclass
 class Trainings:
-    """Creates runs of one configuration in its own folder."""
+    """Runs of one configuration in one folder, created when a check needs them."""
 
     overrides: tuple[str, ...]
     folder: Path

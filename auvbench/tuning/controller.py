@@ -131,7 +131,7 @@ class Controller(Loop):
         self.confirmed = False
 
     def goes_on(self) -> bool:
-        """Start as many runs as there is room for; return whether anything is left to do."""
+        """Start runs up to the backend's limit; return whether anything is left to do."""
         self._recheck_locked()
         room = self.backend.limit or AT_ONCE
         while not self.signals and not self.stopped:

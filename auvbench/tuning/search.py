@@ -269,7 +269,7 @@ def _check(study: Trials, trial: FrozenTrial) -> None:
 
 
 class Search(Trials):
-    """Decides what to train next; the journal has each decision before it takes effect."""
+    """Decides what to train next; each decision is written to the journal before it takes effect."""
 
     def __init__(self, plan: Plan, study: Study, base: schema.TrainConfig) -> None:
         super().__init__(plan, study)

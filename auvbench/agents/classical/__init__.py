@@ -1,1 +1,1 @@
-"""Controllers without learning: PID, its version for vehicles with fins, the random agent."""
+"""Agents without learning: classical and model-predictive controllers, and the random agent."""

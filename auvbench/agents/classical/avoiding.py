@@ -28,7 +28,7 @@ NEARNESS = record(
     weight=(),  # 1/m, price per metre below it
     contact=(),  # price of a contact
 )
-"""prices of solids at a node"""
+"""Prices of small clearances at a node"""
 
 
 class Avoidance:

@@ -1,8 +1,8 @@
 """Provide guidance, allocation and limits for the thruster controllers; each adds its own control law.
 
 Guidance: the velocity of the reference, if the task observes it, plus a velocity towards the reference:
-`cruise_speed` when far and `approach` x distance when near. It is reduced where the thrusters could not
-overcome the drag. The bow turns to the task's yaw (in the waypoint task, to the waypoint), and turns along
+`cruise_speed` when far and `approach` x distance when near. It is reduced if the thrusters could not overcome
+the drag. The bow turns to the task's yaw (in the waypoint task, to the waypoint), and turns along
 with a moving reference. The control law computes a wrench from the missing velocity. Allocation: the
 pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation), scaled down as a whole if a thruster
 would saturate, so that the wrench keeps its direction.

@@ -67,7 +67,7 @@ class MPPIController(Planner):
         """(n, 2) allowed range of z, in m above the waypoint"""
 
     def memory(self) -> dict[str, NDArray[Any]]:
-        """Return `Observer.memory` with the plans and what their draws depend on."""
+        """Return `Observer.memory` with the plans and the counters on which their draws depend."""
         carried = ("episodes", "steps", "plans", "actuators", "depth")
         return {**self.observer.memory(), **{name: getattr(self, name) for name in carried}}
 

@@ -170,7 +170,7 @@ def weights(cost: Floats, control: Floats, temperature: float, control_cost: flo
     Args:
         cost: (n,) S.
         control: (n,) u' Sigma^-1 (v - u).
-        temperature: lambda over the distance from the least to the median cost.
+        temperature: lambda divided by the distance from the least to the median cost.
         control_cost: gamma / lambda.
 
     Returns:

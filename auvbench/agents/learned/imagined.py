@@ -115,7 +115,7 @@ class Returns:
     """The task's own reward of predicted motions, summed with a discount.
 
     Raises:
-        ConfigError: the reward is not a function of the observation, or the task does not observe what it needs.
+        ConfigError: the reward is not a function of the observation, or the task does not observe the numbers that the reward needs.
     """
 
     def __init__(self, config: schema.TrainConfig) -> None:

@@ -1,7 +1,7 @@
 """Create SB3's learners from the configuration, write them as plain files, and check them for NaN.
 
 A run that continued with a NaN would waste its budget and overwrite its last good checkpoint. The worker
-checks the physics.
+checks the environments' observations and rewards.
 """
 
 from __future__ import annotations
@@ -131,8 +131,8 @@ def files(model: BaseAlgorithm, normaliser: VecNormalize) -> dict[str, bytes]:
 
 
 def statistics(normaliser: VecNormalize) -> dict[str, NDArray[np.float64]]:
-    """Return the running statistics of observations and returns as plain arrays; mean 0 and variance 1 if
-    there are none.
+    """Return the running statistics of observations and returns as plain arrays. If observations are not
+    normalised, their mean is 0 and their variance 1.
     """
     returns = normaliser.ret_rms
     observations = RunningMeanStd(shape=normaliser.observation_space.shape or ())

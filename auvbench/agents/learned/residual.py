@@ -1,11 +1,11 @@
-"""Learn residuals: a policy's action is added to a classical controller's, with a limited share.
+"""Learn residuals: a limited share of a policy's action is added to a classical controller's action.
 
     action = clip(base + share * residual, -1, 1)
 
 after Johannink et al. 2019 (arXiv:1812.03201) and Silver et al. 2018 (arXiv:1812.06298). The controller gets
 the same noisy observation as every agent. The learner gets that observation followed by the controller's
-action of this step, to which the learner's action is added. Without it, the effect of a residual would depend
-on the controller's memory, such as PID's integral action, which the learner could not see. This is not an
+action of this step, to which the learner's action is added. Without the controller's action, the effect of a
+residual would depend on the controller's memory, such as PID's integral action, which the learner could not see. This is not an
 additional sensor: the controller computes its action only from observations.
 """
 
@@ -80,7 +80,7 @@ class Base:
         return np.clip(self.action + self.share * bounded, -1.0, 1.0)
 
     def state_dict(self) -> Arrays:
-        """Return copies of what the controller carries from step to step."""
+        """Return copies of the arrays that the controller carries from step to step."""
         memory = {**self._controller.memory(), "action": self.action}
         return {name: array.copy() for name, array in memory.items()}
 
@@ -96,7 +96,7 @@ def _extended(observation: Observations, action: NDArray[np.float64]) -> Observa
 
 
 class ResidualVecEnv(VecEnvWrapper):
-    """Environments as the learner of a residual sees them."""
+    """Environments for the learner of a residual: with extended observations, and with residuals as actions."""
 
     def __init__(self, face: AuvVecEnv, base: Base) -> None:
         space = face.observation_space

@@ -190,7 +190,7 @@ class Follower(BaseCallback):
 
 
 class Scalars(KVWriter):
-    """Output of SB3's logger that passes every scalar to a function, except those excluded from "tensorboard"."""
+    """Output of SB3's logger that passes every scalar to a function, except scalars that are excluded from "tensorboard"."""
 
     def __init__(self, log: Callable[[Mapping[str, float], int], object]) -> None:
         self._log = log

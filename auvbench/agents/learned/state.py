@@ -1,4 +1,4 @@
-"""Capture and restore a Stable-Baselines3 learner, so that the restored one continues with the same bits.
+"""Capture and restore a Stable-Baselines3 learner, so that the restored learner continues with the same bits.
 
 The state is captured at the start of a rollout: then the learner has stored its last transition and updated
 its networks, and has nothing in local variables. `restore` needs a learner that was built in the ordinary way
@@ -135,7 +135,7 @@ def plain(node: Any) -> Any:
     """Return the same values with new containers and interned strings.
 
     The written bytes then depend only on the values. A pickle refers back to objects that it has met before,
-    and a restored optimizer shares other objects than one that was never saved.
+    and a restored optimizer shares other objects than an optimizer that was never saved.
     """
     if isinstance(node, Mapping):
         return {plain(key): plain(value) for key, value in node.items()}

@@ -217,7 +217,7 @@ class Disturbance:
         self.loops["act"](self._rows, *self._own, command, effectiveness)
 
     def push_rows(self, simulator: Any, command: Floats, duration: float) -> None:
-        """Add this disturbance's forces to those on the simulator's vehicles."""
+        """Add this disturbance's forces to the forces on the simulator's vehicles."""
         force, power = simulator.command_force, simulator.power
         motion = simulator.pose, simulator.velocity, command, self.task.previous, force, power
         water = simulator.current.view(CURRENT)[:, 0]

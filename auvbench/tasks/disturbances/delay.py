@@ -97,7 +97,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """The segments of every agent step and how long commands and measurements must be kept."""
+    """The segments of every agent step, and how many commands and measurements must be stored."""
 
     segments: tuple[Segment, ...]
     commands: int  # commands to keep, the newest included; 1 without an action delay

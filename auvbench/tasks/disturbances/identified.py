@@ -1,4 +1,4 @@
-"""Vehicles drawn anew in each episode from the joint covariance that `auvbench identify` wrote into their sheet."""
+"""Draw the vehicle of each episode from the joint covariance that `auvbench identify` wrote into its sheet."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ def make(name: str, settings: DisturbanceConfig, vehicle: VehicleModel, task: Ta
     """Return the disturbance of a package.
 
     Raises:
-        AgentError: it cannot be made.
+        AgentError: the disturbance cannot be created.
     """
     who = owned(f"disturbance.{name}", settings)
     kind = kind_of(name)

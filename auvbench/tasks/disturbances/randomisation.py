@@ -69,7 +69,7 @@ class DrawnVehicles(Disturbance):
         """Check that every vehicle that may be drawn has buoyancy.
 
         Raises:
-            ConfigError: the lightest has none.
+            ConfigError: the lightest vehicle has no buoyancy.
         """
         low, ratio = settings.mass.low, _weight_ratio(vehicle)
         if settings.keep_trim and 1.0 + (low - 1.0) * ratio <= 0.0:

@@ -1,7 +1,7 @@
-"""A tether: a lumped-mass cable from a point at the surface to the vehicle, in the same current.
+"""A tether: a lumped-mass cable from a point at the surface to the vehicle, in the same current as the vehicle.
 
 After von Benzon et al., "An open-source benchmark simulator: control of a BlueROV2 underwater robot" (2022): nodes with the mass of
-the cable, tension in segments that are stretched only, and drag across and along each segment by its velocity through the water.
+the cable, tension only in stretched segments, and drag across and along each segment by its velocity through the water.
 """
 
 from __future__ import annotations
@@ -135,12 +135,12 @@ def step(x: Any, v: Any, w: Record, h: float, p: Record, free: bool) -> Vector:
     """Advance the cable by h s; return the force in N of its end on the vehicle.
 
     Args:
-        x: (NODES, 3) m, world axes.
-        v: (NODES, 3) m/s.
+        x: (NODES, 3) m, positions of the nodes, world axes.
+        v: (NODES, 3) m/s, velocities of the nodes.
         w: current.
-        h: s.
+        h: s, duration of the step.
         p: parameters.
-        free: whether the end hangs free; otherwise it stays where it is.
+        free: whether the end hangs free; otherwise the step does not move it.
     """
     before = tension(x, v, 0, p)
     down = (0.0, 0.0, -p.weight_of_segment)

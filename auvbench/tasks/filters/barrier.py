@@ -33,13 +33,13 @@ class BarrierFilter:
     """Filter of the commands of N vehicles.
 
     Args:
-        config: with `filter=cbf`.
+        config: configuration with `filter=cbf`.
         vehicle: vehicle of all episodes.
         spec: specification of the observation.
         n: number of episodes.
 
     Raises:
-        ConfigError: the vehicle cannot brake in every direction, or the filter sees nothing.
+        ConfigError: the vehicle cannot brake in every direction, or the observation has no rays that show echoes to the filter.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class BarrierFilter:
         return {"filter": self.tallies} | echoes
 
     def columns(self, i: int, steps: int) -> dict[str, float]:
-        """Return the columns of the record of episode i, which has ended after some steps."""
+        """Return the columns that the filter adds to the record of episode i, which has ended after `steps` steps."""
         tally = self.tallies[i] / max(steps, 1)
         return {
             "intervention_share": float(tally[CHANGED]),

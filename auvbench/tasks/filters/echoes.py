@@ -35,7 +35,7 @@ class Echoes:
     """The echoes of N vehicles.
 
     Args:
-        config: with `filter.knows=ranges`.
+        config: configuration with `filter.knows=ranges`.
         spec: specification of the observation.
         n: number of episodes.
 

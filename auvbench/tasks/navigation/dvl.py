@@ -93,11 +93,11 @@ def height_along(p: Record, solids: Any, heights: Any, time: float, origin: Vect
 
     Args:
         p: parameters.
-        solids: what is in the water.
-        heights: m, of terrain.
+        solids: records of the solids in the water.
+        heights: m, heights of terrain.
         time: s since the start of the episode.
-        origin: m, of the beam, world axes.
-        way: its direction, world axes.
+        origin: m, start of the beam, world axes.
+        way: direction of the beam, world axes.
     """
     upright = p.dvl_cosine
     longest = p.dvl_high / upright

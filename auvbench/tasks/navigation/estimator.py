@@ -35,7 +35,7 @@ class Navigation:
     the end of an agent step, when the task has advanced.
 
     Args:
-        config: with an estimator and its sensors.
+        config: configuration with an estimator and its sensors.
         vehicle: vehicle of all episodes.
         task: task of the episodes.
     """

@@ -225,13 +225,13 @@ def _numbers(prefix: str, sensor: Any) -> Mapping[str, float]:
 
 @called
 def normals(e: Record, d: Record, stream: int, block: int) -> Quaternion:
-    """Return four standard normal numbers of the present sample; each `block` has its own."""
+    """Return four standard normal numbers of the present sample; each `block` has its own numbers."""
     return normal4(e.seed, NAVIGATION | stream, block, d.samples, e.episode, e.environment)
 
 
 @called
 def uniforms(e: Record, d: Record, stream: int, block: int) -> Quaternion:
-    """Return four uniform numbers in (0, 1) of the present sample; each `block` has its own."""
+    """Return four uniform numbers in (0, 1) of the present sample; each `block` has its own numbers."""
     return uniform4(e.seed, NAVIGATION | stream, block, d.samples, e.episode, e.environment)
 
 

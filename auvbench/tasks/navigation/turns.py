@@ -55,7 +55,7 @@ def half(q: Quaternion) -> Quaternion:
 
 @inline
 def vector_of(q: Quaternion) -> Vector:
-    """Return the vector of a rotation by less than half a turn: the inverse of `turn`."""
+    """Return the rotation vector in rad of a rotation by less than half a turn; the inverse of `turn`."""
     w, x, y, z = q
     squared = x * x + y * y + z * z
     if squared < 0.25 * SMALL:  # series of the arcsine, to the last bit but one

@@ -1,6 +1,7 @@
 """Range sensors: blocks of an observation that measure the solids of a world.
 
-`base` has what all sensors share, each other file is one, and `installed` makes the sensors of a task.
+`base` has the common parts of all sensors, `specs` describes their blocks, `beams` computes rays, and `installed` makes the sensors of a
+task. Each other file is one sensor or the ideal map `solids`.
 """
 
 from __future__ import annotations

@@ -54,11 +54,11 @@ def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: 
 
     Args:
         scene: solids and the vehicle's pose.
-        rotation: from the axes of the rays to the world's.
+        rotation: rotation from the axes of the rays to world axes.
         rays: (k, 3) unit vectors; first .. stop - 1 are used.
         first: index of the first ray.
         stop: index after the last ray.
-        longest: m.
+        longest: m, largest distance.
     """
     solids = scene.solids[: scene.n_solids]
     here = scene.time, scene.position
@@ -67,13 +67,13 @@ def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: 
 
 @row
 def draws(e: Record, p: Record, stream: int, block: int) -> tuple[float, float, float, float]:
-    """Return four draws in (0, 1) of a sensor in this step; each `block` has its own."""
+    """Return four draws in (0, 1) of a sensor in this step; each `block` has its own draws."""
     return uniform4(e.seed, RANGE | stream, p.channel + block, e.steps, e.episode, e.environment)
 
 
 @row
 def normal(u: float, v: float) -> float:
-    """Return a standard normal number from two uniform ones (Box and Muller, 1958)."""
+    """Return a standard normal number from two uniform numbers (Box and Muller, 1958)."""
     return float(math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v))
 
 

@@ -1,4 +1,4 @@
-"""Directions of the rays of a range sensor, for code that compiles nothing."""
+"""Compute the directions of a range sensor's rays. This module imports no compiled code."""
 
 from __future__ import annotations
 

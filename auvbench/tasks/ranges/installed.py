@@ -19,7 +19,7 @@ class Sensors:
 
     Args:
         names: sorted names of the sensors' blocks.
-        config: with a world that has solids.
+        config: configuration with a world that has solids.
         n: number of episodes.
         shared: parameters of every task, by name.
     """

@@ -21,10 +21,10 @@ class Episode(NamedTuple):
     goal: Floats  # (3,) m
     key: Key  # key of its draws
     line: Floats | None = None
-    """(k, 3) m, path of the task; None: the task has none, or the world does not follow it"""
+    """(k, 3) m, path of the task; None: the task has no path, or the world does not depend on it"""
 
     def draws(self, block: int) -> tuple[float, float, float, float]:
-        """Return four numbers in (0, 1); each `block` has its own."""
+        """Return four random numbers in (0, 1); each `block` has its own numbers."""
         seed, stream, episode, environment = self.key
         return uniform4(seed, stream, block, 0, episode, environment)
 
@@ -33,7 +33,7 @@ class World:
     """One world.
 
     Args:
-        settings: configuration, of the schema of its spec.
+        settings: configuration, with the schema of the world's spec.
         depth_low: m, the lower depth limit of the task, a negative number.
         radius: m, of the vehicle's hull.
     """

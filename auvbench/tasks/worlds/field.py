@@ -1,4 +1,4 @@
-"""Spheres, cylinders and boxes between start and goal, through which a way leads."""
+"""Spheres, cylinders and boxes between start and goal, with a free way between them."""
 
 from __future__ import annotations
 

@@ -16,9 +16,9 @@ from auvbench.worlds.kinds import Floats, Solids
 from auvbench.worlds.solids import capsule
 
 MOST = 256
-"""pieces of the pipe"""
+"""Largest number of pieces of the pipe"""
 FINE = 0.5
-"""m between the points of a course before it is cut into pieces"""
+"""m, distance between the points of a course before the course is cut into pieces"""
 
 
 class PipelineWorld(RoughWorld):

@@ -38,7 +38,7 @@ class Surroundings:
     """The world of each of N episodes.
 
     Args:
-        config: with a world that has solids.
+        config: configuration with a world that has solids.
         vehicle: vehicle of all episodes.
         n: number of episodes.
     """

@@ -125,7 +125,7 @@ class CheckpointStore:
         return checkpoint
 
     def peek(self) -> Checkpoint | None:
-        """Return the same as `latest_valid`, but remove nothing."""
+        """Return the same checkpoint as `latest_valid`, but remove nothing."""
         return self._find()[0]
 
     def _find(self) -> tuple[Checkpoint | None, list[int]]:

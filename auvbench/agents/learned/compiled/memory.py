@@ -132,8 +132,9 @@ class Networks(Trained):
 
         Args:
             x: inputs (n, d).
-            training: whether to normalise by the batch and count it; otherwise use the running statistics.
-            first: number of networks to use, from the first on; not while training.
+            training: whether to normalise by the batch, and to count the batch in the running statistics; otherwise
+                normalise by the running statistics.
+            first: number of networks to use, from the first on; not for training.
         """
         mode, momentum = RUNNING, 0.0
         if training and self._renorms[0]:

@@ -20,8 +20,8 @@ Sizes = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 RUNNING, BATCH, RENORM = 0, 1, 2
-"""Statistics for normalising: running; the batch's, during the warm-up; the batch's, corrected towards the
-running ones.
+"""Statistics by which inputs are normalised: the running statistics; the batch's statistics, during the warm-up;
+or the batch's statistics, corrected towards the running statistics.
 """
 SMALL = 1e-3
 """sb3-contrib's epsilon of the variance."""
