@@ -313,11 +313,11 @@ class FormationTask(TrajectoryTrackingTask):
             "edges",
             "f8",
             (MOST,),
-        ),  # m^2, sums of the squared errors of the positions relative to later vehicles
+        ),  # m^2, sums of the squared errors of the positions relative to the vehicles after this one in the team
         ("separation", "f8"),  # m, smallest distance between two vehicles so far; in the first row of a team
         ("collided", "i8"),  # 1: two vehicles collided; in the first row of a team
         ("said", "f8", (6,)),  # m and m/s, world axes: position and velocity in the vehicle's last message
-        ("said_at", "f8"),  # s, when its sending began; -1: never
+        ("said_at", "f8"),  # s, time at which the sending of the last message began; -1: never
         ("heard", "f8", (MOST, 6)),  # last message of each vehicle that arrived
         ("heard_at", "f8", (MOST,)),  # s
         ("age_sum", "f8"),  # s, sum of the ages of the messages over steps and vehicles

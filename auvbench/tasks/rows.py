@@ -53,7 +53,7 @@ class Vehicle(NamedTuple):
     velocity: Vector  # m/s, body axes (forward, port, up)
     rates: Vector  # rad/s, body axes
     action: Floats  # (n_u,) in [-1, 1], of this step
-    previous: Floats  # (n_u,) of the step before
+    previous: Floats  # (n_u,) action of the previous step
     force: Floats  # (n_u,) commanded force before lag and faults, N; 0 for actuators that are not thrusters
     power: float  # W
 

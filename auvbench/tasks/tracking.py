@@ -183,7 +183,7 @@ def correct(b: Record, here: Vector, distance: float, late: float, variance: flo
     ux, uy = dx / h, dy / h
     g0, g1 = gain(b, 0, ux, uy, late), gain(b, 1, ux, uy, late)
     g2, g3 = gain(b, 2, ux, uy, late), gain(b, 3, ux, uy, late)
-    # Second-order terms: half the traces of M and M M, with M the Hessian of the range times the covariance of that place.
+    # Second-order terms: half the traces of M and M M, with M the Hessian of the range times the position's covariance.
     xx = P[0, 0] - 2.0 * late * P[0, 2] + late * late * P[2, 2]
     yy = P[1, 1] - 2.0 * late * P[1, 3] + late * late * P[3, 3]
     xy = P[0, 1] - late * (P[0, 3] + P[1, 2]) + late * late * P[2, 3]
@@ -321,10 +321,10 @@ class TargetTrackingTask(TrajectoryTrackingTask):
     hidden = True
     fields = (
         *TrajectoryTrackingTask.fields,
-        ("angle", "f8"),  # rad, where the circle round the target begins
-        ("target", "f8", (3,)),  # m, the true one
+        ("angle", "f8"),  # rad, angle at which the circle round the target begins
+        ("target", "f8", (3,)),  # m, true position of the target
         ("farthest", "f8"),  # m, largest distance to the target so far
-        ("estimate", "f8", (STATES,)),  # m and m/s, believed level place and velocity of the target
+        ("estimate", "f8", (STATES,)),  # m and m/s, estimated horizontal position and velocity of the target
         ("covariance", "f8", (STATES, STATES)),
         ("depth", "f8"),  # m, z of the target in the last ping
         # x, y (m), height of the target (m), range (m), time (s); the newest first

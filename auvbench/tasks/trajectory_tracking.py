@@ -172,7 +172,7 @@ class TrajectoryTrackingTask(TrackingTask):
     step = staticmethod(step)
     preview_row = staticmethod(preview_row)
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = (
-        # Of the curve, per axis.
+        # Parameters of the curve, per axis.
         ("centre", "f8", (3,)),  # m
         ("slope", "f8", (3,)),
         ("amplitude", "f8", (3, SINES)),  # m
@@ -182,7 +182,7 @@ class TrajectoryTrackingTask(TrackingTask):
         (
             "behind",
             "f8",
-        ),  # sum of the position error along the velocity of the reference, over its speed, in s
+        ),  # s, sum over steps of the position error along the reference's velocity, divided by its speed
     )
     reference_columns: ClassVar[tuple[str, ...]] = (
         *fingerprint.COLUMNS,

@@ -70,7 +70,7 @@ class ADRCController(Cascade):
         return wrench
 
     def after(self, miss: Floats, scale: Floats) -> None:
-        # The weight that thrust carries is a part of what saturation scales.
+        # Saturation also scales the thrust that carries the vehicle's weight.
         carried = np.zeros(4)
         carried[HEAVE] = self.lift
         applied = (self._wrench - carried) * scale[:, None] + carried

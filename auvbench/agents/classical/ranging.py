@@ -176,7 +176,7 @@ class FreeWayGuidance:
         # The vehicle moves where its sonar looks: it first turns.
         speed = speed * np.maximum(np.cos(course), 0.0) ** 2
         level = speed[:, None] * np.stack([np.cos(course), np.sin(course)], axis=1)
-        # It rises and sinks only as it moves on: a beam shows little of what is above and below.
+        # The vehicle climbs and sinks only while it moves ahead: a beam shows little above and below it.
         climb = np.clip(error[:, 2] / np.maximum(to_goal, NEAR) * speed, -FASTEST_CLIMB, FASTEST_CLIMB)
         self.course = course
         return np.concatenate([level, climb[:, None]], axis=1), course

@@ -45,11 +45,11 @@ TILT_WEIGHT = 5.0
 """m2 per squared sine of the tilt: cost of roll and pitch if the task has its own yaw"""
 
 PRICES = record(
-    position=(),  # of the distance in m, squared below 1 m
-    spin=(),  # s2 m, of squared roll and pitch rates
-    turn=(),  # s2 m, of the squared yaw rate
-    effort=(),  # of squared thrust as a share of the range
-    change=(),  # of its squared change
+    position=(),  # weight of the distance in m, squared below 1 m
+    spin=(),  # s2 m, weight of squared roll and pitch rates
+    turn=(),  # s2 m, weight of the squared yaw rate
+    effort=(),  # weight of the squared thrust, as a share of the range
+    change=(),  # weight of the squared change of thrust, as a share of the range
     yaw=(),  # m2
     tilt=(),  # m2
     depth=(),  # 1/m

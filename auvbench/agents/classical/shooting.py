@@ -206,7 +206,7 @@ class Program:
         H = np.zeros((n + 1, n + 1))
         g = np.zeros(n + 1)
         # Roll and pitch rates have a cost, so that a plan does not tumble through attitudes that the filter would
-        # lose; so has the yaw rate where no task asks for a yaw: a light vehicle would spin as it flies.
+        # lose. The yaw rate has a cost if the task has no yaw of its own: a light vehicle would spin as it moves.
         spun = slice(10, 13 if plan.yaw is None else 12)
         spin = np.sqrt(self.spin_weight) * S[1:, spun].reshape(-1, n)
         rates = np.sqrt(self.spin_weight) * (plan.X[spun, 1:].T + d[1:, spun]).ravel()
@@ -220,7 +220,7 @@ class Program:
             value, slope = self._nearness(plan, plan.solids, S, d)
             H[:n, :n] += self.clearance_weight * slope.T @ slope
             g[:n] += self.clearance_weight * slope.T @ value
-        # Thrust and its changes, block by block; each block starts where it was.
+        # Costs of thrust and of its changes from block to block. The variables are changes of the blocks' present thrusts.
         U = plan.U[:, self._first] / self.scale[:, None]
         applied = plan.applied / self.scale
         for b, length in enumerate(BLOCKS):

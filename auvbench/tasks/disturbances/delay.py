@@ -38,7 +38,7 @@ class DeadTime(Disturbance):
             (self.schedule.measurements if task.reads_velocity else 0, task.n, 6)
         )
         """Ring (k, n, 6) of the last measured velocities; empty if the task does not observe velocities"""
-        self.clock: NDArray[np.int64] = np.zeros((), dtype=np.int64)  # steps of the batch
+        self.clock: NDArray[np.int64] = np.zeros((), dtype=np.int64)  # number of steps of the batch
 
     def begin(self, indices: NDArray[np.int64], simulator: Simulator) -> None:
         """Fill the rings of new episodes: no command, and the start pose."""
@@ -91,7 +91,7 @@ class Segment:
     """A part of an agent step during which one command acts."""
 
     duration: float  # s
-    age: int  # of the acting command, in agent steps: 0 is the command of this step
+    age: int  # age of the acting command in agent steps; 0: the command of this step
     measure: bool  # a measurement is taken at its end
 
 
@@ -129,7 +129,7 @@ def schedule(frequency: float, action: float, observation: float) -> Schedule:
     late, begins = split(action, frequency)  # the command of `late` steps ago begins to act at `begins`
     old, before_end = split(observation, frequency)
     measured = old > 0 or before_end > 0.0
-    taken = 1.0 - before_end  # within a step, when it is measured
+    taken = 1.0 - before_end  # time of the measurement, as a share of a step
     if abs(taken - begins) < TOLERANCE:
         taken = begins  # one cut, not two with nothing between
     cuts = sorted({0.0, begins, taken, 1.0})

@@ -20,7 +20,7 @@ HEALTHY = 0
 DEAD = 1
 WEAK = 2
 STUCK = 3
-ANY = 4  # in the parameters only: one of the three, evenly drawn
+ANY = 4  # only in the parameters: one of the three modes is drawn with equal probability
 MODES = ("none", "dead", "weak", "stuck", "any")
 
 
@@ -73,7 +73,7 @@ class ActuatorFault(Disturbance):
     draw = staticmethod(draw)
     act = staticmethod(act)
     fields = (
-        ("mode", "i8"),  # HEALTHY or what fails
+        ("mode", "i8"),  # HEALTHY, or the kind of fault
         ("actuator", "i8"),
         ("begin", "i8"),  # agent step with which the fault begins
         ("begun", "i8"),  # 1 once it has

@@ -64,7 +64,7 @@ class Work(NamedTuple):
     slope: Floats  # (s,) derivatives of the reading
     gain: Floats  # (s,)
     shared: Floats  # (s,) P times the derivatives
-    change: Floats  # (s,) of the states
+    change: Floats  # (s,) change of the states
     innovation: Floats  # (3, s), covariance of a position's innovation in the first columns
 
 

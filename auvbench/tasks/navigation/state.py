@@ -56,19 +56,19 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("dvl_scale", "f8"),
     ("mounting", "f8", _V),  # rad
     ("burst", "i8"),  # 1: in a burst without lock
-    ("dvl_period", "f8"),  # s to the next ping
+    ("dvl_period", "f8"),  # s, from the last ping to the next one
     ("on_water", "i8"),  # 1: the last ping is relative to the water
-    ("beams", "i8"),  # valid beams of the last ping
+    ("beams", "i8"),  # number of valid beams of the last ping
     ("valid", "i8", (4,)),  # 1: the beam is valid
     ("beam_velocity", "f8", _Q),  # m/s, measured
     ("dvl_velocity", "f8", _V),  # m/s, measured, body axes at the DVL
-    ("predicted_velocity", "f8", _V),  # m/s, of the estimate at the ping
+    ("predicted_velocity", "f8", _V),  # m/s, velocity that the estimate predicts for the last ping
     ("altitude", "f8"),  # m, measured; 0: none
     # Depth and heading
     ("depth_scale", "f8"),
     ("depth_offset", "f8"),  # m
-    ("wave_variance", "f8"),  # m2, of the waves' pressure at the depth
-    ("wave_readings", "f8"),  # readings that share its error
+    ("wave_variance", "f8"),  # m2, variance of the height by the waves' pressure
+    ("wave_readings", "f8"),  # number of readings that share the error of the waves
     ("height", "f8"),  # m, measured z
     ("predicted_height", "f8"),
     ("heading_bias", "f8"),  # rad
@@ -76,34 +76,34 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("hard_iron_phase", "f8"),  # rad
     ("soft_iron", "f8"),  # rad, amplitude of two cycles per turn
     ("soft_iron_phase", "f8"),
-    ("thruster_iron", "f8"),  # rad, alike, by the thrusters' present current
+    ("thruster_iron", "f8"),  # rad, amplitude of one cycle per turn by the thrusters' present current
     ("thruster_phase", "f8"),
     ("heading", "f8"),  # rad, measured
     ("predicted_heading", "f8"),
     # Positions
-    ("alignment", "f8"),  # rad, of the USBL's head about the vertical
+    ("alignment", "f8"),  # rad, misalignment of the USBL's head about the vertical
     ("usbl_burst", "i8"),  # 1: in a burst without positions
-    ("ping_time", "f8"),  # s, of the USBL's last ping that is answered
+    ("ping_time", "f8"),  # s, time of the USBL's last answered ping
     ("fix", "f8", _V),  # m, measured by the USBL
-    ("ping_position", "f8", _V),  # m, what the estimate says now of the position at that ping
+    ("ping_position", "f8", _V),  # m, present estimate of the position at that ping
     ("gnss_offset", "f8", (2,)),  # m
     ("gnss_fix", "f8", (2,)),  # m, measured
     # Ranges of messages
     ("turn", "i8"),  # number of turns that have begun
-    ("speaker", "i8"),  # index in the team of the vehicle that spoke in the last one
-    ("sent", "f8"),  # s, of the last message of a beacon that is heard
+    ("speaker", "i8"),  # index in the team of the vehicle that speaks in the last turn
+    ("sent", "f8"),  # s, sending time of the last message that is heard from a beacon
     ("measured_range", "f8"),  # m
-    ("range_position", "f8", _V),  # m, what the estimate says now of the own position when it was sent
-    ("beacon", "f8", _V),  # m, the beacon's estimate of its position then
-    ("stated", "f8", (3, 3)),  # m2, its covariance
-    ("beacon_sent", "f8", (MOST,)),  # s, of the last range to each beacon; -1: none
-    # Of each sensor
-    ("due", "f8", _S),  # s, of the next measurement
-    ("arrives", "f8", _S),  # s
-    ("stamp", "f8", _S),  # s, of the last valid reading that arrived
-    ("rejected", "i8", (32,)),  # readings that failed the gate in a row: four parts of each
+    ("range_position", "f8", _V),  # m, present estimate of the own position at that time
+    ("beacon", "f8", _V),  # m, the beacon's estimate of its own position at that time
+    ("stated", "f8", (3, 3)),  # m2, covariance of the beacon's estimate
+    ("beacon_sent", "f8", (MOST,)),  # s, sending time of the last range to each beacon; -1: none
+    # Values of each sensor
+    ("due", "f8", _S),  # s, time of the next measurement
+    ("arrives", "f8", _S),  # s, arrival time of the reading under way
+    ("stamp", "f8", _S),  # s, measuring time of the last valid reading that arrived
+    ("rejected", "i8", (32,)),  # number of readings in a row that failed the gate; four parts of each sensor
     ("nis", "f8", _S),  # sum of normalised innovations squared
-    ("innovations", "f8", _S),  # their number
+    ("innovations", "f8", _S),  # number of these innovations
     # Estimate
     ("position", "f8", _V),
     ("velocity", "f8", _V),  # m/s, world axes
@@ -111,18 +111,18 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("acceleration_bias", "f8", _V),
     ("rate_bias", "f8", _V),
     ("current", "f8", (2,)),  # m/s, world axes
-    ("scale", "f8"),  # error of the DVL
-    ("bias", "f8"),  # rad, of the compass
+    ("scale", "f8"),  # error of the DVL's scale
+    ("bias", "f8"),  # rad, constant error of the compass
     ("water_velocity", "f8", _V),  # m/s, body axes: the last velocity of dead reckoning
     ("elapsed", "f8"),  # s since the covariance was propagated
-    ("force_sum", "f8", _V),  # m/s, integral of the specific force in world axes since then
-    ("rotation_sum", "f8", (9,)),  # s, integral of the rotation matrix since then
+    ("force_sum", "f8", _V),  # m/s, integral of the specific force in world axes over `elapsed`
+    ("rotation_sum", "f8", (9,)),  # s, integral of the rotation matrix over `elapsed`
     ("diverged", "i8"),  # 1: the estimate stands still
     # Metrics
-    ("error", "f8"),  # m, of the position at the last step
+    ("error", "f8"),  # m, position error at the last step
     ("error_squared_sum", "f8"),  # m2
     ("counted", "f8"),
-    ("nees", "f8"),  # sum over steps, of the position
+    ("nees", "f8"),  # sum over steps of the position's normalised estimation error squared
     ("unlocked", "f8"),  # s without bottom lock
 )
 """Fields of `d`, the record of an episode's sensors and estimate"""
@@ -158,10 +158,10 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
     states = modem_state + (0 if modem is None else 3)
     return {
         "states": states,
-        "current_end": current_end,  # state after those of the current
-        "scale_state": current_end if scaled else 0,  # 0: it is not a state
+        "current_end": current_end,  # index after the states of the current
+        "scale_state": current_end if scaled else 0,  # 0: the scale is not a state
         "bias_state": current_end + scaled if biased else 0,
-        "ping_state": 0 if usbl is None else modem_state - 3,  # 0: there is no USBL
+        "ping_state": 0 if usbl is None else modem_state - 3,  # 0: the vehicle has no USBL
         "modem_state": 0 if modem is None else modem_state,
         "beacons": 0 if modem is None else modem.beacons,
         "modem_noise": 0.0 if modem is None else modem.noise,

@@ -14,8 +14,8 @@ from auvbench.tasks.rows import Floats, Vehicle, row
 from auvbench.worlds.casting import nearest_surface
 
 HULL = record(
-    radius=(),  # m, of its spheres
-    first=(),  # m, x of the centre of the first in body axes
+    radius=(),  # m, radius of the hull's spheres
+    first=(),  # m, x of the first sphere's centre in body axes
     spacing=(),  # m between centres along x
     count=np.int64,
     near=(),  # m, clearance below which time is counted
@@ -38,7 +38,7 @@ def touch(e: Record, v: Vehicle, p: Record, solids: Any, heights: Floats, hull: 
     least = math.inf
     for k in range(hull.count):
         centre = add(v.position, product(rotation, (hull.first + k * hull.spacing, 0.0, 0.0)))
-        # What is farther than this changes nothing.
+        # Solids farther away change nothing.
         longest = max(e.clearance, hull.near) + hull.radius
         distance, index, _ = nearest_surface(solids[: e.solids], heights, time, centre, longest)
         least = min(least, distance - hull.radius)
