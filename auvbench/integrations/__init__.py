@@ -1,7 +1,7 @@
-"""Name the integrations: what talks to foreign systems, each in a folder of its own.
+"""Register the integrations, which connect auvbench to foreign systems; each has its own folder.
 
-An integration enters as an installed package does, by the specs that are named here. Without the folders and the lines below, the
-core works; some integrations use others.
+An integration is registered by its specs, as an installed package is. The core works without these folders and the lines below.
+Some integrations use other integrations.
 """
 
 from __future__ import annotations
@@ -23,22 +23,24 @@ REGISTERED: dict[str, dict[str, str]] = {
         "mlflow": f"{_HERE}.tracking.spec:mlflow",
     },
 }
-"""Names of the integrations' specs by kind, as in `auvbench.registry`."""
+"""Import path of each integration's spec, by kind and name, as in `auvbench.registry`."""
 LOGS: dict[str, tuple[str, str]] = {
     ".bin": ("ArduSub's .BIN", f"{_HERE}.mavlink.dataflash:read"),
     ".tlog": (".tlog", f"{_HERE}.mavlink.tlog:read"),
     "metadata.yaml": ("folders of ROS 2 bags", f"{_HERE}.ros2.bags:read"),
 }
-"""Logs by the ending of a file, or by a file that the log's folder contains: what help calls them, and the reader, which takes the path
-and the names of the thrusters in the order of an autopilot's motors.
+"""Log formats by the ending of a file, or by the name of a file in the log's folder.
+
+Each value is the format's name in help texts and its reader. A reader takes the path of the log and the names of the thrusters in
+the order of an autopilot's motors.
 """
 USED = (f"{_HERE}.gazebo.bindings", f"{_HERE}.ros2.simulator", f"{_HERE}.ardusub.radio")
 """Modules whose function `used` returns the versions of the foreign programs that this process uses."""
 JOBS = (f"{_HERE}.cluster.job:name",)
-"""Functions that return the name of the cluster's job that contains this process, or None."""
+"""Functions that return the name of the cluster job in which this process runs, or None."""
 FIGURES = {"gazebo": f"{_HERE}.gazebo.figure:draw"}
 """Figures of a report by file name, each a function as in `auvbench.reporting.figures`."""
 EXPORTS = (f"{_HERE}.gazebo.export",)
-"""Modules that write a vehicle for a foreign program: `add_options` adds options to `auvbench vehicles`, EXAMPLE shows one, and
-`write` returns whether one was chosen.
+"""Modules that write a vehicle for a foreign program. In each module `add_options` adds options to `auvbench vehicles`, `EXAMPLE` is an
+example command, and `write` writes the files and returns whether the options ask for them.
 """

@@ -1,8 +1,8 @@
 """Let ArduSub's own modes steer, in lock-step with the embedded physics (`algo=ardusub`).
 
 ArduSub changes its PWM hundreds of times in an agent step. The agent therefore has its own simulator for its
-tests: the embedded one, with steps as long as every agent's, in which each packet from ArduSub advances the
-vehicle. The agent gives orders once per agent step, from the same observation as all agents: a target in mode
+tests: the embedded simulator, in which each packet from ArduSub advances the vehicle. An agent step is as long
+as for all agents. The agent gives orders once per agent step, from the same observation as all agents: a target in mode
 GUIDED, or a pilot's sticks in POSHOLD and ALT_HOLD. All other information comes from ArduSub's own sensors,
 which ArduSub simulates from the true motion. With an estimator (`navigation=ekf`) the observation is its estimate, and
 ArduSub gets the pings of the vehicle's DVL, if it has one, in place of GPS.
@@ -90,7 +90,7 @@ class ArduSubAgent:
         self._estimate.reset(len(episodes))
 
     def act(self, observation: Observations) -> Actions:
-        """Order ArduSub towards the reference; return its present outputs (1, n_u) in [-1, 1].
+        """Order ArduSub to go to the reference; return ArduSub's present outputs (1, n_u) in [-1, 1].
 
         Raises:
             ConfigError: the environment does not use the agent's own simulator.
@@ -212,7 +212,9 @@ class Piloted(FossenSimulator):
         self.outputs[0, self._motors.order] = np.clip(share * self._motors.signs, -1.0, 1.0)
 
     def step(self, command: ArrayLike, duration: float) -> None:
-        """Advance by `duration` s under ArduSub's PWM; `command` is 0 for a thruster that a fault has killed.
+        """Advance by `duration` s under ArduSub's PWM; a thruster with effectiveness 0 gets the command 0.
+
+        `command` is not used.
 
         Afterwards `command_force` and `power` are means over the step.
 

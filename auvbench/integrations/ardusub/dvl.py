@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 NO_GPS = {"SIM_GPS1_ENABLE": 0.0}
 EXTERNAL = {"VISO_TYPE": 1.0, "EK3_SRC1_POSXY": 6.0, "EK3_SRC1_VELXY": 6.0, "EK3_SRC1_POSZ": 1.0}
-"""horizontal motion from MAVLink's messages, height from the pressure sensor"""
+"""parameters by which ArduSub takes horizontal motion from MAVLink messages, and height from the pressure sensor"""
 WORST = 0.4
-"""m/s, figure of merit with a confidence of 0"""
+"""figure of merit of a ping, in m/s, from which on the confidence is 0"""
 
 
 def parameters(config: schema.TrainConfig) -> dict[str, float]:
-    """Return ArduSub's parameters for the sensors of a configuration; none without an estimator."""
+    """Return ArduSub's parameters for the sensors of a configuration; an empty dictionary without an estimator."""
     sensors = config.sensors
     if not sensors.names():
         return {}
@@ -37,7 +37,7 @@ def parameters(config: schema.TrainConfig) -> dict[str, float]:
 
 
 def check(config: schema.TrainConfig, mode: str) -> None:
-    """Raise ConfigError if a mode needs sensors that ArduSub does not get."""
+    """Raise ConfigError if ArduSub cannot get a configured sensor, or if a mode needs sensors that ArduSub does not get."""
     sensors = config.sensors
     names = sensors.names()
     if unread := [name for name in ("usbl", "gnss") if name in names]:
@@ -64,7 +64,7 @@ class Forwarder:
         self._seen = 0.0
 
     def forward(self, radio: Radio) -> None:
-        """Send a valid ping to the bottom that has arrived since the last call."""
+        """Send the newest bottom ping to ArduSub if it is valid and has arrived since the last call."""
         d = self._state
         measured = float(d.stamp[DVL])
         if d.beams < ENOUGH or d.on_water or measured <= self._seen:

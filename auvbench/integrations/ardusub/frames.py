@@ -26,7 +26,7 @@ NEUTRAL, LOW, HIGH = 1500, 1100, 1900
 MOT_PWM_MAX)
 """
 SHORTEST, LONGEST = 1000, 2000
-"""shortest and longest pulse in us; ArduPilot's own model ignores others"""
+"""bounds in us of the pulses that drive a motor, both excluded; ArduPilot's own model ignores all other pulses"""
 VOLTAGE = 16.0
 """supply voltage of the T200's measurement"""
 MOST = 12
@@ -89,12 +89,12 @@ FRAMES = {
         ),
     )
 }
-"""frames by name whose motors can be matched by direction of thrust; FRAME_CONFIG 1 is ArduSub's default"""
+"""frames by name whose motors `motors_of` can match to thrusters by direction; FRAME_CONFIG 1 is ArduSub's default"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motors:
-    """Thrusters of a vehicle as ArduSub's motors 1, 2, ..., which are on the channels of the same numbers."""
+    """Thrusters of a vehicle in the order of ArduSub's motors 1, 2, ...; motor i is on channel i."""
 
     vehicle: VehicleModel
     frame: Frame | None
@@ -120,13 +120,13 @@ class Motors:
 
 
 def driven(pwm: ArrayLike) -> NDArray[np.bool_]:
-    """Return whether each channel (...) has an ESC's pulse."""
+    """Return (...) whether each channel's PWM in us is a pulse that drives a motor."""
     pulses = np.asarray(pwm)
     return np.asarray((pulses > SHORTEST) & (pulses < LONGEST))
 
 
 def driven_pulse(pwm: int) -> bool:
-    """Return whether one channel has an ESC's pulse, without arrays."""
+    """Return whether one channel's PWM in us drives a motor; as `driven`, without arrays."""
     return SHORTEST < pwm < LONGEST
 
 
@@ -151,8 +151,8 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
             sheet's direction; None matches a frame by direction of thrust.
 
     Raises:
-        ConfigError: the vehicle has other or too many actuators, fits no frame, or `given` is not an order of
-            its thrusters.
+        ConfigError: the vehicle has actuators other than thrusters, has too many thrusters, or fits no frame;
+            or `given` does not name each thruster once.
     """
     if vehicle.others:
         raise ConfigError(
@@ -176,9 +176,7 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
 
 
 def _matched(vehicle: VehicleModel, frame: Frame) -> tuple[tuple[int, ...], tuple[float, ...]] | None:
-    """Return the order and signs with which the thrusters push as the frame's motors do; None if they do not
-    match.
-    """
+    """Return the order and signs that match the thrusters to the frame's motors; None if they do not match."""
     columns = vehicle.allocation.T
     if len(columns) != frame.motors:
         return None

@@ -30,7 +30,7 @@ NORTH = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 
 _BUOYANCY = SCALES.index("buoyancy")
 _STRONGER = 1.05
-"""factor on a T200's force at 16 V up to which a thruster counts as a T200, since sheets round its thrust"""
+"""largest ratio of a thruster's force to a T200's at 16 V with which it counts as a T200; sheets round the thrust"""
 _FIRST = np.zeros(1, dtype=np.int64)
 
 
@@ -80,10 +80,10 @@ class Physics:
         pulses = np.repeat(np.arange(LONGEST + 1)[:, None], len(self.motors.order), axis=1)
         commands = physical(self.motors.forces(pulses, thrust, voltage))
         self._commands = [commands[:, a].tolist() for a in self.motors.order]
-        """for each motor, the simulator's command by PWM"""
+        """simulator's command for each motor (first index) and PWM in us (second index)"""
         self._command = np.zeros((1, len(self.vehicle.units)))
         self._height = (self.vehicle.buoyancy / (self.vehicle.density * self.vehicle.gravity)) ** (1.0 / 3.0)
-        """edge length in m of a cube that displaces as much water; the part above the surface is computed with it"""
+        """edge length in m of a cube with the vehicle's displaced volume; gives the share of the vehicle above the surface"""
         self._center = self.vehicle.center_of_buoyancy.tolist()
         self._sensors = Sensors(self.simulator, voltage)
         self.reset()
@@ -147,7 +147,7 @@ class Physics:
 
 
 def _check_t200(motors: Motors) -> None:
-    """Reject thrusters that are far stronger than the T200 whose curve would drive them."""
+    """Reject a vehicle whose strongest thruster far exceeds a T200, whose curve would set its force."""
     most = float(np.max(np.abs(motors.vehicle.force_limits)))
     strongest = float(t200_table()["force_N"][-1])
     if most > _STRONGER * strongest:

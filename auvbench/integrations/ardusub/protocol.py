@@ -12,9 +12,9 @@ from dataclasses import dataclass
 PORT = 9002
 """UDP port of the physics for ArduPilot's instance 0"""
 PORT_STEP = 10
-"""difference between the ports of two instances"""
+"""difference between the ports of two consecutive instances"""
 SLOWEST = 10
-"""lowest frame rate in Hz: ArduPilot ignores steps of 0.1 s and more"""
+"""frame rate in Hz that a packet must exceed: ArduPilot ignores steps of 0.1 s or longer"""
 CHANNELS = {18458: 16, 29569: 32}
 """number of PWM channels of a packet, by its magic number"""
 
@@ -33,7 +33,7 @@ class Packet:
     """Packet that ArduSub sends for each step."""
 
     frame_rate: int
-    """rate in Hz; the step lasts its reciprocal"""
+    """number of steps per second of simulated time, Hz"""
     frame_count: int
     """number of replies that ArduSub has received since its start"""
     pwm: tuple[int, ...]

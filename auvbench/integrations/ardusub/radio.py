@@ -36,7 +36,7 @@ def used() -> dict[str, str]:
 
 
 class Radio:
-    """One end of a MAVLink connection over UDP; the other end is an ArduSub that was started with its port.
+    """One end of a MAVLink connection over UDP. The other end is an ArduSub that was started with the port of `socket`.
 
     Args:
         path: path of ArduSub's program, for errors.
@@ -135,7 +135,7 @@ class Radio:
         """Send a target of mode GUIDED.
 
         Args:
-            offset: offset in m from the vehicle: ahead, starboard and down, level.
+            offset: offset in m from the vehicle, in level axes: ahead, starboard, down.
             yaw: yaw in rad from north to starboard.
             velocity: velocity of the target in m/s, in the same axes.
         """
@@ -151,13 +151,13 @@ class Radio:
         rates: tuple[float, float, float],
         confidence: float,
     ) -> None:
-        """Send a velocity that was measured over ground.
+        """Send a measured velocity over ground, as the motion since the last measurement.
 
         Args:
-            elapsed: s since the last one.
-            velocity: m/s, ahead, starboard and down in body axes.
-            rates: rad/s, about the same axes.
-            confidence: %, 100 for the best.
+            elapsed: time in s since the last measurement.
+            velocity: velocity in m/s in body axes: ahead, starboard, down.
+            rates: angular velocity in rad/s about the same axes.
+            confidence: confidence in %; 100 is best.
         """
         turned, way = ([elapsed * x for x in vector] for vector in (rates, velocity))
         self._link.vision_position_delta_send(0, round(1e6 * elapsed), turned, way, confidence)

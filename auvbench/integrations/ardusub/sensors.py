@@ -14,7 +14,7 @@ from auvbench.simulators.fossen import FossenSimulator
 Vector = tuple[float, float, float]
 
 GRAVITY = 9.80665
-"""gravity in m/s2 to which ArduPilot calibrates accelerometers (GRAVITY_MSS), whatever the sheet's value"""
+"""gravity in m/s2 to which ArduPilot calibrates accelerometers (GRAVITY_MSS); independent of the sheet's value"""
 
 
 class Sensors:
@@ -53,8 +53,8 @@ class Sensors:
             name = self._simulator.vehicle.name
             raise TrainingError(f"{name}: the position is not finite after {self.time:g} s")
         self._velocity = now = to_world(pose[3:], motion[:3])
-        # The mean acceleration of the step, so that ArduSub's integral equals the change of velocity, whatever
-        # happened in between.
+        # The mean acceleration of the step: ArduSub's integral then equals the change of velocity, even if the
+        # acceleration changed within the step.
         x, y, z = ((a - b) / duration for a, b in zip(now, before, strict=True))
         return self._state((x, y, z))
 
@@ -81,7 +81,10 @@ def frd(vector: Sequence[float]) -> Vector:
 
 
 def to_world(attitude: Sequence[float], vector: Sequence[float]) -> Vector:
-    """Return R vector; with plain floats, because arrays of three numbers are ten times as slow."""
+    """Return a vector (3,) rotated from body to world by `attitude` (w, x, y, z).
+
+    Uses plain floats, because arrays of three numbers are ten times as slow.
+    """
     w, x, y, z = attitude
     a, b, c = vector
     # v + 2 w (q x v) + 2 q x (q x v)
@@ -94,6 +97,6 @@ def to_world(attitude: Sequence[float], vector: Sequence[float]) -> Vector:
 
 
 def to_body(attitude: Sequence[float], vector: Sequence[float]) -> Vector:
-    """Return R' vector."""
+    """Return a vector (3,) rotated from world to body by `attitude` (w, x, y, z)."""
     w, x, y, z = attitude
     return to_world((w, -x, -y, -z), vector)

@@ -23,11 +23,11 @@ LOOK = 0.5
 SILENT = 2.0
 """silence in s after which another ArduSub may take a port; a waiting ArduSub repeats its packet every second"""
 PATIENCE = 10.0
-"""silence in s before a hint on what to check, and between reports"""
+"""silence in s before the server prints what to check; also the default interval of reports in s"""
 _AT_ONCE = 64
 """number of datagrams to read from a port before the next port's turn"""
 _DIFFERENCE = 5
-"""distance in us from neutral at which a motor turns"""
+"""distance in us from neutral above which a motor counts as turning"""
 _SUSPICION = 50
 """number of consecutive packets that must look like another frame's before an error"""
 
@@ -57,7 +57,8 @@ class FrameCheck:
                 raise self._other(f"channel {channel} has no PWM: ArduSub has fewer than {count} motors")
         if self._motors.frame is not FRAMES["vectored"]:
             return
-        # Of the four vertical motors of vectored_6dof, roll and pitch cancel on the diagonals; PWM is rounded.
+        # In vectored_6dof, roll and pitch cancel in the sum of each diagonal pair of the four vertical motors, so a + d equals
+        # b + c except for rounding of PWM.
         a, b, c, d = pwm[4:8]
         moved = all(driven_pulse(p) and abs(p - NEUTRAL) > _DIFFERENCE for p in (c, d))
         self._suspicion = self._suspicion + 1 if moved and abs(a + d - b - c) <= 4 else 0
@@ -119,7 +120,8 @@ class Port:
                 self._begin("ArduSub restarted")
             self._frame.check(packet.pwm)
             self._count, self.frame_rate = packet.frame_count, packet.frame_rate
-            # ArduSub takes the depth at which it sets up its sensors for the surface; meanwhile a heavy vehicle would sink.
+            # ArduSub takes its depth during sensor setup as the surface, so the vehicle is held until a motor turns: a heavy
+            # vehicle would sink.
             held = not self._frame.turned
             move = self.physics.hold if held else partial(self.physics.step, packet.pwm)
             self._reply = protocol.reply(move(packet.duration))
@@ -230,7 +232,7 @@ class Server:
             port.heard = time.monotonic()
 
     def run(self, go_on: Callable[[], bool]) -> None:
-        """Serve while `go_on()`.
+        """Serve while `go_on()` returns True.
 
         Raises:
             UserError: ArduSub has a different frame than the vehicle, or every ArduSub was silent for

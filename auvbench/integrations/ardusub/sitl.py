@@ -56,7 +56,7 @@ disk, depth noise in m as in ArduPilot's sub-6dof.parm (SITL's own is 0.2), and 
 PATIENCE = 20.0
 """wall time in s without a packet after which ArduSub counts as failed"""
 SETTLING = 120.0
-"""ArduSub's time in s in which it must change its mode, and then arm"""
+"""longest time in s, by ArduSub's clock, to change the mode, and again to arm"""
 LOWERING = 1.0
 """mean speed in m/s at which the vehicle is lowered to its depth"""
 ASKED = 0.5
@@ -77,7 +77,7 @@ class Sitl:
         path: path of the program.
         parameters: ArduSub's parameters by name; they replace its defaults and `PARAMETERS`.
         at_birth: function called in the new process before the program starts; ties its life to this process.
-        has_dvl: whether it gets the pings of a DVL, also while the vehicle is held.
+        has_dvl: whether ArduSub gets the pings of a DVL, also while the vehicle is held.
 
     Raises:
         MissingExtraError: pymavlink is not installed.
@@ -128,7 +128,7 @@ class Sitl:
         self.close = weakref.finalize(
             self, _end, self._process, self.folder, (self._physics, self.radio.socket)
         )
-        """function that ends the process, which the end of this process also does"""
+        """function that ends ArduSub's process; also called when this process ends"""
         self.packet = self._receive()
 
     def exchange(self, state: SensorState, duration: float) -> Packet:
@@ -165,11 +165,12 @@ class Sitl:
         return f"; it said: {lines[0]}" if lines else ""
 
     def settle(self, still: SensorState, mode: int) -> float:
-        """Move the held vehicle to its start, armed and in `mode`; return the duration in s of ArduSub's
-        time.
+        """Move the held vehicle to its start, armed and in `mode`; return the time that this took, in s by
+        ArduSub's clock.
 
         The vehicle is held at the surface until ArduSub's estimator has settled, then lowered. ArduSub takes
-        its pressure at the start as the surface's, and a jump of the position as a sensor fault. Meanwhile a DVL has no errors.
+        its pressure at the start as the pressure at the surface, and would take a jump of the position as a
+        sensor fault. While the vehicle is held, its DVL has no errors.
 
         Raises:
             TrainingError: ArduSub was not ready within `SETTLING`, or is not a submarine.
@@ -208,7 +209,9 @@ class Sitl:
             self._pinged = self.time
 
     def _wait(self, held: SensorState, mode: int, begun: float, arm: bool = False) -> None:
-        """Let a little time pass with the vehicle held; request what is missing."""
+        """Hold the vehicle for 20 packets; then, at most every `ASKED` s, request unconfirmed parameters, the mode and, with
+        `arm`, arming.
+        """
         if self.time - begun > SETTLING:
             raise TrainingError(f"{self.path}: did not {self._lacking(mode)}")
         for _ in range(20):
@@ -221,7 +224,7 @@ class Sitl:
             self.radio.arm()
 
     def _stay_known(self) -> bool:
-        """Receive messages; every `ASKED` s send the pilot's heartbeat and return True."""
+        """Receive messages and, every `ASKED` s, send the pilot's heartbeat; return whether it was sent."""
         self.radio.listen()
         if self.time - self._asked < ASKED:
             return False
@@ -238,8 +241,9 @@ class Sitl:
 
 
 def _eased(share: float) -> tuple[float, float, float]:
-    """Return distance, speed and acceleration at a share of the duration of a motion of length 1 and duration 1 that
-    starts and ends at rest.
+    """Return distance, speed and acceleration of a smooth motion after a share of its duration.
+
+    The motion has length 1 and duration 1; it starts and ends at rest.
     """
     angle = math.pi * share
     return 0.5 - 0.5 * math.cos(angle), 0.5 * math.pi * math.sin(angle), 0.5 * math.pi**2 * math.cos(angle)

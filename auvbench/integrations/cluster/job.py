@@ -1,6 +1,6 @@
 """Carry out one run as a job of SLURM: `python -m auvbench.integrations.cluster.job RUN_DIR`.
 
-It is the worker of `auvbench.training.worker`, which near the job's time limit saves and asks SLURM to requeue the job.
+The job runs `auvbench.training.worker`. Near the job's time limit the worker saves, and the job asks SLURM to requeue it.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from collections.abc import Sequence
 from types import FrameType
 
 JOB, ARRAY, TASK = "SLURM_JOB_ID", "SLURM_ARRAY_JOB_ID", "SLURM_ARRAY_TASK_ID"
-"""Environment variables of SLURM: the number of the job that contains this process, and for a task of an array those of both"""
+"""Environment variables of SLURM: number of the job in which this process runs; in an array also the numbers of the array and of the task"""
 
 
 def number() -> str | None:
-    """Return the number of the job that contains this process, as squeue prints it; None outside of a job."""
+    """Return the number of the job in which this process runs, as squeue prints it; None outside of a job."""
     if ARRAY in os.environ and TASK in os.environ:
         return f"{os.environ[ARRAY]}_{os.environ[TASK]}"
     return os.environ.get(JOB)
 
 
 def name() -> str | None:
-    """Return the name of the job that contains this process, as `SlurmJob.mark`; None outside of a job."""
+    """Return the name of the job in which this process runs, in the form of `SlurmJob.mark`; None outside of a job."""
     return f"slurm:{job}" if (job := number()) else None
 
 

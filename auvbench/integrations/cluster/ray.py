@@ -92,7 +92,7 @@ class RayBackend:
     def status(self, job: RayJob) -> Status:
         ready, _ = self.ray.wait([job.task], timeout=0)
         if not ready:
-            # Ray distinguishes queued and running tasks only in its dashboard; the run's lock does as well.
+            # Only Ray's dashboard distinguishes queued from running tasks. A running task holds its run's lock.
             return Status(Phase.QUEUED if lock.living_holder(job.run) is None else Phase.RUNNING)
         errors = self.ray.exceptions
         try:

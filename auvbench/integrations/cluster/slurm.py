@@ -1,5 +1,5 @@
 """Carry out runs as jobs of a SLURM cluster: a batch script in the run's folder, submitted with sbatch. More than a hundred
-runs at once are the tasks of a job array.
+runs at once are submitted as one job array.
 
 One `squeue` every `poll` seconds shows which jobs still exist, so no accounting is needed; the manifest says
 how a run ended. Near its time limit the worker saves and requeues itself, as often as necessary. The next
@@ -83,7 +83,7 @@ class _Submitted:
 
     job: Annotated[str, Range(1, 40)]
     name: Annotated[str, Range(0, 400)] = ""
-    """name of the job's array; '': a job with the name of its run"""
+    """name of the job's array; '' for a job outside an array, which has the name of its run"""
 
 
 @dataclass(slots=True, eq=False)
@@ -125,7 +125,7 @@ class SlurmBackend:
     """
 
     largest_array: ClassVar[int] = 1000
-    """number of tasks; by default SLURM refuses indices above 1000"""
+    """largest number of tasks of an array; by default SLURM refuses indices above 1000"""
 
     def __init__(self, options: Slurm, *, target: str = TARGET) -> None:
         for program in ("sbatch", "srun", "squeue", "scontrol", "scancel"):
@@ -150,8 +150,10 @@ class SlurmBackend:
         return self._watch(run, number)
 
     def submit_array(self, runs: Sequence[Path]) -> dict[Path, SlurmJob]:
-        """Submit runs as one job array, whose script is in the folder of the first; return the jobs. A run whose folder cannot be
-        used has no job: `submit` names the reason.
+        """Submit runs as one job array; return the job of each run.
+
+        The script is in the folder of the first run. A run whose folder cannot be used gets no job; a later `submit` names the
+        reason. If at most `MANY` runs can be used, no array is submitted and the result is empty.
 
         Raises:
             SubmitError: sbatch refused the array.
@@ -317,7 +319,7 @@ class SlurmBackend:
     def _states(self, numbers: Sequence[str]) -> dict[str, tuple[str, str]]:
         """Return state and name of each job that the cluster still knows, by number."""
         # --me instead of --jobs: squeue rejects a list with a job that it has forgotten.
-        # --array: a line for each task, also of those that wait.
+        # --array: one line for each task, including waiting tasks.
         text = command(["squeue", "--me", "--noheader", "--array", "--states=all", "--format=%i|%T|%j"])
         rows = [line.split("|", 2) for line in text.splitlines() if line.count("|") >= 2]
         return {number: (state, name) for number, state, name in rows if number in numbers}

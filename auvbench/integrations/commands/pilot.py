@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from auvbench.vehicles.vehicle_model import VehicleModel
 
 ANSWER = 1
-"""processor time in s for an action of the policy; the pilot disarms after it, or after five times as long by
-the clock
+"""longest processor time in s for one action of the policy; the pilot disarms if an action takes longer, or takes
+more than five times as much wall time
 """
 
 _EPILOG = """examples:
@@ -239,7 +239,7 @@ def _check(given: argparse.Namespace) -> None:
 
 
 Opened = tuple["Pilot", Callable[[], object], Callable[[], bool]]
-"""a pilot, its first action, and the function that says when to stop"""
+"""pilot, the function to call before it runs, and the function that returns whether to stop"""
 
 
 def _over_ros(given: argparse.Namespace, setup: Steering, options: dict[str, Any]) -> Opened:
@@ -326,7 +326,7 @@ def _setup(given: argparse.Namespace) -> Steering:
 
 
 def _excitation(given: argparse.Namespace) -> Steering:
-    """Return what flies a manoeuvre for identification once, from where the vehicle is armed."""
+    """Return the controller and limits that fly an identification manoeuvre once, from where the vehicle is armed."""
     from auvbench.pilot.steering import Steering
     from auvbench.tasks.observation_spec import observation_spec
     from auvbench.vehicles import sheet

@@ -28,7 +28,7 @@ ARDUSUB_FLAGS = ("port", "address", "battery", "thrust", "motors", "give_up")
 FACES = ("ros2", "ardusub")
 
 ARDUSUB_START = ("task.depth_low=-10000", "task.depth_high=0", "task.start=[0,0,0]")
-"""ArduSub takes its starting depth as the surface"""
+"""overrides that start the vehicle at the surface, since ArduSub takes its starting depth as the surface"""
 
 _EPILOG = """examples:
   auvbench serve                                            the BlueROV2 on the embedded simulator, in real time
@@ -176,7 +176,7 @@ def _server(given: argparse.Namespace) -> Server:
 
 
 def _sensed(config: TrainConfig, vehicle: VehicleModel, simulator: Simulator) -> Sensed:
-    """Return a simulator with the sensors and the estimator of a configuration; `vehicle` takes its commands."""
+    """Return a simulator with the sensors and the estimator of a configuration; `vehicle` is the simulator's model."""
     from functools import partial
 
     from auvbench.integrations.ros2.sensors import Sensed

@@ -12,7 +12,7 @@ EXAMPLE = "auvbench vehicles bluerov2 --sdf gazebo"
 
 
 def add_options(parser: Parser, outputs: argparse._MutuallyExclusiveGroup) -> None:
-    """Add the options to the command's parser; `outputs` are those of which one is possible."""
+    """Add the options to the command's parser; `outputs` is its group of mutually exclusive outputs."""
     outputs.add_argument(
         "--sdf",
         metavar="DIR",

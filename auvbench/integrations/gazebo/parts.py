@@ -20,8 +20,8 @@ _MOTION = "UVWPQR"
 _REACTION = "xyzkmn"
 
 PROPELLER = 0.01
-"""Mass of each propeller link in kg, which a Thruster plugin needs and no sheet has; subtracted from the
-hull, with its inertia.
+"""Mass in kg of each propeller link. A Thruster plugin needs the link, but no sheet has it; its mass and inertia
+are subtracted from the hull.
 """
 SPIN = 0.4 * PROPELLER * 0.02**2
 """Moment of inertia of a propeller link in kg m2, a sphere of 2 cm radius"""
@@ -179,8 +179,8 @@ def explicit_growth(vehicle: VehicleModel) -> float:
     """Return the factor by which an error of the acceleration grows per step if added mass is an explicit
     force.
 
-    For M_RB a[k+1] = tau - M_A a[k], an error grows by the largest eigenvalue of M_RB^-1 M_A, whatever the
-    step.
+    For M_RB a[k+1] = tau - M_A a[k], an error grows by the largest eigenvalue of M_RB^-1 M_A per step, for any
+    step size.
     """
     return float(np.abs(np.linalg.eigvals(np.linalg.solve(vehicle.M_RB, vehicle.M_A))).max())
 

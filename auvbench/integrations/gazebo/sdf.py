@@ -2,8 +2,8 @@
 models.
 
 Gazebo and auvbench have the same axes (world ENU, body FLU), and the link frame is the body origin, so the
-numbers are those of the `VehicleModel`. The plugin's tags are Fossen's derivatives and thus have a minus
-sign.
+numbers of the `VehicleModel` are written unchanged. The plugin's tags are Fossen's derivatives and thus have a
+minus sign.
 
 `files` returns the files of `auvbench vehicles NAME --sdf DIR`: model, world, ROS 2 bridge and launch file.
 """
@@ -50,7 +50,7 @@ def check_vehicle(vehicle: VehicleModel, hydrodynamics: str) -> None:
 
     Raises:
         VehicleError: the vehicle has actuators other than thrusters, a weight that is not mass times gravity,
-            a Coriolis term of added mass that DART cannot have, or added mass that diverges when explicit.
+            a Coriolis term of added mass that DART cannot compute, or added mass that diverges as an explicit force.
     """
     others = [unit for unit in vehicle.units if unit.name in vehicle.others]
     if others:
@@ -142,7 +142,7 @@ def world(
         f'<sdf version="{VERSION}" xmlns:gz="http://gazebosim.org/schema">',
         f'<world name="{escape(name)}">',
     ]
-    if not scene:  # threads for these systems' last call would cost more than the call
+    if not scene:  # threads for the post-updates would cost more than the post-updates
         lines.append("  <gz:policies><parallel_postupdates>false</parallel_postupdates></gz:policies>")
     lines += [
         '  <physics name="dart" type="dart">',
@@ -173,7 +173,7 @@ def world(
 
 
 def files(vehicle: VehicleModel, hydrodynamics: str, step: float) -> dict[str, str]:
-    """Return the contents of the files by path below the folder.
+    """Return the contents of all files of a vehicle, by path below the output folder.
 
     Args:
         vehicle: vehicle of the model.

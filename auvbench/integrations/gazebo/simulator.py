@@ -1,4 +1,4 @@
-"""Simulate on gz-sim 8 in this process (`simulator=gazebo`), by the contract of all simulators."""
+"""Simulate on gz-sim 8 in this process (`simulator=gazebo`), with the interface of all simulators (`Simulator`)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,8 @@ class GazeboSimulator(VehicleBatch):
     Args:
         vehicle: vehicle to simulate.
         n: number of vehicles.
-        max_step: longest physics step in s; a step of `duration` takes ceil(duration / max_step) equal ones.
+        max_step: longest physics step in s; a step of `duration` s consists of ceil(duration / max_step) equal
+            physics steps.
         hydrodynamics: one of `sdf.HYDRODYNAMICS`.
 
     Raises:
@@ -120,11 +121,11 @@ class GazeboSimulator(VehicleBatch):
             self.velocity[part] = world.velocity
 
     def state_dict(self) -> dict[str, FloatArray]:
-        """Return nothing: Gazebo cannot restore a state (`capabilities.exact_resume`)."""
+        """Return an empty dictionary: Gazebo cannot restore a state (`capabilities.exact_resume`)."""
         return {}
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
-        """Do nothing: a resumed run restarts its present episodes."""
+        """Do nothing: a resumed run restarts the episodes that were running."""
 
     def _set_step(self, step: float) -> None:
         """Create the worlds if needed, and set their physics step in s."""
@@ -142,7 +143,7 @@ class GazeboSimulator(VehicleBatch):
                 world.set_step(step)
 
     def _new_body(self, index: int, place: int) -> NewBody:
-        """Return a body of vehicle `index` for a place in its world."""
+        """Return a new body of vehicle `index` for place `place` in its world."""
         vehicle = self.vehicle
         if np.any(self.scales[index] != 1.0):
             vehicle = scaled(vehicle, self.scales[index])
@@ -175,7 +176,7 @@ def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:
 class Thrust:
     """Thruster forces of N vehicles under a constant command.
 
-    Gazebo's Thruster plugin gives newtons at once, so curves and lags act before it. The linear dynamics are
+    Gazebo gets the forces in N without delay, so the thrusters' curves and lags are computed here. The lags are
     discretised exactly; each physics step uses the force at its middle.
 
     Args:
@@ -241,7 +242,7 @@ def check(settings: Gazebo, vehicle: VehicleModel) -> None:
 
     Raises:
         ConfigError: Gazebo's bindings are not installed.
-        VehicleError: it cannot.
+        VehicleError: Gazebo cannot simulate the vehicle.
     """
     sdf.check_vehicle(vehicle, settings.hydrodynamics)
     bindings.modules()

@@ -83,7 +83,7 @@ class CurrentForce:
 
 @dataclass(frozen=True, slots=True)
 class NewBody:
-    """A body that replaces another."""
+    """A body to create in one of a world's places, in place of an earlier body."""
 
     index: int
     model: str

@@ -20,7 +20,7 @@ from auvbench.integrations.mavlink.telemetry import FIELDS, Telemetry
 from auvbench.untrusted.text import short
 
 FOUND = 10.0
-"""time in s in which a running vehicle is heard, and answers"""
+"""longest time in s until a running vehicle is heard, and until it answers a request"""
 AGAIN = 0.5
 """time in s after which an unanswered request is repeated"""
 TOLD = 2.0
@@ -32,7 +32,7 @@ BEAT = 0.1
 WARNING = 4
 """MAV_SEVERITY of a warning; more severe messages have lower numbers"""
 ROUNDS = 6
-"""repetitions of neutral sticks and the order to disarm in a will, since some may be lost"""
+"""number of times that a will repeats neutral sticks and the order to disarm, since packets may be lost"""
 PARAMETERS = {"FRAME_CONFIG": (0.0, 100.0), "JS_THR_GAIN": (0.1, 10.0), "MOT_FV_CPLNG_K": (0.0, 10.0)}
 """parameters that the mixer needs, with their possible ranges"""
 
@@ -89,9 +89,9 @@ class Autopilot:
     def until(
         self, condition: Callable[[], bool], seconds: float, ask: Callable[[], None] = lambda: None
     ) -> bool:
-        """Handle messages until `condition()`, at most `seconds`; return whether it is true.
+        """Handle messages until `condition()` is true, for at most `seconds`; return whether it is true.
 
-        Call `ask` repeatedly.
+        Calls `ask` at once, and again every `AGAIN` s.
         """
         end, again = time.monotonic() + seconds, -math.inf
         while not condition():
@@ -171,7 +171,7 @@ class Autopilot:
 
     @property
     def company(self) -> str:
-        """Return a second vehicle on the link as text; '' if there is none."""
+        """Return system number and address of a second vehicle heard on the link; '' without a second vehicle."""
         for (peer, system), when in self._others.items():
             if time.monotonic() - when < SILENT:
                 return f"system {system} at {_written(peer)}"
@@ -185,7 +185,7 @@ class Autopilot:
 
     @property
     def who(self) -> str:
-        """Return the vehicle as text."""
+        """Return the vehicle's system number and address as text."""
         assert self._who is not None
         return f"system {self._who[1]} at {_written(self._who[0])}"
 
@@ -210,7 +210,7 @@ class Autopilot:
         return self._message("manual_control", *fields)
 
     def take_over(self) -> str:
-        """Switch to MANUAL and arm; return why the vehicle does not, or ''."""
+        """Switch the vehicle to MANUAL and arm it; return why this failed, or ''."""
         d = self._dialect
         self._answers.clear()
         self.warning = ""
@@ -233,9 +233,9 @@ class Autopilot:
         return f"ArduSub refuses {what}" + (f": {self.warning}" if self.warning else "")
 
     def disarm(self, seconds: float) -> bool:
-        """Request disarming until the vehicle's heartbeat confirms it, at most `seconds`; return whether it has.
+        """Request disarming until the vehicle's heartbeat confirms it, for at most `seconds`; return whether it has.
 
-        An acknowledgement is no proof: a late one may be that of the order to arm.
+        An acknowledgement is not proof: it may be a late answer to the order to arm.
         """
         arm = self._dialect.MAV_CMD_COMPONENT_ARM_DISARM
         return self.until(lambda: not self.armed, seconds, lambda: self._command(arm, 0))

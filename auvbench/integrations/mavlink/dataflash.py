@@ -1,7 +1,7 @@
 """Read ArduSub's DataFlash logs (`.BIN`) with pymavlink.
 
 Messages: RCOU pulse widths; ATT attitude; IMU rates and specific force of the first sensor; XKF1 position and velocity of the first
-core; CTUN altitude where there is no XKF1; BAT voltage of the first battery; MODE and ARM. Axes are NED and FRD.
+core; CTUN altitude in logs without XKF1; BAT voltage of the first battery; MODE and ARM. Axes are NED and FRD.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
 }
 """Fields of the messages that are read, and the columns that they become."""
 OPEN_LOOP = "open_loop"
-"""Column: 1 where the vehicle is armed in MANUAL, else 0. Otherwise a controller, a person or the deck moves it."""
+"""Name of the column that is 1 while the vehicle is armed in MANUAL, else 0: then a controller, a person or the deck may move it."""
 GYRO_FILTER = "INS_GYRO_FILTER"
 """Parameter: cutoff in Hz of the second-order filter of the gyro, whose delay is sqrt(2) / (2 pi cutoff) (Butterworth)."""
 OFFSET = (math.inf, math.inf, 0.0, 0.003, 0.003, 0.0, 0.04, 0.04, 0.006, *(0.0025,) * 3)
@@ -56,7 +56,7 @@ DRIFT = (0.0, 0.0, 0.01, *(0.001,) * 3, 0.015, 0.015, 0.004, *(0.0005,) * 3)
 constant error, DRIFT that of its growth per s. The position over ground follows its velocity late and is not used.
 """
 DEPTH_SCALE = 0.025
-"""Difference between the densities of sea water and fresh water (ArduSub's parameter BARO_SPEC_GRAV)."""
+"""Relative difference between the densities of sea water and fresh water (ArduSub's parameter BARO_SPEC_GRAV)."""
 FACTOR = 2.5
 """`Lasting.factor`; docs/identification.md says on which dives it was chosen, and on which it was tested."""
 INSTANCE = ("I", "Instance", "Inst", "C")
@@ -64,7 +64,7 @@ INSTANCE = ("I", "Instance", "Inst", "C")
 
 
 def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
-    """Return the log of a file, whose axes are known.
+    """Return a list with the log of a file; the axes of such a log are known.
 
     Args:
         path: a file.
@@ -98,7 +98,7 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
 
 
 def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
-    """Return the log of the time in MANUAL, or of all rows without such a time.
+    """Return the log of the rows in which the vehicle is armed in MANUAL; of all rows if no row is.
 
     Args:
         rows: rows with `OPEN_LOOP`, as far as it is known.
@@ -116,7 +116,7 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
         used = (table.pop(OPEN_LOOP).ffill() == 1.0).to_numpy(copy=True)
     if not used.any() or used.all():
         return replace(csv_log.parse(table, name, digest, "ned"), lasting=lasting)
-    # No window may cross what is left out, so that this lasts as long as a gap.
+    # No window may cross rows that are left out, so each left-out part must be long enough to count as a gap.
     pause = 1.01 * longest_step(time)
     for left in time[1:][used[:-1] & ~used[1:]]:
         used &= (time < left) | (time > left + pause)
@@ -147,7 +147,7 @@ def driven(log: Log, names: Sequence[str] | None) -> Log:
 
 
 def _rows(log: Any) -> list[dict[str, float]]:
-    """Return a row with its time for each message that is read."""
+    """Return one row for each message of `FIELDS`, with its time and columns."""
     rows: list[dict[str, float]] = []
     mode = armed = math.nan
     late = 0.0
@@ -179,8 +179,8 @@ def _rows(log: Any) -> list[dict[str, float]]:
 def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     """Return the table of `csv_log`: one row per time, inputs held, from the first output on.
 
-    The autopilot logs its outputs more rarely than it changes them, so that an output began at some time since the one before:
-    on average half an interval ago, which is where it is put.
+    The autopilot changes its outputs more often than it logs them. A logged output began at an unknown time since the previous
+    entry, on average half an interval before its own entry. Its time is therefore moved back by half an interval.
     """
     ago = _half_interval(rows)
     rows = [_moved(row, ago) if "C1_us" in row else row for row in rows]
@@ -210,7 +210,7 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
 
 
 def _half_interval(rows: list[dict[str, float]]) -> float:
-    """Return half of the median time in s between two outputs."""
+    """Return half of the median time in s between two consecutive logged outputs."""
     sampled = np.array([row["t_s"] for row in rows if "C1_us" in row])
     return 0.5 * float(np.median(np.diff(sampled))) if sampled.size > 1 else 0.0
 
@@ -218,7 +218,7 @@ def _half_interval(rows: list[dict[str, float]]) -> float:
 def _lasting(interval: float) -> Lasting:
     """Return the errors of ArduSub's estimate, and of outputs that are logged every `interval` s.
 
-    An output is early or late by up to half an interval, uniformly; all of them by up to a quarter.
+    The time error of one output is uniform within half an interval; the common time error of all outputs is uniform within a quarter.
     """
     return Lasting(
         offset=np.array(OFFSET),
@@ -231,13 +231,13 @@ def _lasting(interval: float) -> Lasting:
 
 
 def _moved(row: dict[str, float], ago: float) -> dict[str, float]:
-    """Return the row of an output, some s earlier; other rows show whether the loop was open then."""
+    """Return the row of an output, moved `ago` s earlier, without `OPEN_LOOP`: other rows have its value at that time."""
     kept = {name: value for name, value in row.items() if name != OPEN_LOOP}
     return {**kept, "t_s": round(row["t_s"] - ago, 6)}
 
 
 def _with_body_velocity(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with the velocity over ground as u, v, w, by the attitude at each of its rows."""
+    """Return the table with the velocity over ground in body axes u, v, w, by the attitude at the same time."""
     there = table["vn"].notna().to_numpy()
     time = table["t_s"].to_numpy()
     angles = []

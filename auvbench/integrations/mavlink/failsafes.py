@@ -18,7 +18,7 @@ FAILSAFES = {
 ACTS = 2.0
 """smallest value of the first two parameters at which ArduSub acts: 0 is off, 1 warns, 2 disarms"""
 SLOW = 10.0
-"""time in s that is long under thrust"""
+"""largest acceptable timeout in s: until then, the vehicle may stay under thrust"""
 
 
 def weak(parameters: Mapping[str, float]) -> str:

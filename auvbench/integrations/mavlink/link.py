@@ -82,7 +82,8 @@ class Link:
                 continue
             if self._stream is not None and not data:
                 raise self._lost()
-            # A datagram has only whole messages, so that one sender's garbage cannot swallow another's message.
+            # A datagram has only whole messages. Each has its own parser, so that one sender's garbage cannot swallow
+            # another sender's message.
             parser = self._stream or self._parser()
             for message in parser.parse_buffer(data) or ():
                 if not message.get_type().startswith(("BAD_DATA", "UNKNOWN")):

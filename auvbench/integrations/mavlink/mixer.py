@@ -25,12 +25,12 @@ ROLL, PITCH, YAW, THROTTLE, FORWARD, LATERAL = range(6)
 FULL = 1000
 """full deflection of a stick"""
 RAW = 400
-"""full deflection of s and t, in microseconds of PWM that the gain does not scale"""
+"""full deflection of s and t, in us of PWM; the joystick gain does not scale it"""
 _ITERATIONS = 6
 _DAMPING = 1e-3
 _STEP = 0.01
 _SPREAD = 0.1
-"""lever in m by which a moment is weighted as a force"""
+"""lever arm in m by which a moment is converted to a force in the search's error"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 TELEMETRY = 90.0
 """time in s to wait for attitude and position; in SITL the estimator has a position about 50 s after the start"""
 SLOWEST = 1.0
-"""lowest rate of sticks, Hz"""
+"""lowest rate of stick messages, Hz"""
 FASTEST = 200.0
 """highest rate of telemetry, Hz"""
 
@@ -38,7 +38,7 @@ class Pilot(loop.Pilot):
         options: see `loop.Pilot`; `sim_time` steps by the vehicle's time since boot.
 
     Raises:
-        UserError: there is no vehicle, a wrong one, or no telemetry; the message says what to check.
+        UserError: no vehicle is heard, it is unsuitable, or it sends no telemetry; the message says what to check.
     """
 
     source = "telemetry"
@@ -106,7 +106,7 @@ class Pilot(loop.Pilot):
             f"{begins}; it is armed already: disarm it first, or give --arm" if self.vehicle.armed else begins
         )
 
-    # The network of `loop.Pilot`.
+    # Methods by which `loop.Pilot` uses the network.
 
     def _receive(self, seconds: float) -> None:
         vehicle = self.vehicle
@@ -165,7 +165,9 @@ class Pilot(loop.Pilot):
         if self.vehicle.mode != MANUAL:
             return True
         disarmed = self.vehicle.disarm(1.5)
-        self.vehicle.manual_control(NEUTRAL)  # the first may have reached the supervisor too late to be sent
+        self.vehicle.manual_control(
+            NEUTRAL
+        )  # the first neutral sticks may have reached the supervisor too late
         if disarmed:
             return True
         self._report("ArduSub has not said that it is disarmed")

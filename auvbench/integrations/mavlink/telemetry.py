@@ -18,19 +18,19 @@ FIELDS = {
 }
 """messages of telemetry, with their fields"""
 BACK = 500
-"""time in ms by which a message may be overtaken without a restart of the clock"""
+"""time in ms by which a message may be older than the last message of its kind; an older message means that the clock restarted"""
 BEAT = 1000
 """longest regular interval between heartbeats, ms"""
 TURNED = 7.0
-"""an angle in rad larger than any angle of an attitude"""
+"""angle in rad above which an attitude is not a measurement"""
 
 
 class Telemetry:
-    """Last messages of telemetry, and the times of heartbeats between them."""
+    """Last telemetry message of each kind, and the times of heartbeats."""
 
     def __init__(self) -> None:
         self.told: dict[str, tuple[int, Floats]] = {}
-        """time in ms since boot and numbers of each message"""
+        """last message of each kind: time in ms since boot, and its numbers"""
         self._beaten: tuple[int, int] | None = (
             None  # time of the last heartbeat, and time since the previous one, ms
         )
@@ -63,8 +63,9 @@ class Telemetry:
 
     @property
     def overdue(self) -> float:
-        """Return by how many seconds the next heartbeat is late while other telemetry continues, so that a
-        change of mode would be missed.
+        """Return by how many seconds the next heartbeat is late while other telemetry continues.
+
+        Only heartbeats tell a change of mode.
         """
         if self._beaten is None:
             return 0.0

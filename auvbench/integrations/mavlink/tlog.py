@@ -1,8 +1,8 @@
 """Read telemetry logs of ArduSub (`.tlog`) with pymavlink.
 
 Messages: SERVO_OUTPUT_RAW pulse widths; ATTITUDE attitude and rates; RAW_IMU, or else SCALED_IMU2, specific force;
-LOCAL_POSITION_NED position and velocity; SCALED_PRESSURE2 depth where there is no position; VISION_POSITION_DELTA velocity of a
-DVL, in place of LOCAL_POSITION_NED's; BATTERY_STATUS voltage of the first battery; HEARTBEAT mode. Axes are NED and FRD.
+LOCAL_POSITION_NED position and velocity; SCALED_PRESSURE2 depth in logs without position; VISION_POSITION_DELTA velocity of a
+DVL, in place of the velocity of LOCAL_POSITION_NED; BATTERY_STATUS voltage of the first battery; HEARTBEAT mode. Axes are NED and FRD.
 
 A file has packets of MAVLink, each after eight bytes with the time at which the computer received it, in us.
 """
@@ -51,14 +51,14 @@ FIELDS: Mapping[str, Mapping[str, tuple[str, float]]] = {
 WATER = 9.80665e3
 """Pressure per depth in Pa/m, of fresh water; the depth begins at 0 where the log is shallowest."""
 RARE = 0.2
-"""s, longest usual time between two outputs of the thrusters."""
+"""Longest usual time in s between two outputs of the thrusters."""
 _WRAP = 2.0**32 * 1e-6
-"""s, after which the time of SERVO_OUTPUT_RAW begins anew."""
+"""Period in s after which the time of SERVO_OUTPUT_RAW restarts at 0."""
 _NO_VOLTAGE = 65535
 
 
 def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
-    """Return the log of a file, whose axes are known.
+    """Return a list with the log of a file; the axes of such a log are known.
 
     Args:
         path: a file.
@@ -116,7 +116,7 @@ def _messages(data: bytes, mavlink: Any) -> Iterator[tuple[float, Any]]:
 
 
 def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[dict[str, float]]:
-    """Return a row with its time for each message of the autopilot that has outputs.
+    """Return one row for each message, with its time, of the autopilot that sends SERVO_OUTPUT_RAW.
 
     Raises:
         LogError: the autopilot restarts.
@@ -136,7 +136,7 @@ def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[di
             if message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
                 armed = message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED > 0
                 before, state = state, float(armed and message.custom_mode == MANUAL)
-                # Between two heartbeats the mode is known if both say the same.
+                # Rows between two heartbeats count as open loop only if both heartbeats do.
                 for row in rows[known:]:
                     row[dataflash.OPEN_LOOP] = min(before, state)
                 known = len(rows)
@@ -159,7 +159,7 @@ def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[di
 
 
 def _values(kind: str, message: Any, dvl: bool) -> dict[str, float]:
-    """Return what a message measured, by columns; nothing for other ports, batteries and failed measurements."""
+    """Return the measurements of a message by column; an empty dictionary for other ports, other batteries and failed measurements."""
     if kind == "SERVO_OUTPUT_RAW" and message.port != 0:
         return {}
     if kind == "BATTERY_STATUS":
@@ -184,7 +184,7 @@ def _values(kind: str, message: Any, dvl: bool) -> dict[str, float]:
 
 
 def _with_remark(log: Log, rows: list[dict[str, float]]) -> Log:
-    """Return the log with a remark if its outputs are rarer than the thrusters change."""
+    """Return the log, with a remark if its outputs were logged more rarely than every `RARE` s."""
     times = np.array([row["t_s"] for row in rows if "C1_us" in row])
     interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
     if interval <= RARE:

@@ -4,7 +4,8 @@ Topics: std_msgs/Float64 `cmd_NAME` (as `auvbench serve` takes) or `NAME/cmd_thr
 in the world and velocity in the body; sensor_msgs/Imu attitude and rates where there is no odometry, and specific force;
 rosgraph_msgs/Clock the time, else the time of recording. Axes are ENU and FLU (REP-103).
 
-Messages are decoded by the definitions of these types that come with rosbags. Those in a bag would be made into Python code.
+Messages are decoded by the type definitions that come with rosbags. The definitions in a bag are not used: rosbags would turn them
+into Python code.
 """
 
 from __future__ import annotations
@@ -75,7 +76,7 @@ def _digest(path: Path) -> str:
     """Return the SHA-256 of the files of a bag, which are in its folder.
 
     Raises:
-        ValueError: the bag names other files, or a file is too long.
+        ValueError: the bag names no files or files elsewhere, or a file is too long.
     """
     data = reading.content(path / METADATA)
     about = reading.yaml_value(data)
@@ -91,7 +92,7 @@ def _digest(path: Path) -> str:
 
 
 def _chosen(connections: Any, name: str) -> dict[str, str]:
-    """Return what each topic that is read is: a column, or one of ODOMETRY, IMU and CLOCK.
+    """Return the topics to read; the value of each is the column of its command, or ODOMETRY, IMU or CLOCK.
 
     Raises:
         LogError: the bag has no commands, or several vehicles.

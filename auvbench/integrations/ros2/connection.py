@@ -1,4 +1,4 @@
-"""Connect to a server: N vehicles, moved step by step.
+"""Connect to a server, and move its N vehicles step by step, by one of three clocks.
 
 `lockstep`: each step waits for a command to every actuator, and answers with odometry at the time after the
 step, so that a lost message is noticed. `clock`: the server's `/clock` ends a step. `wall`: this machine's
@@ -35,7 +35,7 @@ class Connection:
 
     Args:
         namespace: namespace of the vehicle, or the common part of several vehicles' namespaces.
-        actuators: names of the columns of a command.
+        actuators: names of the actuators, in the order of a command's columns.
         clock: one of CLOCKS; auto: the first that the server offers.
         timeout: time in s after which a silent server counts as lost.
 

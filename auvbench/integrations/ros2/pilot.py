@@ -112,7 +112,7 @@ class Pilot(loop.Pilot):
         response.success = True
         return response
 
-    # The network of `loop.Pilot`.
+    # Methods by which `loop.Pilot` uses the network.
 
     def _receive(self, seconds: float) -> None:
         self.guard.live()

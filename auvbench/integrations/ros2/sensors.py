@@ -1,6 +1,6 @@
-"""Serve vehicles with sensors: the simulator's steps with them, and their topics.
+"""Serve vehicles with sensors: sample sensors in the simulator's steps, and publish their readings.
 
-Covariances are those that auvbench's own filter takes. The navigation comes from the command, so that this module needs no compiler.
+Covariances equal those in auvbench's own filter. The caller passes the navigation, so that this module needs no compiler.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from auvbench.integrations.ros2 import interface
 
 Floats = NDArray[np.float64]
 UNKNOWN = 1e6
-"""variance of what a sensor does not measure"""
+"""variance of a coordinate that a sensor does not measure"""
 PLACES = {"depth": (2,), "heading": (5,), "usbl": (0, 1, 2), "gnss": (0, 1)}
-"""what sensors with a pose measure, by the number of the coordinate: x, y, z, roll, pitch, yaw"""
+"""indices of the coordinates that each sensor with a pose message measures; order: x, y, z, roll, pitch, yaw"""
 
 
 class Estimator(Protocol):
@@ -43,11 +43,11 @@ class Sensed:
     """A simulator of vehicles with sensors and an estimator.
 
     Args:
-        simulator: the simulator; everything but `reset` and `step` is its own.
+        simulator: simulator; attributes that this class lacks are taken from it.
         navigation: sensors and estimates.
-        draw: draws the next episodes of some vehicles, which their sensors' errors belong to.
-        readings: returns the last readings of a vehicle by sensor.
-        names: the sensors.
+        draw: function that draws the next episodes of vehicles, by index; sensor errors differ between episodes.
+        readings: function that returns the last readings of a vehicle, by sensor.
+        names: names of the sensors.
     """
 
     n: int
@@ -66,7 +66,7 @@ class Sensed:
         self.simulator, self.navigation, self.draw = simulator, navigation, draw
         self.readings, self.names = readings, names
         self.sampled: Callable[[float], None] = lambda left: None
-        """is called after each sample of the IMU with the time in s until the end of the step"""
+        """function called after each sample of the IMU, with the time in s until the end of the step"""
 
     def __getattr__(self, name: str) -> Any:
         if name == "simulator":  # while a copy is made
@@ -104,10 +104,10 @@ class Topics:
     """Topics of one vehicle's sensors.
 
     Args:
-        session: with the modules of ROS 2.
+        session: session with the modules of ROS 2.
         node: the vehicle's node.
         namespace: namespace of the vehicle.
-        sensed: its simulator.
+        sensed: simulator of the vehicle.
         index: number of the vehicle.
 
     Raises:
@@ -138,7 +138,7 @@ class Topics:
             return
         for name, reading in self.sensed.readings(self.index).items():
             stamp = time - interface.nanoseconds(reading.age)
-            # Each reading once; a time in the episode is rounded.
+            # Publish each reading once; since ages are rounded, the stamps of one reading may differ by up to 1 us.
             if stamp <= self._last[name] + 1000:
                 continue
             self._last[name] = stamp
@@ -173,9 +173,9 @@ def write_reading(name: str, message: Any, value: Floats, covariance: Floats) ->
 
 
 def write_covariances(message: Any, covariance: Floats) -> None:
-    """Write the covariances of a filter's position, attitude and velocity (n, n) into a nav_msgs/Odometry.
+    """Write a filter's covariances of position and attitude, from its whole covariance (n, n), into a nav_msgs/Odometry.
 
-    Its errors of attitude are in world axes, as those of the message. Velocity and rates keep 0.
+    Attitude errors are in world axes, in the filter and in the message. The message's covariances of velocity and rates stay 0.
     """
     picked = [0, 1, 2, 6, 7, 8]
     message.pose.covariance = covariance[np.ix_(picked, picked)].ravel()

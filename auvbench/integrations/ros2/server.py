@@ -19,7 +19,7 @@ from auvbench.untrusted.text import say
 Floats = NDArray[np.float64]
 
 SINCE = "since_"
-"""prefix of a node in each vehicle's namespace that says when its server began: of two servers the later one exits"""
+"""prefix of the name of a node in each vehicle's namespace; the start time of its server follows. The later of two servers exits."""
 
 
 class Simulated(Protocol):
@@ -49,10 +49,10 @@ class Server:
     """Server of N vehicles in one world.
 
     Args:
-        simulator: simulator that takes the commands of `commands`.
+        simulator: simulator that takes commands as `commands` returns them.
         commands: function that converts physical quantities (n, n_u), newtons for thrusters, to the
             simulator's commands (n, n_u).
-        actuators: names of the columns of a command.
+        actuators: names of the actuators, in the order of a command's columns.
         neutral: (n_u,) quantities that act until the first command.
         namespaces: namespaces of the n vehicles.
         start: pose (7,) at the start, and after `reset` unless a parameter says otherwise.
@@ -102,7 +102,7 @@ class Server:
         self._missing = n * n_u
         self._refused: tuple[float, ...] | None = None
         self.goes_on: Callable[[], bool] = lambda: True
-        """whether to continue; long services check it between two steps"""
+        """function that returns whether to continue; long services call it between two steps"""
         self._due = time.monotonic()
         ros = self.session.ros
         self.vehicles = [
@@ -220,7 +220,7 @@ class Server:
             self.apply_currents()
 
     def run(self, go_on: Callable[[], bool]) -> None:
-        """Serve while `go_on()`.
+        """Serve while `go_on()` returns True.
 
         Raises:
             AuvbenchError: the simulator failed, or an earlier server has one of the namespaces.
@@ -235,7 +235,7 @@ class Server:
                 look = time.monotonic() + 1.0
 
     def spin_once(self) -> None:
-        """Serve for a moment."""
+        """Handle messages for at most `SLICE` s, and make a step if it is due."""
         if self.lockstep or self.paused:
             self.session.spin_once(SLICE)
             return
@@ -257,7 +257,7 @@ class Server:
         """Wait for signs of another publisher of these vehicles' odometry.
 
         Raises:
-            InterfaceError: there is one, and it is not a server that began later.
+            InterfaceError: another publisher exists, and it is not a server that began later.
         """
         self.session.discovered(lambda: bool(self._claimed()), seconds)
         self._leave_to(self._claimed())
@@ -270,10 +270,10 @@ class Server:
             )
 
     def _claimed(self, by: Literal["any", "server"] = "any") -> str:
-        """Return a topic that an earlier server publishes too; or ''.
+        """Return a topic that an earlier server also publishes; '' without such a topic.
 
         Args:
-            by: any: also count publishers that are not servers; server: do not, since they may have come
+            by: "any" also counts publishers that are not servers; "server" does not, since they may have started
                 later.
         """
         node = self.vehicles[0].node

@@ -1,5 +1,5 @@
-"""Simulate on a server with the ROS 2 interface of docs/ros2.md (`simulator=ros2`), by the contract of all
-simulators.
+"""Simulate on a server with the ROS 2 interface of docs/ros2.md (`simulator=ros2`), with the Python interface of
+all simulators (`Simulator`).
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ class Ros2Simulator:
     """N vehicles on a ROS 2 server.
 
     Commands are sent as physical quantities, computed with the sheet's curves as in the embedded simulator.
-    In lock-step with `auvbench serve`, the server applies all disturbances, and results have the bits of its
-    simulator. With other clocks, commands and poses are late, a fault scales the command, and currents are
+    In lock-step with `auvbench serve`, the server applies all disturbances, and results equal those of its
+    simulator bit by bit. With other clocks, commands and poses are late, a fault scales the command, and currents are
     steady.
 
     Args:
@@ -232,7 +232,7 @@ class Ros2Simulator:
             )
 
     def state_dict(self) -> dict[str, FloatArray]:
-        """Return nothing: the interface cannot restore a state (`capabilities.exact_resume`)."""
+        """Return an empty dictionary: the interface cannot restore a state (`capabilities.exact_resume`)."""
         return {}
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
@@ -245,7 +245,7 @@ def make(settings: Ros2, vehicle: VehicleModel, n: int, longest: float) -> Ros2S
 
 
 class Served:
-    """What a test must know of the server; see `config.simulators.SimulatorSpec.served`."""
+    """Properties of the server that a test needs; see `config.simulators.SimulatorSpec.served`."""
 
     @staticmethod
     def vehicles(settings: Ros2, vehicle: VehicleModel) -> int:

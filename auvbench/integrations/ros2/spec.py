@@ -10,7 +10,7 @@ from auvbench.config.simulators import Capabilities, Simulator, SimulatorSpec
 
 @dataclass(kw_only=True)
 class Ros2(Simulator):
-    """A server of the interface over ROS 2."""
+    """Simulator on a server with auvbench's ROS 2 interface."""
 
     namespace: str | None
     clock: str = choice("auto", "lockstep", "clock", "wall")

@@ -107,7 +107,7 @@ class VehicleNode:
             self._sensors.publish(time)
 
     def publish(self, true_pose: list[float], pose: list[float], velocity: list[float], time: int) -> None:
-        """Publish the vehicle's true pose, and its pose and velocity as an estimator knows them, at `time` in ns."""
+        """Publish the vehicle's true pose, and its estimated pose and velocity, at `time` in ns."""
         # Serialising a message without a reader takes as long as stepping a vehicle.
         if self._publishers[0].get_subscription_count():
             odometry = self._odometry
