@@ -1,4 +1,4 @@
-"""Recommend the manoeuvre from which the next log would teach most about a vehicle."""
+"""Recommend the manoeuvre whose log would reduce the uncertainty of a vehicle's parameters most."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from auvbench.vehicles.inspect import AXES
 FloatArray = NDArray[np.float64]
 
 SECONDS = 30.0
-"""Duration of a candidate in s; a recommendation is twice as long."""
+"""Duration of a candidate in s; the recommended manoeuvre is twice as long."""
 AMPLITUDES = (0.15, 0.3)
-"""Shares of the largest force along an axis."""
+"""Amplitudes of candidates, as shares of the largest force along an axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """A manoeuvre with what it is expected to bring."""
+    """A manoeuvre and its expected gain of information."""
 
     axis: str
     amplitude: float
     gain: float
-    """Expected fall of the mean logarithm of the parameters' standard deviations."""
+    """Expected decrease of the mean logarithm of the parameters' standard deviations."""
 
     @property
     def text(self) -> str:
@@ -46,8 +46,8 @@ class Advice:
 def advise(result: Fit) -> list[Advice]:
     """Return candidates, the best first: telegraph signals along each axis that the thrusters reach.
 
-    Each candidate is simulated with the fitted vehicle, with the sensors and the lasting errors of the logs. Its Fisher information is
-    added to the present covariance's inverse.
+    Each candidate is simulated with the fitted vehicle, and with the sensors and the lasting errors of the logs. Its Fisher
+    information is added to the inverse of the fit's covariance.
     """
     vehicle = with_values(result.vehicle, result.numbers)
     if not vehicle.thrusters or vehicle.others:

@@ -1,4 +1,4 @@
-"""Describe logs for help and errors: what can be read, and the columns that `csv_log` reads. Importing this module imports no array."""
+"""Describe logs for help and errors: the readable formats, and the columns that `csv_log` reads. Importing it does not import NumPy."""
 
 from auvbench import integrations
 
@@ -19,4 +19,4 @@ DESCRIBED = (
     (("ax_mps2", "ay_mps2", "az_mps2"), "specific force, which is only checked"),
     (("voltage_V",), "supply of the thrusters"),
 )
-"""Groups of columns, and what they are."""
+"""Groups of columns, and their meaning."""

@@ -38,7 +38,7 @@ COLUMNS: Mapping[str, tuple[str, float]] = {
 """Columns of measurements: quantity and factor to SI units."""
 WRENCH = ("Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
 ENDINGS = {"_us": "pwm", "_cmd": "command", "_N": "force"}
-"""Endings of the columns of actuators: the kind of input."""
+"""Kind of input by the ending of an actuator's column."""
 
 
 def read(path: Path, frame: str = "enu") -> Log:
@@ -71,7 +71,7 @@ def parse(table: pd.DataFrame, name: str, digest: str, frame: str = "enu") -> Lo
         LogError: a column is missing or unknown, or a check fails.
     """
     rows = len(table)
-    # Columns with a dot are what a log of `auvbench replay --signals` has in addition.
+    # Columns with a dot are additional columns of `auvbench replay --signals`, which are not read.
     table = table[[column for column in table.columns if "." not in str(column)]]
     given = {str(column) for column in table.columns}
     times = [column for column in TIME if column in given]
@@ -170,7 +170,7 @@ def _inputs(table: pd.DataFrame, name: str) -> tuple[str, tuple[str, ...], Float
 
 
 def _held(values: FloatArray, column: str, name: str) -> FloatArray:
-    """Return values (T,) in which an empty cell has the value before it."""
+    """Return values (T,) in which each empty cell has the value of the row before."""
     if values.size and np.isnan(values[0]):
         raise LogError(f"{name}: {column} is empty in row 1; an input needs a value from the first row on")
     rows = np.where(np.isnan(values), 0, np.arange(values.size))

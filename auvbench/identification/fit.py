@@ -23,12 +23,12 @@ IDENTIFIED = 0.5
 BLOCK = 5.0
 """Shortest duration in s of the blocks that the bootstrap draws; a block is at least two windows."""
 ROUNDS = 3
-"""Number of fits; each takes the size of the residuals from the one before."""
+"""Number of successive fits; each fit takes the size of the residuals from the previous fit."""
 BOUND = 4.0
 """Bound of a parameter, in prior standard deviations."""
 CONTRADICTED = 2.0
-"""Prior standard deviations between a parameter and its prior beyond which the log says that the sheet is wrong. Such a parameter
-does not go back to the prior, also if only little is known of it: the other ones would have to make up for a wrong value."""
+"""Distance of a parameter from its prior, in prior standard deviations, beyond which the log contradicts the sheet. Such a parameter
+does not go back to its prior, even if the log identifies it poorly: the other parameters would have to compensate for a wrong value."""
 STEPS = 12
 """Largest number of steps of a fit."""
 CONFIDENCE = 0.95
@@ -42,12 +42,12 @@ class Estimate:
     x: float
     """Normalised value."""
     low: float
-    """Ends of the 95 % interval, in the parameter's unit."""
+    """Lower end of the 95 % interval, in the parameter's unit; `high` is the upper end."""
     high: float
     ratio: float
     """Posterior over prior standard deviation."""
     kept: str = ""
-    """Why the parameter stays at its prior; '' if the log identifies it."""
+    """Reason why the parameter stays at its prior; '' if the log identifies it."""
 
     @property
     def value(self) -> float:
@@ -63,16 +63,16 @@ class Fit:
     logs: tuple[Log, ...]
     estimates: tuple[Estimate, ...]
     covariance: FloatArray
-    """(n_p, n_p) of the normalised parameters, all free: also of those that stay at their prior."""
+    """(n_p, n_p) covariance of all normalised parameters, computed as if none were kept at its prior."""
     condition: float
     """Condition number of the Fisher information of the identified parameters, in prior standard deviations."""
     blocks: int
     """Number of blocks of the bootstrap."""
     windows: Windows
     predicted: FloatArray
-    """(n, m, 12) with the fitted parameters."""
+    """(n, m, 12) predicted states with the fitted parameters."""
     before: FloatArray
-    """(n, m, 12) with the sheet's."""
+    """(n, m, 12) predicted states with the sheet's numbers."""
     sigma: dict[str, float]
     """Standard deviation of the residuals, by channel."""
 
@@ -88,7 +88,7 @@ class Fit:
 
 
 def window_of(logs: Sequence[Log]) -> float:
-    """Return the usual length of a window in s: 2 s with velocities or rates, else 5 s, and at least eight measurements."""
+    """Return the default length of a window in s: 2 s with velocities or rates, else 5 s; at least the time of eight measurements."""
     fast = any(log.has(name) for log in logs for name in CHANNELS[6:])
     slowest = max(min(log.interval(name) for name in CHANNELS if log.has(name)) for log in logs)
     return max(2.0 if fast else 5.0, 8.0 * slowest)
@@ -166,7 +166,7 @@ def fit(
 
 
 def _quantile(blocks: int) -> float:
-    """Return the half width of an interval in standard deviations that a number of blocks gives."""
+    """Return the half width of the 95 % interval, in standard deviations estimated from a number of blocks (Student's t)."""
     return float(stats.t.ppf(0.5 + 0.5 * CONFIDENCE, max(1, blocks - 1)))
 
 
@@ -177,7 +177,7 @@ def information(
     x: FloatArray,
     noise: Mapping[str, float],
 ) -> FloatArray:
-    """Return the Fisher information (n_p, n_p) of normalised parameters at `x` in logs with noise of known size, by channel."""
+    """Return the Fisher information (n_p, n_p) of logs about normalised parameters at `x`; `noise` is the standard deviation by channel."""
     windows = cut(logs, window_of(logs))
     residuals = Residuals(Predictor(windows, vehicle), parameters)
     residuals.sigma = np.array([noise[CHANNELS[k]] for k in residuals.channels])
@@ -187,7 +187,7 @@ def information(
 
 
 def _undamped(parameter: Parameter, x: float) -> bool:
-    """Return whether a damping ran to its lower bound: it is as good as 0, which many vehicles have."""
+    """Return whether a damping is at its lower bound, where it is practically 0, as in many vehicles."""
     return "damping" in parameter.name and x <= parameter.range(BOUND)[0] + 1e-3
 
 
@@ -199,10 +199,10 @@ def _estimate(parameter: Parameter, x: float, sd: float, quantile: float, kept: 
 
 
 def _solve(residuals: Residuals, x: FloatArray, free: Sequence[int], tolerance: float = 0.005) -> FloatArray:
-    """Return the normalised parameters that minimise the loss over the free ones, by damped Gauss-Newton steps.
+    """Return the normalised parameters after damped Gauss-Newton steps in the free parameters that minimise the loss.
 
-    Each step linearises the first states of the windows anew, so that parameters and first states converge together. The trust
-    regions of `scipy.optimize.least_squares` need three times as many steps here, because a delay starts at its bound.
+    Each step linearises the effect of the windows' first states again, so that parameters and first states converge together. The
+    trust regions of `scipy.optimize.least_squares` need three times as many steps here, because a delay starts at its bound.
     """
     free = list(free)
     low, high = np.array([parameter.range(BOUND) for parameter in residuals.parameters]).T
@@ -213,7 +213,7 @@ def _solve(residuals: Residuals, x: FloatArray, free: Sequence[int], tolerance: 
         J = residuals.jacobian(x, free)
         gradient = J.T @ (weights * r)
         H = J.T @ (weights[:, None] * J)
-        # At a bound, a parameter that wants to go beyond stays.
+        # A parameter at a bound stays there if its step would cross the bound.
         inner = [
             k
             for k, at in enumerate(free)
@@ -233,7 +233,7 @@ def _solve(residuals: Residuals, x: FloatArray, free: Sequence[int], tolerance: 
 def _line(
     residuals: Residuals, x: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return a point along a step with a smaller loss, and whether there is one."""
+    """Return a point along a step with a smaller loss, and True; without such a point, `x` and False."""
     before = residuals.loss(x)
     share = min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-12))
     for _ in range(8):
@@ -274,7 +274,7 @@ def _sums(residuals: Residuals, x: FloatArray, blocks: IntArray) -> tuple[FloatA
 
 
 def _covariance(gradients: FloatArray, matrices: FloatArray, errors: FloatArray) -> FloatArray:
-    """Return the covariance (n_p, n_p) with the blocks' own scatter, errors of whole logs, and the prior's share (a sandwich)."""
+    """Return the sandwich covariance (n_p, n_p) from the scatter between blocks, the errors of whole logs and the prior."""
     count = len(gradients)
     bread = np.linalg.inv(matrices.sum(axis=0) + np.eye(gradients.shape[1]))
     scatter = gradients - gradients.mean(axis=0)
@@ -283,9 +283,9 @@ def _covariance(gradients: FloatArray, matrices: FloatArray, errors: FloatArray)
 
 
 def _bounded(covariance: FloatArray, bread: FloatArray) -> FloatArray:
-    """Return a covariance whose variances are at least those of Gauss-Newton, `bread`, and at most the prior's.
+    """Return a covariance whose variances are at least the Gauss-Newton variances (of `bread`) and at most the prior's.
 
-    A log with few blocks has too little scatter; a block of a vehicle that turns over has too much.
+    A log with few blocks has too little scatter; a block in which the vehicle turns over has too much.
     """
     variance = np.clip(np.diag(covariance), np.diag(bread), 1.0)
     ratio = np.sqrt(variance / np.diag(covariance))
@@ -305,9 +305,9 @@ def _identified(
     reasons: dict[str, str],
     told: Callable[[str], None],
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], float]:
-    """Return the parameters after those that the logs do not identify went back to their prior, one after the other.
+    """Set the parameters that the logs do not identify back to their prior, one by one, and fit the others again.
 
-    Adds the reasons to `reasons`. The other results are the `_sums` of all parameters, and the condition number.
+    Adds the reasons to `reasons`. Returns the parameters, the `_sums` of all parameters, and the condition number.
     """
     names = [parameter.name for parameter in residuals.parameters]
     gradients, matrices, errors = _sums(residuals, x, blocks)
@@ -335,7 +335,7 @@ def _identified(
 
 
 def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropped: bool) -> list[int]:
-    """Fit `x` again in place where parameters were dropped or ran to a bound; return those that are left."""
+    """Fit `x` again in place if parameters were dropped or ran to a bound; return the indices of the parameters still free."""
     names = [parameter.name for parameter in residuals.parameters]
     while True:
         free = [k for k, name in enumerate(names) if name not in reasons]

@@ -26,11 +26,11 @@ GRID = 0.02
 LATEST = 0.15
 """Largest time in s by which the motion may follow the command."""
 FARTHEST = 0.3
-"""Largest shift in s that is compared."""
+"""Largest time in s by which command and motion are shifted for the comparison."""
 SMALLEST = 0.6
-"""Smallest correlation of a command that causes the motion."""
+"""Smallest correlation at which a command counts as the cause of the motion."""
 COARSEST = 0.075
-"""Largest time in s between two measurements for which the order of command and motion shows."""
+"""Largest time in s between two measurements from which the order of command and motion can be judged."""
 SMOOTH = 5
 """Number of samples of the moving mean over both signals."""
 EXCITED = 0.02
@@ -50,13 +50,13 @@ _REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What the commands of one axis did in some logs."""
+    """Judgement whether the commands of one axis caused its motion in some logs."""
 
     axis: str
     command: float
-    """Root mean square of the commanded force, as a share of the largest one."""
+    """Root mean square of the commanded force, as a share of the largest force."""
     moved: float
-    """95 % quantile of the absolute velocity, m/s or rad/s; NaN where nothing shows it."""
+    """95 % quantile of the absolute velocity, m/s or rad/s; NaN if no log shows the velocity."""
     lag: float = float("nan")
     """Time in s by which the motion follows the command at the largest correlation."""
     correlation: float = float("nan")
@@ -139,7 +139,7 @@ def _judge(
 
 
 def _interval(log: Log, k: int) -> float:
-    """Return the time in s between two measurements of the velocity of an axis, or of what it is derived from."""
+    """Return the time in s between two measurements of an axis's velocity, or of the position or angle that gives it."""
     name = CHANNELS[6 + k] if log.has(CHANNELS[6 + k]) else CHANNELS[k]
     return log.interval(name) if log.has(name) else float("inf")
 
@@ -179,7 +179,7 @@ def needed(vehicle: VehicleModel, states: FloatArray, change: FloatArray) -> Flo
 
 
 def reasons(verdicts: Sequence[Verdict], names: Sequence[str]) -> dict[str, str]:
-    """Return why parameters stay at their prior because of their axis, by name."""
+    """Return, by name, why parameters of refused axes stay at their prior."""
     refused = {verdict.axis: _REASONS[verdict.state] for verdict in verdicts if verdict.refused}
     return {
         name: refused[axis]
@@ -190,7 +190,7 @@ def reasons(verdicts: Sequence[Verdict], names: Sequence[str]) -> dict[str, str]
 
 
 def warning(verdicts: Sequence[Verdict]) -> str:
-    """Return what is wrong with the commands of some axes; '' without any."""
+    """Return a warning about the commands of some axes; '' if nothing is wrong."""
     closed, against = _said(verdicts, CLOSED), _said(verdicts, AGAINST)
     parts = []
     if all(verdict.state in ("not commanded", STILL) for verdict in verdicts):

@@ -93,7 +93,7 @@ def quantities(log: Log, vehicle: VehicleModel, voltage: float | None = None) ->
 
 
 def at_voltage(command: FloatArray, voltage: FloatArray | float) -> FloatArray:
-    """Return the thrust (T,) in N of a T200 at commands (T,) in [-1, 1] and a supply (T,) in V, clipped to the table."""
+    """Return the thrust (T,) in N of a T200 at commands (T,) in [-1, 1]; the supply (T,) in V is clipped to the table."""
     supply = np.clip(np.broadcast_to(voltage, command.shape), *VOLTAGES)
     grid = np.arange(VOLTAGES[0], VOLTAGES[1] + 0.1, 2.0)
     table = np.stack([t200_at(float(at))(command) for at in grid])

@@ -60,29 +60,29 @@ class Motors(Protocol):
 class Lasting:
     """Standard deviations of errors that outlast a window, so that the scatter of a log does not show their effect.
 
-    The first two are drawn anew for each window, and `early` for each piece of it; the fit estimates them there. The others are the
-    same in all logs of a vehicle, and widen intervals.
+    `offset` and `drift` differ between windows, and `early` between pieces of a window; the fit estimates these errors. `all_early`
+    and `depth_scale` are the same in all logs of a vehicle; they and `factor` widen intervals.
     """
 
     offset: FloatArray
-    """(12,) of what is measured; infinite for a channel that is not used."""
+    """(12,) constant error of each channel; infinite for a channel that is not used."""
     drift: FloatArray
-    """(12,) of what is measured, per s."""
+    """(12,) growth of each channel's error, per s."""
     early: float
     """Time in s by which the inputs of a piece of a window are early."""
     all_early: float
     """Time in s by which all inputs are early."""
     depth_scale: float
-    """Relative error of heave velocity and of changes of height, such as by salt in the water."""
+    """Relative error of heave velocity and of changes of height, for example by salt in the water."""
     factor: float = 1.0
-    """Factor on the standard deviations of a fit, for what the other errors leave out."""
+    """Factor on the standard deviations of a fit, for errors that the other fields do not model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """What one vehicle did under known inputs.
+    """Motion of one vehicle under known inputs.
 
-    An input holds from its row to the next row. A measurement is NaN in a row without it.
+    An input holds from its row to the next row. A channel is NaN in rows in which it was not measured.
     """
 
     name: str
@@ -101,13 +101,13 @@ class Log:
     acceleration: FloatArray | None = None
     """(T, 3) specific force in body FLU, m/s2."""
     motors: Callable[[VehicleModel], Motors] | None = None
-    """Thrusters of a vehicle that the columns C1, C2, ... of an autopilot drive; None: by name or number."""
+    """Function that returns which thrusters of a vehicle an autopilot's outputs C1, C2, ... drive; None: match by name or number."""
     voltage: FloatArray | None = None
     """(T,) supply of the thrusters, V."""
     segments: tuple[tuple[int, int], ...] = ()
     """First row and one past the last row of each part without a gap."""
     lasting: Lasting | None = None
-    """Errors of what was measured that last; None: what was measured has only noise."""
+    """Lasting errors of the measurements; None: the measurements have only noise."""
     remarks: tuple[str, ...] = ()
     """Facts that a user should know, such as gaps."""
 
@@ -127,7 +127,7 @@ class Log:
 
 
 def longest_step(time: FloatArray) -> float:
-    """Return the time in s between two of the times (T,) of rows above which a segment ends."""
+    """Return the longest time in s between two consecutive rows of a segment, given the times (T,) of all rows."""
     return max(1.0, GAP * float(np.median(np.diff(time))))
 
 
@@ -194,7 +194,7 @@ def _check_time(log: Log) -> None:
 
 
 STEEP = 1.2
-"""Pitch in rad from which roll and yaw are not compared: they turn by half a turn as the bow passes the vertical."""
+"""Pitch in rad from which roll and yaw are not compared: they jump by half a turn as the bow passes the vertical."""
 LIMITS = {"pwm": (800.0, 2200.0), "command": (-1.0001, 1.0001), "force": (-1e5, 1e5), "wrench": (-1e6, 1e6)}
 _INSTEAD = {
     "pwm": "give pulse widths in us, or commands in [-1, 1] as NAME_cmd",
@@ -247,7 +247,7 @@ def _check_jumps(log: Log) -> None:
         rows = np.flatnonzero(np.isfinite(log.measured[:, index]))
         steps = np.diff(log.measured[rows, index])
         seconds = np.diff(log.time[rows])
-        # A sensor of coarse steps moves by one step in one short interval.
+        # 0.5 allows for a sensor of coarse resolution, whose value may change by one step in a short interval.
         far = np.flatnonzero((np.abs(steps) > 0.5 + FASTEST[index] * seconds) & ~_steep(log, index, rows))
         if far.size:
             row = int(rows[far[0] + 1])
@@ -306,14 +306,14 @@ def _check_units(log: Log) -> None:
 
 
 def _slope(log: Log, angle: int, rate: int) -> float | None:
-    """Return the factor from the derivative of an angle or of z to a rate or to w; None where the log does not show it."""
+    """Return the ratio of a rate to the derivative of its angle, or of w to the derivative of z; None if the log does not show it."""
     rows = np.flatnonzero(np.isfinite(log.measured[:, angle]) & np.isfinite(log.measured[:, rate]))
     if rows.size < 5 * FEWEST:
         return None
     turn = np.diff(log.measured[rows, angle])
     values = log.measured[rows, rate]
     area = 0.5 * (values[1:] + values[:-1]) * np.diff(log.time[rows])
-    # Sums over ten rows: noise of an angle does not hide its change.
+    # Sums over ten rows, so that an angle's noise does not hide its change.
     width = min(10, turn.size)
     kernel = np.ones(width)
     turn, area = (np.convolve(part, kernel, "valid") for part in (turn, area))

@@ -34,14 +34,14 @@ def fly(
     name: str = "simulated",
     delay: float = 0.0,
 ) -> Log:
-    """Return the log of commands (T, n_u) that the simulated vehicle executes from rest, with noise on what is measured.
+    """Return the log of commands (T, n_u) that the simulated vehicle executes from rest, with noise on the measurements.
 
     Args:
         vehicle: vehicle to simulate.
         command: commands every `INTERVAL` s.
         generator: source of the noise.
-        noise: standard deviation of the channels that are measured.
-        every: rows of inputs for each row of measurements.
+        noise: standard deviation of each measured channel, by name.
+        every: number of rows of inputs for each row of measurements.
         name: name of the log.
         delay: time in s from a command to its execution, rounded to rows.
     """

@@ -15,9 +15,9 @@ FloatArray = NDArray[np.float64]
 DEPTH = -5.0
 """z in m of a vehicle whose depth was not measured."""
 SPAN = 0.15
-"""Half of the time in s over which a position or an angle gives a velocity, or one interval if that is longer."""
+"""Half of the time in s over which a position or an angle gives a velocity; at least one interval between measurements."""
 UNKNOWN = 0.3
-"""Standard deviation of a velocity that nothing shows, m/s and rad/s."""
+"""Standard deviation of a velocity that was neither measured nor derived, m/s and rad/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,8 +29,8 @@ class Motion:
     source: tuple[str, ...]
     """For each channel: "measured", "derived" from position or attitude, or "" for an assumed value."""
     spread: FloatArray
-    """(12,) standard deviation of a state that is derived or assumed, per standard deviation 1 of what it is derived from; 0
-    where it was measured."""
+    """(12,) ratio of a derived state's standard deviation to that of the channel from which it is derived; 0 for a measured state,
+    infinite for an assumed velocity or rate."""
 
 
 def of_log(log: Log) -> Motion:
@@ -62,14 +62,14 @@ def of_log(log: Log) -> Motion:
 def _derive(state: FloatArray, source: list[str], part: slice, values: FloatArray, there: bool) -> None:
     """Fill velocities or rates that were not measured."""
     for column, index in enumerate(range(part.start, part.stop)):
-        # A component is known where its world axis was measured; at small tilt they are the same.
+        # A body component counts as known if the same world axis was measured; at small tilt the two axes coincide.
         if not source[index] and there and source[index - 6]:
             state[:, index] = values[:, column]
             source[index] = "derived"
 
 
 def _rates(angles: FloatArray, change: FloatArray) -> FloatArray:
-    """Return body rates (T, 3) of the derivatives (T, 3) of roll, pitch and yaw (Fossen 2011, eq. 2.28)."""
+    """Return body rates (T, 3) from the derivatives (T, 3) of roll, pitch and yaw (Fossen 2011, eq. 2.28)."""
     roll, pitch, _ = angles.T
     d_roll, d_pitch, d_yaw = change.T
     return np.column_stack(
@@ -100,9 +100,9 @@ def interpolated(log: Log) -> FloatArray:
 def turns(angles: FloatArray, others: FloatArray) -> FloatArray:
     """Return the rotations (..., 3) in rad from attitudes `others` to attitudes `angles` (..., 3).
 
-    The vectors have components along the heading of the other attitude, to its port side, and up. At small tilt they are the
-    differences of roll, pitch and yaw. Beyond, those differences mean nothing: two vehicles that pass the vertical on two sides
-    have half a turn between their rolls.
+    The components are along the heading of `others`, to port of it, and up. At small tilt they equal the differences of roll, pitch
+    and yaw. At large tilt these differences have no meaning: if two vehicles pass the vertical on opposite sides, their rolls
+    differ by half a turn.
     """
     with np.errstate(invalid="ignore"):
         w, x, y, z = np.moveaxis(frames.quaternion(angles), -1, 0)
@@ -122,7 +122,7 @@ def turns(angles: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _half_width(log: Log, index: int) -> int:
-    """Return how many measurements on each side give a derivative."""
+    """Return the number of measurements on each side of a row from which its derivative is computed."""
     return max(1, round(SPAN / log.interval(CHANNELS[index])))
 
 

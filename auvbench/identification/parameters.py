@@ -1,4 +1,4 @@
-"""Numbers of a sheet that a log can determine: names, priors, and the vehicle with other values."""
+"""Define the numbers of a sheet that a log can determine: names and priors; and return vehicles with other values."""
 
 from __future__ import annotations
 
@@ -63,10 +63,10 @@ class Parameter:
 def known(vehicle: VehicleModel) -> dict[str, Parameter]:
     """Return all parameters of a vehicle by name.
 
-    A number that is zero in the sheet is left out where its prior is a factor.
+    A number whose prior is a factor is left out if it is zero in the sheet.
     """
     found = [
-        # A scale gives the mass to some percent.
+        # A weighing scale gives the mass to a few percent.
         Parameter("mass", "kg", vehicle.mass, 0.05),
         *(
             Parameter(f"inertia.{axis}", "kg m2", float(vehicle.inertia[k, k]), FACTOR, axis=axis)
@@ -103,8 +103,8 @@ def choose(vehicle: VehicleModel, names: Sequence[str], measured_voltage: bool) 
 
     Args:
         vehicle: vehicle of the prior.
-        names: names or groups; none: the usual ones.
-        measured_voltage: whether the logs have the supply, so that it is not a parameter.
+        names: names or groups; empty: the names of `usual`.
+        measured_voltage: whether the logs have the supply voltage, which is then not a parameter.
 
     Raises:
         ConfigError: an unknown name, or one whose value in the sheet is zero.
@@ -125,8 +125,8 @@ def choose(vehicle: VehicleModel, names: Sequence[str], measured_voltage: bool) 
 def usual(vehicle: VehicleModel) -> list[str]:
     """Return the names that are fitted by default.
 
-    Mass and inertia are left out, because a log determines their sums with added mass. Thrust is left out, because only known
-    forces (net buoyancy, weight) show its scale.
+    Mass and inertia are left out, because a log determines only their sums with added mass. Thrust is left out, because only known
+    forces (net buoyancy, weight) determine its scale.
     """
     return [
         *PER_AXIS,
@@ -154,7 +154,7 @@ def values_of(parameters: Sequence[Parameter], x: FloatArray) -> dict[str, float
 
 
 def with_values(vehicle: VehicleModel, values: dict[str, float]) -> VehicleModel:
-    """Return the vehicle with other numbers, by the names of `known`; thrust, gain, delay and voltage are not part of it."""
+    """Return the vehicle with other numbers, by the names of `known`; thrust, gain, delay and voltage are ignored."""
     mass = values.get("mass", vehicle.mass)
     weight = vehicle.weight * mass / vehicle.mass
     net = values.get("net_buoyancy", vehicle.buoyancy - vehicle.weight)
@@ -186,7 +186,7 @@ def with_values(vehicle: VehicleModel, values: dict[str, float]) -> VehicleModel
 
 
 def _unit(unit: Actuator, values: dict[str, float]) -> Actuator:
-    """Return an actuator with another lag."""
+    """Return a thruster with the lag in `values`; any other actuator unchanged."""
     if "lag" not in values or not isinstance(unit, Thruster):
         return unit
     return replace(unit, lag=Lag.first_order(values["lag"]))

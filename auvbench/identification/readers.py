@@ -19,8 +19,9 @@ def read(paths: Sequence[str], frame: str = "enu", motors: Sequence[str] | None 
 
     Args:
         paths: files or folders.
-        frame: axes of tables, "enu" or "ned"; other formats know theirs.
-        motors: names of the thrusters in the order of an autopilot's motors, with `-` before a reversed one; None: as its frame has them.
+        frame: axes of tables, "enu" or "ned"; the axes of other formats are known.
+        motors: names of the thrusters in the order of an autopilot's motors, with `-` before a reversed one; None: the order of a
+            known frame.
 
     Raises:
         LogError: a file cannot be read, or a log cannot be used.

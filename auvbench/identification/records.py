@@ -23,7 +23,7 @@ def is_record(path: Path) -> bool:
 
 
 def read(path: Path) -> list[Log]:
-    """Return a log for each episode of a file or folder that is long enough.
+    """Return a log for each sufficiently long episode of a file or folder.
 
     Raises:
         LogError: the file cannot be read, or has no episode that can be used.

@@ -1,4 +1,4 @@
-"""Weighted residuals of predictions, with the first state of each window free within its measurement error."""
+"""Compute weighted residuals of predictions, with the first state of each window free within its measurement error."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ FloatArray = NDArray[np.float64]
 
 OWN = len(CHANNELS)
 DISTURBED = (3, 4, *range(6, 12))
-"""First states whose effect is simulated: tilt, velocity and rates. Position and yaw only shift a prediction."""
+"""Components of a first state whose effect is simulated: tilt, velocity and rates. Position and yaw only shift a prediction."""
 TRUSTED = 0.1
-"""Smallest standard deviation of a measured velocity or rate at a start, as a share of that of the residuals. Noise that changes
-slowly hides between two rows."""
+"""Smallest standard deviation of a measured velocity or rate in a first state, as a share of the residuals' standard deviation.
+The difference between two rows does not show slowly changing noise."""
 PIECE = 0.5
 """Duration in s of the pieces of a window whose inputs have a time error of their own: few commands change more often."""
 LATEST = 1.7
-"""Largest time error of inputs in standard deviations: sqrt(3) of a uniform one."""
+"""Largest time error of inputs in standard deviations: sqrt(3) for a uniform error."""
 SMALL = 1e-3
 """Step of finite differences, of states in SI units and of normalised parameters."""
 FLIPPED = 1.0
-"""Change of a residual over `SMALL` that is no derivative: an attitude error of half a turn changes its sign."""
+"""Change of a residual over a step `SMALL` above which it is not a derivative: an attitude error of half a turn has changed its sign."""
 LOST = 1e3
-"""Error of a prediction that is not finite."""
+"""Error that replaces the error of a prediction that is not finite."""
 FLOORS = (1e-3,) * 3 + (5e-4,) * 3 + (2e-3,) * 3 + (1e-3,) * 3
 """Smallest standard deviation of a residual of each channel."""
 
@@ -40,9 +40,9 @@ NOTHING = Lasting(np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0.0, 0.0, 0.
 class Residuals:
     """Residuals of one predictor as a function of normalised parameters.
 
-    The first state of a window is measured with noise, and some logs have errors that last (`log.Lasting`). Their corrections
-    minimise the residuals of the window; they are linear in them, and are computed in closed form at each evaluation (Golub and
-    Pereyra, variable projection).
+    The first state of a window is measured with noise, and some logs have lasting errors (`log.Lasting`). Corrections of both
+    minimise the residuals of the window. The residuals are linear in the corrections, which are therefore computed in closed form
+    at each evaluation (Golub and Pereyra, variable projection).
 
     Attributes:
         sigma: (channels,) standard deviation of the residuals.
@@ -65,15 +65,15 @@ class Residuals:
         self.shift = np.zeros((self.windows.n, len(CHANNELS)))
         """Correction (n, 12) of the first states from which predictions start, in standard deviations."""
         self.wrong = np.zeros((self.windows.n, len(CHANNELS)))
-        """Offset (n, 12) of what is measured that predictions allow for, in standard deviations."""
+        """Offset (n, 12) of measurements that predictions contain, in standard deviations."""
         self.late = np.zeros((self.windows.n, len(self._pieces()) if self._has_lasting else 0))
-        """Time (n, pieces) by which predictions let the inputs come later, in standard deviations."""
+        """Delay (n, pieces) of the inputs that predictions contain, in standard deviations of the time error."""
         self._noise = np.array([_noise(log) for log in self.windows.logs])
         self._spread = self._start_spread()
         self._gain: tuple[FloatArray, FloatArray] | None = None
 
     def _first_sigma(self) -> FloatArray:
-        """Return a tenth of what each channel changes in a window, as a first guess."""
+        """Return a first guess of `sigma`: a tenth of each channel's change in a window."""
         change = self.windows.error(self.windows.state[:, None])
         spread = np.sqrt(np.nanmean(change[..., self.channels] ** 2, axis=(0, 1)))
         return np.asarray(np.maximum(0.1 * spread, np.array(FLOORS)[self.channels]))
@@ -89,7 +89,7 @@ class Residuals:
 
     @property
     def _bias(self) -> FloatArray:
-        """Return the errors (n, 12) of what is measured that predictions allow for."""
+        """Return the offsets (n, 12) of measurements that predictions contain, in SI units."""
         return self.wrong * self._offset
 
     def _many(
@@ -110,7 +110,7 @@ class Residuals:
     def linearise(self, x: FloatArray) -> None:
         """Compute how first states and lasting errors act on the residuals, at normalised parameters `x`.
 
-        Predictions then start from the corrected first states, so that their effect need only be linear in what is left.
+        Predictions then start from the corrected first states, so that only the remaining corrections need to act linearly.
         """
         if self._gain is not None:
             _, z = self.project(self.raw(x))
@@ -143,7 +143,7 @@ class Residuals:
         self._gain = G, -np.einsum("nij,nrj->nir", inverse, G)
 
     def _sizes(self, read: Callable[[Lasting], float | FloatArray]) -> FloatArray:
-        """Return a size (n, ...) of the lasting errors of each window's log."""
+        """Return one field (n, ...) of the lasting errors of each window's log, as `read` returns it."""
         return np.array([read(lasting or NOTHING) for lasting in self._lasting])[self.windows.log]
 
     def _errors(self, effect: FloatArray, x: FloatArray) -> list[FloatArray]:
@@ -159,7 +159,7 @@ class Residuals:
         drift = self._sizes(lambda lasting: lasting.drift)[:, None, None]
         early = self._sizes(lambda lasting: lasting.early)[:, None, None, None]
         late = np.moveaxis(self._later(x, self._pieces()), 0, -1)
-        # What is measured too high is too high at the start, too.
+        # A first state comes from the measurements, so it has the same offset.
         return [
             (own - effect) * self._offset[:, None, None],
             self.windows.time[..., None, None] * own * drift,
@@ -167,7 +167,7 @@ class Residuals:
         ]
 
     def _allow(self, z: FloatArray) -> None:
-        """Let predictions start with the offsets and times of corrections (n, `corrections`): their effect is not linear for long."""
+        """Put the offsets and delays of corrections (n, `corrections`) into the predictions: only small corrections act linearly."""
         self.wrong = np.clip(z[:, OWN : 2 * OWN], -5.0, 5.0)
         self.late = np.clip(z[:, 3 * OWN :], -LATEST, LATEST)
         late = np.zeros((self.windows.n, self.predictor.steps))
@@ -192,9 +192,10 @@ class Residuals:
         )
 
     def of_whole_logs(self, x: FloatArray) -> FloatArray:
-        """Return how one standard deviation of each error that all logs share acts on `vector` (rows, errors), at the last linearisation.
+        """Return the change of `vector` (rows, errors) by one standard deviation of each error that all logs share.
 
-        The outputs' time and the scale of the depth come with a vehicle's autopilot, so that more logs do not reduce them.
+        The effect of corrections is taken from the last linearisation. The time error of all outputs and the error of the depth scale
+        belong to a vehicle's autopilot, so that more logs do not reduce them.
         """
         if not self._has_lasting:
             return np.zeros((self.weights().size, 0))
@@ -221,8 +222,8 @@ class Residuals:
     def _start_spread(self) -> FloatArray:
         """Return standard deviations (n, 12) of the first states.
 
-        Residuals are larger than the noise where the model is wrong. A first rate that is as free would bend each prediction
-        towards its window, and hide what is wrong.
+        Where the model is wrong, residuals are larger than the noise. A first rate that could vary as much as the residuals would bend
+        each prediction towards its window, and hide the error of the model.
         """
         noise = np.array(FLOORS)
         noise[self.channels] = self.sigma
@@ -250,7 +251,7 @@ class Residuals:
 
         Args:
             raw: (n, m, channels) as from `raw`.
-            change: whether `raw` is a derivative of residuals, which have the same correction of first states.
+            change: whether `raw` is a change of residuals; then the corrections that predictions contain are not subtracted.
         """
         assert self._gain is not None
         G, K = self._gain
@@ -264,7 +265,7 @@ class Residuals:
         return r + np.einsum("nri,ni->nr", G, z), z
 
     def vector(self, raw: FloatArray, x: FloatArray, change: bool = False) -> FloatArray:
-        """Return all residuals as a vector: of the windows, of the corrections of first states, of the prior."""
+        """Return one vector of all residuals: of the windows, of the corrections, and of the prior."""
         r, z = self.project(raw, change)
         return np.concatenate([r.ravel(), z.ravel(), x])
 
@@ -292,7 +293,7 @@ class Residuals:
         )
 
     def robust(self, r: FloatArray) -> FloatArray:
-        """Return the weights of the squares of `vector` (rows,) that have the gradient of the soft-L1 loss (Charbonnier 1994)."""
+        """Return the weights (rows,) that give the squares of `vector` the gradient of the soft-L1 loss (Charbonnier 1994)."""
         split = self.there.size
         weights = self.weights()
         weights[:split] /= np.sqrt(1.0 + r[:split] ** 2)
@@ -337,6 +338,6 @@ def _noise(log: Log) -> FloatArray:
 
 
 def _slope(base: FloatArray, other: FloatArray, step: float) -> FloatArray:
-    """Return a derivative of residuals by a finite difference; 0 where one of the two is lost or turns by more than half a turn."""
+    """Return a derivative of residuals by a finite difference; 0 where the difference exceeds `FLIPPED`."""
     change = other - base
     return np.asarray(np.where(np.abs(change) > FLIPPED, 0.0, change) / step)

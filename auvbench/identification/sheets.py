@@ -24,14 +24,14 @@ DIGITS = 6
 def identified_sheet(
     base: Mapping[str, Any], fit: Fit, *, name: str, command: str, digests: Sequence[tuple[str, str]]
 ) -> dict[str, Any]:
-    """Return the content of a checked sheet.
+    """Return the content of the identified vehicle's sheet, after checking it.
 
     Args:
         base: content of the prior's sheet, without parents.
         fit: result of the fit.
         name: name of the new vehicle.
         command: command line, for the sheet's source.
-        digests: name and SHA-256 of each file.
+        digests: name and SHA-256 of each log file.
 
     Raises:
         VehicleError: the numbers break a rule of sheets.
@@ -210,7 +210,10 @@ def _section(fit: Fit, command: str, digests: Sequence[tuple[str, str]]) -> dict
 
 
 def rounded(covariance: NDArray[np.float64]) -> list[list[float]]:
-    """Return a covariance for a sheet. Few digits would give one of few bootstrap replicates negative eigenvalues."""
+    """Return a covariance rounded to nine digits, for a sheet.
+
+    A covariance from few bootstrap replicates would get negative eigenvalues with fewer digits, or without the enlarged diagonal.
+    """
     matrix = 0.5 * (covariance + covariance.T) + 1e-4 * np.diag(np.diag(covariance))
     return [[float(f"{value:.9g}") for value in row] for row in matrix.tolist()]
 

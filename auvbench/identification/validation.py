@@ -26,7 +26,7 @@ MOST = 600
 BAND = 0.9
 """Share of the measurements that a prediction band should cover."""
 DRAWS = 24
-"""Vehicles drawn from an identified sheet for its bands."""
+"""Number of vehicles drawn from an identified sheet for its bands."""
 HOLD, CONSTANT = "hold", "constant velocity"
 FEWEST = 5
 """Smallest number of windows for which an error is shown."""
@@ -34,13 +34,13 @@ FEWEST = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """One predictor on all windows."""
+    """Errors of one predictor in all windows."""
 
     name: str
     error: FloatArray
     """(n, horizons, 12) prediction less measurement, NaN where nothing was measured."""
     band: FloatArray | None = None
-    """(n, horizons, 12) half widths of the bands; NaN where the sheet has no error for it."""
+    """(n, horizons, 12) half widths of the bands; NaN where the sheet gives no error."""
 
     def rms(self) -> FloatArray:
         """Return the root mean square errors (horizons, 12); NaN with fewer than `FEWEST` windows."""
@@ -58,18 +58,18 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Validation:
-    """Predictions of several sheets for some logs."""
+    """Predictions of several sheets, and of two baselines, for some logs."""
 
     logs: tuple[Log, ...]
     windows: int
     channels: tuple[str, ...]
     """Measured channels."""
     predictions: tuple[Prediction, ...]
-    """Holding, constant velocity, then the sheets."""
+    """Predictions that hold the first state, of constant velocity, then of the sheets."""
     remarks: tuple[str, ...] = field(default=())
 
     def skill(self, prediction: Prediction) -> float:
-        """Return the geometric mean of the errors over those of holding, over channels and horizons; below 1 is better."""
+        """Return the geometric mean, over channels and horizons, of the ratio of an error to the error of holding; lower is better."""
         hold = self.predictions[0].rms()
         ratio = prediction.rms() / np.where(hold > 0.0, hold, np.nan)
         ratio = ratio[np.isfinite(ratio) & (ratio > 0.0)]
@@ -77,10 +77,10 @@ class Validation:
 
 
 def horizons(logs: Sequence[Log]) -> Windows:
-    """Return windows whose rows to compare are the horizons.
+    """Return windows whose rows are at the horizons.
 
-    A measurement at a horizon is interpolated between the two next to it, and left out where the channel is measured more rarely
-    than the horizon.
+    A measurement at a horizon is interpolated between its two neighbours. It is left out if the channel's measurements are farther
+    apart than the horizon.
 
     Raises:
         LogError: no window fits.
@@ -187,12 +187,12 @@ def _band(predictor: Predictor, predicted: FloatArray, identified: Identified, s
     drawn = [relative(identified, draw) for draw in identified.draws(DRAWS, np.random.default_rng(seed))]
     states = predictor.many(drawn)
     spread = np.sqrt(np.mean(predictor.windows.error(states, predicted) ** 2, axis=0))
-    # 1.645: the 90 % quantile of a normal error's size.
+    # 1.645: the 90 % quantile of a normal error's absolute value.
     return np.asarray(np.sqrt(base**2 + (1.645 * np.nan_to_num(spread, nan=0.0, posinf=1e3)) ** 2))
 
 
 def relative(identified: Identified, draw: dict[str, float]) -> dict[str, float]:
-    """Return a drawn vehicle's numbers as changes of the sheet, which has the fitted gain, thrust and voltage already."""
+    """Return a drawn vehicle's numbers, with thrust and gains relative to the fitted values, which the sheet already contains."""
     fitted = dict(zip(identified.parameters, identified.values(identified.fitted).tolist(), strict=True))
     values = dict(draw)
     for name in draw:
@@ -204,7 +204,7 @@ def relative(identified: Identified, draw: dict[str, float]) -> dict[str, float]
 def share_of_holding(
     logs: Sequence[Log], vehicle: VehicleModel, values: Mapping[str, float], horizon: float = 1.0
 ) -> dict[str, float]:
-    """Return a vehicle's root mean square error after `horizon` s over that of holding the value, by channel."""
+    """Return, by channel, the ratio of a vehicle's RMS error after `horizon` s to the RMS error of holding the first state."""
     windows, h = horizons(logs), HORIZONS.index(horizon)
     own = Prediction("", windows.error(Predictor(windows, vehicle).states(dict(values)))).rms()[h]
     held = _held(windows).rms()[h]

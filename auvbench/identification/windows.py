@@ -32,7 +32,7 @@ MOST_LANES = 4096
 CHECKS = 40
 """Largest number of measurements of a window that are compared."""
 TUMBLING = np.radians(60.0)
-"""Tilt from which attitudes are compared by the rotation between them."""
+"""Tilt in rad from which attitudes are compared by the rotation between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class Windows:
     logs: tuple[Log, ...]
     motions: tuple[motion.Motion, ...]
     length: float
-    """s"""
+    """Length of a window in s."""
     step: float
     """Time in s between two changes of the input in a prediction."""
     log: IntArray
@@ -52,7 +52,7 @@ class Windows:
     state: FloatArray
     """(n, 12) state in the first row."""
     time: FloatArray
-    """(n, m) s after the start."""
+    """(n, m) time of each row after the start, s."""
     measured: FloatArray
     """(n, m, 12), NaN where nothing was measured or the window has fewer rows."""
     channels: tuple[int, ...]
@@ -66,7 +66,7 @@ class Windows:
         return int(self.start.size)
 
     def error(self, states: FloatArray, others: FloatArray | None = None) -> FloatArray:
-        """Return states (..., n, m, 12) less what was measured, or less other states.
+        """Return states (..., n, m, 12) less the measurements, or less other states.
 
         In tumbling windows, the errors of roll, pitch and yaw are `motion.turns`.
         """
@@ -143,7 +143,7 @@ def tumbles(
 
 
 def step_of(logs: Sequence[Log]) -> float:
-    """Return the time in s between two changes of the input in predictions: half of that between two measurements, in bounds."""
+    """Return the time in s between two changes of the input in predictions: half the interval between measurements, within bounds."""
     intervals = [float(np.median(np.diff(log.time[np.isfinite(log.measured).any(axis=1)]))) for log in logs]
     return min(LONGEST_STEP, max(SHORTEST_STEP, 0.5 * min(intervals)))
 
@@ -182,7 +182,7 @@ class Predictor:
         self._late: FloatArray | None = None
 
     def delay(self, late: FloatArray) -> None:
-        """Let the inputs of each step of each window come later by some s (n, steps)."""
+        """Delay the inputs of each step of each window by `late` (n, steps), in s."""
         self._late = late
         self._held.clear()
 
@@ -191,7 +191,7 @@ class Predictor:
 
         Args:
             values: numbers of the sheet that differ, by the names of `parameters.known`.
-            state: (n, 12) first states; default: those of the windows.
+            state: (n, 12) first states; default: the windows' first states.
         """
         return np.asarray(self.many([values], [state])[0])
 
@@ -211,7 +211,7 @@ class Predictor:
     def later(
         self, values: dict[str, float], state: FloatArray, seconds: float, pieces: Sequence[slice]
     ) -> FloatArray:
-        """Return the predicted states (k, n, m, 12) with the inputs in each of k pieces of the windows' steps later by some s."""
+        """Return k sets of predicted states (k, n, m, 12): in set i, the inputs in `pieces[i]` of the steps are `seconds` later."""
         vehicle = with_values(self.vehicle, values)
         means, now = self._inputs(vehicle, values)
         late, _ = self._inputs(vehicle, {**values, "delay": values.get("delay", 0.0) + seconds})
@@ -236,9 +236,9 @@ class Predictor:
         padded: int,
         inputs: Sequence[tuple[FloatArray, list[FloatArray]]] = (),
     ) -> FloatArray:
-        """Return `many` for sets that are simulated in one batch, in which each has `padded` vehicles.
+        """Return the predictions of `many` for sets of numbers that are simulated in one batch of `padded` vehicles for each set.
 
-        `inputs` are those of each set as of `_inputs`, if they differ.
+        `inputs` are the inputs of each set, in the form of `_inputs`; default: `_inputs` of the set.
         """
         vehicles = [with_values(self.vehicle, some) for some in values]
         inputs = inputs or [
@@ -279,7 +279,7 @@ class Predictor:
         return self._sampled(grid, start, lanes)
 
     def _units(self, vehicle: VehicleModel) -> tuple[Actuator, ...]:
-        """Return actuators whose command is their quantity over a factor, and whose first-order lag is in the inputs."""
+        """Return actuators whose command is their quantity divided by a factor; the inputs contain first-order lags, so these have none."""
         if self.by_wrench:
             return ()
         return tuple(
@@ -293,7 +293,7 @@ class Predictor:
         )
 
     def _inputs(self, vehicle: VehicleModel, values: dict[str, float]) -> tuple[FloatArray, list[FloatArray]]:
-        """Return the mean inputs (n, steps, n_u) of each step, and those (n_k, n_u) at the windows' starts, by log."""
+        """Return the mean inputs (n, steps, n_u) of each step, and for each log the inputs (n_k, n_u) at its windows' starts."""
         delay, voltage = values.get("delay", 0.0), values.get("voltage")
         key = delay, voltage, values.get("lag")
         if key not in self._held:
@@ -325,7 +325,7 @@ class Predictor:
         return command, now
 
     def _actuator_states(self, units: Sequence[Actuator], now: list[FloatArray]) -> FloatArray:
-        """Return the states (n, n_states) of actuators with dynamics at the start of the windows: at rest at the input there."""
+        """Return the states (n, n_states) of actuators with dynamics at the windows' starts: the steady states of the inputs there."""
         windows = self.windows
         inputs = np.zeros((windows.n, len(units)))
         for number, values in enumerate(now):
@@ -346,7 +346,7 @@ class Predictor:
         Args:
             grid: (steps + 1, vehicles, 13) poses and velocities.
             start: (vehicles, 12) first states.
-            lanes: (k, n) vehicle of each window of each set.
+            lanes: (k, n) index of the vehicle for each set and window.
         """
         place = np.clip(self.windows.time / self.windows.step, 0.0, self.steps)
         below = np.minimum(place.astype(int), self.steps - 1)
@@ -366,7 +366,7 @@ def _lagged(unit: Actuator) -> bool:
 
 @compiled()
 def _follow(state: FloatArray, keep: FloatArray) -> None:
-    """Replace inputs (T, n_u) by their states after a lag that keeps shares (T - 1, n_u) of the distance in each step."""
+    """Replace inputs (T, n_u) by the states of a lag; in each step, shares `keep` (T - 1, n_u) of the distance to the input remain."""
     inputs = state.copy()
     for k in range(keep.shape[0]):
         for a in range(keep.shape[1]):
