@@ -5,7 +5,7 @@ substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor
 -> effectiveness -> wrench [e; r x e] per newton (tau = T f, Fossen 2011, section 12.3).
 
 Tables (n_u, LANES) have a row for each actuator: `value`, the static curve's value for the command; `output`, after the
-dynamics; `thrust`, effectiveness times thrust scale; `kept` and `moved`, A and B of lags of which each vehicle has its own.
+dynamics; `thrust`, effectiveness times thrust scale; `kept` and `moved`, A and B of lags that differ between vehicles.
 `inner` (states, LANES) are the states of all dynamics.
 """
 
@@ -42,7 +42,7 @@ FloatArray = NDArray[np.float64]
 
 @inline
 def interpolated(tables: FloatArray, row: int, points: int, position: float) -> float:
-    """Return the value of a row of equally spaced points at `position`, 0 at the first and points - 1 at the last."""
+    """Return a row of equally spaced points, interpolated at `position`: 0 is the first point, points - 1 the last."""
     k = max(min(int(position), points - 2), 0)
     left: float = tables[row, k]
     right: float = tables[row, k + 1]
@@ -210,7 +210,7 @@ def _scaled_lag(actuator: Record) -> bool:
 def _discretise_lags(
     ws: Record, actuators: Record, discrete: Record, kept: FloatArray, moved: FloatArray
 ) -> None:
-    """Write A and B (n_u, LANES) of first-order lags whose time constants are the sheet's times each vehicle's factor.
+    """Write A and B (n_u, LANES) of first-order lags; a vehicle's time constant is the sheet's, multiplied by `lag_factor`.
 
     A = exp(-h / T) becomes A^(1 / factor), and B keeps the static gain; a factor of 1 keeps all bits.
     """

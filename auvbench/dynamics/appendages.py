@@ -1,11 +1,11 @@
 """Compiled actuators that are not thrusters: fins, mass shifter, buoyancy engine, drop weight.
 
-Only vehicles with such actuators call it, before every Runge-Kutta stage, because a fin's force depends on the flow
-at that stage.
+The kernel uses this module only for vehicles with such actuators, before every Runge-Kutta stage, because a fin's force
+depends on the flow at that stage.
 
-* Fin: lift and drag in the plane normal to its hinge, which is normal to the x axis, from the local relative flow, linear in the angle of attack up to
-  stall and with another slope beyond it; the model and the factor cos^2(sweep) are those of gz-sim's LiftDrag system,
-  which the LRAUV's parameters were written for.
+* Fin: lift and drag from the local relative flow, in the plane normal to the hinge; the hinge is normal to the x axis. Both are
+  linear in the angle of attack up to stall, with another slope beyond it. The model and the factor cos^2(sweep) are those of
+  gz-sim's LiftDrag system, for which the LRAUV's parameters were written.
 * Mass shifter: moves weight along its axis; changes the restoring moment (its effect on M_RB and its own inertia are neglected).
 * Buoyancy engine: rho g (V - V_neutral) upward at its position.
 * Drop weight: once released, its weight upward at its position (its mass stays in M_RB, its volume in B).
@@ -56,7 +56,7 @@ def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
     if square == 0.0:
         return 0.0, 0.0, 0.0
     attack = math.atan2(-dot(across, normal), dot(across, chord))
-    # The same from both sides of the chord: fold into a quarter turn.
+    # A fin acts the same with either edge forward, so the angle is folded into a quarter turn.
     if attack > 0.5 * math.pi:
         attack -= math.pi
     elif attack < -0.5 * math.pi:
@@ -66,7 +66,7 @@ def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
     C_L = math.copysign(max(fin.lift_slope * within + fin.lift_slope_stall * beyond, 0.0), attack)
     C_D = abs(fin.drag_slope * within + fin.drag_slope_stall * beyond)
     cos2_sweep = square / (square + spanwise * spanwise)
-    # Dynamic pressure times area, per m/s: what it multiplies below has the length of `across`.
+    # Dynamic pressure times area, per m/s: below it multiplies vectors of the length of `across`.
     pressure = 0.5 * fin.density * square * fin.area * cos2_sweep / math.sqrt(square)
     return subtract(scale(C_L * pressure, cross(hinge, across)), scale(C_D * pressure, across))
 

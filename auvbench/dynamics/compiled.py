@@ -79,8 +79,9 @@ def _borrowed(typing: Any, array: Any) -> Any:
 
 @inline
 def borrowed(array: Any) -> Any:
-    """Return an array without its owner; the caller must keep the array meanwhile. Otherwise numba would count
-    references to the owner for each row, which costs more than the rest of a loop over episodes.
+    """Return an array without its owner, which the caller must keep alive.
+
+    With the owner, numba would count references for each row, which costs more than the rest of a loop over episodes.
     """
     return array if INTERPRETED else _borrowed(array)  # type: ignore[call-arg]
 
@@ -100,8 +101,8 @@ def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], An
             return function
         dispatcher.__class__ = Stored
         paths = (Path(function.__code__.co_filename).parent, *(PACKAGE / folder for folder in folders))
-        # What the cache compares before it trusts its content: a stamp of the function's file. numba has no public
-        # way to add to it; a cell in the function's closure would do, but takes a function around each function.
+        # The cache trusts its content only if the stamp of the function's file is the same. numba has no public way to
+        # extend this stamp. A cell in the function's closure would work too, but needs a function around each function.
         index = dispatcher._cache._cache_file
         index._source_stamp = (index._source_stamp, *map(fingerprint, paths))
         _compile_alone(dispatcher)
@@ -124,8 +125,9 @@ class Stored(CPUDispatcher):
 
 
 def _of_any_stride(kind: Any) -> Any:
-    """Return the type of a column or a table for any number of rows. NumPy takes a column of one row as contiguous, but not
-    one of two rows, and numba would compile a function for each.
+    """Return the type of a column or a table for any number of rows.
+
+    For NumPy, a column with one row is contiguous and one with two rows is not; numba would compile a function for each.
     """
     if isinstance(kind, types.UniTuple) and isinstance(kind.dtype, types.Array) and kind.count > 1:
         return types.UniTuple(kind.dtype.copy(layout="A"), kind.count)  # type: ignore[no-untyped-call]
@@ -136,12 +138,13 @@ def _of_any_stride(kind: Any) -> Any:
 
 
 PATIENCE = 300.0
-"""s, longest wait for another process that compiles the same function"""
+"""longest wait in s for another process that compiles the same function"""
 
 
 def _compile_alone(dispatcher: Any) -> None:
-    """Before a function that is not in the cache is compiled, print a line, once in a process, and wait for other processes
-    that compile it: the workers of a command need the same functions at the same time.
+    """Make a function that is not in the cache print a line, once in a process, and wait for other processes that compile it.
+
+    The workers of a command need the same functions at the same time.
     """
     stored = dispatcher._cache.load_overload
     index = Path(dispatcher._cache._cache_file._index_path)

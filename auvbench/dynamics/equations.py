@@ -5,7 +5,7 @@
 
 with nu_r = nu - nu_c and, for a current that is constant in the world, nu_c' = [-omega x v_c; 0] in body axes (Fossen 2011, chapters
 3, 4, 6 and section 8.3); the gradient of a current over depth is left out of nu_c'. tau is the wrench of thrusters, appendages and
-outer causes. Both Coriolis terms are evaluated through momenta: with linear momentum p and angular momentum h, C(nu) nu =
+external causes. Both Coriolis terms are evaluated through momenta: with linear momentum p and angular momentum h, C(nu) nu =
 [omega x p; v x p + omega x h] (Fossen 2011, theorem 3.2). The inverse of M_RB + M_A is computed once for each set of parameters.
 
     in the code     in Fossen's book
@@ -14,9 +14,9 @@ outer causes. Both Coriolis terms are evaluated through momenta: with linear mom
     m_r_g, I_b      m r_g and the inertia about the origin CO
     p, h            momenta [p; h] = M nu
     up              the world's z axis in body axes, R^T [0; 0; 1]; Fossen's points down
-    share, ahead    of Runge-Kutta: b_i h of this stage, and how far ahead of the start the next one is
+    share, ahead    of Runge-Kutta: b_i h of this stage, and the time from the substep's start to the next stage
 
-Attitude is a quaternion (w, x, y, z), body to world. It has length 1 at the start of each substep; its stages are taken as they are.
+Attitude is a quaternion (w, x, y, z), body to world. It has length 1 at the start of each substep; it is not normalised at the stages.
 
 `docs/physics.md` lists what is neglected; `layout.py` declares the records.
 """
@@ -120,7 +120,7 @@ def integrate(x: Rows, y: Rows, s: Rows, lane: int, rate: Vector, share: float, 
 def integrate_attitude(
     x: Rows, y: Rows, s: Rows, lane: int, rate: Quaternion, share: float, ahead: float
 ) -> None:
-    """Do as `integrate` with a quaternion."""
+    """Do the same as `integrate`, for a quaternion."""
     add4(s, lane, scale_quaternion(share, rate))
     put4(y, lane, add_quaternions(four(x, lane), scale_quaternion(ahead, rate)))
 

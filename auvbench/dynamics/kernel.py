@@ -52,7 +52,7 @@ FloatArray = NDArray[np.float64]
 PARTS = 6.0, 3.0, 3.0, 6.0
 """1 / b_i of the stages of the classical Runge-Kutta method"""
 AHEAD = 0.5, 0.5, 1.0, 0.0
-"""substeps from the start to the next stage"""
+"""time from the start of a substep to the next stage, in substeps"""
 
 
 @inline

@@ -46,7 +46,7 @@ def off_diagonal(rows: Rows, lane: int) -> Vector:
 
 @inline
 def symmetric_of(diagonal: Vector, off_diagonal: Vector) -> Matrix:
-    """Return the symmetric matrix of its diagonal xx yy zz and xy xz yz."""
+    """Return the symmetric matrix with the diagonal (xx, yy, zz) and the off-diagonal entries (xy, xz, yz)."""
     xx, yy, zz = diagonal
     xy, xz, yz = off_diagonal
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)

@@ -49,7 +49,7 @@ VELOCITY = record(linear=(3,), angular=(3,))  # nu = [v; omega], m/s and rad/s
 WRENCH = record(force=(3,), torque=(3,))  # N, N m
 CURRENT = record(
     velocity=(3,),  # world axes, m/s, at depths above `top`
-    change=(3,),  # from there to the bottom of the profile, m/s
+    change=(3,),  # velocity at the bottom of the profile less `velocity`, m/s
     top=(),  # z, m
     per_thickness=(),  # 1/m; 0: uniform
 )
@@ -59,7 +59,7 @@ CURRENT_COLUMNS = CURRENT.itemsize // 8
 STATE = record(  # eta = [position; attitude], nu = [velocity; rates] = [v; omega]
     position=(3,), attitude=(4,), velocity=(3,), rates=(3,)
 )
-# A symmetric matrix of 3 x 3: xx yy zz xy xz yz. One of 6 x 6 in blocks: M = [M11 M12; M12^T M22] (Fossen 2011, theorem 3.2).
+# A symmetric 3 x 3 matrix: xx yy zz xy xz yz. A symmetric 6 x 6 matrix: blocks M = [M11 M12; M12^T M22] (Fossen 2011, theorem 3.2).
 SYMMETRIC = (6,)
 SYMMETRIC_6 = record(M11=SYMMETRIC, M12=(3, 3), M22=SYMMETRIC)
 VEHICLE = record(
@@ -67,15 +67,15 @@ VEHICLE = record(
     m_r_g=(3,),  # m r_g, kg m
     I_b=SYMMETRIC,  # inertia about CO, kg m2
     M_A=SYMMETRIC_6,
-    # M_A as C_A(nu_r) nu_r uses it: 0 where the sheet switches this term off, -M_A for that of a Gazebo release.
+    # M_A as C_A(nu_r) nu_r uses it: 0 if the sheet switches this term off, -M_A for the term of a Gazebo release.
     M_A_coriolis=SYMMETRIC_6,
     D=VELOCITY,  # linear damping of v_r (N s/m) and omega (N m s)
     D_n=VELOCITY,  # quadratic damping (N s2/m2, N m s2)
     B_minus_W=(),  # N
     B_r_b_minus_W_r_g=(3,),  # N m
     M_inverse=SYMMETRIC_6,  # (M_RB + M_A)^-1
-    thrust_factor=(),  # on all thrust
-    lag_factor=(),  # on the time constant of thrusters with a first-order lag
+    thrust_factor=(),  # factor on all thrust
+    lag_factor=(),  # factor on the time constant of thrusters with a first-order lag
     displaced=(),  # mass of the displaced water rho V, kg
     displaced_r_b=(3,),  # rho V r_b, kg m
 )
@@ -87,7 +87,7 @@ CHANGE = record(
     added_mass=(6,),
     linear_damping=(6,),
     quadratic_damping=(6,),
-    lag=(),  # on the time constant of thrusters with a first-order lag
+    lag=(),  # factor on the time constant of thrusters with a first-order lag
     net_buoyancy=(),  # N, added
     center_of_buoyancy_z=(),  # m, added
 )
@@ -113,7 +113,7 @@ WORKSPACE = side_by_side(
         tau=WRENCH,  # of thrusters, appendages and `external`
         external=WRENCH,
         current=CURRENT,
-        # What the plain added mass lacks: momenta of entries off the diagonal, and a wrench to subtract.
+        # Terms beyond a diagonal added mass: momenta of its off-diagonal entries, and a wrench to subtract.
         extra=record(p=(3,), h=(3,), force=(3,), torque=(3,)),
         force=(),  # N of the thruster at hand
         # Waves: where and when they act, and the acceleration of the water, world axes.
@@ -137,17 +137,17 @@ ACTUATOR = record(
     high=(),
     neutral=(),
     table=np.int64,  # row of the table of curves
-    entries=np.int64,  # of that row
+    entries=np.int64,  # number of entries of that row
     # Dynamics.
     order=np.int64,
-    first_state=np.int64,  # of this actuator in the states of all
+    first_state=np.int64,  # index of this actuator's first state among the states of all actuators
     rate=(),  # largest rate of a rate-limited actuator, per second; 0: none
     # Thruster.
     rotor=(),  # force over n |n| with n in rad/s, N s2/rad2; 0 where the curve gives newtons
     per_newton=WRENCH,  # wrench [e; r x e]
-    force_scale=(),  # of the electrical power
-    power_scale=(),
-    points_per_newton=(),  # of the table of power
+    force_scale=(),  # factor on the force at which the table of power is read
+    power_scale=(),  # factor on the table's power
+    points_per_newton=(),  # points of the table of power per newton
     # All others.
     position=(3,),  # m
     axis=(3,),
@@ -165,5 +165,9 @@ ACTUATOR = record(
 DISCRETE = record(A=(3, 3), B=(3,), C=(3,), half_step=())
 
 # --- Waves ------------------------------------------------------------------------------------------------------------------------
-COMPONENT = record(turns=(), frequency=(), speed=())  # 1/m, Hz, m/s
-RAY = record(cosine=(LANES,), sine=(LANES,), phase=(LANES,))  # of a component in a block: direction, turns
+COMPONENT = record(
+    turns=(), frequency=(), speed=()
+)  # 1 / wave length in 1/m, Hz, amplitude of the surface's velocity in m/s
+RAY = record(
+    cosine=(LANES,), sine=(LANES,), phase=(LANES,)
+)  # direction of a component, and its phase in turns, for a block

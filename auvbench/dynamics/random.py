@@ -37,15 +37,15 @@ WAVES = 8
 TETHER = 10
 WORLD = 11
 RANGE = 12
-"""range sensors"""
+"""noise of range sensors"""
 NAVIGATION = 13
 """navigation sensors, and the errors of the estimate at the start"""
 IDENTIFIED = 14
 """vehicles drawn from the covariance of an identification"""
 MESSAGE = 15
-"""messages between vehicles that are lost"""
+"""loss of messages between vehicles"""
 BLOCK = 0x80
-"""blocks of an observation that packages bring"""
+"""observation blocks of installed packages"""
 # Streams 64 to 127 are those of packages' disturbances.
 TEST = 0x100
 """Test protocols draw from `stream | TEST`, so that no training scenario is a test scenario."""

@@ -2,12 +2,12 @@
 
 Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control", Wiley 2011, chapter 3.
 
-Fossen's force is -C_A(nu_r) nu_r (2011, eq. 6.43). The plugin applies +C nu_r, by its source and as measured (docs/gazebo.md), with
+Fossen's force is -C_A(nu_r) nu_r (2011, eq. 6.43). Gazebo's Hydrodynamics plugin applies +C nu_r, according to its source and to
+measurements (docs/gazebo.md). C depends on the release:
 
-* `gz-sim-8.12` (and later, measured in 8.14.0): C = C_A, so that the term has the opposite sign: its Munk moment turns a hull into the flow;
-* `gz-sim-8.11` (and earlier, from its first version on; measured with the plugin of 8.11.0): a C that also differs
-from C_A in two entries,
-  C(0,5) = +A_22 v where C_A has -A_22 v, so that this force is Fossen's again, and C(5,0) = -A_33 w where C_A has A_22 v.
+* `gz-sim-8.12` and later (measured in 8.14.0): C = C_A, so that the term has the opposite sign: its Munk moment turns a hull into the flow;
+* `gz-sim-8.11` and all earlier releases (measured with the plugin of 8.11.0): C differs from C_A in two entries,
+  C(0,5) = +A_22 v where C_A has -A_22 v, so that this force equals Fossen's, and C(5,0) = -A_33 w where C_A has A_22 v.
 
 A_22 and A_33 are the added masses in sway and heave, kg; v and w the velocities through the water. With the two
 entries the term is not skew-symmetric, so it does work, and surge with heave turns a vehicle in yaw.
@@ -72,7 +72,7 @@ def coriolis(M: ArrayLike, nu: ArrayLike) -> FloatArray:
 
 
 def early(M_A: FloatArray, nu: FloatArray) -> FloatArray:
-    """Return the wrench (6,) in N and N m that `gz-sim-8.11` adds to `gz-sim-8.12`.
+    """Return the wrench (6,) in N and N m of the plugin of `gz-sim-8.11` less that of `gz-sim-8.12`.
 
     Args:
         M_A: (6, 6) added mass, kg, kg m, kg m2.

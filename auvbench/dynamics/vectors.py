@@ -98,14 +98,14 @@ def transposed_product(M: Matrix, a: Vector) -> Vector:
 
 @inline
 def hollow_product(off: Vector, a: Vector) -> Vector:
-    """Return N a of a symmetric matrix with a zero diagonal and `off` = xy xz yz."""
+    """Return N a for the symmetric matrix N with a zero diagonal and the off-diagonal entries `off` = (xy, xz, yz)."""
     xy, xz, yz = off
     return xy * a[1] + xz * a[2], xy * a[0] + yz * a[2], xz * a[0] + yz * a[1]
 
 
 @inline
 def plus_hollow_product(h: Vector, off: Vector, a: Vector) -> Vector:
-    """Return h + N a of a symmetric matrix with a zero diagonal and `off` = xy xz yz."""
+    """Return h + N a for the symmetric matrix N with a zero diagonal and the off-diagonal entries `off` = (xy, xz, yz)."""
     xy, xz, yz = off
     return h[0] + xy * a[1] + xz * a[2], h[1] + xy * a[0] + yz * a[2], h[2] + xz * a[0] + yz * a[1]
 

@@ -1,4 +1,4 @@
-"""The water around a vehicle of the block: the current at its depth, its velocity through the water, and Gazebo's early term."""
+"""Compute the water around the vehicles of a block: current at their depth, velocity through the water, and Gazebo's early term."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def through_water(ws: Record, lane: int) -> tuple[Matrix, Vector, Vector]:
 
 @njit(nogil=True)
 def clear_momenta(ws: Record) -> None:
-    """Zero the momenta of entries of M_A off its diagonal, for vehicles without any."""
+    """Zero the momenta of M_A's off-diagonal entries, for vehicles without such entries."""
     p, h = ws.extra.p, ws.extra.h
     for lane in range(LANES):
         put3(p, lane, ZERO)

@@ -109,8 +109,8 @@ def density(frequency: FloatArray, height: float, period: float, spectrum: str) 
 def components(height: float, period: float, spectrum: str, gravity: float) -> FloatArray:
     """Return the components (COMPONENTS, 3) of a sea, as `Waves` has them.
 
-    Each component represents a bin of the spectrum, with the bin's energy and its variance of the surface's velocity.
-    All bins have the same mean of their shares of energy and variance.
+    Each component represents a bin of the spectrum: it has the bin's energy and its variance of the surface's velocity.
+    Bins are chosen so that the mean of a bin's share of the energy and its share of the variance is the same for all.
     """
     peak = 2.0 * math.pi / period
     w = np.linspace(LOWEST * peak, HIGHEST * peak, 20_001)
@@ -174,7 +174,7 @@ def move_water(
         i = min(block * LANES + lane, last)
         eta_dot = product(rotation_matrix(four(x.attitude, lane)), three(x.velocity, lane))
         waves.x[lane], waves.y[lane], z = add(three(x.position, lane), scale(half, eta_dot))
-        waves.depth[lane] = max(-z, 0.0)  # above the mean surface the water moves as at it
+        waves.depth[lane] = max(-z, 0.0)  # above the mean surface, the water moves as at the surface
         waves.time[lane] = time[i] + begin + half
         put3(current.velocity, lane, vector(currents[i].velocity))
         put3(waves.acceleration, lane, ZERO)
@@ -200,17 +200,17 @@ def move_water(
 def pressure_head(
     components: FloatArray, rays: FloatArray, lane: int, time: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """Return the waves' pressure at a point over the density and gravity in m, the sum of a exp(-k d) cos theta; its variance over time
-    in m2; and its mean frequency in Hz.
+    """Return the waves' pressure head at a point (pressure / (density gravity), the sum of a exp(-k d) cos theta) in m, its variance
+    over time in m2, and its mean frequency in Hz.
 
     Args:
         components: (m, 3), as `Waves` has them.
         rays: (m, 3, LANES) of the vehicle's block.
-        lane: of the vehicle.
+        lane: lane of the vehicle in the block.
         time: s.
         x: m east.
         y: m north.
-        z: m up; above the mean surface the pressure is that at it.
+        z: m up; above the mean surface, the pressure head is that at the surface.
     """
     head, variance, weighted = 0.0, 0.0, 0.0
     for m in range(components.shape[0]):
@@ -226,8 +226,8 @@ def pressure_head(
 
 @njit(nogil=True)
 def add_water_inertia(ws: Record) -> None:
-    """Subtract the accelerated water's (M_A + rho V) v' at the present stage from the wrench that is itself
-    subtracted.
+    """Add the force of the accelerated water, (M_A + rho V) v' at the present stage: subtract it from `ws.extra`, which
+    `runge_kutta_stage` subtracts.
     """
     vehicle, y, extra = ws.vehicle, ws.y, ws.extra
     M_A = vehicle.M_A

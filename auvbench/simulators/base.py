@@ -78,8 +78,9 @@ class DrawnSimulator(Simulator, Protocol):
     """A simulator with `capabilities.vehicles`."""
 
     def set_vehicles(self, indices: IntArray, changes: NDArray[Any]) -> None:
-        """Set how vehicles `indices` (k,) differ from the sheet: records (k,) of `layout.CHANGE`. They stay until the next call, and
-        `reset` multiplies them by its scales.
+        """Set how vehicles `indices` (k,) differ from the sheet: records (k,) of `layout.CHANGE`.
+
+        The changes apply until the next call; the scales of `reset` are multiplied to them.
         """
 
 
@@ -89,8 +90,8 @@ class VehicleBatch:
     Attributes in addition to `Simulator`'s:
         current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
             1 / thickness. `set_current` writes it.
-        external_wrench: (n, 6) N and N m in body axes at the body origin, added to the actuators'; kept until
-            changed.
+        external_wrench: (n, 6) N and N m in body axes at the body origin, added to the actuators' wrench; it acts
+            until it is changed.
         scales: (n, 6) as given to `reset`.
 
     Raises:

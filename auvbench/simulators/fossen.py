@@ -62,7 +62,7 @@ class FossenSimulator(VehicleBatch):
     Args:
         vehicle: vehicle to simulate.
         n: number of vehicles.
-        max_step: longest substep in s; a step of `duration` takes ceil(duration / max_step) equal ones.
+        max_step: longest substep in s; a step of `duration` s consists of ceil(duration / max_step) equal substeps.
         threads: number of threads that share the vehicles, if there are at least `THREADED` vehicles.
     """
 
@@ -96,13 +96,15 @@ class FossenSimulator(VehicleBatch):
         self._parameters = np.repeat(rows.T, layout.LANES, axis=1).reshape(1, -1)
         self._scaled = False
         self.changes: NDArray[Any] | None = None
-        """(n,) records of `layout.CHANGE`; None: all vehicles are the sheet's, up to their scales."""
+        """(n,) records of `layout.CHANGE`; None: all vehicles equal the sheet, apart from their scales."""
 
     def load_bodies(self, vehicles: Sequence[VehicleModel]) -> None:
-        """Give equal groups of blocks the masses, damping and buoyancy of `vehicles`, whose actuators stay this simulator's.
+        """Divide the blocks into equal groups, and give each group the masses, damping and buoyancy of one of `vehicles`.
+
+        The actuators do not change. Scales of `reset` are not used afterwards.
 
         Args:
-            vehicles: one for each group; their number divides the number of blocks. Scales of `reset` are not used afterwards.
+            vehicles: one vehicle for each group; their number divides the number of blocks.
         """
         ones = np.ones((1, len(SCALES)))
         rows = np.concatenate([parameter_rows(vehicle, ones) for vehicle in vehicles])
@@ -151,7 +153,7 @@ class FossenSimulator(VehicleBatch):
         return [function(*own), *(job.result() for job in jobs)]
 
     def advance(self, command: FloatArray, duration: float, start: int, stop: int) -> None:
-        """Apply commands (n, n_u) for `duration` s to the vehicles start .. stop - 1, multiples of LANES or `n`."""
+        """Apply commands (n, n_u) for `duration` s to vehicles start .. stop - 1; the bounds are multiples of LANES, or `n`."""
         plan = self._plans.get(duration)
         if plan is None:
             if len(self._plans) >= DURATIONS:
@@ -217,8 +219,8 @@ def make(settings: simulators.Fossen, vehicle: VehicleModel, n: int, longest: fl
 def parameter_rows(
     vehicle: VehicleModel, scales: FloatArray, changes: NDArray[Any] | None = None
 ) -> FloatArray:
-    """Return parameters (k, PARAMETER_ROWS) of vehicles that differ from the sheet by `changes` (k,), if any, with properties
-    scaled by `scales` (k, 6).
+    """Return parameters (k, PARAMETER_ROWS) of k vehicles: the sheet with `changes` (k,), if any, and then with properties scaled
+    by `scales` (k, 6).
     """
     mass, buoyancy, inertia, added, damping, thrust = (scales[:, j, None] for j in range(6))
     own = layout.unchanged(len(scales)) if changes is None else changes
@@ -259,7 +261,7 @@ def parameter_rows(
 
 
 def _rows_and_columns(factors: FloatArray) -> FloatArray:
-    """Return factors (k, n, n) of matrices whose diagonals change by `factors` (k, n), and that stay positive definite."""
+    """Return factors (k, n, n) that scale the diagonals of matrices by `factors` (k, n) and keep the matrices positive definite."""
     root = np.sqrt(factors)
     return np.asarray(root[:, :, None] * root[:, None, :])
 

@@ -1,4 +1,4 @@
-"""Simulators of installed packages behind the contract: what they give is checked before it is used."""
+"""Check simulators of installed packages: their methods and arrays, and the arrays again after each step and reset."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def shapes(simulator: Simulator) -> dict[str, tuple[int, ...]]:
 
 
 def checked(made: Any, who: str) -> Simulator:
-    """Return a simulator after a look at its methods and arrays; its steps are checked too.
+    """Check a simulator's methods and arrays; return it with a `step` and a `reset` that check the arrays after each call.
 
     Args:
-        made: what a package's factory returned.
-        who: the simulator with its package, for messages.
+        made: object that a package's factory returned.
+        who: name of the simulator and its package, for messages.
 
     Raises:
         AgentError: a method, an array or the capabilities are missing or of another kind.
@@ -53,7 +53,10 @@ def checked(made: Any, who: str) -> Simulator:
 
 @dataclass(frozen=True)
 class _Checked:
-    """A method of a simulator after which its arrays are checked. No closure: a copy of the simulator checks the copy."""
+    """A method of a simulator that checks the simulator's arrays after each call.
+
+    It is not a closure, so that a copy of the simulator checks the arrays of the copy.
+    """
 
     made: Any
     name: str

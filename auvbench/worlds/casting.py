@@ -47,9 +47,9 @@ def passes(v: Vector, direction: Vector, reach: float, longest: float) -> bool:
 def range_to(
     s: Record, heights: Floats, time: float, origin: Vector, direction: Vector, longest: float
 ) -> float:
-    """Return the distance in m along a ray to a solid's surface; infinity, or more than `longest`, if it does not get there.
+    """Return the distance in m along a ray to a solid's surface; infinity, or more than `longest`, if the ray does not reach it.
 
-    Not compiled into its callers: a ray passes by most solids, and a short loop is twice as fast.
+    This function is not inlined into its callers: a ray misses most solids, and a short loop is twice as fast.
     """
     o, d = to_solid(s, subtract(origin, position_at(s, time))), to_solid(s, direction)
     _, _, half_length = half = triple(s.half)
@@ -92,9 +92,10 @@ def distance_to(s: Record, heights: Floats, time: float, point: Vector, longest:
 def first_hit(
     solids: Any, heights: Floats, time: float, origin: Vector, direction: Vector, longest: float
 ) -> tuple[float, int]:
-    """Return the distance in m along a ray to the first surface and the index of its solid; `longest`, NOTHING if none is nearer.
+    """Return the distance in m along a ray to the first surface and the index of its solid; `longest` and NOTHING without a surface
+    nearer than `longest`.
 
-    From inside a solid, its own surface counts.
+    For a ray that starts inside a solid, the surface of that solid counts.
 
     Args:
         solids: (n,) records of SOLID.
@@ -127,15 +128,15 @@ def nearest_along(
     stop: int,
     longest: float,
 ) -> float:
-    """Return the distance in m of the first surface that any of some rays meets; `longest` if none does.
+    """Return the distance in m along several rays to the nearest surface that any of them meets; `longest` if none is nearer.
 
     Args:
         solids: (n,) records of SOLID.
         heights: (m,) m, of all terrain.
         time: s, for solids that move.
         origin: m, world axes.
-        rotation: from the axes of the rays to the world's.
-        rays: (k, 3) directions of length 1; first .. stop - 1 are used.
+        rotation: rotation from the rays' axes to world axes.
+        rays: (k, 3) directions of length 1; rays first .. stop - 1 are used.
         first: index of the first ray.
         stop: index after the last ray.
         longest: m, finite.
@@ -157,8 +158,9 @@ def range_below(solids: Any, heights: Floats, time: float, point: Vector, longes
 def nearest_surface(
     solids: Any, heights: Floats, time: float, point: Vector, longest: float
 ) -> tuple[float, int, Vector]:
-    """Return the signed distance in m to the nearest solid, its index, and the gradient of the distance; `longest`, NOTHING and 0 if
-    none is nearer. Arguments: see `first_hit`.
+    """Return the signed distance in m to the nearest solid, its index, and the gradient of the distance; see `first_hit`.
+
+    Without a solid nearer than `longest`, the result is `longest`, NOTHING and a zero vector.
     """
     nearest, index, gradient = longest, NOTHING, ZERO
     for k in range(solids.shape[0]):

@@ -2,8 +2,9 @@
 
 * `*_distance`: signed distance of a point in m, negative inside, and its gradient, a unit vector out of the solid. Forms of
   Quilez, "Distance functions" (iquilezles.org/articles/distfunctions).
-* `*_span`: the part of a ray inside the solid, as two distances along the ray in m: the shapes are convex, so it is one interval, an
-  overlap of intervals of simpler shapes (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986) or, of a capsule, their hull.
+* `*_span`: the part of a ray inside the solid, as two distances along the ray in m. The shapes are convex, so this part is one
+  interval. It is the overlap of the intervals of simpler shapes (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986); for a
+  capsule it is their hull.
 
 The discriminant of a quadratic is computed from the point of the ray nearest to the centre, which keeps its digits far away (Haines et
 al., "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019, chapter 7).
@@ -99,7 +100,7 @@ def first_crossing(span: Pair) -> float:
 
 @inline
 def overlap(a: Pair, b: Pair) -> Pair:
-    """Return the part of a ray in two shapes at once."""
+    """Return the part of a ray that is inside both of two shapes."""
     (a_enter, a_leave), (b_enter, b_leave) = a, b
     enter, leave = max(a_enter, b_enter), min(a_leave, b_leave)
     return (enter, leave) if enter <= leave else MISS
@@ -107,7 +108,7 @@ def overlap(a: Pair, b: Pair) -> Pair:
 
 @inline
 def hull(a: Pair, b: Pair) -> Pair:
-    """Return the part of a ray in two shapes whose union is convex."""
+    """Return the part of a ray inside the union of two shapes; the union must be convex."""
     (a_enter, a_leave), (b_enter, b_leave) = a, b
     return min(a_enter, b_enter), max(a_leave, b_leave)
 

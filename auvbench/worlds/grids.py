@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 ENDINGS = (".npz", ".csv")
 COORDINATES, HEIGHTS = ("x_m", "y_m"), {"z_m": 1.0, "depth_m": -1.0}
-"""names of arrays and columns; those of heights with the factor to z"""
+"""names of arrays or columns: of coordinates, and of heights with the factor to z"""
 MOST = 1 << 20
-"""points"""
+"""largest number of points"""
 LEAST = 4
-"""points along each side"""
+"""smallest number of points along each side"""
 FINEST, COARSEST = 0.1, 100.0
-"""m between points; a finer grid is probably one of degrees"""
+"""smallest and largest distance in m between points; a finer grid is probably in degrees"""
 DEEPEST = 11_000.0
-"""m; no sea is deeper"""
+"""largest depth in m; no sea is deeper"""
 UNEVEN = 0.01
-"""largest error of a coordinate, as a share of the spacing: files round"""
+"""largest error of a coordinate, as a share of the spacing; files have rounded coordinates"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Grid:
 
     @property
     def middle(self) -> tuple[float, float]:
-        """Return the middle in m."""
+        """Return x and y of the grid's middle, m."""
         return float(0.5 * (self.x[0] + self.x[-1])), float(0.5 * (self.y[0] + self.y[-1]))
 
 
@@ -67,7 +67,7 @@ def read(path: Path | str, digest: str = "") -> Grid:
         data = reading.content(path, reading.DATA)
     except OSError as error:
         raise ValueError(f"cannot be read: {error.strerror}") from None
-    # Checked first: a configuration of another person then names only a file whose content that person knows.
+    # Checked first, so that another person's configuration can only use a file whose content that person knows.
     if digest not in ("", sha256(data).hexdigest()):
         raise ValueError(f"differs from the file with the SHA-256 {short(digest, 12)}; name that file")
     return _parsed(data, ending)
@@ -86,7 +86,7 @@ def _parsed(data: bytes, ending: str) -> Grid:
 
 
 def _grid(found: Mapping[str, NDArray[Any]], is_table: bool, digest: str) -> Grid:
-    """Return the grid of named arrays: of one row for each point, or x (columns,), y (rows,) and z (rows, columns)."""
+    """Return the grid of named arrays; a table has one row for each point, otherwise x (columns,), y (rows,) and z (rows, columns)."""
     what = "column" if is_table else "array"
     for name in found:
         if name not in (*COORDINATES, *HEIGHTS):
@@ -133,7 +133,7 @@ def _spread(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats, Floats]:
         raise ValueError("has a point without coordinates")
     xs, column = np.unique(x, return_inverse=True)
     ys, row = np.unique(y, return_inverse=True)
-    # Points at places of their own have almost as many coordinates as points.
+    # Scattered points have almost as many different x and y as there are points.
     if len(xs) * len(ys) > 2 * len(z) + 1:
         raise ValueError(
             f"has {len(z):,} points at {len(xs):,} different x and {len(ys):,} different y; must have a regular grid: resample it"
@@ -169,7 +169,7 @@ def _spacing(x: Floats, y: Floats) -> float:
 
 
 def _check_heights(z: Floats, name: str) -> None:
-    """Reject heights that can only be of another axis or unit; z (rows, columns) is up."""
+    """Reject heights whose axis or unit must be wrong; z (rows, columns) is up."""
     if z.max() > 0.0 and z.mean() > 0.0:
         other = "depth_m" if name == "z_m" else "z_m"
         up = "z_m is up from the surface" if name == "z_m" else "depth_m is down from the surface"

@@ -1,4 +1,4 @@
-"""Draw solids as line segments, for pictures: what a person recognises, not what a ray hits."""
+"""Draw solids as line segments for pictures: outlines that a person recognises; rays do not use them."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, PLANE, SPHERE, TERRAIN, Floats, Solids
 
 ROOM = 5.0
-"""m round an episode that its pictures show, at least"""
+"""smallest margin in m that a picture shows around an episode"""
 Segments = NDArray[np.float64]
 """(k, 2, 3) m: the two ends of k segments"""
 
 SIDES = 16
-"""segments of a circle"""
+"""number of segments of a circle"""
 LINES = 12
-"""lines of a bottom or a wall in each direction, at most"""
+"""largest number of lines of a bottom or a wall in each direction"""
 
 
 def outlines(solids: Solids, heights: Floats, low: Floats, high: Floats, time: float = 0.0) -> Segments:
-    """Return the segments (k, 2, 3) in m of solids inside a box; a solid that moves has a line from where it was at time 0.
+    """Return the segments (k, 2, 3) in m of solids inside a box; a moving solid also has a line from its position at time 0.
 
     Args:
         heights: m, of all height fields (see `solids.terrain`).
@@ -44,7 +44,7 @@ def outlines(solids: Solids, heights: Floats, low: Floats, high: Floats, time: f
 
 
 def round_path(points: Floats) -> tuple[Floats, Floats]:
-    """Return the lowest and the highest corner (3,) in m of a picture with points (n, 3)."""
+    """Return the lowest and the highest corner (3,) in m of a picture that shows points (n, 3)."""
     low, high = points.min(0), points.max(0)
     room = max(ROOM, 0.25 * float((high - low).max()))
     return low - room, high + room
@@ -97,7 +97,7 @@ def _upright(solid: Any, low: Floats, high: Floats) -> Segments:
     )
     ends = [centre - half, centre + half]
     lines = [np.array([[ends[0] + r, ends[1] + r]]) for r in (u, v, -u, -v)]
-    # A long solid may have both ends outside the picture: a ring shows it next to the middle.
+    # A long solid may have both ends outside the picture: a ring near the picture's middle shows it.
     length = float(solid["half"][2])
     along = float(np.clip((0.5 * (low + high) - centre) @ axes[2], -length, length))
     rings = [_circle(point, u, v) for point in [*ends, centre + along * axes[2]]]
@@ -120,9 +120,9 @@ def _box(solid: Any, low: Floats, high: Floats) -> Segments:
 
 
 def _plane(solid: Any, low: Floats, high: Floats) -> Segments:
-    """Return a grid of lines through the box, on a plane."""
+    """Return a grid of lines on a plane, across the box."""
     _, _, normal = _axes(solid)
-    # The axis that is nearest to the normal follows from the two others.
+    # The coordinate along the axis nearest to the normal follows from the two others.
     k = int(np.abs(normal).argmax())
     i, j = (k + 1) % 3, (k + 2) % 3
     lines = []

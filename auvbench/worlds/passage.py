@@ -19,9 +19,9 @@ from auvbench.worlds.kinds import Floats
 from auvbench.worlds.solids import triple
 
 CELL = 0.5
-"""m, side of a cell of the map"""
+"""side of a cell of the map, m"""
 DARTS = 40
-"""thrown for each disc at most"""
+"""largest number of darts thrown for each disc"""
 
 Key = tuple[int, int, int, int]
 """Seed, stream, episode and environment of the draws."""
@@ -43,14 +43,15 @@ def scatter(
     gap: float,
     free: float,
 ) -> Floats:
-    """Return discs (k, 3), x, y and radius in m, with k at most `count`: darts are thrown until each has room (Poisson-disc sampling).
+    """Return discs (k, 3): x, y and radius in m. Darts are thrown until `count` discs have room, or `DARTS` for each disc are used
+    (Poisson-disc sampling).
 
     Args:
         key: key of the draws.
         attempt: number of the attempt with this key.
-        count: discs.
+        count: number of discs.
         arena: distance from start to goal and margin on all sides, m.
-        radii: smallest and largest, m.
+        radii: smallest and largest radius, m.
         gap: smallest distance between discs, m.
         free: smallest distance of a disc from start and goal, m.
     """
@@ -111,15 +112,17 @@ def place_of(cell: int, rows: int, columns: int, margin: float) -> tuple[float, 
 def search(
     room: Floats, rows: int, columns: int, start: int, goal: int, least: float
 ) -> tuple[float, NDArray[np.int64]]:
-    """Return the length in m of the shortest way, infinite without one, and of each cell the cell before it, by Dijkstra's algorithm.
+    """Return the length in m of the shortest way by Dijkstra's algorithm, and for each cell the cell before it on its way from the start.
+
+    The length is infinite without a way; a cell without a cell before it has -1.
 
     Args:
-        room: (rows columns,) m.
-        rows: rows of the map.
-        columns: columns of the map.
-        start: cell.
-        goal: cell.
-        least: m, room of a cell that is free.
+        room: (rows columns,) distance of each cell from the obstacles, m.
+        rows: number of rows of the map.
+        columns: number of columns of the map.
+        start: index of the cell of the start.
+        goal: index of the cell of the goal.
+        least: smallest room of a free cell, m.
     """
     length = np.full(rows * columns, math.inf)
     before = np.full(rows * columns, -1)
@@ -148,8 +151,8 @@ def search(
 def shortest_way(discs: Floats, radius: float, distance: float, margin: float) -> tuple[float, float]:
     """Return the length in m of the shortest way from start to goal, and its mean distance in m from the discs, less the radius.
 
-    Dijkstra's algorithm on a map with cells of CELL m and eight neighbours. A cell is free if a vehicle of this radius is free
-    anywhere in it. The length is infinite if no way leads to the goal.
+    Dijkstra's algorithm runs on a map with cells of CELL m and eight neighbours. A cell is free if a vehicle of this radius touches
+    no disc anywhere in it. The length is infinite if no way leads to the goal.
     """
     rows, columns, start, goal = grid_of(distance, margin)
     room = np.empty(rows * columns)

@@ -1,4 +1,4 @@
-"""The shortest way past the solids of a known map, on the grid of `passage`, as a line with few corners.
+"""Find the shortest way past the solids of a known map, on the grid of `passage`, as a line with few corners.
 
 The arena is the same as in `passage`: x runs from the start to the goal. A way is free at all depths between start and goal.
 """
@@ -19,11 +19,11 @@ from auvbench.worlds.passage import CELL, grid_of, place_of, search
 from auvbench.worlds.solids import triple
 
 MARGIN = 0.5
-"""m between the vehicle and solids on a way; where no way has it, half of it, then none"""
+"""distance in m between the vehicle and solids on a way; if no way keeps it, half of it is tried, then 0"""
 CORNERS = 64
 """Largest number of points of a way"""
 LEVEL = 0.5
-"""m between the depths at which a way must be free"""
+"""largest distance in m between the depths at which a way is checked"""
 
 
 @njit(nogil=True)
@@ -41,7 +41,7 @@ def visible(room: Floats, columns: int, first: int, second: int, least: float) -
 
 @njit(nogil=True)
 def pulled(cells: Any, room: Floats, columns: int, least: float) -> Any:
-    """Return the cells of a way at which a string that is pulled tight has corners, with both ends."""
+    """Return the cells that are the corners of a way after it is pulled tight like a string, with both ends."""
     corners = [cells[0]]
     at = 0
     while at < len(cells) - 1:
@@ -55,7 +55,7 @@ def pulled(cells: Any, room: Floats, columns: int, least: float) -> Any:
 
 @njit(nogil=True)
 def leg(corners: Floats, k: int) -> float:
-    """Return the level distance in m from the corner before corner k."""
+    """Return the horizontal distance in m from corner k - 1 to corner k."""
     before = k - 1
     (x, y, _), (to_x, to_y, _) = triple(corners[before]), triple(corners[k])
     return math.hypot(to_x - x, to_y - y)
@@ -65,16 +65,16 @@ def leg(corners: Floats, k: int) -> float:
 def route(
     solids: Any, heights: Floats, start: Vector, goal: Vector, radius: float, side: float, out: Floats
 ) -> int:
-    """Write the corners of the shortest way, with its ends, to `out` (CORNERS, 3), in m; return how many, 0 without a way.
+    """Write the corners of the shortest way, with its ends, to `out` (CORNERS, 3), in m; return their number, 0 without a way.
 
     Args:
         solids: (n,) records of SOLID, which do not move.
         heights: (m,) m, of all terrain.
         start: m.
         goal: m.
-        radius: m, of the vehicle.
-        side: m, of the map beyond start and goal, and to each side of the line between them.
-        out: written; more corners than fit count as no way.
+        radius: radius of the vehicle, m.
+        side: width in m of the map beyond start and goal, and to each side of the line between them.
+        out: array to write to; a way with more corners than fit counts as no way.
     """
     (x, y, z), (to_x, to_y, to_z) = start, goal
     distance = math.hypot(to_x - x, to_y - y)

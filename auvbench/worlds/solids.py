@@ -28,7 +28,7 @@ SOLID = record(
     radius=(),  # m, of a sphere, capsule or cylinder
     # m, half of the sides of a box; the third is half of the length of a capsule's or cylinder's axis
     half=(3,),
-    reach=(),  # m, radius of a sphere round the position that contains it
+    reach=(),  # m, radius of the sphere around the position that contains the solid
     first=np.int64,  # of terrain: index of its vertex (0, 0) in the array of heights
     columns=np.int64,  # vertices along x
     rows=np.int64,  # vertices along y
@@ -150,7 +150,7 @@ def _solid(
 
 
 def reach_of(kind: int, radius: float, half: ArrayLike) -> float:
-    """Return the radius in m of a sphere round the position of a solid with these sizes, which contains it."""
+    """Return the radius in m of the sphere around a solid's position that contains the solid."""
     sides = np.asarray(half, dtype=np.float64)
     if kind == SPHERE:
         return radius
@@ -182,7 +182,7 @@ def triple(a: Any) -> Vector:
 
 @inline
 def position_at(s: Record, time: float) -> Vector:
-    """Return where a solid is after a time in s."""
+    """Return a solid's position in m at a time in s."""
     return add(triple(s.position), scale(time, triple(s.velocity)))
 
 

@@ -18,18 +18,18 @@ Corners = tuple[float, float, float, float]
 """Heights of the corners of a cell in m: lower left, lower right, upper left, upper right."""
 
 MARGIN = 1e-6
-"""m above the highest and below the lowest point, in which a ray is followed"""
+"""distance in m above the highest and below the lowest point within which a ray is followed"""
 
 
 @inline
 def wrapped(index: int, count: int) -> int:
-    """Return the index of a vertex of the grid that has the same height."""
+    """Return the index of a vertex, wrapped into the grid, which repeats beyond its edges."""
     return index if 0 <= index < count else index % count
 
 
 @inline
 def corners_of(s: Record, heights: Floats, i: int, j: int) -> Corners:
-    """Return the corners of cell (i, j)."""
+    """Return the heights of the corners of cell (i, j)."""
     left, right = wrapped(i, s.columns), wrapped(i + 1, s.columns)
     low = s.first + wrapped(j, s.rows) * s.columns
     high = s.first + wrapped(j + 1, s.rows) * s.columns
@@ -63,7 +63,7 @@ def between_heights(s: Record, z: float, dz: float, longest: float) -> tuple[flo
 
 @inline
 def terrain_range(s: Record, heights: Floats, o: Vector, d: Vector, longest: float) -> float:
-    """Return the distance along a ray to the ground, from either side; infinity if it is longer than `longest`, a finite number of m.
+    """Return the distance in m along a ray to the ground, from either side; infinity if it exceeds `longest`, which must be finite.
 
     The ray goes from cell to cell (Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", Eurographics 1987). Its
     height over a triangle is linear, so that its sign at the ends of each part says whether it crosses the ground.
@@ -141,8 +141,8 @@ def upward(corners: Corners, spacing: float, u: float, v: float) -> Vector:
 def terrain_distance(s: Record, heights: Floats, p: Vector, longest: float) -> Signed:
     """Return the signed distance of a point from the ground, negative below it.
 
-    Where its size is at least `longest`, it is a bound: the distance along z times the cosine of the steepest slope. The nearest
-    triangle is in a square round the point, because the ground along z is not nearer than it.
+    If its absolute value is at least `longest`, the result is a lower bound: the distance along z times the cosine of the steepest
+    slope. The nearest triangle is not farther than the ground along z, so only a square of that half width is searched.
     """
     x, y, z = p
     side = s.spacing
