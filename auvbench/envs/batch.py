@@ -2,7 +2,7 @@
 
 An environment is one vehicle, or a team, whose vehicles are rows one after the other (`tasks.formation`).
 
-The three interfaces (`gym_env`, `vector_env`, `sb3`) only translate.
+The three interfaces (`gym_env`, `vector_env`, `sb3`) only translate the batch to the conventions of other libraries.
 """
 
 from __future__ import annotations
@@ -46,14 +46,14 @@ class State:
 class Transition:
     """Result of one step of the batch. The next step overwrites the arrays: copy what you need later."""
 
-    observation: NDArray[np.float32]  # (n, n_obs), already of the next episode where one ended
+    observation: NDArray[np.float32]  # (n, n_obs), of the next episode if an episode ended
     reward: Floats  # (n,)
     terminated: Booleans  # (n,) success, collision or out of bounds
     truncated: Booleans  # (n,) the time is up
     ended: NDArray[np.int64]  # indices of the episodes that ended
     final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
     final_state: State  # state of len(ended) vehicles at the end of their episodes
-    records: list[Record]  # a row for each of them; the vehicles of a team have the same one
+    records: list[Record]  # one record for each ended episode; the vehicles of a team have the same record
 
 
 class Batch:
@@ -61,7 +61,8 @@ class Batch:
 
     Args:
         config: typed configuration.
-        n: number of environments, vehicles or teams; None: `algo.n_envs`. The attribute `n` is the number of vehicles.
+        n: number of environments, each with a vehicle or a team; None: `algo.n_envs`. The attribute `n` is the number
+            of vehicles.
         seed: seed of all draws; None: `config.seed`.
         test: draw from the streams of test protocols.
         validation: draw from the streams of validation.
@@ -114,7 +115,7 @@ class Batch:
 
     @property
     def acted(self) -> Floats:
-        """Return the commands (n, n_u) of the last step, clipped and as a filter left them; the next step overwrites the array."""
+        """Return the commands (n, n_u) of the last step after clipping and the filter; the next step overwrites the array."""
         return self._action
 
     @property
@@ -202,7 +203,7 @@ class Batch:
         waypoint: Floats | None,
         distance: Floats | None,
     ) -> Floats:
-        """Begin episodes of the task as `reset` says; return the start poses (k, 7)."""
+        """Begin episodes of the task with the starts and goals given to `reset`; return the start poses (k, 7)."""
         task, before = self.task, self.task.state_dict()
         start = task.reset(indices)
         start = start if pose is None else pose
@@ -212,7 +213,7 @@ class Batch:
         option = "waypoint" if pose is None else "pose"
         try:
             task.place(indices, start, waypoint)
-        except ConfigError as error:  # of its world
+        except ConfigError as error:  # from the task's world
             task.load_state_dict(before)
             raise ConfigError(f"options['{option}']: {error}") from None
         for i in indices.tolist():
@@ -231,11 +232,11 @@ class Batch:
 
     @property
     def _moved(self) -> Any:
-        """The simulator, which may have been replaced since, with the sensors that follow its steps."""
+        """The current simulator, together with the sensors that sample its steps; the simulator may have been replaced."""
         return self.simulator if self.navigation is None else self.navigation.watched(self.simulator)
 
     def _observe(self, indices: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
-        """Return observations (n, n_obs); range sensors look from the true poses, if these are not what is measured."""
+        """Return observations (n, n_obs); with an estimator, range sensors still measure from the true poses."""
         seats = self.simulator.pose if self.navigation is not None else None
         return self.task.observe(*self._measured(), indices, seats)
 
@@ -269,7 +270,9 @@ class Batch:
                 return task.checked(self._compute_range(0, self.n))
             counts = simulator.each(self._compute_range)
             failed = [count for count in counts if count < 0]
-            return task.checked(max(failed) if failed else sum(counts))  # of several, the first environment
+            return task.checked(
+                max(failed) if failed else sum(counts)
+            )  # of several failures, the first environment's
         task.protect(*self._measured(), self._action)
         command = task.add_noise(self._action)
         power = simulator.power
@@ -288,7 +291,7 @@ class Batch:
         return task.checked(count)
 
     def _compute_range(self, start: int, stop: int) -> int:
-        """Compute the same for environments start .. stop - 1 in compiled code; other threads compute the rest."""
+        """Compute a step, as `_compute`, for environments start .. stop - 1 in compiled code; other threads compute the rest."""
         task, action, simulator = self.task, self._action, cast(FossenSimulator, self.simulator)
         pose, velocity = simulator.pose, simulator.velocity
         task.protect(*self._measured(), action, start, stop)
@@ -360,7 +363,7 @@ class Batch:
 
 
 def load_compiled() -> None:
-    """Load the compiled code of an environment. It takes half a second, which processes forked from this one save."""
+    """Load the compiled code of an environment. This takes half a second; processes forked afterwards need not repeat it."""
     from auvbench.config.compose import compose
     from auvbench.config.validate import train_config
 
@@ -403,8 +406,9 @@ def clip(action: Floats, clipped: Floats) -> int:
 
 
 def _at(distance: Floats, start: Floats, waypoint: Floats, depths: tuple[float, float]) -> Floats:
-    """Return waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); a waypoint at the start moves east. A
-    waypoint that would be beyond the depth limits `depths` is at the limit, on the same course.
+    """Return waypoints (k, 3) moved to `distance` (k,) from `start` (k, 3); a waypoint at the start moves east.
+
+    A waypoint that would be beyond the depth limits `depths` is put at the limit, at the same distance and course.
     """
     line = waypoint - start
     length = np.linalg.norm(line, axis=1, keepdims=True)

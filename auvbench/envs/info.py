@@ -3,7 +3,7 @@
 =============  ==================================================================================================
 `pose`         (7,) x, y, z in m, quaternion w, x, y, z: pose without noise; world axes (ENU)
 `waypoint`     (3,) x, y, z in m; in other tasks `reference`, the present reference position
-`distance`     m, distance from the vehicle to it
+`distance`     m, distance from the vehicle to the waypoint or the reference
 `is_success`   whether the episode has ended with success
 `record`       at the end of an episode: its record (`auvbench.record`), with `outcome` as a code: 0 success,
                1 collision, 2 timeout, 3 out of bounds; in a world with solids `hit` is the kind of solid that was hit: 0 sphere,
@@ -32,7 +32,7 @@ WHOLE = ("episode", "environment", "outcome", "steps", "hit", "infeasible_steps"
 
 
 def numbers(record: Record) -> dict[str, int | float]:
-    """Return the record with its outcome as a code, an index into OUTCOMES, and `hit` as an index into KINDS, without other texts."""
+    """Return the record without texts: `outcome` as an index into OUTCOMES, `hit` as an index into KINDS, no other text columns."""
     codes: dict[str, Any] = {"outcome": OUTCOMES.index(str(record["outcome"]))}
     if "hit" in record:
         codes["hit"] = KINDS.index(str(record["hit"])) if record["hit"] else NOTHING
@@ -89,7 +89,7 @@ def final(
 
 
 def table(ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return the records as arrays of n rows by column."""
+    """Return the columns of the records by name, each as an array of n rows."""
     coded = [numbers(record) for record in records]
     values = np.zeros((len(coded[0]), len(rows)))
     values[:, ended] = np.array([list(record.values()) for record in coded]).T

@@ -25,7 +25,7 @@ except ImportError as missing:
 
 Observation = NDArray[np.float32]
 STATE = 19
-"""numbers of a vehicle in `AuvParallelEnv.state`"""
+"""number of values of each vehicle in `AuvParallelEnv.state`"""
 
 
 def make(
@@ -155,7 +155,7 @@ class AuvParallelEnv(ParallelEnv):  # type: ignore[misc]
         return np.concatenate(parts, axis=1).ravel().astype(np.float32)
 
     def close(self) -> None:
-        """Release nothing."""
+        """Do nothing: the environment has nothing to release."""
 
     def _by_agent(self, rows: Any) -> dict[str, Any]:
         return dict(zip(self.possible_agents, rows, strict=True))

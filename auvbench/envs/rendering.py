@@ -1,7 +1,7 @@
 """Render an episode while it runs, as a picture or as a line of text.
 
 A picture shows the episode in space, from above, and over time. Everything that does not move is drawn once and kept
-as pixels; each picture adds the lines. The first picture imports Matplotlib.
+as pixels; each picture adds the moving lines. The first picture imports Matplotlib.
 """
 
 from __future__ import annotations
@@ -80,19 +80,19 @@ def speed(frequency: float) -> float | int:
 class Trail:
     """Trail of an episode so far: T steps, T + 1 positions."""
 
-    waypoint: Floats  # (3,) m, the goal of a task with another
-    dock_yaw: float | None = None  # rad, in which a dock is entered
+    waypoint: Floats  # (3,) m, waypoint or other goal of the task
+    dock_yaw: float | None = None  # rad, yaw with which a dock is entered
     outlines: Callable[[Floats, Floats, float], Floats] | None = None
     """segments of the world inside a box after a time (see `Task.outlines`); None in open water"""
     moves: bool = False
-    """whether its solids move"""
+    """whether the world's solids move"""
     position: list[Floats] = field(default_factory=list)  # (3,) m
     yaw: list[float] = field(default_factory=list)  # rad
     distance: list[float] = field(default_factory=list)  # m
     command: list[Floats] = field(default_factory=list)  # (n_u,) N
 
     def add(self, pose: Floats, distance: float, command: Floats | None = None) -> None:
-        """Add a place (7,), its distance to the waypoint, and the forces (n_u,) of the step that led to it."""
+        """Add a pose (7,), its distance to the waypoint, and the forces (n_u,) of the step that led to it."""
         self.position.append(pose[:3].copy())
         self.yaw.append(float(frames.yaw(pose[3:])))
         self.distance.append(float(distance))
@@ -114,8 +114,7 @@ def panels(
     dock_yaw: float | None = None,
     outlines: Floats | None = None,
 ) -> tuple[Any, Any, Any, Any]:
-    """Return axes in space, from above, of the distance over time and of the commands over time, with everything that
-    does not move.
+    """Return four axes with everything that does not move: in space, from above, distance over time, commands over time.
 
     Args:
         task: task whose tolerance and depth limits are drawn.
@@ -195,7 +194,7 @@ def _cone(dock: Floats, yaw: float, task: Any) -> Floats:
 
 
 def tolerance(task: tasks.Task) -> float:
-    """Return the distance in m from the goal that counts as success; 0 for a task without one."""
+    """Return the distance in m from the goal that counts as success; 0 for a task without such a distance."""
     return float(getattr(task, "goal_radius", getattr(task, "tolerance", 0.0)))
 
 
@@ -299,7 +298,7 @@ class Scene:
         self._background = self._canvas.copy_from_bbox(figure.bbox)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Canvases do not travel; the copy draws anew.
+        # Canvases cannot be copied to another process; the copy creates its own.
         names = ("_task", "_duration", "_force", "_trail", "_low", "_high", "_end")
         return {name: getattr(self, name) for name in names} | {"_farthest": 0.0, "_canvas": None}
 

@@ -22,7 +22,7 @@ from auvbench.errors import ConfigError
 def make(
     n_envs: int = 1, *, seed: int | None = None, render_mode: str | None = None, **kwargs: Any
 ) -> AuvVecEnv:
-    """N environments for Stable-Baselines3's learners.
+    """Return N environments for Stable-Baselines3's learners.
 
     Args:
         n_envs: number of environments in the batch; each vehicle of a team is an environment of its own for a learner.

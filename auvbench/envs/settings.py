@@ -1,6 +1,6 @@
 """Read the settings of an environment in Python: its configuration, and `reset(options=...)`.
 
-A configuration comes from overrides and from keywords for the usual overrides; a cache keeps it. The options replace
+A configuration is composed from overrides and from keywords for the usual overrides, and cached. The options replace
 the drawn start and goal of an episode.
 """
 

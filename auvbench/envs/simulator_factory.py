@@ -39,9 +39,9 @@ def make_simulator(
     only.
 
     Args:
-        disturbance: draws vehicles; None if all vehicles are the sheet's.
-        stand_in: model that is simulated instead of the vehicle, with the vehicle's step: the same vehicle with other
-            commands.
+        disturbance: disturbance that may draw vehicles; None if all vehicles equal the sheet.
+        stand_in: model to simulate instead of `vehicle`: the same vehicle with other commands. The longest step is
+            that of `vehicle`.
     """
     limit = _shortest_time_constant(vehicle, disturbance)
     sheet.refuse_stiff_vehicle(vehicle.name, limit)

@@ -201,7 +201,7 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             return infos
         rows = result.terminated | result.truncated
         if self.autoreset_mode == AutoresetMode.SAME_STEP:
-            # Gymnasium's own is an array of objects, which its conversion to tensors does not take.
+            # Gymnasium's own final_obs is an array of objects, which Gymnasium cannot convert to tensors.
             last = np.zeros_like(result.observation)
             last[result.ended] = result.final_observation
             final = info.final(result.final_state, result.ended, result.records, rows)

@@ -80,7 +80,7 @@ class DrawnSimulator(Simulator, Protocol):
     def set_vehicles(self, indices: IntArray, changes: NDArray[Any]) -> None:
         """Set how vehicles `indices` (k,) differ from the sheet: records (k,) of `layout.CHANGE`.
 
-        The changes apply until the next call; the scales of `reset` are multiplied to them.
+        The changes apply until the next call. The scales of `reset` are additional factors.
         """
 
 

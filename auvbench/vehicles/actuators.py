@@ -1,5 +1,5 @@
-"""Define the kinds of actuators: one class each, with its part of a sheet, its compiled coefficients, units
-and warnings.
+"""Define the kinds of actuators: a class for each kind, which reads the kind's part of a sheet and has its compiled
+coefficients, units and warnings.
 
 A new kind needs a class here, an entry in `KINDS`, and its force in `dynamics/appendages.py`
 (docs/adding-an-actuator.md).
@@ -78,7 +78,7 @@ class Actuator:
         return np.zeros_like(np.asarray(force, dtype=np.float64))
 
     def coefficients(self, density: float, gravity: float) -> dict[str, float]:
-        """Return the fields of `dynamics.layout.ACTUATOR` that only this kind has; kg/m3 and m/s2."""
+        """Return the fields of `dynamics.layout.ACTUATOR` that only this kind has; density in kg/m3, gravity in m/s2."""
         return {}
 
     def warnings(self) -> list[str]:
@@ -88,14 +88,14 @@ class Actuator:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Thruster(Actuator):
-    """A propeller: its curve gives newtons, or rad/s if `rotor_constant` converts them to newtons."""
+    """A propeller; its curve gives newtons, or a speed in rad/s that `rotor_constant` converts to newtons."""
 
     kind = "thruster"
     code = layout.THRUSTER
     output = "N"
 
     rotor_constant: float = 0.0
-    """k rho D^4 in N s2 of F = k rho D^4 n|n|; 0 if the curve gives newtons"""
+    """constant k rho D^4 in N s2, in F = k rho D^4 n|n|; 0 if the curve gives newtons"""
     power: Power = field(default_factory=Power)
 
     @classmethod

@@ -1,5 +1,5 @@
-"""Change a vehicle sheet: factors on its numbers, net buoyancy, a payload, a lag, and thrusters with a share
-of their force.
+"""Change a vehicle sheet: factors on its numbers, net buoyancy, a payload, a lag, and a remaining share of the force of
+single thrusters.
 
 The result is a sheet again, so all code that reads sheets works with it.
 """

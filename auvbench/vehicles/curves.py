@@ -118,7 +118,7 @@ class Lag:
 
     @classmethod
     def transfer_function(cls, numerator: ArrayLike, denominator: ArrayLike) -> Lag:
-        """Return the lag of polynomials in s, highest power first.
+        """Return the lag whose transfer function is a ratio of polynomials in s, highest power first.
 
         The states are scaled by powers of the natural frequency, so that each has the magnitude of the input.
         """

@@ -1,6 +1,6 @@
-"""Vehicles drawn from the joint covariance of an identified sheet: which numbers are drawn, and how a vehicle differs from its sheet.
+"""Draw vehicles from the joint covariance of an identified sheet: which numbers are drawn, and how a vehicle differs from its sheet.
 
-Draws are differences from the estimates, which the sheet has: a difference of 0 leaves all bits of the sheet.
+Draws are differences from the estimates, which are the sheet's numbers. A difference of 0 changes no bit of the sheet.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 REACH = 3.0
-"""Standard deviations from the estimate at which the draw of a number is cut off."""
+"""Distance from the estimate, in standard deviations, at which the draw of a number is cut off."""
 PLACES: dict[str, int] = {
     name: place
     for place, name in enumerate(
@@ -41,14 +41,14 @@ PLACES: dict[str, int] = {
         )
     )
 }
-"""Parameters of an identification that have a number in `layout.CHANGE`, with its place."""
+"""Index in `layout.CHANGE` of each parameter of an identification that has a field there."""
 HELD = ("delay",)
-"""Parameters that no model of a vehicle has."""
+"""Parameters of an identification that vehicle models do not have."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnVehicles:
-    """What is drawn of an identified vehicle.
+    """Distribution of the vehicles that are drawn from an identification.
 
     Args:
         vehicle: vehicle with an identification.
@@ -61,7 +61,7 @@ class DrawnVehicles:
     vehicle: VehicleModel
     identified: Identified
     root: FloatArray
-    """(n_p, n_p), see `Identified.root`, times the spread."""
+    """(n_p, n_p) `Identified.root`, multiplied by the spread."""
     reach: FloatArray
     """(n_p,) largest difference of a normalised value from its estimate."""
 
@@ -103,7 +103,7 @@ class DrawnVehicles:
         return changes, gains
 
     def _supplied(self, volts: FloatArray) -> FloatArray:
-        """Return factors (k, n_u) on the forces for supplies that differ from the sheet's by volts (k,) in V."""
+        """Return factors (k, n_u) on the forces if the supply voltage differs from the sheet's by `volts` (k,)."""
         supplies = np.array([unit.curve.voltage for unit in self.vehicle.units])
         gains = np.ones((len(volts), supplies.size))
         for supply in {float(supply) for supply in supplies if supply > 0.0}:
@@ -114,11 +114,11 @@ class DrawnVehicles:
         return gains
 
     def extreme(self, damping: float) -> VehicleModel:
-        """Return a vehicle at the ends of all draws: the strongest, with the net buoyancy farthest from 0.
+        """Return a vehicle at the limits of all draws: with the strongest thrusters, and the net buoyancy farthest from 0.
 
         Args:
-            damping: 1: the lightest with the most damping, whose motion is the fastest to settle; -1: the sheet's mass with the least
-                damping, which is the fastest.
+            damping: 1 for the smallest mass and the most damping, whose motion settles fastest; -1 for the sheet's mass and the
+                least damping, which moves fastest.
         """
         names = self.identified.parameters
         net = 1.0 if self.vehicle.buoyancy >= self.vehicle.weight else -1.0
@@ -133,7 +133,7 @@ class DrawnVehicles:
 
 
 def held(vehicle: VehicleModel) -> tuple[str, ...]:
-    """Return the parameters that stay at their estimates: the delay, and the lag or the voltage where the sheet has none."""
+    """Return the parameters that stay at their estimates: the delay, and the lag or the voltage if the sheet's thrusters have none."""
     thrusters = [unit for _, unit in vehicle.thrusters]
     lagged = all(unit.lag.order == 1 and unit.rate == 0.0 for unit in thrusters)
     supplied = any(unit.curve.voltage > 0.0 for unit in thrusters)
@@ -141,9 +141,9 @@ def held(vehicle: VehicleModel) -> tuple[str, ...]:
 
 
 def strength(volts: FloatArray, supply: float) -> FloatArray:
-    """Return the factors on the thrust of a T200 at `supply` V that are nearest to its thrust at other supplies, by least squares.
+    """Return factors that convert the thrust of a T200 at `supply` V to its thrust at the voltages `volts`, by least squares.
 
-    The tables are linear in the voltage between the measured ones, and so are these factors.
+    The tables are linear between the measured voltages, and so are the factors.
     """
     return np.interp(volts, *_strengths(supply))
 
@@ -157,8 +157,8 @@ def _strengths(supply: float) -> tuple[FloatArray, FloatArray]:
 
 
 def changed(vehicle: VehicleModel, change: Any, gains: FloatArray) -> VehicleModel:
-    """Return a vehicle that differs from its sheet by a record of `layout.CHANGE` and by factors (n_u,) on its thrusters' forces; lags
-    stay.
+    """Return a vehicle that differs from its sheet by a record of `layout.CHANGE` and by factors (n_u,) on its thrusters' forces. The
+    record's factor on lags is not used.
     """
     inertia, added = np.sqrt(change["inertia"]), np.sqrt(change["added_mass"])
     mass = float(change["mass"])

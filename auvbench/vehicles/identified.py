@@ -1,4 +1,4 @@
-"""The section `identification` of a sheet: which numbers came from logs, with their joint covariance and prediction errors."""
+"""Read the section `identification` of a sheet: numbers that come from logs, with their joint covariance and prediction errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ LISTS = ("parameters", "prior", "sd", "logarithmic", "fitted")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Identified:
-    """What logs said about a vehicle.
+    """Result of the identification of a vehicle from logs.
 
     A parameter is `prior` exp(`sd` x) where it is logarithmic, else `prior` + `sd` x, with x normal of mean `fitted` and
     covariance `covariance`. Parameters that the logs do not identify have x = 0 and nearly the prior's variance, 1.
@@ -32,7 +32,7 @@ class Identified:
     fitted: FloatArray
     covariance: FloatArray
     delay: float
-    """Time in s from a command to its execution, which sheets do not have."""
+    """Time in s from a command to its execution; vehicle models do not have it."""
     errors: Mapping[str, Mapping[float, float]]
     """90 % quantile of the absolute prediction error on the logs, by channel and horizon in s."""
 
@@ -44,9 +44,9 @@ class Identified:
         """Return L (n_p, n_p), with which `fitted` + L z has the joint distribution for z standard normal.
 
         Args:
-            held: parameters that stay at their estimate; the others have their distribution under this condition.
+            held: parameters that stay at their estimate; the others have their conditional distribution.
         """
-        # The first columns of a Cholesky factor belong to the first parameters: without them, these stay.
+        # The first columns of a Cholesky factor belong to the first parameters: with columns of 0, these parameters stay.
         order = sorted(range(len(self.parameters)), key=lambda j: self.parameters[j] not in held)
         L = np.zeros_like(self.covariance)
         for k, j in enumerate(order):

@@ -144,10 +144,12 @@ class Reach:
     sign: int  # +1 or -1 along the axis in FLU
     force: float  # N or N m, largest force or moment
     speed: float  # m/s or rad/s, terminal speed by thrust alone
-    speed_with_buoyancy: float  # m/s, the same with B - W along heave; equal to `speed` elsewhere
+    speed_with_buoyancy: (
+        float  # m/s, terminal speed by thrust and B - W along heave; equal to `speed` on other axes
+    )
     rise_time: float  # s from rest to 63 % of the speed
-    bollard_force: float  # N with moments left unbalanced; `force` for the three rotations
-    bollard_speed: float  # m/s, terminal speed at this force of a vehicle that is held straight
+    bollard_force: float  # N, largest force if moments need not be balanced; `force` for the three rotations
+    bollard_speed: float  # m/s, terminal speed at the bollard force of a vehicle that is held straight
 
     @property
     def direction(self) -> str:
@@ -155,7 +157,7 @@ class Reach:
 
 
 def reach(vehicle: VehicleModel) -> list[Reach]:
-    """Return two rows for each axis with any force."""
+    """Return the performance in both directions of each axis along which the thrusters have a force."""
     rows = []
     mass = np.diag(vehicle.M)
     for axis in range(6):
@@ -287,7 +289,7 @@ def _linearised(vehicle: VehicleModel, speed: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Instability:
-    """Straight flight ahead is unstable above a speed without steering."""
+    """Instability of straight, unsteered flight ahead above some speed."""
 
     plane: str  # pitch (vertical plane) or yaw (horizontal plane)
     above: float  # m/s
@@ -300,8 +302,9 @@ _PLANES = {"pitch": [1, 2, 4, 6], "yaw": [0, 3, 5, 7]}
 
 
 def instabilities(vehicle: VehicleModel) -> list[Instability]:
-    """Return instabilities, where the Munk moment exceeds damping and restoring moment, from the eigenvalues
-    of flight ahead.
+    """Return the instabilities of straight flight ahead, by its eigenvalues.
+
+    Flight is unstable where the Munk moment exceeds damping and restoring moment.
     """
     rows = [row for row in reach(vehicle) if row.axis == 0 and row.sign > 0]
     if not rows or not np.isfinite(rows[0].speed):

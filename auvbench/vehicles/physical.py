@@ -1,7 +1,7 @@
 """Command a vehicle with physical quantities (newtons, radians) instead of commands in [-1, 1].
 
-A number from a network is in N. Converting it to a command of the sheet's curve and back to newtons would
-change its last bits; multiplying by a power of two does not.
+A command that arrives over a network is in N. Converting it to a command of the sheet's curve and back to newtons
+would change its last bits. Here it is multiplied by a power of two, which changes no bits.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class PhysicalCommands:
     """Converter from physical quantities to the commands of the vehicle `model`.
 
     Attributes:
-        model: vehicle with the same motion for the same physical quantity, to the last bit.
-        limits: (n_u, 2) smallest and largest quantity: N of a thruster, rad, m or m3 of others.
+        model: vehicle that moves as the sheet's vehicle does under the same physical quantities, to the last bit.
+        limits: (n_u, 2) smallest and largest quantity: N for thrusters, rad, m or m3 for other actuators.
         neutral: (n_u,) quantity at command 0.
 
     """
