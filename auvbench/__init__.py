@@ -20,11 +20,11 @@ __version__ = "0.1.0"
 ID = "auvbench/Waypoint-v1"
 
 ORIGINAL: dict[str, object] = {"vehicle": "bluerov2", "task": "waypoint"}
-"""Choices of version 0: the original study's vehicle and observation"""
+"""Settings of the ids of version 0: the original study's vehicle and task"""
 
 
 TEAMS = {"auvbench/Formation-v0": "formation"}
-"""Tasks of several vehicles by the ids of `parallel_env`"""
+"""Task of each id of `parallel_env`; these tasks have several vehicles"""
 
 
 def parallel_env(id: str, *arguments: Any, **keywords: Any) -> "AuvParallelEnv":

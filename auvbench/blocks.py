@@ -1,9 +1,9 @@
-"""The blocks that an observation may have: what each is, and the function that writes it.
+"""Define the blocks of observations: the contents of each block, and the function that writes it.
 
-These functions are plain Python and import nothing compiled: a pilot on a vehicle calls them as they are
-(`pilot.live_observation`), environments compile them (`tasks.loops.observe`). So both observe the same.
+These functions are plain Python and import nothing compiled. A pilot on a vehicle calls them as they are
+(`pilot.live_observation`), and environments compile them (`tasks.loops.observe`), so that both observe the same.
 
-The specs below are the lines of `registry.BLOCKS`; a package's block enters by the same kind of object.
+`registry.BLOCKS` lists the specs below; a package adds a block by a spec of the same class.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from auvbench.registry import Spec
 from auvbench.untrusted.text import short
 
 FASTEST = 50.0
-"""m/s and rad/s: no vehicle comes near"""
+"""bound of velocities in m/s and of rates in rad/s, far above those of any vehicle"""
 
 LARGEST = 1e6
-"""m, m/s2 and s: bounds of what an estimator knows"""
+"""bound of estimates, messages and pings, in m, m/s2 and s"""
 
 LOOK_AHEAD = 1.5
-"""m along a way, from its point nearest to the vehicle to the point that `way` shows"""
+"""distance in m along a way from its point nearest to the vehicle to the point that the block `way` shows"""
 
 PINGS = 4
-"""pings of a target that a vehicle remembers"""
+"""number of pings of a target that a vehicle remembers"""
 
 BODY_AXES = "body axes (forward, port, up)"
 
 READS = ("pose", "velocity", "action", "goal", "preview", "task", "team", "solids", "navigation")
-"""What a block may read: the action of the last step, a goal that is not the reference, the preview, a task's own fields, the team, the
-solids of a world, what an estimator knows."""
+"""Data that a block may read. `action` is the action of the last step, `goal` a goal other than the reference, `task` the task's own
+fields, `solids` the solids of a world, and `navigation` the results of an estimator."""
 
 
 class Reading(NamedTuple):
-    """What a vehicle reads, with the errors of its sensors."""
+    """Readings of a vehicle, with the errors of its sensors."""
 
     position: Any  # (3,) m, world axes
     attitude: Any  # (4,) unit quaternion (w, x, y, z), without errors
@@ -53,22 +53,22 @@ class Reading(NamedTuple):
     cosine: float  # cosine of the yaw, for vectors in levelled body axes
     sine: float
     previous: Any  # (n_u,) action of the last step
-    preview: Any  # (points, 3) m, the reference in the time to come, world axes
+    preview: Any  # (points, 3) m, future positions of the reference, world axes
     stream: int  # flag of the streams of random numbers, for `normals`
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What the size, the bounds and the description of a block depend on."""
+    """Properties of a task and vehicle from which the size, the bounds and the description of a block follow."""
 
-    to: str  # what the reference is called
+    to: str  # name of the reference in descriptions
     has_yaw: bool  # whether the reference has a yaw of its own
     axes: str  # axes of the position error: WORLD or BODY
     bounds: tuple[float, ...]  # (3,) m, largest position errors
     depths: tuple[float, float]  # lowest and highest z in m
     actuators: Sequence[str]
     points: int  # number of points of the preview
-    interval: float  # s, between them
+    interval: float  # s, time between two points of the preview
     sensor: Any = None  # keys of the block's range sensor
     others: int = 0  # number of the other vehicles of the team
 
@@ -84,7 +84,7 @@ class BlockSpec(Spec):
     describe: Callable[[Setting], Block]
     """Function that returns labels, unit, bounds, frame and meaning."""
     reads: tuple[str, ...] = ("pose",)
-    """What `write` reads, of `READS`. A block that reads `task` suits only the tasks whose specs name it."""
+    """Entries of `READS` that `write` reads. A block that reads `task` suits only the tasks whose specs name it."""
     sensor: str = ""
     """`module:class` of the range sensor that writes the block in place of `write`."""
     schema: None = None
@@ -123,8 +123,8 @@ def wrap(angle: float) -> float:
 def normals(m: Reading, e: Any, channel: int) -> tuple[float, float, float, float]:
     """Return four standard normal numbers for the noise of a block; zeros on a pilot, whose sensors have noise of their own.
 
-    Environments call a compiled function in its place (`tasks.loops`). Each block, channel, step, episode and environment
-    has other numbers.
+    Environments call a compiled function instead (`tasks.loops`). Its numbers differ between blocks, channels, steps, episodes and
+    environments.
     """
     return 0.0, 0.0, 0.0, 0.0
 
@@ -148,7 +148,7 @@ def reading(
     preview: Any,
     stream: int,
 ) -> Reading:
-    """Return what a vehicle reads.
+    """Return the readings of a vehicle.
 
     Args:
         e: the episode: `reference` (3,) in m and, where `p.has_yaw`, `reference_yaw` in rad.
@@ -177,7 +177,7 @@ def reading(
         yaw_error = wrap(math.atan2(ey * c - ex * s, ex * c + ey * s) - yaw_noise)
     read = (to_x - ex, to_y - ey, to_z - ez)
     if p.body_frame > 0:
-        # Levelled body frame: what a vehicle with a heading reading alone can compute.
+        # Levelled body frame, which a vehicle can compute from its heading reading alone.
         yaw = math.atan2(s, c) + yaw_noise
         c, s = math.cos(yaw), math.sin(yaw)
         ex, ey = c * ex + s * ey, c * ey - s * ex
@@ -312,7 +312,7 @@ def write_pings(m: Reading, e: Any, p: Any, out: Any) -> None:
 
 
 def write_levelled(m: Reading, x: float, y: float, z: float, out: Any) -> None:
-    """Write a vector of world axes in levelled body axes."""
+    """Write a vector that is given in world axes, in levelled body axes."""
     out[0] = m.cosine * x + m.sine * y
     out[1] = m.cosine * y - m.sine * x
     out[2] = z
@@ -421,7 +421,7 @@ def _pings(s: Setting) -> Block:
 
 
 def _apart(s: Setting) -> tuple[float, float]:
-    """Return bounds in m, level and vertical, of a vector to another point than the reference: twice the way to it."""
+    """Return the horizontal and vertical bounds in m of a vector to a point other than the reference: twice those of the position error."""
     return 2.0 * math.hypot(*s.bounds[:2]), 2.0 * s.bounds[2]
 
 

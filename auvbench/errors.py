@@ -33,7 +33,7 @@ class PluginImportError(ConfigError):
 
 
 class VehicleError(UserError):
-    """A vehicle sheet breaks a rule; the message names the line and the rule."""
+    """A vehicle sheet breaks a rule; the message names the sheet, the key and the rule."""
 
 
 class RunError(UserError):

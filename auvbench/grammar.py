@@ -77,8 +77,8 @@ class Parser(argparse.ArgumentParser):
     """Report a mistake in one line, and suggest the flag for a mistaken `key=value` and vice versa.
 
     Args:
-        where: add `--where`; the parsed options then have its terms as `where`.
-        workers: add `--workers`; the jobs that run in parallel, for its help.
+        where: whether to add `--where`; the parsed options then have its terms as `where`.
+        workers: name of the jobs that run in parallel, for the help of `--workers`; '' adds no such flag.
         keys: valid keys of `key=value` words.
         options: keyword arguments of `ArgumentParser`.
     """

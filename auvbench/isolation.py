@@ -106,7 +106,7 @@ def _matplotlib_folder() -> Path:
 
 
 class _Sheltered(MetaPathFinder):
-    """Import modules that read the working directory on import from within another directory.
+    """Finder that changes to another directory while it imports modules that read the working directory.
 
     No environment variable takes precedence over the files that these modules read.
     """

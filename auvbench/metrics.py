@@ -1,6 +1,6 @@
 """Define the metrics of agents, one entry each; records, tables, page, LaTeX, docs and completion use them.
 
-A new metric is one entry (docs/adding-a-metric.md): of all tasks here, of one task in its spec. This module imports
+A new metric is one entry (docs/adding-a-metric.md): here for all tasks, in a task's spec for one task. This module imports
 nothing heavy, because shell completion reads it.
 """
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Totals(NamedTuple):
-    """What a task accumulates over an episode; sums are over its steps."""
+    """Totals of a task over an episode; sums are over the episode's steps."""
 
     episode: int
     environment: int
@@ -58,19 +58,23 @@ class Totals(NamedTuple):
 
 
 Kind = Literal["rate", "penalised", "derived", "key", "scenario", "episode", "agent"]
-"""rate, penalised: a number per agent, from outcomes and steps (`analysis.measures`); derived: per episode,
-computed from other columns when a test is read; key, scenario, episode: a column of the records (what
-identifies a row, what is the same for every agent, what an agent did); agent: an optional column of a report
-(`analysis.optional_columns`)
+"""kinds of metrics:
+
+* rate, penalised: one number for each agent, from outcomes and steps (`analysis.measures`).
+* derived: one number for each episode, computed from other columns when a test is read.
+* key: a column of the records that identifies a row.
+* scenario: a column of the records that is the same for every agent.
+* episode: a column of the records that describes what the agent did.
+* agent: an optional column of a report (`analysis.optional_columns`).
 """
 
 
 OPEN = "open"
-"""world of records without columns of a world"""
+"""name of the world whose records have no columns of a world"""
 TRUTH = "truth"
-"""navigation of records without columns of an estimator"""
+"""name of the navigation whose records have no columns of an estimator"""
 LAST = "yaw_error_rms_rad"
-"""the last of METRICS that an episode has"""
+"""metric of METRICS after which a task's own metrics come by default"""
 
 Failed = Literal["", "high", "bounds", "time"]
 """value of a failed episode: the task's own value, the metric's `high`, the task's bounds (m) or its time
@@ -124,7 +128,7 @@ class Metric:
 
     @property
     def conditional(self) -> bool:
-        """Return whether conditions of one test may differ in having the metric."""
+        """Return whether only some conditions of a test may have the metric."""
         return self.filtered or bool(self.navigation)
 
     @property
@@ -456,11 +460,11 @@ METRICS: list[Metric] = [
         kind="agent",
     ),
 ]
-"""metrics that all tasks or several have"""
+"""metrics of all tasks, or of several tasks"""
 
 
 def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the value of a failed episode by column, for the columns in `names` with a bound.
+    """Return the value of a failed episode by column, for the columns in `names` for which it is known.
 
     Args:
         names: columns.

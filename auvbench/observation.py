@@ -1,4 +1,4 @@
-"""What an observation consists of: named blocks of numbers. A task declares them; agents, cards and ROS 2 read them."""
+"""Define observations as named blocks of numbers. A task declares its blocks; agents, policy cards and ROS 2 read them."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from functools import cache
 from auvbench.metrics import OPEN, TRUTH, Kind, Totals, registered
 
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
-"""How an episode can end, in the order of the codes 0 to 3 in tasks/rows.py. Each task lists its own subset."""
+"""Outcomes of an episode, in the order of the codes 0 to 3 in tasks/rows.py. Each task lists its own subset."""
 ABORTED = "aborted"
 """Outcome of a pilot's mission that was stopped by a person or a failsafe; mission.json has the reason."""
 
@@ -27,7 +27,7 @@ def columns(*kinds: Kind) -> tuple[str, ...]:
 
 
 def measured() -> tuple[str, ...]:
-    """Return the columns whose value, where a row has one, is a finite number."""
+    """Return the columns whose values are finite numbers; a row may lack a value."""
     return columns("scenario", "episode")
 
 

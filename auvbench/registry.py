@@ -1,12 +1,12 @@
-"""The registry of everything that is chosen by name: auvbench's own parts, and parts of installed packages.
+"""Register all parts that are chosen by name: auvbench's own parts, and the parts of installed packages.
 
-A kind of thing (agents, tasks, ...) has lines `name = module:object`. auvbench's own lines are the tables below; the lines of a
-package are the entry points of one group. The object is a spec, which says all that auvbench must know of the thing without
-importing its code: name, title, the schema of its configuration, and `module:object` of the code.
+Each kind of part (agents, tasks, ...) has lines `name = module:object`. auvbench's own lines are the tables below; the lines of a
+package are the entry points of one group. The object is a spec. It has all that auvbench must know of the part before it imports
+the part's code: name, title, the schema of its configuration, and `module:object` of the code.
 
-Nothing else is ever loaded: no path and no code that a configuration or a run directory names. A package is imported when
-something of it is chosen. Two things only tell auvbench's own from a package's: the package's release is part of a run's
-identity, and what a package's code returns is always checked.
+No other code is ever loaded: no path and no code that a configuration or a run directory names. A package is imported when one of
+its parts is chosen. Only two rules distinguish the parts of packages from auvbench's own: the package's release is part of a run's
+identity, and the results of a package's code are always checked.
 """
 
 from __future__ import annotations
@@ -37,38 +37,38 @@ if TYPE_CHECKING:
 
 
 class Spec:
-    """What a kind's specs have in common; each kind has a frozen dataclass below it."""
+    """Base class of specs; each kind of part has a frozen dataclass derived from it."""
 
     __slots__ = ()
     base: ClassVar[type] = object
-    """The class below which a package's schema must be."""
+    """Class from which a package's schema must be derived."""
 
     name: str
-    """The value that chooses it."""
+    """Value in the configuration that chooses the part."""
     factory: str
-    """`module:object` of its code."""
+    """`module:object` of the part's code."""
     schema: type | None
-    """The dataclass of its configuration: types, ranges and meanings of its keys; None without any key."""
+    """Dataclass of the part's configuration: types, ranges and meanings of its keys; None for a part without keys."""
 
     @property
     def keys(self) -> type:
-        """The dataclass of its configuration; the kind's where it adds no keys of its own."""
+        """Dataclass of the part's configuration; `base` for a part without keys of its own."""
         return self.schema or self.base
 
     @property
     def code(self) -> str:
-        """`module:object` of its code, for kinds that call it something else than `factory`."""
+        """`module:object` of the part's code; overridden by kinds whose field has another name than `factory`."""
         return self.factory
 
     def fault(self) -> str:
-        """Return why a package's spec cannot be used; empty where it can."""
+        """Return why a package's spec cannot be used; '' if it can."""
         return ""
 
     def enter(self) -> None:
-        """Do what else its entering changes.
+        """Make the further changes that registering the part needs; none by default.
 
         Raises:
-            ValueError: it cannot be entered.
+            ValueError: the part cannot be registered.
         """
 
     def leave(self) -> None:
@@ -101,7 +101,7 @@ class Declared:
 
 @cache
 def entry_points() -> Any:
-    """Return the entry points of all groups: each call of the library reads the files of every installed package anew."""
+    """Return the entry points of all groups. They are cached, since the library reads the files of all packages in each call."""
     from importlib import metadata  # slow to import, and no other part of a command's help needs it
 
     return metadata.entry_points()
@@ -112,7 +112,7 @@ def load(point: Declared) -> Any:
     """Import the object of an entry point.
 
     Raises:
-        PluginImportError: it cannot be imported, or does not exist.
+        PluginImportError: the object cannot be imported, or does not exist.
     """
     from importlib import metadata
 
@@ -125,13 +125,13 @@ def load(point: Declared) -> Any:
 
 
 class Kind(Mapping[str, S], Generic[S]):
-    """All things of one kind as a mapping from names to specs: auvbench's own, then the entered specs of packages.
+    """All parts of one kind as a mapping from names to specs: auvbench's own, then the registered specs of packages.
 
     Args:
         group: group of the entry points of packages.
-        key: key of the configuration, or word of the command line, that names a thing.
+        key: key of the configuration, or word of the command line, that names a part.
         spec: `module:class` of the specs.
-        own: `module:spec` by name, of auvbench's core; its integrations are auvbench's own as well.
+        own: `module:spec` by name, for the parts in auvbench's core; the parts of its integrations are added to them.
     """
 
     def __init__(self, group: str, key: str, spec: str, own: Mapping[str, str]) -> None:
@@ -139,9 +139,9 @@ class Kind(Mapping[str, S], Generic[S]):
         self.key = key
         self._lines = {**own, **integrations.REGISTERED.get(group, {})}
         self.own = tuple(self._lines)
-        """Names of auvbench's own."""
+        """Names of auvbench's own parts."""
         self.entered: dict[str, S] = {}
-        """Specs of packages that were chosen, or read in a run."""
+        """Registered specs of packages: those that were chosen, or that a run names."""
         self._spec = spec
 
     def __getitem__(self, name: str) -> S:
@@ -162,7 +162,7 @@ class Kind(Mapping[str, S], Generic[S]):
 
     @property
     def spec(self) -> type[S]:
-        """The class of the specs."""
+        """Class of the specs."""
         kind: type[S] = resolve(self._spec)
         return kind
 
@@ -171,14 +171,14 @@ class Kind(Mapping[str, S], Generic[S]):
         return declared(self.group, self.key)
 
     def names(self) -> tuple[str, ...]:
-        """Return auvbench's own names, then those that packages declare; nothing is imported."""
+        """Return the names of auvbench's own parts, then the names that packages declare; nothing is imported."""
         return tuple(dict.fromkeys([*self._lines, *(point.name for point in self.declared())]))
 
     def find(self, name: str) -> Declared | None:
         """Return the entry point of this name, or None.
 
         Raises:
-            ConfigError: several packages declare it, or auvbench has the name itself.
+            ConfigError: several packages declare the name, or auvbench and a package have it.
         """
         points = [point for point in self.declared() if point.name == name]
         holders = [*(["auvbench"] if name in self._lines else []), *(point.package for point in points)]
@@ -198,15 +198,15 @@ class Kind(Mapping[str, S], Generic[S]):
         )
 
     def choose(self, name: str, release: str | None = None) -> S:
-        """Return the spec of a name; enter it if it is a package's.
+        """Return the spec of a name; register it if it is a package's.
 
         Args:
-            name: auvbench's own, or an entry point's.
-            release: release of the package that must have it; None: any.
+            name: name of one of auvbench's own parts, or of an entry point.
+            release: release that the package of this name must have; None: any.
 
         Raises:
-            ConfigError: the package is not installed, not in this release, or its spec cannot be used.
-            KeyError: no package has the name, and no release says which one had it.
+            ConfigError: the package is not installed, has another release, or its spec cannot be used.
+            KeyError: neither auvbench nor a package has the name, and `release` is None.
         """
         point = self.find(name)
         if release is not None and (point is None or point.release != release):
@@ -214,10 +214,10 @@ class Kind(Mapping[str, S], Generic[S]):
         return self[name] if point is None else self.enter(point)
 
     def enter(self, point: Declared) -> S:
-        """Enter what an installed package brings, and return its spec.
+        """Register the part that an entry point declares, and return its spec.
 
         Raises:
-            ConfigError: what it declares cannot be used.
+            ConfigError: the declared object cannot be used.
         """
         kind, thing = self.spec, load(point)
         if not isinstance(thing, kind) and (adopt := getattr(kind, "adopt", None)):
@@ -240,7 +240,7 @@ class Kind(Mapping[str, S], Generic[S]):
         return thing
 
     def forget(self) -> None:
-        """Remove what entered: for tests, and for programs that install packages."""
+        """Remove the registered specs of packages: for tests, and for programs that install packages."""
         for spec in self.entered.values():
             spec.leave()
         self.entered.clear()
@@ -259,8 +259,8 @@ def declared(group: str, key: str) -> tuple[Declared, ...]:
 
 
 def schema_fault(schema: Any, base: type, word: str = "schema") -> str:
-    """Return why a package's schema cannot be used; empty where it is None or a dataclass below `base` with types of keys."""
-    from omegaconf import OmegaConf  # slow to import, and needed where a package's thing was chosen only
+    """Return why a package's schema cannot be used; '' for None, and for a dataclass derived from `base` whose keys have types."""
+    from omegaconf import OmegaConf  # slow to import, and needed only if a package's part was chosen
     from omegaconf.errors import OmegaConfBaseException
 
     reason = ""
@@ -276,13 +276,13 @@ def schema_fault(schema: Any, base: type, word: str = "schema") -> str:
 
 
 def resolve(target: str) -> Any:
-    """Return the object that "module:object" stands for, or the module of "module"."""
+    """Import and return the object of "module:object", or the module of "module"."""
     module, _, names = target.partition(":")
     return reduce(getattr, names.split(".") if names else [], importlib.import_module(module))
 
 
 def describe_error(error: BaseException) -> str:
-    """Return an exception of foreign code in one line."""
+    """Return one line that describes an exception of foreign code."""
     kind = type(error).__name__
     return short(f"{kind}: {first_line(error)}" if str(error) else kind)
 
@@ -299,12 +299,12 @@ def telling(owner_name: str, what: str) -> Iterator[None]:
 
 
 def owner(kind: str, part: Any) -> str:
-    """Return what a message calls a part of a configuration: `task=circling of auvbench-example==1.0`."""
+    """Return the name in messages of a part of a configuration: `task=circling of auvbench-example==1.0`."""
     return owned(f"{kind}={part.name}", part)
 
 
 def owned(what: str, part: Any) -> str:
-    """Return the text for messages of a part of a configuration, with its package if it has one."""
+    """Return `what` for messages, followed by the package of a part of a configuration if it has one."""
     package = getattr(part, "package", None)
     return f"{what} of {package}" if package else what
 
@@ -481,14 +481,14 @@ KINDS: tuple[Kind[Any], ...] = (
 
 
 def forget() -> None:
-    """Forget what packages brought and what is known of them: for tests, and for programs that install packages."""
+    """Remove all registered parts of packages and the cached lists of packages: for tests, and for programs that install packages."""
     for kind in KINDS:
         kind.forget()
     forget_packages()
 
 
 def forget_packages() -> None:
-    """Forget which packages are installed: a process looks for them itself."""
+    """Clear the cached lists of installed packages, so that the process looks for packages again."""
     from auvbench.config import folders
 
     for cached in (entry_points, declared, load, folders.packages):

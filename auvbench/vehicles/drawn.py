@@ -23,7 +23,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 REACH = 3.0
-"""Distance from the estimate, in standard deviations, at which the draw of a number is cut off."""
+"""Distance from the estimate, in standard deviations, to which the draw of a number is clipped."""
 PLACES: dict[str, int] = {
     name: place
     for place, name in enumerate(

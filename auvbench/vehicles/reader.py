@@ -263,7 +263,7 @@ class Document:
         return value
 
     def sourced(self, path: Keys, unit: str, *optional: str) -> Any:
-        """Return the value of `{value, unit, source}` after checking unit and source; `optional` keys may be there."""
+        """Return the value of `{value, unit, source}` after checking unit and source; `optional` keys are allowed."""
         node = self.get(path)
         if not isinstance(node, Mapping):
             self.fail(path, f"expected value, unit and source, got {node!r}")

@@ -30,7 +30,7 @@ SHORTEST = 1e-5
 
 
 DEFAULT = "bluerov2_2026"
-"""vehicle of a command that names none"""
+"""default vehicle of commands"""
 
 
 def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
@@ -278,7 +278,7 @@ def refuse_stiff_vehicle(name: str, shortest: float) -> None:
 
     Args:
         name: name of the vehicle, for the message.
-        shortest: shortest time constant in s, of the vehicle or of the fastest one that may be drawn.
+        shortest: shortest time constant in s, of the vehicle or of the fastest vehicle that may be drawn.
 
     Raises:
         VehicleError: the time constant is below `SHORTEST`, or NaN.

@@ -21,7 +21,7 @@ INTERVAL = 0.02
 
 
 def direction(vehicle: VehicleModel, axis: str) -> FloatArray:
-    """Return the forces (n_u,) in N that push along one axis, as far as the thrusters can, with a thruster at its limit."""
+    """Return the largest forces (n_u,) in N that push along one axis only, as far as the thrusters can: one thruster is at its limit."""
     B = vehicle.allocation
     wanted = np.zeros(6)
     wanted[AXES.index(axis)] = 1.0
@@ -45,7 +45,7 @@ def telegraph(
     """Return commands (T, n_u) every `INTERVAL` s of random levels for one axis after another.
 
     Args:
-        vehicle: vehicle that flies it.
+        vehicle: vehicle that flies the signal.
         axes: axes in their order; each gets the same share of the time.
         duration: s.
         amplitude: largest share of the force along an axis, up to 1.

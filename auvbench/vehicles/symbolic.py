@@ -6,7 +6,7 @@ thrusters.
 
 State (13 + n_a): x y z (m, world ENU), qw qx qy qz (body to world), u v w p q r (m/s, rad/s, body FLU), then
 the states of the thrusters' lags in the order of the actuators. Input (n_u): steady thrusts in N, even for a
-thruster with a rotor, since the speed of rotation as a function of thrust has no slope at rest. A lag of
+thruster with a rotor, since the rotor's speed as a function of thrust has no finite slope at rest. A lag of
 higher order is replaced by a first-order lag with the same mean delay, which acts on the thrust. The current
 is constant in the world, (3,) m/s.
 """

@@ -41,16 +41,16 @@ class VehicleModel:
     sources: tuple[tuple[str, str], ...] = ()  # (key, one-line citation)
     remarks: tuple[str, ...] = ()
     own_hull: tuple[float, float] | None = None  # m, radius and length of its hull, if the sheet has one
-    identified: Identified | None = None  # what logs said about it, with the joint covariance
+    identified: Identified | None = None  # result of an identification from logs, with the joint covariance
     plugin: str = ""  # release in `rigid_body.RELEASES` if C_A follows Gazebo's plugin instead of Fossen
 
     @property
     def hull(self) -> tuple[float, float]:
-        """Return the radius and the length in m of the row of spheres that stands for its shape: the spheres have this radius, and
-        their centres are on the x axis over this length, with the origin in the middle.
+        """Return the radius and the length in m of the row of spheres that approximates the vehicle's shape.
 
-        A sheet without a hull gets one sphere: round a uniform box of its mass and inertia, whose half diagonal is
-        sqrt(3 tr(I) / (2 m)), and round all actuators.
+        The spheres have this radius. Their centres are on the x axis over this length, with the origin in the middle. A sheet
+        without a hull gets one sphere, around all actuators and around a uniform box of the vehicle's mass and inertia, whose half
+        diagonal is sqrt(3 tr(I) / (2 m)).
         """
         if self.own_hull is not None:
             return self.own_hull

@@ -509,7 +509,7 @@ def task_of_policy(
 
 
 def _block_packages(word: str, task: Any) -> dict[str, str]:
-    """Enter the packages' blocks that a policy observes, by the task entry of its card; return their releases.
+    """Register the blocks of packages that the task entry of a policy's card names; return the packages' releases by block.
 
     Raises:
         UserError: the entry is invalid, or a package is not installed in this release.
