@@ -25,7 +25,7 @@ from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 
 INTERPRETED = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
-"""whether NUMBA_DISABLE_JIT leaves all functions to Python"""
+"""whether NUMBA_DISABLE_JIT is set, so that Python runs all functions"""
 
 PACKAGE = Path(__file__).parent.parent
 

@@ -100,7 +100,7 @@ def ned(vector: Sequence[float]) -> tuple[float, float, float]:
 
 
 def ned_attitude(quaternion: Sequence[float]) -> tuple[float, float, float, float]:
-    """Convert the attitude (w, x, y, z) of an FLU body in an ENU world to that of the FRD body in an NED world.
+    """Convert the attitude (w, x, y, z) of an FLU body in an ENU world to the attitude of the FRD body in an NED world.
 
     It is (0, a, a, 0) q (0, 1, 0, 0) up to a sign, with a^2 = 1/2. A body with its bow to the east has a yaw of 90
     degrees:

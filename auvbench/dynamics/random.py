@@ -7,7 +7,7 @@ checked against the known-answer vectors of their Random123 library.
 
 =========  ====================================================================
 key 0      seed, 0 .. 2^32 - 1
-key 1      stream: what the draw is for (the constants below)
+key 1      stream: purpose of the draw (the constants below)
 counter 0  block of four channels: channel // 4
 counter 1  step within the episode
 counter 2  episode: how many resets the environment had

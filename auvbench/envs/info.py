@@ -73,8 +73,8 @@ def batch(state: State, success: NDArray[np.bool_], rows: NDArray[np.bool_]) -> 
 def final(
     state: State, ended: NDArray[np.int64], records: Sequence[Record], rows: NDArray[np.bool_]
 ) -> dict[str, Any]:
-    """Return the info at the ends of environments `ended` (k,), as arrays of n rows; `rows` (n,) marks the valid
-    ones.
+    """Return the info of the episodes that ended in environments `ended` (k,), as arrays of n rows; `rows` (n,) marks
+    the valid rows.
     """
     n = len(rows)
     spread = replace(

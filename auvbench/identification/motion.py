@@ -1,4 +1,4 @@
-"""Estimate a vehicle's state at each row of a log from what was measured."""
+"""Estimate a vehicle's state at each row of a log from the measurements."""
 
 from __future__ import annotations
 

@@ -65,9 +65,9 @@ class Residuals:
         self.shift = np.zeros((self.windows.n, len(CHANNELS)))
         """Correction (n, 12) of the first states from which predictions start, in standard deviations."""
         self.wrong = np.zeros((self.windows.n, len(CHANNELS)))
-        """Offset (n, 12) of measurements that predictions contain, in standard deviations."""
+        """Offset (n, 12) of the measurements, in standard deviations; predictions include it."""
         self.late = np.zeros((self.windows.n, len(self._pieces()) if self._has_lasting else 0))
-        """Delay (n, pieces) of the inputs that predictions contain, in standard deviations of the time error."""
+        """Delay (n, pieces) of the inputs, in standard deviations of the time error; predictions include it."""
         self._noise = np.array([_noise(log) for log in self.windows.logs])
         self._spread = self._start_spread()
         self._gain: tuple[FloatArray, FloatArray] | None = None
@@ -89,7 +89,7 @@ class Residuals:
 
     @property
     def _bias(self) -> FloatArray:
-        """Return the offsets (n, 12) of measurements that predictions contain, in SI units."""
+        """Return the offsets (n, 12) of the measurements in SI units; predictions include them."""
         return self.wrong * self._offset
 
     def _many(
@@ -251,7 +251,7 @@ class Residuals:
 
         Args:
             raw: (n, m, channels) as from `raw`.
-            change: whether `raw` is a change of residuals; then the corrections that predictions contain are not subtracted.
+            change: whether `raw` is a change of residuals; the corrections that predictions include are then not subtracted.
         """
         assert self._gain is not None
         G, K = self._gain

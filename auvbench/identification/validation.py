@@ -1,4 +1,4 @@
-"""Replay logs in windows, and compare predictions with what was measured at several horizons."""
+"""Replay logs in windows, and compare predictions with the measurements at several horizons."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ class Windows:
 
 
 def cut(logs: Sequence[Log], length: float, stride: float | None = None) -> Windows:
-    """Return windows of `length` s, each `stride` s after the one before (default: `length`); none crosses a gap."""
+    """Return windows of `length` s, one every `stride` s (default: `length`); no window crosses a gap."""
     motions = tuple(motion.of_log(log) for log in logs)
     pieces: list[tuple[int, IntArray]] = []
     for number, log in enumerate(logs):

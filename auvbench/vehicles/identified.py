@@ -67,7 +67,7 @@ class Identified:
 
 
 def of(document: Document) -> Identified | None:
-    """Return the section of a sheet; None without one.
+    """Return the identification in a sheet; None if the sheet has no such section.
 
     Raises:
         VehicleError: the section breaks a rule.

@@ -149,7 +149,7 @@ class Quantity:
     """a number, a list, a mapping of names to vectors, or the kind of a curve"""
     unit: str
     range: Any
-    """lowest and highest value, each of the value's shape; None where the sheet has no range"""
+    """lowest and highest value, each with the shape of `value`; None if the sheet has no range"""
     sources: tuple[str, ...]
     note: str
 

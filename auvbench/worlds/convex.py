@@ -100,7 +100,7 @@ def first_crossing(span: Pair) -> float:
 
 @inline
 def overlap(a: Pair, b: Pair) -> Pair:
-    """Return the part of a ray that is inside both of two shapes."""
+    """Return the part of a ray that is inside two shapes at the same time; `a` and `b` are the parts inside each shape."""
     (a_enter, a_leave), (b_enter, b_leave) = a, b
     enter, leave = max(a_enter, b_enter), min(a_leave, b_leave)
     return (enter, leave) if enter <= leave else MISS
@@ -108,7 +108,7 @@ def overlap(a: Pair, b: Pair) -> Pair:
 
 @inline
 def hull(a: Pair, b: Pair) -> Pair:
-    """Return the part of a ray inside the union of two shapes; the union must be convex."""
+    """Return the part of a ray inside the union of two shapes, which must be convex; `a` and `b` are the parts inside each shape."""
     (a_enter, a_leave), (b_enter, b_leave) = a, b
     return min(a_enter, b_enter), max(a_leave, b_leave)
 

@@ -114,7 +114,7 @@ def search(
 ) -> tuple[float, NDArray[np.int64]]:
     """Return the length in m of the shortest way by Dijkstra's algorithm, and for each cell the cell before it on its way from the start.
 
-    The length is infinite without a way; a cell without a cell before it has -1.
+    The length is infinite without a way. The start and the cells that were not reached have -1.
 
     Args:
         room: (rows columns,) distance of each cell from the obstacles, m.

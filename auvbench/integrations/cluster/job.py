@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from types import FrameType
 
 JOB, ARRAY, TASK = "SLURM_JOB_ID", "SLURM_ARRAY_JOB_ID", "SLURM_ARRAY_TASK_ID"
-"""Environment variables of SLURM: number of the job in which this process runs; in an array also the numbers of the array and of the task"""
+"""Environment variables of SLURM: number of the job in which this process runs; in an array also the numbers of array and task"""
 
 
 def number() -> str | None:

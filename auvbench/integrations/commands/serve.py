@@ -98,7 +98,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _given(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options, checked for what both interfaces have in common."""
+    """Return the options after the checks that both interfaces share."""
     reader = parser()
     given = reader.read(arguments, overrides=True)
     if given.face not in FACES:
@@ -288,7 +288,7 @@ def _vehicles(given: argparse.Namespace) -> list[Physics]:
 
 
 def _print_address(given: argparse.Namespace, physics: Physics) -> None:
-    """Print what is served, and the address for ArduSub."""
+    """Print the vehicle and the frame that are served, and the address for ArduSub."""
     from auvbench.integrations.ardusub.server import started
 
     motors, name = physics.motors, physics.vehicle.name

@@ -32,7 +32,7 @@ def add_options(parser: Parser, outputs: argparse._MutuallyExclusiveGroup) -> No
 
 
 def write(options: argparse.Namespace) -> bool:
-    """Write and print the files if `--sdf` is given; return whether it is.
+    """Write the files and print their paths if `--sdf` is given; return whether `--sdf` is given.
 
     Raises:
         UserError: another option lacks `--sdf`, `--sdf` lacks a vehicle, or the folder cannot be written.

@@ -46,7 +46,7 @@ class Autopilot:
         say: function called with the vehicle's warnings.
 
     Attributes:
-        armed: whether the last heartbeat said armed.
+        armed: whether the vehicle was armed in its last heartbeat.
         mode: mode in the last heartbeat.
         gain: joystick gain that the vehicle reports.
         parameters: values by the names in `PARAMETERS`, and in `FAILSAFES` if the vehicle has them.

@@ -53,7 +53,8 @@ GYRO_FILTER = "INS_GYRO_FILTER"
 OFFSET = (math.inf, math.inf, 0.0, 0.003, 0.003, 0.0, 0.04, 0.04, 0.006, *(0.0025,) * 3)
 DRIFT = (0.0, 0.0, 0.01, *(0.001,) * 3, 0.015, 0.015, 0.004, *(0.0005,) * 3)
 """Errors of ArduSub's estimate in a window of 2 s, one number per channel of a log, SI units: OFFSET is the standard deviation of the
-constant error, DRIFT that of its growth per s. The position over ground follows its velocity late and is not used.
+constant error, DRIFT the standard deviation of the error's growth per s. The position over ground lags behind the velocity and is
+not used.
 """
 DEPTH_SCALE = 0.025
 """Relative difference between the densities of sea water and fresh water (ArduSub's parameter BARO_SPEC_GRAV)."""

@@ -90,7 +90,7 @@ class Link:
                     yield peer or self._server, message
 
     def send(self, message: Any, peer: Peer) -> None:
-        """Send a message, through the supervisor if there is one; a message that the network does not accept
+        """Send a message, through the supervisor if it was started; a message that the network does not accept
         is lost.
 
         Raises:

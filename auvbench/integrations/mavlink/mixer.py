@@ -97,8 +97,8 @@ class Mixer:
         return np.minimum([1.0, 1.0, gain, gain * self.throttle_gain, gain, gain], 1.0)
 
     def reach(self, gain: float) -> Floats:
-        """Return the largest force or moment (6,) along each axis, as a share of what the vehicle's thrusters
-        can give together; NaN for an axis along which they give none.
+        """Return the largest force or moment (6,) along each axis, as a share of the largest one that the vehicle's
+        thrusters can produce together; NaN for an axis along which they produce none.
         """
         axes = np.diag(self.limits(gain))[[FORWARD, LATERAL, THROTTLE, ROLL, PITCH, YAW]]
         both = [np.abs(np.diagonal(self.wrench(sign * axes))) for sign in (1.0, -1.0)]

@@ -1,7 +1,7 @@
 """Read bags of ROS 2 (a folder with metadata.yaml) with the package rosbags.
 
 Topics: std_msgs/Float64 `cmd_NAME` (as `auvbench serve` takes) or `NAME/cmd_thrust` (as Gazebo takes), thrust in N; nav_msgs/Odometry pose
-in the world and velocity in the body; sensor_msgs/Imu attitude and rates where there is no odometry, and specific force;
+in the world and velocity in the body; sensor_msgs/Imu specific force, and attitude and rates in bags without odometry;
 rosgraph_msgs/Clock the time, else the time of recording. Axes are ENU and FLU (REP-103).
 
 Messages are decoded by the type definitions that come with rosbags. The definitions in a bag are not used: rosbags would turn them
