@@ -26,7 +26,7 @@ FASTEST = 50.0
 """bound of velocities in m/s and of rates in rad/s, far above those of any vehicle"""
 
 LARGEST = 1e6
-"""bound of estimates, messages and pings, in m, m/s2 and s"""
+"""bound of quantities without a natural limit (estimates, messages, pings, places in a formation), in m, m/s2 and s"""
 
 LOOK_AHEAD = 1.5
 """distance in m along a way from its point nearest to the vehicle to the point that the block `way` shows"""

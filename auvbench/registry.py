@@ -175,7 +175,7 @@ class Kind(Mapping[str, S], Generic[S]):
         return tuple(dict.fromkeys([*self._lines, *(point.name for point in self.declared())]))
 
     def find(self, name: str) -> Declared | None:
-        """Return the entry point of this name, or None.
+        """Return the entry point of this name; None if no package declares it.
 
         Raises:
             ConfigError: several packages declare the name, or auvbench and a package have it.

@@ -10,7 +10,7 @@ external causes. Both Coriolis terms are evaluated through momenta: with linear 
 
     in the code     in Fossen's book
     v, omega        nu = [v; omega] = (u, v, w; p, q, r), body axes forward, port, up
-    v_c, v_r        currents turn no vehicle: nu_c = [v_c; 0], nu_r = [v - v_c; omega]
+    v_c, v_r        a current has no rotation: nu_c = [v_c; 0], nu_r = [v - v_c; omega]
     m_r_g, I_b      m r_g and the inertia about the origin CO
     p, h            momenta [p; h] = M nu
     up              the world's z axis in body axes, R^T [0; 0; 1]; Fossen's points down

@@ -1,6 +1,6 @@
-"""Access to the records of `layout`: one vehicle of a block, a field, a discretisation.
+"""Read and write the records of `layout`: one vehicle of a block, a field, a discretisation.
 
-Only this module and `vectors` read arrays by number.
+Only this module and `vectors` use numeric indices of vectors and matrices.
 """
 
 from __future__ import annotations

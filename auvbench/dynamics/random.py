@@ -37,7 +37,7 @@ WAVES = 8
 TETHER = 10
 WORLD = 11
 RANGE = 12
-"""noise of range sensors"""
+"""readings of range sensors"""
 NAVIGATION = 13
 """navigation sensors, and the errors of the estimate at the start"""
 IDENTIFIED = 14

@@ -35,7 +35,7 @@ class Parameter:
     prior: float
     """Value of the sheet."""
     sd: float
-    """Prior standard deviation, of the logarithm where `log` is set."""
+    """Prior standard deviation of the number, or of its logarithm if `log` is set."""
     log: bool = True
     low: float = -math.inf
     high: float = math.inf

@@ -201,7 +201,7 @@ class FossenSimulator(VehicleBatch):
             self._load_parameters(np.arange(self.n))
 
     def _load_parameters(self, lanes: IntArray) -> None:
-        """Write the parameters of vehicles `lanes` (k,) for their `scales`."""
+        """Write the parameters of vehicles `lanes` (k,) for their `scales` and `changes`."""
         if not self._scaled:
             self._scaled = True
             self._parameters = np.repeat(self._parameters, self._n_blocks, axis=0)

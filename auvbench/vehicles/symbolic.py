@@ -87,7 +87,7 @@ class SymbolicModel:
     """(n_x - 13,) states of the actuators after a long time at command 0"""
     longest_step: float
     """longest step in s: twice the shortest time constant of the body (`vehicles.inspect`) and of the lags;
-    RK4 is stable up to 2.8
+    RK4 is stable up to 2.8 time constants
     """
 
     def step(self, duration: float, substeps: int) -> Any:

@@ -42,7 +42,7 @@ class Grid:
     y: Floats  # (rows,) m
     z: Floats  # (rows, columns) m, up; the surface of the water is at 0
     spacing: float  # m
-    sha256: str  # of the file
+    sha256: str  # SHA-256 of the file
 
     @property
     def middle(self) -> tuple[float, float]:

@@ -147,7 +147,7 @@ class Physics:
 
 
 def _check_t200(motors: Motors) -> None:
-    """Reject a vehicle whose strongest thruster far exceeds a T200, whose curve would set its force."""
+    """Reject a vehicle whose strongest thruster is far stronger than a T200: the T200's curve would give it too little force."""
     most = float(np.max(np.abs(motors.vehicle.force_limits)))
     strongest = float(t200_table()["force_N"][-1])
     if most > _STRONGER * strongest:

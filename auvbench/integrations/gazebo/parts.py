@@ -50,7 +50,7 @@ def inertial(vehicle: VehicleModel, hydrodynamics: str, thrusters: bool) -> list
 
 
 def _entries(matrix: FloatArray, axes: str, prefix: str = "") -> list[str]:
-    """Return the upper triangle of a symmetric matrix as elements, one line for each row."""
+    """Return the upper triangle of a symmetric matrix as XML elements, one line for each row."""
     lines = []
     for i, row in enumerate(axes):
         tags = [f"{prefix}{row}{column}" for column in axes[i:]]
