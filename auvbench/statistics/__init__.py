@@ -1,9 +1,10 @@
-"""Pure functions on arrays (seeds, episodes); docs/statistics-appendix.md has the reasons and the
-measurements.
+"""Statistics as pure functions on arrays (seeds, episodes).
+
+docs/statistics-appendix.md explains the choice of each method and has its measured error rates.
 
 `crossed` computes means over seeds and scenarios; `typical` compares learners; `differences` compares
-controllers and corrects for all pairs; `reliability` counts the trainings that are not behind; `intervals`
-has intervals of rates; `power` plans experiments.
+controllers and corrects for all pairs; `reliability` counts the trainings that are not behind the baseline;
+`intervals` has intervals of rates; `power` plans experiments.
 """
 
 from auvbench.statistics.crossed import (

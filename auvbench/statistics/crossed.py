@@ -1,25 +1,25 @@
 """Compute means and rates over training seeds and test scenarios, with t-type intervals; typical.py compares
 agents.
 
-An agent's data are an array (seeds S, episodes E): every trained policy meets the same scenarios, so seeds
-and scenarios are crossed. The model is
+An agent's data are an array (seeds S, episodes E). Every trained policy is tested in the same scenarios, so
+seeds and scenarios are crossed. The model is
 
     x[s, e] = mu + a[s] + b[e] + r[s, e],
 
-with a the effect of a training seed, b the difficulty of a scenario, and r the rest. The mean then has the
-variance Var(a)/S + Var(b)/E + Var(r)/(S E). It is estimated as A + max(B - R, 0) with
+where a is the effect of a training seed, b the difficulty of a scenario, and r the residual. The mean then
+has the variance Var(a)/S + Var(b)/E + Var(r)/(S E). This variance is estimated as A + max(B - R, 0) with
 
-    A = variance between the seeds' means / S                      expects Var(a)/S + Var(r)/(S E)
-    B = variance between the scenarios' means / E                  expects Var(b)/E + Var(r)/(S E)
-    R = mean square of what is left after rows and columns / (S E) expects            Var(r)/(S E)
+    A = variance between the seeds' means / S       expected value Var(a)/S + Var(r)/(S E)
+    B = variance between the scenarios' means / E   expected value Var(b)/E + Var(r)/(S E)
+    R = mean square of the residuals / (S E)        expected value            Var(r)/(S E)
 
 (two-way layout without replication: Searle, Casella & McCulloch, Variance Components, 1992, chapter 4). Each source
 has its own quantile of Student's t, and the squares add up (Howe 1974, JASA 69:789):
 
     half width² = A t(S - 1)² + max(B - R, 0) t(E - 1)²
 
-A single quantile with Satterthwaite's degrees of freedom for the sum covers too little with 2 or 3 seeds, and
-so does every bootstrap (docs/statistics-appendix.md). With one seed A and R are 0: the interval is
+With 2 or 3 seeds, an interval from a single quantile (Satterthwaite's degrees of freedom) is too short, and
+so is every bootstrap interval (docs/statistics-appendix.md). With one seed A and R are 0: the interval is
 conditional on that seed and covers only test episodes. An interval never exceeds the range of possible
 values.
 """
@@ -48,7 +48,7 @@ MIXED = "test episodes, and training seeds where there are several"
 
 
 def covers(seeds: FloatArray) -> str:
-    """Return what an interval covers, for agents with these numbers of seeds."""
+    """Return the name of the uncertainty that an interval covers, for agents with these numbers of seeds."""
     if seeds.min() > 1:
         return SEEDS_AND_EPISODES
     return MIXED if seeds.max() > 1 else EPISODES_ONLY
@@ -88,14 +88,23 @@ def crossed(
     paired: bool = True,
     bounds: tuple[ArrayLike, ArrayLike] = (-np.inf, np.inf),
 ) -> Crossed:
-    """Decompose the arrays (S_i, E), one per agent, whose columns are the same E scenarios.
+    """Return the means of agents and the parts of their variance.
 
-    NaN means "no value": means are over the available values; the parts of the variance are for unweighted
-    means, which is close if few values are missing. `rate` says that the values are 0 or 1. An agent at
-    exactly 0 or 1 then gets the variance of the rate (x + 1)/(n + 2), between seeds if there are several,
-    because no failure in n trials does not prove a failure rate of zero. Without `paired` the covariances between agents
-    are left out (NaN); `means` does not need them. `bounds` are the smallest and the largest possible value,
-    for all agents or (n,); for a rate they are 0 and 1.
+    NaN means "no value". Means are over the available values. The parts of the variance assume that no value
+    is missing, which is a good approximation if few are.
+
+    An agent with x successes in n trials, where x is 0 or n, gets the variance of the rate (x + 1)/(n + 2),
+    because no failure in n trials does not prove a failure rate of zero. This variance counts as variance
+    between seeds if the agent has several seeds, otherwise as variance between scenarios.
+
+    Args:
+        data: an array (S_i, E) per agent; the columns are the same E scenarios for all agents.
+        rate: whether the values are 0 or 1.
+        paired: whether to compute the covariances between agents, which `means` does not need; NaN if not.
+        bounds: smallest and largest possible value, each for all agents or (n,); ignored for a rate.
+
+    Raises:
+        ValueError: the agents have different numbers of scenarios.
     """
     if len({x.shape[1] for x in data}) > 1:
         raise ValueError(
@@ -172,7 +181,7 @@ def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArr
 def within(
     low: ArrayLike, value: ArrayLike, high: ArrayLike, least: ArrayLike, most: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Return an interval cut to the possible range; it always contains the value."""
+    """Return an interval cut to the range [least, most], and widened to the value if the value is outside."""
     return np.minimum(np.maximum(low, least), value), np.maximum(np.minimum(high, most), value)
 
 
@@ -184,23 +193,25 @@ def limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         half = q * np.sqrt(variance)
         return within(mean - half, mean, mean + half, table.least.reshape(shape), table.most.reshape(shape))
     seeds, values, episodes = (part.reshape(shape) for part in (table.seeds, table.values, table.episodes))
-    # One seed: Wilson's own interval. Several seeds: as many trials as would have this variance (Dean & Pagano
-    # 2015).
+    # One seed: Wilson's interval with one trial per episode. Several seeds: Wilson's interval with the effective
+    # number of trials, at which a binomial rate has this variance (Dean & Pagano 2015).
     with np.errstate(divide="ignore", invalid="ignore"):
         effective = np.minimum(mean * (1 - mean) / variance, values)
     effective = np.where((mean <= 0) | (mean >= 1), values, effective)
-    # However many seeds met it, one scenario says no more about others than one trial.
+    # A single scenario counts as one trial, for any number of seeds.
     effective = np.where(episodes == 1, np.minimum(effective, 1.0), effective)
     return score_interval(mean, np.where(seeds > 1, effective, episodes), q)
 
 
 def means(table: Crossed, confidence: float = 0.95) -> list[Estimate]:
-    """Return the mean of each agent with its interval, cut to the possible range; a rate's interval never has
-    zero width.
+    """Return the mean of each agent with its interval, cut to the possible range.
 
-    One seed and a rate: Wilson's interval. One seed and a mean: Student's t over the episodes. Several seeds:
-    the module's formula; for a rate, Wilson's interval with the effective number of trials p (1 - p) /
-    variance. An interval that cannot be computed (a mean of one episode) is NaN.
+    * Rate, one seed: Wilson's interval.
+    * Rate, several seeds: Wilson's interval with the effective number of trials p (1 - p) / variance.
+    * Other mean, one seed: Student's t over the episodes.
+    * Other mean, several seeds: the formula of this module.
+
+    A rate's interval never has zero width. An interval that cannot be computed (a mean of one episode) is NaN.
     """
     squares = table.between_seeds**2 / table.seeds_df
     spread = Spread(

@@ -1,8 +1,8 @@
 """Compare agents with one run each, paired by scenario: intervals and p-values, McNemar's test and Holm's
 correction.
 
-The difference of two controllers varies only with the scenarios, and what makes a scenario hard for the two
-agents cancels. typical.py compares learners.
+The difference of two controllers varies only with the scenarios. The difficulty that a scenario has for both
+controllers cancels in the difference. typical.py compares learners.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from auvbench.statistics.intervals import Estimate, FloatArray, quantile
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """All differences row agent - column agent, (n, n) each."""
+    """Differences of all pairs of n agents, as (n, n) arrays: agent of the row less agent of the column."""
 
     difference: FloatArray
     low: FloatArray
     high: FloatArray
     p: FloatArray
-    """two-sided p-values of equal means, from the paired t-test; for rates, McNemar's test is better"""
+    """two-sided p-values of the hypothesis of equal means, from the paired t-test; for rates, use `mcnemar` instead"""
 
     def estimate(self, i: int, j: int, confidence: float) -> Estimate:
         """Return the difference of agent i and agent j as an `Estimate`."""
@@ -34,10 +34,10 @@ class Pairs:
 
 
 def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
-    """Return all differences of agents with one run each; each interval has the confidence by itself.
+    """Return all differences of agents with one run each; the intervals are not corrected for their number.
 
-    For means this is the paired t interval, for rates Newcombe's square-and-add interval. `table` must have
-    covariances (`crossed.crossed`).
+    The interval is the paired t interval for means, and Newcombe's square-and-add interval for rates. `table`
+    must have covariances (`crossed.crossed` with `paired`).
     """
     cov = table.between_scenarios
     diagonal = np.diagonal(cov)
@@ -54,11 +54,13 @@ def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
 
 
 def _of_rates(table: Crossed, confidence: float) -> tuple[FloatArray, FloatArray]:
-    """Return the limits (n, n) of the differences of rates.
+    """Return the lower and the upper limits (n, n) of the differences of rates.
 
     Square-and-add: Newcombe (1998, Stat. Med. 17:873 and 17:2635), Zou & Donner (2008, Stat. Med. 27:1693).
-    With limits l, u of each rate and the correlation r of the two estimates, the limits are d - sqrt((p1-l1)²
-    - 2 r (p1-l1)(u2-p2) + (u2-p2)²) and d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²).
+    With the limits l, u of each rate p, the difference d = p1 - p2 and the correlation r of the two estimates,
+
+        low  = d - sqrt((p1-l1)² - 2 r (p1-l1)(u2-p2) + (u2-p2)²)
+        high = d + sqrt((u1-p1)² - 2 r (u1-p1)(p2-l2) + (p2-l2)²)
     """
     mean, n = table.mean[:, None], len(table.mean)
     low, high = limits(table, np.full((n, n), quantile(confidence)))
@@ -69,10 +71,10 @@ def _of_rates(table: Crossed, confidence: float) -> tuple[FloatArray, FloatArray
 
 
 def _correlation(table: Crossed) -> FloatArray:
-    """Return the correlation (n, n) of the estimates of two rates: Newcombe's, with continuity correction.
+    """Return the correlations (n, n) of the estimates of two rates, with Newcombe's continuity correction.
 
-    Newcombe's psi (method 10) lowers a positive n11 n22 - n12 n21 by n/2, but not below 0; in covariances by
-    1/(2 n).
+    Newcombe (method 10) lowers a positive n11 n22 - n12 n21 of the 2 x 2 table of n scenarios by n/2, but not
+    below 0. For the covariance of two means over n scenarios, this is 1/(2 n (n - 1)).
     """
     covariance = table.between_scenarios
     n = np.minimum(table.episodes[:, None], table.episodes)
@@ -84,11 +86,12 @@ def _correlation(table: Crossed) -> FloatArray:
 
 
 def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
-    """Return McNemar's two-sided mid-p from the discordant counts b (only the first) and c (only the second).
+    """Return McNemar's two-sided mid-p value from the discordant counts: b scenarios in which only the first
+    agent succeeds, and c in which only the second does.
 
-    The value is twice the lower tail of Binomial(b + c, 1/2) at min(b, c), less the probability of min(b, c)
-    itself. It keeps its level better than the exact test, which is too cautious (Fagerland, Lydersen & Laake
-    2013, BMC Med. Res. Methodol. 13:91).
+    With k = min(b, c) and X from Binomial(b + c, 1/2), the value is 2 P(X <= k) - P(X = k). Its error rate is
+    closer to the nominal level than the exact test's, which is too low (Fagerland, Lydersen & Laake 2013, BMC
+    Med. Res. Methodol. 13:91).
 
     >>> f"{float(mcnemar(1, 7)):.4f}"
     '0.0391'
@@ -100,8 +103,7 @@ def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
 
 
 def holm(p: ArrayLike) -> FloatArray:
-    """Return Holm's (1979, Scand. J. Stat. 6:65) step-down adjusted p-values; NaN means no test and stays
-    NaN.
+    """Return step-down adjusted p-values (Holm 1979, Scand. J. Stat. 6:65); NaN, a missing test, stays NaN.
 
     >>> holm([0.01, 0.04, 0.03, 0.005]).tolist()
     [0.03, 0.06, 0.06, 0.02]

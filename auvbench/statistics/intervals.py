@@ -19,7 +19,7 @@ class Estimate:
     high: float
     confidence: float = 0.95
     covers: str = "test episodes"
-    """source of the interval's uncertainty: 'test episodes' (one training seed) or 'training seeds and test
+    """source of the interval's uncertainty: 'test episodes' (one training seed), or 'training seeds and test
     episodes'
     """
 
@@ -28,12 +28,12 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 SUCCEEDED = 0.5
-"""smallest share of successful test episodes of a successful training"""
+"""share of test episodes in which a training must succeed to count as a successful training"""
 
 
 def quantile(confidence: float, df: ArrayLike = np.inf) -> FloatArray:
-    """Return the two-sided quantile: of Student's t with `df` degrees of freedom, or of the normal
-    distribution if df is infinite.
+    """Return the two-sided quantile of Student's t with `df` degrees of freedom; infinite `df` gives the normal
+    distribution.
     """
     if not 0 < confidence < 1:
         raise ValueError(f"confidence {confidence} is not between 0 and 1")
@@ -46,9 +46,9 @@ def quantile(confidence: float, df: ArrayLike = np.inf) -> FloatArray:
 def score_interval(rate: ArrayLike, n: ArrayLike, z: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Return Wilson's score interval for a rate in n trials, at the quantile z.
 
-    The interval is (p + z²/2n ± z sqrt(p(1-p)/n + z²/4n²)) / (1 + z²/n): Wilson (1927), JASA 22:209. n need
-    not be whole: with an effective n and Student's quantile it suits clustered data (Dean & Pagano 2015, J.
-    Surv. Stat. Meth. 3:484).
+    The interval is (p + z²/2n ± z sqrt(p(1-p)/n + z²/4n²)) / (1 + z²/n): Wilson (1927), JASA 22:209. n may be
+    a fraction: for clustered data, use an effective n and Student's quantile (Dean & Pagano 2015, J. Surv.
+    Stat. Meth. 3:484).
     """
     p, n, z = (np.asarray(value, dtype=np.float64) for value in (rate, n, z))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -75,7 +75,7 @@ def wilson(successes: ArrayLike, n: ArrayLike, confidence: float = 0.95) -> tupl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Spread:
-    """The two parts of an estimate's variance, each with its degrees of freedom; arrays of one shape."""
+    """Variance of estimates from seeds and from scenarios, with the degrees of freedom of each; arrays of equal shape."""
 
     seeds: FloatArray
     seeds_df: FloatArray
@@ -90,21 +90,26 @@ class Spread:
                 (self.seeds * over_seeds**2 + self.scenarios * over_scenarios**2)
                 / (self.seeds + self.scenarios)
             )
-        # With one source, or none, use that source's quantile; 0/0 would lose it.
+        # If one part is 0, use the quantile of the other part: 0/0 above gives NaN if both are 0.
         combined = np.where(self.scenarios == 0, over_seeds, combined)
         return np.where(self.seeds == 0, over_scenarios, combined)
 
 
 def welch(parts: FloatArray, squares: FloatArray) -> FloatArray:
-    """Return Welch's degrees of freedom of a sum of variances; `squares` is the sum of each squared part over
-    its degrees of freedom.
+    """Return Welch's degrees of freedom of sums of variances.
+
+    Args:
+        parts: sums of the variances.
+        squares: sums of variance² / degrees of freedom.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.where(parts > 0, parts**2 / squares, np.inf)
 
 
 def succeeded(success: FloatArray) -> int:
-    """Return the number of successful trainings, from their test episodes (S, E) of 0 and 1.
+    """Return the number of trainings that succeed in at least `SUCCEEDED` of their test episodes.
+
+    `success` (S, E) has 1 for a successful episode, else 0.
 
     >>> import numpy as np
     >>> succeeded(np.array([[1, 1, 0], [1, 0, 0], [0, 0, 0]]))
@@ -114,11 +119,10 @@ def succeeded(success: FloatArray) -> int:
 
 
 def limits(successes: float, n: float, alpha: float) -> tuple[float, float]:
-    """Return the one-sided lower and upper limit of a probability, each wrong with probability at most
-    `alpha`.
+    """Return the one-sided lower and upper limit of a probability, each with an error rate of at most `alpha`.
 
-    Clopper & Pearson (1934, Biometrika 26:404). Numbers need not be whole: the limits are quantiles of the
-    beta distribution.
+    Clopper & Pearson (1934, Biometrika 26:404). `successes` and `n` may be fractions: the limits are quantiles
+    of the beta distribution.
 
     >>> low, high = limits(0, 5, 0.05)
     >>> f"{low:.3f} {high:.3f}"
@@ -130,9 +134,9 @@ def limits(successes: float, n: float, alpha: float) -> tuple[float, float]:
 
 
 def trials_that_bound(rate: float, confidence: float = 0.95) -> int:
-    """Return the number of trials without a failure that shows a failure rate below `rate`.
+    """Return the number of trials, all without failure, that shows a failure rate below `rate`.
 
-    This is the exact form of the "rule of three", 3 / rate at 95 %.
+    This is the exact form of the "rule of three": about 3 / rate trials at 95 % confidence.
 
     >>> trials_that_bound(0.1), trials_that_bound(0.05)
     (29, 59)
@@ -141,5 +145,5 @@ def trials_that_bound(rate: float, confidence: float = 0.95) -> int:
 
 
 def p_more_than_half(successes: int, n: int) -> float:
-    """Return the p-value of "the probability is at most 1/2" for at least `successes` of n."""
+    """Return the one-sided p-value of the hypothesis that the success probability is at most 1/2."""
     return float(bdtrc(successes - 1, n, 0.5))

@@ -1,8 +1,7 @@
 """Compute how many seeds and episodes resolve a difference, by simulation with the test of a report.
 
-Two agents whose true values differ by the difference to resolve are trained and tested repeatedly in
-simulation. The model of trainings comes from existing runs (`spread_of_rates`, `spread_of_means`) or from
-typed values.
+Each replication draws test results of two agents whose true values differ by the difference to resolve. The
+model of trainings comes from existing runs (`spread_of_rates`, `spread_of_means`) or from the command line.
 """
 
 from __future__ import annotations
@@ -25,17 +24,17 @@ MOST_SEEDS = 128
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """Model of success: a training's own rate is logit-normal, and a scenario is equally hard for all agents.
+    """Model of success: the rates of trainings are logit-normal, and a scenario is equally hard for all agents.
 
-    A training's rate over all scenarios is expit(m + sd z), so the typical training's rate is expit(m). On a
-    scenario of difficulty b the rate is Phi(Phi^-1(rate) sqrt(1 + scenario_sd^2) + scenario_sd b), whose mean
-    over normal b is the training's rate again.
+    A training's rate over all scenarios is expit(m + sd z) with z from a standard normal distribution, so the
+    typical training's rate is expit(m). In a scenario with the effect b, also standard normal, the rate is
+    Phi(Phi^-1(rate) sqrt(1 + scenario_sd^2) + scenario_sd b). Its mean over b is the training's rate.
     """
 
     sd: float
-    """standard deviation of the training seeds, logits"""
+    """standard deviation between training seeds, in logits"""
     scenario_sd: float = 1.0
-    """standard deviation of the scenarios, probits"""
+    """standard deviation between scenarios, in probits"""
     rate: bool = True
 
     def draw(
@@ -46,10 +45,10 @@ class Rates:
         rng: np.random.Generator,
         controllers: Sequence[bool] = (),
     ) -> list[FloatArray]:
-        """Return 0 and 1 for agents whose typical trainings have these rates: (S, E), with the same scenarios
-        as columns.
+        """Return simulated successes of agents, each (S, E) with 1 for success and 0 for failure.
 
-        Agents marked in `controllers` have one run, (1, E).
+        `values` are the rates of the agents' typical trainings. The columns are the same E scenarios for all
+        agents. Agents marked in `controllers` have one run, (1, E).
         """
         hard = self.scenario_sd * rng.normal(size=E)
         drawn = []
@@ -63,12 +62,13 @@ class Rates:
 
 @dataclass(frozen=True, slots=True)
 class Means:
-    """Model of a mean, such as steps: normal between training seeds, between scenarios (the same for all
-    agents) and in the rest.
+    """Model of a mean, such as steps: the sum of normal effects of training seeds, scenarios and residuals.
+
+    A scenario has the same effect on all agents.
     """
 
     sd: float
-    """standard deviation of the training seeds, in the measure's unit"""
+    """standard deviation between training seeds, in the measure's unit"""
     scenario_sd: float
     residual_sd: float
     rate: bool = False
@@ -96,19 +96,20 @@ Model = Rates | Means
 
 @dataclass(frozen=True, slots=True)
 class SeedSpread:
-    """Spread of trainings of one configuration, estimated from agents with several seeds."""
+    """Standard deviation between trainings of one configuration, estimated from agents with several seeds."""
 
     sd: float
     df: float
-    """degrees of freedom: seeds beyond the first, summed over agents"""
+    """degrees of freedom: number of seeds less one, summed over agents"""
     variances: tuple[tuple[float, float, int], ...] = ()
-    """One entry per agent, if known: variance of its seeds, the part due to drawing episodes, degrees of freedom"""
+    """per agent: variance between seeds, its part due to the random outcomes of episodes, degrees of freedom; empty for means"""
 
     def upper(self, confidence: float = 0.9) -> float:
-        """Return the upper confidence limit of the standard deviation (chi-squared; for a normal spread).
+        """Return the upper confidence limit of the standard deviation, if trainings are normally distributed.
 
-        If episodes were drawn, use the Q profile (Viechtbauer 2007, Stat. Med. 26:37): the largest spread
-        with which the agents' variances would be as small as these with probability 1 - confidence.
+        Without `variances` this is the chi-squared limit. With them it is the Q profile (Viechtbauer 2007,
+        Stat. Med. 26:37): the standard deviation at which variances as small as the agents' have the
+        probability 1 - confidence.
         """
         from scipy.stats import chi2  # imported late: takes half a second, and most commands do not need it
 
@@ -119,8 +120,9 @@ class SeedSpread:
 
 
 def _profiled(variances: Sequence[tuple[float, float, int]], q: float) -> float:
-    """Return the variance between trainings, at least 0, at which the agents' variances, each over its own
-    expectation, sum to `q`.
+    """Return the variance v >= 0 between trainings at which the agents' Q statistic is `q`.
+
+    Q is the sum of df * variance / (noise + v) over the agents (variance, noise, df).
     """
 
     def excess(between: float) -> float:
@@ -134,14 +136,18 @@ def _profiled(variances: Sequence[tuple[float, float, int]], q: float) -> float:
 
 
 def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
-    """Return the spread of the seeds in logits and of the scenarios in probits, pooled over agents' successes
-    (S_i, E).
+    """Return the standard deviations between seeds, in logits, and between scenarios, in probits.
 
-    Seeds: the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)), less the part due to drawing
-    episodes, 1/(x + 1/2) + 1/(E - x + 1/2). Agents are weighted by how precisely their variance is known
-    (Paule & Mandel 1982, J. Res. Natl. Bur. Stand. 87:377): an agent that never failed counts almost nothing.
-    Agents with one seed do not contribute. Scenarios: the standard deviation at which the model's scenarios
-    differ as much as the observed ones (1 if they do not differ).
+    Seeds: the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)) of x successes in E episodes, less
+    its part due to the random outcomes of episodes, 1/(x + 1/2) + 1/(E - x + 1/2). Agents are weighted by how
+    precisely their variance is known (Paule & Mandel 1982, J. Res. Natl. Bur. Stand. 87:377): an agent that
+    never failed has almost no weight. Agents with one seed do not contribute.
+
+    Scenarios: the standard deviation, from 0 to 10, at which the rates of the model's scenarios have the
+    observed variance. It is 1 if no agent has a rate between 2 and 98 %.
+
+    Args:
+        data: successes (S_i, E) of each agent, 0 or 1.
 
     Raises:
         ValueError: no agent has several seeds.
@@ -187,11 +193,13 @@ def _scenario_sd(shares: Sequence[tuple[float, float]]) -> float:
 
 
 def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, float]:
-    """Return the spread of the seeds, of the scenarios and of the rest, in the measure's unit, pooled over
-    agents (S_i, E).
+    """Return the standard deviations between seeds, between scenarios and of the residuals, pooled over agents.
+
+    Args:
+        data: values (S_i, E) of each agent, in the measure's unit.
 
     Raises:
-        ValueError: no agent has several seeds.
+        ValueError: no agent has several seeds, several episodes and all values.
     """
     seeds, scenarios, residuals, df = 0.0, 0.0, 0.0, 0
     for x in data:
@@ -221,11 +229,11 @@ def simulated_power(
     replications: int = 200,
     seed: int = 0,
 ) -> FloatArray:
-    """Return for each level the share (len(levels),) of comparisons that find the difference with the right
-    sign.
+    """Return the power at each level (len(levels),): the share of comparisons that find the difference with
+    the right sign.
 
-    Against a controller either value may be the learner's, so the two cases are simulated, and the lower
-    share counts.
+    For a rate against a controller, either value may be the learner's. Both cases are simulated, and the lower
+    power is returned.
 
     Args:
         model: model of trainings.
@@ -255,11 +263,15 @@ def simulated_power(
 
 
 def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_SEEDS) -> int | None:
-    """Return the fewest seeds (at least 2) with which a simulated power reaches the target; None beyond
-    `most`.
+    """Return the smallest number of seeds, from 2 to `most`, at which the power reaches the target; None if
+    none does.
 
-    The search doubles the number, then halves the gap: power rises with the seeds except for the simulation's
-    noise.
+    The search doubles the number of seeds, then bisects. It assumes that power rises with the number of seeds.
+
+    Args:
+        tried: function that returns the simulated power for a number of seeds.
+        target: required power.
+        most: largest number of seeds to try.
     """
     low, high = 1, 2
     while tried(high) < target:
@@ -276,7 +288,7 @@ def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_
 
 
 RESAMPLES = 200
-"""simulated comparisons for each number of trainings of an open row"""
+"""number of simulated comparisons for each number of trainings that `trainings_that_decide` tries"""
 
 
 def trainings_that_decide(
@@ -290,8 +302,7 @@ def trainings_that_decide(
     power: float,
     above: int,
 ) -> int | None:
-    """Return the number of trainings of each learner with which an open comparison is decided with this
-    power.
+    """Return the number of trainings of each learner that decides an open comparison with the required power.
 
     Args:
         gains: (n,) values of the agent's trainings, higher is better; one value for a controller.
@@ -299,12 +310,12 @@ def trainings_that_decide(
         error: standard error over scenarios.
         t: quantile of the interval over scenarios.
         level: error rate of the interval.
-        margin: margin within which the interval also decides; NaN without one.
+        margin: margin of equivalence: an interval within it decides, too; NaN without one.
         power: required share of decided comparisons.
-        above: existing trainings, which do not decide.
+        above: number of existing trainings, with which the comparison is open.
 
     Returns:
-        More than `above` trainings, or None beyond `MOST_SEEDS`.
+        A number larger than `above`; None if more than `MOST_SEEDS` trainings are needed.
     """
 
     def decided(S: int) -> float:

@@ -1,9 +1,9 @@
-"""Compute reliability: how many trainings are not behind on these scenarios, and how failing trainings could
-change a mean.
+"""Compute reliability: how many trainings are not behind the baseline, and how many failing trainings would
+change the verdict on the mean.
 
 A median does not show that a tenth of the trainings fail, so every verdict about a typical training comes with these
-numbers. Given the scenarios, trainings are independent, so the interval of their share is exact
-for any distribution (Clopper & Pearson 1934, Biometrika 26:404).
+numbers. On fixed scenarios trainings are independent, so the interval of a share of trainings is exact for
+any distribution (Clopper & Pearson 1934, Biometrika 26:404).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from auvbench.statistics.intervals import FloatArray, limits
 
 @dataclass(frozen=True, slots=True)
 class Reliability:
-    """Share of all trainings that, tested on these scenarios, are not behind the baseline by more than the margin."""
+    """Share of trainings that are not behind the baseline by more than the margin on the scenarios of the test."""
 
     count: int
     """number of trainings that are not behind"""
@@ -25,9 +25,9 @@ class Reliability:
     """lower two-sided limit of the share of all trainings that are not behind; `high` is the upper one"""
     high: float
     excluded: float
-    """share of failing trainings above which the seeds exclude it (one-sided)"""
+    """upper one-sided limit of the share of trainings that are behind"""
     mean_turns: float | None
-    """share of failing trainings at which the mean would lose the verdict; None if unknown"""
+    """share of completely failing trainings at which the mean would lose the verdict; None if unknown"""
 
 
 def reliability(
@@ -38,13 +38,13 @@ def reliability(
     edge: float = math.nan,
     failure: float = math.nan,
 ) -> Reliability:
-    """Return how many trainings are not behind, and the share of failing trainings at which their mean would
-    turn.
+    """Return how many trainings are not behind, and the share of completely failing trainings at which the
+    mean would lose the verdict.
 
     Args:
         gains: (n,) gain of each training over the baseline.
-        margin: largest loss of a training that does not count as failing.
-        confidence: confidence of each limit by itself.
+        margin: largest loss at which a training counts as not behind.
+        confidence: confidence of each interval and of the one-sided limit.
         edge: gain below which the mean would lose the verdict: 0 for ahead, -margin for equivalent.
         failure: gain of a training that fails completely.
 

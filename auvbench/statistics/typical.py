@@ -1,5 +1,5 @@
-"""Compute the typical training: an interval of the median over trainings, widened by the error that all
-trainings share.
+"""Compute an interval of the typical training: the median over trainings, with the error from few trainings
+and the error from few scenarios.
 
 A learner is n independent trainings, each tested on the same E scenarios as its baseline. With x[s, e] the
 measure of training s in scenario e, and y[e] the measure of a controller,
@@ -7,19 +7,22 @@ measure of training s in scenario e, and y[e] the measure of a controller,
     delta(s) = mean of x[s, e] - y[e] over all scenarios that the protocol could draw
     theta    = median of delta(s) over all trainings of the configuration: the typical training
 
-Two independent errors separate the sample's median m from theta. Trainings are few: [l, u] is an interval of
-a median from order statistics, for any shape of the tails. Scenarios are few and shared by all
-trainings: s = t g, with g the paired standard error over scenarios of the middle half of the trainings. With
-d the difference of the medians,
+The sample's median m differs from theta by two independent errors:
+
+* few trainings: [l, u] is an interval of the median from order statistics, for any shape of the tails;
+* few scenarios, shared by all trainings: s = t g, with Student's quantile t, and g the paired standard error
+  over scenarios of the middle half of the trainings.
+
+With d the difference of the medians,
 
     low = d - join(m - l, s)        high = d + join(u - m, s)        join(a, s) = max(sqrt(a² + s²), a + (sqrt(2) - 1) s)
 
 This is square-and-add (Newcombe 1998, Stat. Med. 17:873; Zou & Donner 2008, Stat. Med. 27:1693). The second
 part of `join` prevents a long arm, caused by a few failed trainings, from hiding the error of the scenarios.
-With several learners, the squares of their arms add up; a controller has l = m = u.
+With several learners, the squares of their arms (m - l or u - m) add up; a controller has l = m = u.
 docs/statistics-appendix.md has the measured error rates.
 
-All functions accept leading axes, so that many tables are computed at once.
+All functions accept leading axes, to compute many simulated tables at once.
 """
 
 from __future__ import annotations
@@ -37,18 +40,22 @@ from auvbench.statistics.intervals import FloatArray
 
 ALPHA = 0.05
 FEWEST = 5
-"""Smallest number of trainings for a verdict: fewer cannot exclude (95 %, one-sided) that most trainings
-fail, because 0.5^4 > 0.05.
+"""Smallest number of trainings for a verdict. Four successful trainings cannot exclude (95 %, one-sided) that
+most trainings fail, because 0.5^4 > 0.05.
 """
 KEPT = math.sqrt(2) - 1
-"""Remaining share of the scenarios' error if trainings spread more; `join` is continuous where the two are equal."""
+"""Share of the scenarios' error that `join` adds if the error of the trainings is larger; makes `join` continuous"""
 LEAST = 1e-30
 """smallest p-value"""
 
 
 def trainings_needed(family: int = 1, alpha: float = ALPHA) -> int:
-    """Return the number of trainings whose whole range is an interval of the median: 2 (1/2)^n <= alpha /
-    family.
+    """Return the smallest number n of trainings whose whole range is an interval of the median: 2 (1/2)^n <=
+    alpha / family.
+
+    Args:
+        family: number of simultaneous comparisons (Bonferroni).
+        alpha: error rate of all comparisons.
 
     >>> [trainings_needed(k) for k in (1, 2, 5, 12, 29)]
     [6, 7, 8, 9, 11]
@@ -61,7 +68,10 @@ def trainings_needed(family: int = 1, alpha: float = ALPHA) -> int:
 
 @cache
 def _levels(n: int) -> FloatArray:
-    """Return the levels (n // 2 + 2,) of the intervals from the r-th smallest to the r-th largest of n values, by r from 0."""
+    """Return the levels (n // 2 + 2,) of the intervals from the r-th smallest to the r-th largest of n values.
+
+    Entry r is the level for r; entry 0 is 0, the level of an unlimited interval.
+    """
     below = np.concatenate([[0.0], bdtr(np.arange(n // 2 + 1, dtype=np.float64), n, 0.5)])
     return np.asarray(2 * below)
 
@@ -70,15 +80,16 @@ def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatA
     """Return the lower limit, the median and the upper limit of an interval of a population's median.
 
     The interval runs from the r-th smallest to the r-th largest value, with the largest r for which P(fewer
-    than r of n on one side) <= level / 2. Since levels of order statistics are coarse (10 values: 99.8, 97.9,
-    89.1 %), its limits move towards the next inner values, linearly in the level. With fewer values than
-    `trainings_needed`, the interval is the whole range, widened at each end by c = level^(-1/(n-1)) / 2 - 1
-    of its length. This holds if trainings thin out away from the median (one hump): all n values are on one
-    side with probability 2 (1/2)^n, and then the nearest is further off than c ranges with probability at
-    most (1 + c)^-(n-1).
+    than r of n on one side) <= level / 2. Only a few confidences are possible (10 values: 99.8, 97.9, 89.1 %),
+    so the limits are interpolated towards the next inner values, linearly in the level.
+
+    With fewer values than `trainings_needed`, the interval is the whole range of the values, widened at each
+    end by c = level^(-1/(n-1)) / 2 - 1 times the range. This is valid if the distribution of trainings has a
+    single peak, at the median. All n values are on one side of the median with probability 2 (1/2)^n; then the
+    nearest value is more than c ranges away from the median with probability at most (1 + c)^-(n-1).
 
     Args:
-        values: (..., n), one per training; a single value is a controller's, and exact.
+        values: (..., n), one per training; n = 1 is a controller, whose value is exact.
         level: (...), 1 - confidence.
 
     >>> low, median, high = median_interval(np.arange(1.0, 11.0), 0.01)
@@ -115,8 +126,9 @@ def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatA
 
 
 def middle_half(x: FloatArray) -> FloatArray:
-    """Return the mean (..., E), by scenario, of the middle half of the trainings (..., n, E), sorted by their
-    own means.
+    """Return the mean (..., E) in each scenario over the middle half of the trainings (..., n, E).
+
+    The middle half are the trainings that remain without the best and the worst quarter by their means.
     """
     n = x.shape[-2]
     cut = n // 4
@@ -127,10 +139,10 @@ def middle_half(x: FloatArray) -> FloatArray:
 
 
 def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
-    """Return the standard error (...) over scenarios of a mean difference (..., E).
+    """Return the standard error (...) over scenarios of the mean of differences (..., E).
 
-    For rates two scenarios are added, one that each side wins (Bonett & Price 2012, J. Educ. Behav. Stat.
-    37:479): no failure in E scenarios does not mean no failure in all.
+    For rates, two scenarios are added: one with the difference 1, and one with -1 (Bonett & Price 2012, J.
+    Educ. Behav. Stat. 37:479). Otherwise E scenarios without a difference would have no error.
     """
     E = difference.shape[-1]
     if not rate:
@@ -141,7 +153,7 @@ def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
 
 
 def join(trainings: ArrayLike, scenarios: ArrayLike) -> FloatArray:
-    """Return the distance of an interval's limit from the estimate, from the distances of the two sources."""
+    """Return the distance of an interval's limit from the estimate, joined from the errors of trainings and scenarios."""
     a, s = np.asarray(trainings, dtype=np.float64), np.asarray(scenarios, dtype=np.float64)
     return np.maximum(np.hypot(a, s), a + KEPT * s)
 
@@ -165,13 +177,13 @@ class Sample:
 
 
 def sample(x: FloatArray) -> Sample:
-    """Return the sample of values (..., n, E), which must not have missing ones."""
+    """Return the sample of values (..., n, E), none of which may be missing."""
     return Sample(np.asarray(x.mean(axis=-1)), middle_half(x))
 
 
 @dataclass(frozen=True, eq=False)
 class Contrast:
-    """A weighted sum of typical values; `ends` gives its interval at any level."""
+    """Weighted sum of agents' typical values, with its interval (`ends`) and its p-value."""
 
     samples: Sequence[Sample]
     """one sample per agent, with the same scenarios"""
@@ -189,13 +201,14 @@ class Contrast:
 
     @cached_property
     def error(self) -> FloatArray:
-        """Return the standard error (...) that all trainings share, because they met the same scenarios."""
+        """Return the standard error (...) over scenarios, which all trainings share because they met the same scenarios."""
         total = sum(w * sample.middle for sample, w in zip(self.samples, self.weights, strict=True))
         return scenario_error(np.asarray(total), self.rate)
 
     def ends(self, level: ArrayLike = ALPHA) -> tuple[FloatArray, FloatArray]:
-        """Return the lower and the upper limit (...) at 1 - `level`; infinite if a learner has fewer
-        trainings than `FEWEST`.
+        """Return the lower and the upper limit (...) of the interval with confidence 1 - `level`.
+
+        The limits are infinite if a learner has fewer than `FEWEST` trainings.
         """
         below, above = np.zeros(()), np.zeros(())
         for sample, w in zip(self.samples, self.weights, strict=True):
@@ -208,11 +221,11 @@ class Contrast:
         return value - join(np.sqrt(below), error), value + join(np.sqrt(above), error)
 
     def p_value(self) -> float:
-        """Return the level at which the interval just reaches 0; 1 if every interval contains 0, NaN without
-        an interval.
+        """Return the p-value of the sum being 0: the smallest level whose interval excludes 0.
 
-        Intervals of different levels are nested, so that an interval excludes 0 if and only if p is below its
-        level. The search uses a grid in the logarithm of the level that becomes finer, down to `LEAST`.
+        It is 1 if every interval contains 0, and NaN without an interval. Intervals of different levels are
+        nested, so an interval excludes 0 if and only if p is below its level. The search refines a logarithmic
+        grid of levels from `LEAST` to 1.
         """
         if np.isnan(self.ends()[0]):
             return math.nan
