@@ -39,7 +39,7 @@ def analyse(paths: Sequence[Path], options: Options) -> list[Report]:
         UserError: an option has an unknown name, or no section can be reported.
     """
     if options.rank_by != PRIMARY:
-        to_rank_by(options.rank_by)  # report a wrong name before anything is read
+        to_rank_by(options.rank_by)  # report a wrong name before any run is read
     for task, measure in options.primary.items():
         to_rank_by(measure, f"report: primary.{task}")
     validate_columns(options.columns)
@@ -124,7 +124,7 @@ def _analyse(
     rows: Mapping[str, frozenset[str]] | None,
     several: bool,
 ) -> Report:
-    """Return the report of one section; with `several` sections, one may lack the baseline."""
+    """Return the report of one section; with `several` sections, this section may lack the baseline."""
     grouped, more = agents(part.runs, options.protocol, condition)
     grouped = [one_run_of_a_controller(agent) for agent in grouped]
     rank_by = _measure(part, options)
@@ -176,9 +176,11 @@ def _study(
 
 
 def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
-    """Return the score across tasks; None for one task, or if agents have several sheets, so that none is the PID of the scale.
+    """Return the score across tasks; None if there is no scale.
 
-    Of several sections with the same task, the largest counts.
+    There is no scale for a single task, and none if a section has agents with the sheets of several vehicles,
+    because each sheet has its own PID. If several sections have the same vehicle and task, only the largest
+    counts.
     """
     parts: dict[str, Report] = {}
     for report in reports:

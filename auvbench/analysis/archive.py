@@ -38,9 +38,9 @@ FOLLOWING: dict[str, tuple[str, Callable[[Any, Any], Any], str]] = {
     "duration_s": ("steps", operator.truediv, "frequency_hz"),
     "command_norm_sum_N": ("steps", operator.mul, "command_norm_mean_N"),
 }
-"""columns that are not stored, with the formula that computes each from two other columns"""
+"""columns that are not stored, each with its formula: first column, operation, second column"""
 SCALE = {"t_ms": 1e-3, "x_mm": 1e-3, "y_mm": 1e-3, "z_mm": 1e-3}
-"""columns of trajectories.parquet, as whole milliseconds and millimetres"""
+"""columns of trajectories.parquet (whole milliseconds and millimetres), with the factor that converts each to s or m"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Note:
     """Footer of runs.parquet."""
 
     content: str
-    """digest of the table's names and texts"""
+    """digest of the column names and cells of runs.parquet"""
     files: dict[str, integrity.FileEntry]
     """entries of the other Parquet files"""
     schema_version: Annotated[int, typed_json.Range(1, 1)] = 1
@@ -109,8 +109,9 @@ class Archive:
         return summaries
 
     def episodes(self, run: str, protocol: str) -> pd.DataFrame:
-        """Return the episodes of a run by a protocol, with the columns of its record; `TRAIN` is its
-        training.
+        """Return a run's test episodes by a protocol, or its training episodes for `TRAIN`.
+
+        The table has the columns of the run's own file of episodes.
 
         Raises:
             Damage: episodes.parquet cannot be used.
@@ -130,7 +131,7 @@ class Archive:
         return frame[[*(name for name in frame.columns if name not in registered), *registered]]
 
     def paths(self, run: str, protocol: str, condition: str) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-        """Yield episode, positions (T + 1, 3) m and times (T + 1,) s of the stored episodes.
+        """Yield number, positions (T + 1, 3) m and times (T + 1,) s of each stored episode.
 
         Raises:
             Damage: trajectories.parquet cannot be used.
@@ -188,6 +189,6 @@ def note(runs: pd.DataFrame, files: Mapping[str, bytes]) -> dict[str, str]:
 
 
 def digest(runs: pd.DataFrame) -> str:
-    """Return the SHA-256 of the names and texts of a table."""
+    """Return the SHA-256 of the column names and cells of a table."""
     cells = [*runs.columns, *(str(cell) for name in runs.columns for cell in runs[name].tolist())]
     return sha256("\0".join(cells).encode("utf-8", "surrogatepass"))

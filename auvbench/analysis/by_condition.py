@@ -1,6 +1,7 @@
 """Compare agents with the baseline under each condition of several protocols.
 
-Each condition is an analysis of its own: its intervals hold together over its agents, not over conditions.
+Each condition is a separate analysis: its intervals hold simultaneously over all agents, but not over all
+conditions.
 """
 
 from __future__ import annotations
@@ -22,16 +23,16 @@ class Subject:
     name: str
     """vehicle and task: 'rexrov, task docking'"""
     rankings: tuple[Ranking, ...]
-    """one for each condition, in the order of protocols and of their conditions"""
+    """one ranking per condition, in the order of the protocols and of their conditions"""
 
     @property
     def labels(self) -> list[str]:
-        """Return the agents in the order of the first condition; those of other conditions follow."""
+        """Return the agents' labels in the order of the first condition, then agents of only other conditions."""
         return list(dict.fromkeys(row.label for ranking in self.rankings for row in ranking.rows))
 
 
 def of_protocol(options: Options, protocol: str) -> Options:
-    """Return the options of a report for one of its further protocols."""
+    """Return the options of a report, changed for another protocol (`also`)."""
     return replace(options, protocol=protocol, condition=None, study=None)
 
 

@@ -1,8 +1,8 @@
 """Judge the seven claims of the original study from the available runs: `auvbench report --study thesis`.
 
 docs/claims.md states each claim's test. A claim holds if all of its parts hold (Berger 1982, Technometrics
-24:295), and fails if one part fails. Each part is tested at the report's confidence; for "does not hold" that
-level is divided among the parts.
+24:295), and fails if one part fails. Each part is tested for "holds" at the report's confidence. For "does not
+hold", the error rate is divided among the parts (Bonferroni).
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from auvbench.statistics.typical import trainings_needed
 KS = (1.0, 40.0, 100.0)
 """the original study's values of K"""
 LEARNED = 0.15
-"""test success above which a run has learned: ten runs of 3000 and 5000 steps reached 0.2 to 8.4 %"""
+"""test success above which a run has learned; ten runs of only 3000 and 5000 steps reached 0.2 to 8.4 %"""
 SUCCESS_MARGIN = 0.05
 """claim 3: smallest gain in the success rate that counts"""
 GENERALISES = 0.8
 """claim 5: a training generalises if the lower limit of its success rate is above this"""
 WEAK = 0.5
-"""claim 6: largest absolute rank correlation that counts as none"""
+"""claim 6: absolute rank correlation below which two measures count as uncorrelated"""
 FEWEST_AGENTS = 5
 """claim 6: smallest number of agents for a correlation"""
 DIFFER_IN_K = "evaluated SAC agents that differ in K at equal frequency"
@@ -63,10 +63,18 @@ def averaged(
     *,
     less: bool = False,
 ) -> Part:
-    """Return a part that claims first - second > a bound (`less`: below it) in success, averaged over matched
-    cells.
+    """Return the part of a claim that compares the success of the first and second agent of each pair.
 
-    The difference is between typical trainings.
+    The part holds if the difference first - second of typical trainings, averaged over the pairs, is above
+    `above`, or below it with `less`.
+
+    Args:
+        pairs: pairs of agents in matched cells.
+        what: beginning of the sentence with the result.
+        levels: confidences of the intervals for "holds" and "does not hold".
+        absent: agents that are missing if there is no pair.
+        above: bound of the difference.
+        less: whether the difference must be below the bound.
     """
     if not pairs:
         return Part(OPEN, missing=absent)
@@ -84,7 +92,7 @@ def averaged(
 
 
 def few_trainings(agents: Sequence[Agent], levels: tuple[float, float]) -> str:
-    """Return the assumption of an interval from fewer trainings than it needs; '' if there are enough."""
+    """Return a remark on the assumption that an interval from few trainings makes; '' if there are enough."""
     fewest, needed = min(len(agent.outcome) for agent in agents), trainings_needed(1, 1 - levels[0])
     return (
         f" (fewer than {needed} trainings: assumes that they cluster around the typical one)"
@@ -121,9 +129,9 @@ def _more_seeds(agents: Sequence[Agent]) -> str:
 def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
     """Claim 1: for every K, fewer than half of the SAC trainings at 55 Hz converge within 1,000,000 steps.
 
-    The claim holds if for each K the upper limit of the probability to converge is below one half. It fails
-    if for some K, or over all K, more than half converge (exact binomial limits; the tests of "fails" with
-    Bonferroni's correction).
+    The claim holds if for each K the upper limit of the probability of convergence is below one half. It fails
+    if the lower limit is above one half for some K, or for the runs of all K together. The limits are exact
+    binomial limits; those for "fails" have Bonferroni's correction.
     """
     alpha = 1 - e.confidence
     runs = [run for run in e.sac if run.frequency == thesis.HIGH_FREQUENCY]
@@ -155,9 +163,9 @@ def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
     """Claim 2: of two SAC runs with equal K, the run at the lower frequency converges in fewer steps;
     permutation test.
 
-    Two tests must agree: each run within its own time limit, and all runs of a K within the shortest of their
-    limits. The first test favours the run with the longer limit, the second the run with the shorter limit,
-    which was trained for it.
+    Two tests must agree. The first judges each run within its own time limit, which favours the run with the
+    longer limit. The second judges all runs of a K within the shortest of their limits, which favours the run
+    that was trained with this limit.
     """
     judged = [run for run in e.sac if e.attainable(run.limit)]
     ids = tuple(run.run.id for run in judged)
@@ -182,14 +190,15 @@ def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
 
 
 def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
-    """Return (K, -frequency, -steps to convergence) per run, within its own time limit or the shortest limit
-    of its K.
+    """Return (K, -frequency, -steps to convergence) per run.
+
+    A run must converge within its own time limit if `own`, else within the shortest limit of the runs of its
+    K. A K without a converged run is left out.
     """
     points: list[Point] = []
     for k in sorted({run.k for run in runs}):
         members = [run for run in runs if run.k == k]
-        # Equal budgets: a run that converged after the shortest training of the stratum ended counts as not
-        # converged.
+        # Equal budgets: a run counts as not converged if it needed more steps than the shortest training with this K.
         budget = min(run.steps for run in members)
         limit = min(run.limit for run in members)
         dates = [run.converged_at(run.limit if own else limit) for run in members]
@@ -200,9 +209,9 @@ def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
 
 
 def larger_k_raises_reward_not_success(e: Evidence) -> list[Part]:
-    """Claim 3: the largest K does not succeed more than the smallest at equal frequency.
+    """Claim 3: agents with the largest K do not succeed more often than with the smallest K at equal frequency.
 
-    The claim never holds, because rewards of different K are not comparable: K scales the reward.
+    The verdict is never "holds", because rewards of different K are not comparable: K scales the reward.
     """
     pairs, low, high = _extremes(e.of("sac"))
     what = f"K={high:g} against K={low:g}: success (margin {100 * SUCCESS_MARGIN:g} points)"
@@ -213,8 +222,8 @@ def larger_k_raises_reward_not_success(e: Evidence) -> list[Part]:
 
 
 def sac4_is_best(e: Evidence) -> list[Part]:
-    """Claim 4: SAC with K = 1 at 25 Hz has the resolved first rank of the SAC agents, and K = 1 succeeds more
-    than the largest K.
+    """Claim 4: SAC with K = 1 at 25 Hz is the best SAC agent (rank interval 1 to 1), and agents with the smallest
+    K succeed more often than with the largest K.
     """
     levels = e.levels(2)
     pairs, low, high = _extremes(e.of("sac"))
@@ -249,8 +258,9 @@ def _first_of_its_kind(agents: Sequence[Agent], levels: tuple[float, float]) -> 
 
 
 def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float, float]:
-    """Return pairs (largest K, smallest K) of agents equal in all else, and these two K; no pair if K does
-    not vary.
+    """Return pairs of agents (largest K, smallest K) that are equal in all else, the smallest and the largest K.
+
+    If K does not vary, there are no pairs, and both K are NaN.
     """
     ks = sorted({cell(agent)[0] for agent in agents if np.isfinite(cell(agent)[0])})
     if len(ks) < 2:
@@ -259,11 +269,11 @@ def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float
 
 
 def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
-    """Claim 5: some SAC run that did not converge succeeds in more than 80 % of the tests; fails if fewer than
-    half of such trainings would.
+    """Claim 5: some SAC run that did not converge succeeds in more than 80 % of the test episodes.
 
-    A run counts as not converged after 1,000,000 steps, if some control converges within the run's time
-    limit.
+    The claim fails if no such run does, and if the upper limit of their share is below one half. Only runs of
+    at least 1,000,000 steps count, and only if a control (`Evidence.attainable`) converges within the run's
+    time limit.
     """
     tested = {
         run.id: (float(agent.success[i].mean()), agent.outcome.shape[1])
@@ -278,7 +288,7 @@ def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
     yes, no = e.levels(1)
     rates = [tested[run.run.id] for run in judged]
     best, n = max(rates)
-    # The best of several runs is optimistic: Bonferroni's correction over these runs.
+    # The best of several runs is a biased choice, so Bonferroni's correction covers all these runs.
     low, high = limits(best * n, n, (1 - yes) / 2 / len(rates))
     reach = sum(x > GENERALISES for x, _ in rates)
     share = limits(reach, len(rates), (1 - no) / 2)[1]
@@ -296,8 +306,8 @@ def straightness_and_steps(e: Evidence) -> list[Part]:
     """Claim 6: over the agents that learned, straightness and steps do not correlate at equal failure rates.
 
     A failed episode is long and crooked, so both measures correlate with the failure rate. The test uses the
-    partial rank correlation of mean deviation and mean steps given the failure rate: the claim holds within
-    ±0.5, and fails if the interval excludes 0.
+    partial rank correlation of mean deviation and mean steps given the failure rate. The claim holds if the
+    whole interval of the correlation is within ±0.5; otherwise it fails if the interval excludes 0.
     """
     needed = ("deviation_mean_m", "steps")
     agents = [a for a in e.agents if learns(a) and learned(a) and all(name in a.metrics for name in needed)]
@@ -320,8 +330,8 @@ def straightness_and_steps(e: Evidence) -> list[Part]:
 
 
 def sac_is_more_robust_to_frequency(e: Evidence) -> list[Part]:
-    """Claim 7: SAC loses less from the lowest to the highest frequency; PPO beats SAC at 10 Hz; PPO fails at
-    25 Hz.
+    """Claim 7: from the lowest to the highest frequency SAC loses less success than PPO, PPO beats SAC at 10 Hz,
+    and PPO fails at 25 Hz.
     """
     levels = e.levels(3)
     sac, ppo = ({cell(agent): agent for agent in e.of(family)} for family in ("sac", "ppo"))
@@ -341,10 +351,10 @@ def _interaction(
     cells: Sequence[tuple[float, float]],
     levels: tuple[float, float],
 ) -> Part:
-    """Return the part on (SAC high - SAC low) - (PPO high - PPO low) in success, averaged over K.
+    """Return the part that SAC's success changes more favourably than PPO's from the lowest to the highest frequency.
 
-    A K at which SAC or PPO learned nothing at the low frequency is left out: such an agent has no success to
-    lose.
+    The number is (SAC high - SAC low) - (PPO high - PPO low), averaged over K. A K is left out if SAC or PPO
+    learned nothing at the low frequency: an agent without success cannot lose any.
     """
     frequencies = sorted({f for _, f in cells})
     if len(frequencies) < 2:
@@ -377,8 +387,9 @@ def _interaction(
 
 
 def _ppo_fails(agent: Agent | None, levels: tuple[float, float]) -> Part:
-    """Return the part on PPO with K = 1 at 25 Hz succeeding in less than half; a smaller budget than the
-    original study's does not count as failure.
+    """Return the part that PPO with K = 1 at 25 Hz succeeds in less than half of the test episodes.
+
+    Failure of trainings with fewer steps than in the original study is no evidence.
     """
     if agent is None or len(agent.outcome) < 2:
         return Part(OPEN, missing="several training seeds of PPO with K=1 at 25 Hz")
@@ -420,16 +431,16 @@ CLAIMS: tuple[tuple[str, Callable[[Evidence], list[Part]]], ...] = (
         sac_is_more_robust_to_frequency,
     ),
 )
-"""Text of each claim, and the function that judges it"""
+"""Claims of the original study: the text of each, and the function that judges it"""
 
 
 def judge(
     runs: Sequence[RunRecord], agents: Sequence[Agent], *, confidence: float = 0.95, seed: int = 0
 ) -> list[ClaimVerdict]:
-    """Return each claim with its verdict: holds, does not hold, or cannot be said (with what is missing).
+    """Return each claim with its verdict: holds, does not hold, or cannot be said (with the missing evidence).
 
     Args:
-        runs: all runs, for their training records; unfinished ones are left out.
+        runs: all runs, for their training records; unfinished runs are left out.
         agents: evaluated agents of one condition, grouped only by algorithm, K and frequency.
         confidence: confidence of every interval.
         seed: seed of the permutations.

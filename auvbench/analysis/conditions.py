@@ -32,7 +32,7 @@ UNITS = {
 
 
 def split(condition: str) -> tuple[str, str]:
-    """Return factor and level of a condition; a condition that is not a level is its own factor.
+    """Return factor and level of a condition; a condition without a level is a factor with the level ''.
 
     >>> split("current=0.5"), split("dead-thruster")
     (('current', '0.5'), ('dead-thruster', ''))
@@ -53,7 +53,7 @@ def in_words(condition: str) -> tuple[str, str]:
 
 
 def sealed_note(runs: Sequence[RunRecord], protocol: str) -> str:
-    """Return the files of a sealed protocol and what was not tested; '' for other protocols."""
+    """Return a note on the files of a sealed protocol and the untested conditions; '' for other protocols."""
     files: dict[str, None] = {}
     missing: dict[str, None] = {}
     for run in runs:
@@ -80,8 +80,10 @@ def default(runs: Sequence[RunRecord], protocol: str) -> str:
 def results(
     agents: Sequence[Agent], protocol: str, confidence: float, by: Measure | None = None
 ) -> tuple[Condition, ...]:
-    """Return the results under each condition of the protocol, in its order (`of_evaluations`); empty if it
-    has only one. A failed training is a seed without a success, as in `grouping.agents`.
+    """Return the results under each condition of the protocol, in its order; empty for a single condition.
+
+    A failed training is a seed without a success, as in `grouping.agents`. `by` is the ranking measure, see
+    `of_evaluations`.
     """
     tested = {a.label: [r.evaluations[protocol] for r in a.runs if protocol in r.evaluations] for a in agents}
     names = {
@@ -107,14 +109,14 @@ def of_evaluations(
     by: Measure | None = None,
     failed: Mapping[str, tuple[int, float]] = {},
 ) -> tuple[Condition, ...]:
-    """Return success rates and means under each condition, and changes from the undisturbed condition if
-    there is one.
+    """Return success rates and means under each condition, and their changes from the undisturbed condition if
+    the protocol has one.
 
     Args:
-        tested: evaluations of an agent's seeds, by agent; all with the same scenarios.
+        tested: evaluations of each agent's seeds, by the agent's label; all with the same scenarios.
         confidence: confidence of the intervals.
-        by: measure whose means are computed; not for rates and penalised times.
-        failed: number of failed trainings, and the value of `by` that their episodes count as, by agent.
+        by: measure whose means are computed; ignored if it is a rate or a penalised time.
+        failed: number of failed trainings, and the value of `by` for their episodes, by the agent's label.
     """
     column = by.column if by and not by.rate and not by.penalty else ""
     kind = metric_of(column) or UNKNOWN
@@ -132,22 +134,22 @@ class Met:
     """Results of an agent's seeds under one condition; columns are scenarios."""
 
     success: FloatArray
-    """(seeds, E) 1.0 for a successful episode"""
+    """(seeds, E) 1.0 for a successful episode, else 0.0"""
     par1: FloatArray
-    """(seeds, E) steps; the limit for a failed episode"""
+    """(seeds, E) steps of each episode; the step limit for a failed episode"""
     time: tuple[float, float]
-    """step frequency in Hz and limit in steps: steps are compared only if the two are equal"""
+    """step frequency in Hz and limit in steps; two conditions are compared in steps only if both are equal"""
     measured: FloatArray | None = None
-    """(seeds, E) the primary measure"""
+    """(seeds, E) values of the primary measure; None without such a column"""
 
     def without_seeds(self) -> Met:
-        """Return the same scenarios without results."""
+        """Return results of no seed (0, E) in the same scenarios."""
         return Met(
             self.success[:0], self.par1[:0], self.time, None if self.measured is None else self.measured[:0]
         )
 
     def with_failed(self, n: int, value: float) -> Met:
-        """Return the results with `n` more seeds that failed in each scenario, which counts as `value` of the measure."""
+        """Return the results with `n` more seeds that failed in each scenario; `value` is their value of the measure."""
 
         def more(rows: FloatArray, fill: float) -> FloatArray:
             return np.concatenate([rows, np.full((n, rows.shape[1]), fill)])
@@ -157,7 +159,12 @@ class Met:
 
 
 def by_condition(evaluations: Sequence[Evaluation], column: str) -> dict[str, Met]:
-    """Return the results of seeds under each condition of their protocol, in its order, for a measure's `column`."""
+    """Return the results of seeds by condition, in the protocol's order.
+
+    Args:
+        evaluations: evaluations of the seeds of one agent.
+        column: column of the primary measure; '' for none.
+    """
     rows: dict[str, list[pd.DataFrame]] = {}
     times: dict[str, tuple[float, float]] = {}
     for evaluation in evaluations:
@@ -210,7 +217,7 @@ def _means(
     rate: bool = False,
     bounds: tuple[float, float] = (-np.inf, np.inf),
 ) -> dict[str, Estimate]:
-    """Return the mean of each agent, (seeds, scenarios) by label, with its interval."""
+    """Return the mean of each agent's values (seeds, scenarios) with its interval, by label."""
     if not by_agent:
         return {}
     table = crossed(list(by_agent.values()), rate=rate, paired=False, bounds=bounds)
@@ -220,10 +227,10 @@ def _means(
 def _changes(
     by_agent: Mapping[str, FloatArray], confidence: float, *, rate: bool = False
 ) -> dict[str, Estimate]:
-    """Return the mean change of each agent, (seeds, scenarios) by label, with its interval.
+    """Return the mean of each agent's changes (seeds, scenarios) with its interval, by label.
 
-    If no scenario changes its outcome, the interval of a rate's change does not end at 0: 0 of n = 200 trials
-    still allows 1.9 %.
+    The interval of a rate's change has a width even if no outcome changes: no change in n = 200 trials still
+    allows a change of 1.9 %.
     """
     means_of_changes = _means(by_agent, confidence, bounds=(-1.0, 1.0) if rate else (-np.inf, np.inf))
     for label, changes in by_agent.items():

@@ -1,4 +1,4 @@
-"""Name what is wrong with a file of a run."""
+"""Define the error for an unusable file of a run, and the checks that raise it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from auvbench.untrusted.text import LONGEST, plain, short
 
 
 class Damage(Exception):
-    """A file cannot be used; `kind` is the kind of `Problem`."""
+    """Error: a file of a run cannot be used; `kind` is the kind of the resulting `Problem`."""
 
     def __init__(self, message: str, kind: str = "damaged") -> None:
         super().__init__(message)
@@ -32,13 +32,13 @@ def is_name(value: Any) -> bool:
 
 def finite(table: np.ndarray[Any, Any]) -> bool:
     """Return whether all values are finite numbers of a plausible size."""
-    # A text anywhere gives the table the type object; NaN compares as False.
+    # A single text gives the whole table the type object; comparisons with NaN are False.
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
 
 @contextmanager
 def named(file: str) -> Iterator[None]:
-    """Turn an error in reading a file into a Damage that names the file."""
+    """Turn an error in reading a file into `Damage` with the file's name."""
     try:
         yield
     except FileNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Describe in one line how a report differs from the declared analysis, and what was declared when."""
+"""Describe in one line how a report differs from the declared analysis, and when the analysis was declared."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NAMED = 3
 
 @dataclass(frozen=True, slots=True)
 class Analysed:
-    """Options and rows from which a report computes its verdicts."""
+    """Options from which a report computes its verdicts."""
 
     rank_by: str
     baseline: str | None
@@ -45,7 +45,8 @@ def declared_rows(
 ) -> dict[str, frozenset[str]]:
     """Return the ids of the declared runs, by vehicle and task.
 
-    A declaration of an earlier version does not name runs: the runs in its folder are used instead.
+    A declaration written by an earlier version of auvbench does not name runs; then the tested runs in its
+    folder count as declared.
 
     Args:
         declared: declaration.
@@ -68,11 +69,11 @@ def declared_rows(
 def sentence(
     plan: Plan, done: Analysed, runs: Sequence[RunRecord], agents: Sequence[Agent], ranking: Ranking
 ) -> str:
-    """Return the sentence that says whether a table is the declared analysis, and when that was declared.
+    """Return the sentence that says whether a table is the declared analysis, and when it was declared.
 
     Args:
         plan: declared analysis.
-        done: options and rows of the table.
+        done: options of the table.
         runs: runs of the section.
         agents: agents of the table.
         ranking: ranking of the table.
@@ -92,12 +93,12 @@ def sentence(
 
 
 def undeclared(why: str) -> str:
-    """Return the sentence for a report without a declared analysis; `why` says why none of several is used."""
+    """Return the sentence for a report without a declared analysis; `why` is the reason if several were declared."""
     return f"{capitalized(why or 'no analysis was declared before the runs')}."
 
 
 def _options(plan: Plan, done: Analysed, ranking: Ranking) -> list[str]:
-    """Return the options that differ, as the user types them, and a baseline that replaces the declared one."""
+    """Return the options that differ from the declaration, as the user types them, and a replaced baseline."""
     declared = plan.analysed
     differences = [
         f"--{field.name.replace('_', '-')} {getattr(done, field.name)}"
@@ -145,7 +146,7 @@ def _algorithm(id: str) -> str:
 
 
 def _labels(agents: Sequence[Agent], ids: Collection[str]) -> list[str]:
-    """Return the labels of agents whose runs are all in `ids`, and counts of trainings of other agents."""
+    """Return labels for the runs in `ids`: an agent's label for all of its runs, '2 trainings of LABEL' for some."""
     labels = []
     for agent in agents:
         own = {run.id for run in agent.runs}
@@ -157,7 +158,7 @@ def _labels(agents: Sequence[Agent], ids: Collection[str]) -> list[str]:
 
 
 def _joined(labels: Sequence[str]) -> str:
-    """Return labels, which may contain commas, joined in one line."""
+    """Return the first labels in one line, joined by semicolons because a label may contain commas."""
     more = [f"{len(labels) - NAMED} more"] if len(labels) > NAMED else []
     return "; ".join([*labels[:NAMED], *more])
 
@@ -224,8 +225,10 @@ def _later(declared: Declared, used: Sequence[RunRecord], agents: Sequence[Agent
 
 
 def _declared_at(declared: Declared, run: RunRecord) -> datetime | None:
-    """Return when a run was declared: the date of its stage, or of its manifest if the manifest has another
-    digest.
+    """Return when a run was declared; None if unknown.
+
+    This is the date of the run's stage of the declaration. If the manifest has another digest, it is the date
+    on which the run was created.
     """
     stage = declared.stage_of(run.id)
     if stage is not None and run.manifest.get(KEY) == stage[1]:

@@ -1,4 +1,4 @@
-"""Read and check one evaluation of a run: no row of a damaged one enters a table.
+"""Read and check one evaluation of a run, so that no row of a damaged evaluation enters a table.
 
 The files of a run must agree with their recorded digests, with each other, and with the run's id.
 """
@@ -37,7 +37,7 @@ def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:
     """Check that an evaluation belongs to this run and its present model, and to the protocol of its folder.
 
     Raises:
-        Damage: it does not.
+        Damage: the evaluation belongs to another run, model or protocol.
     """
     summary, wrong = evaluation.summary, ""
     if summary["run"] != manifest["id"]:

@@ -20,15 +20,15 @@ from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray, quant
 HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot be said"
 
 WINDOW = 100
-"""number of episodes to average over"""
+"""number of successive training episodes in a window"""
 SHORT = 0.8
-"""share of the time limit: a window with a longer mean episode has not converged"""
+"""mean duration of a good window's episodes must be below this share of the time limit"""
 HALF = 0.5
-"""smallest success rate of a converged window, since short episodes may be early collisions"""
+"""smallest success rate of a good window, since short episodes may be early collisions"""
 PERMUTATIONS = 10_000
 
 Point = tuple[str, float, float]
-"""(stratum, level, value) of a run"""
+"""(stratum, level, value) of a run; levels are compared only within a stratum"""
 
 
 def limit_s(run: RunRecord) -> float:
@@ -40,11 +40,15 @@ def limit_s(run: RunRecord) -> float:
 
 
 def good_windows(seconds: FloatArray, success: BoolArray, limit: float) -> BoolArray:
-    """Return whether each window of `WINDOW` episodes is good; empty for fewer episodes.
+    """Return (n - `WINDOW` + 1,) whether each window of successive episodes is good; empty for fewer episodes.
 
-    In a good window, at least `HALF` of the episodes succeed within `limit` seconds, and the mean duration,
-    cut at the limit, is below `SHORT` of it. `seconds` and `success` (n,) are in the order in which the
-    episodes ended.
+    In a good window, at least `HALF` of the episodes succeed within the limit, and the mean duration, with
+    longer durations cut to the limit, is below `SHORT` of the limit.
+
+    Args:
+        seconds: (n,) durations, in the order in which the episodes ended.
+        success: (n,) successes, in the same order.
+        limit: time limit, s.
     """
     in_time = _window_means(success & (seconds <= limit))
     duration = _window_means(np.minimum(seconds, limit))
@@ -58,7 +62,7 @@ def _window_means(values: FloatArray | BoolArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Learning:
-    """Training of a run."""
+    """Training of a run, with its episodes in the order in which they ended."""
 
     run: RunRecord
     k: float
@@ -93,7 +97,7 @@ def learning(run: RunRecord) -> Learning | None:
     """Read a run's training; None without records, without a frequency, or with fewer than `WINDOW` episodes."""
     try:
         frame = training(run)
-    except Damage:  # The figures report the damage.
+    except Damage:  # reported by the figures
         return None
     k, frequency = run.config.get("reward.k"), run.config.get("step.frequency")
     if frame is None or len(frame) < WINDOW or not frequency:
@@ -112,7 +116,10 @@ def learning(run: RunRecord) -> Learning | None:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """How often the run of the higher level has the higher value, of two runs of a stratum; a tie counts half."""
+    """Share of pairs of runs in which the run of the higher level has the higher value; a tie counts half.
+
+    The two runs of a pair are of one stratum.
+    """
 
     share: float
     pairs: int
@@ -126,7 +133,7 @@ def trend(points: Sequence[Point], seed: int = 0) -> Trend | None:
     """Return Jonckheere and Terpstra's statistic within strata, with a permutation test; None without a pair.
 
     Values are permuted among the runs of a stratum 10,000 times. The test's level is exact for any
-    distribution. With one run per cell of two strata, no p-value is smaller than 1/4, as it should be.
+    distribution. With two strata of two runs each, there are only four permutations, so no p-value is below 1/4.
     """
     rng = np.random.default_rng(seed)
     pairs, wins, permuted = 0, 0.0, np.zeros(PERMUTATIONS)
@@ -145,7 +152,7 @@ def trend(points: Sequence[Point], seed: int = 0) -> Trend | None:
 
 
 def _wins(values: FloatArray, low: NDArray[np.intp], high: NDArray[np.intp]) -> FloatArray:
-    """Return the wins (m,) of the higher level over all pairs, for m rows of values; a tie is half a win."""
+    """Return how many pairs (m,) the run of the higher level wins, for m rows of values; a tie is half a win."""
     lower, higher = values[:, low], values[:, high]
     return np.asarray(((higher > lower).sum(axis=1) + (higher >= lower).sum(axis=1)) / 2)
 
@@ -173,7 +180,7 @@ class Evidence:
 
     @cached_property
     def sac(self) -> list[Learning]:
-        """Return the training records of SAC, tested or not; reading long trainings takes a while."""
+        """Return the trainings of SAC, tested or not; reading long trainings takes a while."""
         names = {str(run.config.get("algo.name")) for run in self.runs}
         name = "sac_thesis" if "sac_thesis" in names else "sac"
         runs = [r for r in self.runs if r.state == "complete" and r.config.get("algo.name") == name]
@@ -187,8 +194,8 @@ class Evidence:
     def attainable(self, limit: float) -> bool:
         """Return whether some control meets the criterion of convergence within a time limit in s.
 
-        The controls are all tested policies of the report, including controllers: they do not learn during
-        the test. If no control converges, "did not converge" says nothing about learning.
+        The controls are all policies in the report's tests, including controllers. They do not learn during a
+        test, so if no control meets the criterion, a training that does not meet it may have learned as well.
         """
         for agent in self.agents:
             for seconds, success in zip(agent.metrics.get("duration_s", ()), agent.success > 0, strict=False):
@@ -209,9 +216,15 @@ class Evidence:
 def by_interval(
     at: Callable[[float], Estimate], levels: tuple[float, float], above: float, *, less: bool = False
 ) -> str:
-    """Return whether a value is above a bound (`less`: below it): the whole interval is on one side.
+    """Return the verdict on the claim that a value is above a bound.
 
-    `at` returns the estimate for a confidence; `levels` are the confidences of "holds" and "does not hold".
+    The claim holds if the whole interval is above the bound, and fails if the whole interval is below it.
+
+    Args:
+        at: function that returns the estimate for a confidence.
+        levels: confidences of the intervals for "holds" and "does not hold".
+        above: bound.
+        less: whether the claim is that the value is below the bound.
     """
     yes, no = at(levels[0]), at(levels[1])
     if (yes.high < above) if less else (yes.low > above):
@@ -220,7 +233,7 @@ def by_interval(
 
 
 def by_trend(result: Trend, what: str, levels: tuple[float, float], ids: tuple[str, ...]) -> Part:
-    """Return a part that claims a rising trend; two one-sided permutation tests."""
+    """Return a part that claims a rising trend, tested with two one-sided permutation tests."""
     rises, falls = result.p_up < (1 - levels[0]) / 2, result.p_down < (1 - levels[1]) / 2
     verdict = HOLDS if rises else FAILS if falls else OPEN
     p = p_value(min(1, 2 * min(result.p_up, result.p_down)))
@@ -249,10 +262,10 @@ def _sentence(parts: Sequence[str]) -> str:
 
 
 def independent(agents: Sequence[Agent]) -> int:
-    """Return the number of independent agents: cells of a crossed grid share the effects of their levels.
+    """Return the number of agents that count as independent.
 
-    The number is one, plus one for each further level of each factor: the parameters of the grid's main
-    effects.
+    Agents of a grid share the effects of their levels, so the number is at most the number of parameters of
+    the grid's main effects: one, plus one for each further level of each factor.
     """
     levels_by_factor = [{agent.key.get(factor) for agent in agents} for factor in FACTORS]
     return min(len(agents), 1 + sum(len(levels) - 1 for levels in levels_by_factor))
@@ -271,7 +284,7 @@ def partial_rank_correlation(
 
     ranks = [rankdata(values) for values in (x, y, third)]
     with np.errstate(invalid="ignore"):
-        r = np.nan_to_num(np.corrcoef(ranks))  # a constant variable correlates with none
+        r = np.nan_to_num(np.corrcoef(ranks))  # a constant variable has the correlation 0
     residual = np.sqrt((1 - r[0, 2] ** 2) * (1 - r[1, 2] ** 2))
     free = n - 4 if np.ptp(ranks[2]) > 0 else n - 3
     if residual < 1e-6 or min(np.ptp(ranks[0]), np.ptp(ranks[1])) == 0:

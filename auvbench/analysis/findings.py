@@ -1,5 +1,5 @@
-"""Find what the data show in addition to the primary analysis, with one template per kind, and effects of a
-grid's factors.
+"""Find results in addition to the primary analysis, with one template per kind of finding, and compute the
+effects of a grid's factors.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from auvbench.statistics.intervals import Estimate
 from auvbench.statistics.typical import trainings_needed
 
 SHOWN = 5
-"""number of findings that a report shows at once; the others are one click away"""
+"""number of findings that a report shows at once; a click shows the others"""
 APART = 0.2
-"""smallest difference of two success rates for which a higher return misleads"""
+"""smallest loss of success rate for which a higher return counts as misleading"""
 
 
 def find(ranking: Ranking, agents: Sequence[Agent]) -> list[Finding]:
@@ -43,8 +43,8 @@ def return_misleads(agents: Sequence[Agent], confidence: float) -> Finding | Non
     """Return a finding if a trained agent has a higher return than the most successful agent but far less
     success.
 
-    Of several such agents the finding names the least successful; the interval counts all of them
-    (Bonferroni).
+    If there are several agents with a higher return, the finding names the least successful of them, and the
+    interval is corrected for their number (Bonferroni).
     """
     with_return = [
         a for a in agents if learns(a) and np.isfinite(a.metrics.get("return", np.array(np.nan))).all()
@@ -101,7 +101,7 @@ def resolved_effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> l
 
 
 def _as_in_the_table(effect: Effect, ranking: Ranking) -> Effect:
-    """Return an effect of one pair with that pair's interval, so that a page shows one interval per difference."""
+    """Return an effect of a single pair with the pair's interval in the table, so that a page shows equal intervals."""
     if len(effect.pairs) == 1:
         first, second = (agent.label for agent in effect.pairs[0])
         for c in ranking.comparisons:
@@ -127,7 +127,10 @@ def _effect(effect: Effect, m: Measure, basis: str, needed: int) -> Finding:
 
 
 def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
-    """Return a finding on the agent whose mean varies most with its seeds, if seeds are most of its variance; else None."""
+    """Return a finding on the agent with the largest variance between seeds.
+
+    Only agents count for which seeds cause more than half of the mean's variance; None without such an agent.
+    """
     several = [a for a in agents if len(a.outcome) > 1 and learns(a) and np.isfinite(m.values(a)).all()]
     if not several:
         return None
@@ -159,18 +162,17 @@ class Effect:
     difference: Estimate
     p_value: float
     agree: int
-    """trainings of the first level that differ from the second level's typical one in the effect's direction"""
+    """number of trainings of the first level that differ from the second level's typical training in the effect's direction"""
     trainings: int
-    """trainings of the first level"""
+    """number of trainings of the first level"""
     fewest: int
     """smallest number of trainings of an agent"""
 
 
 def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> list[tuple[Agent, Agent]]:
-    """Return pairs of agents at the two levels of a factor that are equal in all other keys.
+    """Return pairs of agents that have the two levels of a factor and are equal in all other keys.
 
-    A null value counts as a level if the configuration has the key (`task.time_limit: null`), not if the key
-    is missing.
+    null is a level if the configuration has the key (`task.time_limit: null`), but a missing key is not.
     """
     cells: dict[tuple[tuple[str, Any], ...], dict[Any, Agent]] = {}
     for agent in agents:
@@ -183,7 +185,7 @@ def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> li
 
 
 def _says(agent: Agent, factor: str) -> bool:
-    """Return whether the agent has the factor: PPO has no `algo.tau`, but a null time limit is a value."""
+    """Return whether the agent's configuration has the factor: PPO has no `algo.tau`; `task.time_limit: null` counts."""
     config = agent.runs[0].config
     return agent.key.get(factor) is not None or factor in config or f"{factor}.name" in config
 
@@ -219,10 +221,15 @@ def _effect_of(
 def effects(agents: Sequence[Agent], m: Measure, confidence: float = 0.95) -> list[Effect]:
     """Return the effects of each factor that varies among the agents with several training seeds.
 
-    With up to three levels every pair is tested. With more numbers, only the largest against the smallest.
-    With more names, which have no order, every pair matched in several cells; the table already has a pair of
-    one cell. An effect that cannot be tested (no values, a single episode, fewer than five trainings) is left
-    out. So are agents with one training seed: a difference between two policies is not an effect of a factor.
+    The compared levels of a factor depend on their number and kind:
+
+    * up to three levels: all pairs;
+    * more levels, numbers: the largest against the smallest;
+    * more levels, names: all pairs with at least two matched cells. The table of comparisons already has the
+      pairs with one matched cell.
+
+    An effect that cannot be tested (no values, a single episode, fewer than five trainings) is left out. Agents
+    with one training seed do not count: a difference between two policies is not an effect of a factor.
     """
     learners = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
     result = []

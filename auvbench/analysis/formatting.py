@@ -1,7 +1,7 @@
 """Format numbers and lists for tables and sentences.
 
-Numbers are rounded by the rule of metrology (JCGM 100:2008, 7.2.6): the uncertainty, the longer arm of the
-interval, has two significant digits, and the value has the same decimal places.
+Numbers are rounded by the rule of metrology (JCGM 100:2008, 7.2.6). The uncertainty is the longer arm of the
+interval; it has two significant digits, and the value has the same number of decimal places.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from auvbench.analysis.measures import UNKNOWN, Measure, metric_of
 from auvbench.statistics.intervals import Estimate
 
 NOTHING = "–"
-"""stands for a number that does not exist (the time to goal of an agent that never arrives)"""
+"""text for a number that does not exist (the time to goal of an agent that never arrives)"""
 
 
 def decimals(half_width: float) -> int:

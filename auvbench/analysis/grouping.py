@@ -1,10 +1,11 @@
 """Group runs into sections and agents.
 
-A section contains the runs that can share a table: runs on the same scenarios with the same physics, and so with the same tested
-vehicle. An agent contains the seeds of one configuration, paired with all other agents by test scenario.
+A section contains the runs that can share a table: they were tested in the same scenarios with the same
+physics, which includes the tested vehicle. An agent contains the seeds of one configuration, paired with all
+other agents by test scenario.
 
-Runs of one table had the same test, so the task, noise and disturbances in their configurations only describe
-their training. They do not affect a controller: its runs that differ in nothing else are one agent.
+All runs of a table had the same test, so the task, noise and disturbances in their configurations only
+describe their training. A controller has no training: its runs that differ only in these keys are one agent.
 """
 
 from __future__ import annotations
@@ -35,11 +36,11 @@ GROUPING = ("algo.name", "reward.k", "step.frequency")
 NOT_METRICS = ("condition", "outcome", "episode", "environment")
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
-"""prefixes of run keys that a protocol copies into its test"""
+"""prefixes of the run's keys that a protocol uses in its test"""
 TASK = ", task "
-"""text between a vehicle and its task in the subject of a section"""
+"""text between the vehicle and the task in a section's subject"""
 SEVERAL = "several sheets"
-"""place of the vehicle in the subject of a section whose agents have the sheets of several vehicles"""
+"""text that replaces the vehicle in a section's subject if its agents have the sheets of several vehicles"""
 
 
 def agents(
@@ -49,7 +50,7 @@ def agents(
 ) -> tuple[list[Agent], list[Problem]]:
     """Group tested runs by the values of `GROUPING` and of all other keys that vary among them.
 
-    A failed training is a seed without a success (`NO_POLICY`): a user's training may fail, too.
+    A failed training counts as a seed without a success (`NO_POLICY`), since a user's training may fail, too.
 
     Args:
         runs: result of `load`, for one vehicle and one set of scenarios (see `sections`).
@@ -186,8 +187,9 @@ def _agent(
 
 
 def _count_failures(task: str, outcome: np.ndarray, metrics: dict[str, Any], limit: float) -> None:
-    """Set the values that failed episodes count as; rows of earlier versions have the value measured until
-    the failure.
+    """Replace the values of failed episodes by the values that failures count as (`of_failures`).
+
+    Rows of earlier versions of auvbench have the values that were measured until the failure.
     """
     if task not in TASKS:
         return
@@ -209,11 +211,15 @@ def refined(
     keys: Mapping[str, str],
     frequency_fixed: bool,
 ) -> dict[str, str]:
-    """Return the keys of a grouping, plus the keys that distinguish runs within its groups, by short name.
+    """Return the keys of a finer grouping, by short name: `keys`, and the keys that vary within `groups`.
 
-    A configuration group counts as one key (`disturbance` for all differences in `disturbance.*`) if its name
-    differs. `groups` are the runs grouped by `keys`; `frequency_fixed` says whether the test has one step
-    frequency.
+    If the name of a configuration group varies (`disturbance.name`), it is one key (`disturbance`) for all
+    keys of the group.
+
+    Args:
+        groups: runs grouped by `keys`.
+        keys: keys of the grouping, by short name.
+        frequency_fixed: whether the test has one step frequency.
     """
     excused = set(keys.values())
     grouping = dict(keys)
@@ -251,7 +257,7 @@ def _split(group: Sequence[RunRecord], key: str) -> list[list[RunRecord]]:
 
 
 def of_a_seed(key: str) -> bool:
-    """Return whether a key may differ between the seeds of one agent (`SEEDS`)."""
+    """Return whether a key is one of `SEEDS`, in which the seeds of one agent may differ."""
     return any(f"{key}.".startswith(f"{seed}.") for seed in SEEDS)
 
 
@@ -270,7 +276,7 @@ def trained(run: RunRecord) -> bool:
 
 
 def level(value: Any) -> Any:
-    """Return a configuration value as a level of a factor: a list (noise.sensor) becomes text, which can be a key."""
+    """Return a configuration value as a level of a factor; a list (noise.sensor) becomes text, which is hashable."""
     return str(value) if isinstance(value, list) else value
 
 
@@ -288,15 +294,15 @@ class Section:
     runs: tuple[RunRecord, ...]
     """tested runs; the vehicle's first section also has its other runs"""
     problems: tuple[Problem, ...] = ()
-    """reasons why the runs are in a separate section, if that can be mended"""
+    """reasons why the runs are in a separate section, with the way to unite the sections"""
 
 
 def sections(runs: Sequence[RunRecord], protocol: str) -> list[Section]:
-    """Return sections of runs by vehicle, task and fingerprint, the largest first; each has at least one
-    tested run.
+    """Return sections of runs by vehicle, task and fingerprint, the largest first.
 
-    A protocol may fix the vehicle of its test. Then agents with the sheets of several vehicles share a section. A run without a
-    usable evaluation goes to the first section of its vehicle, or else to the very first section.
+    Each section has at least one tested run. If a protocol fixes the vehicle of its test, agents with the
+    sheets of several vehicles share a section. A run without a usable evaluation goes to the largest section
+    of its vehicle and task, or else to the largest of all sections.
     """
     tested: dict[tuple[str, str], list[RunRecord]] = {}
     for run in runs:
@@ -325,9 +331,7 @@ def subject_of(run: RunRecord) -> str:
 
 
 def split_problems(problems: Iterable[Problem], parts: Sequence[Section]) -> list[list[Problem]]:
-    """Return the problems of each section by the section of their run; problems without a run go to the first
-    section.
-    """
+    """Return the problems of each section; a problem that does not name a run of any section goes to the first."""
     place = {run.id: i for i, part in enumerate(parts) for run in part.runs}
     split: list[list[Problem]] = [[] for _ in parts]
     for problem in problems:

@@ -14,9 +14,9 @@ from auvbench.registry import AGENTS
 from auvbench.untrusted.text import plain
 
 OF_THE_TEST = ("task.", "noise.", "disturbance.", "simulator.")
-"""prefixes of keys that a table's test fixes for all agents"""
+"""prefixes of keys that have the same value for all agents of a table, because the test sets them"""
 OF_THE_AGENT = ("task.position_frame", "task.observation", "task.history", "task.preview")
-"""keys of an agent's observation, which no test changes"""
+"""prefixes of the observation's keys, which no test changes"""
 OWN = "own"
 """protocol that tests each run with its own task, noise and disturbances"""
 OBSERVATION = "task.observation"
@@ -25,7 +25,7 @@ FREQUENCY = "step.frequency"
 
 
 def is_fixed(key: str, frequency_fixed: bool) -> bool:
-    """Return whether the test of a table fixes a key, so that the key only describes a run's training.
+    """Return whether the test of a table sets a key, so that the run's value only describes its training.
 
     >>> is_fixed("disturbance", True), is_fixed("task.goal_radius", True), is_fixed("algo.gamma", True)
     (True, True, False)
@@ -41,9 +41,9 @@ LONGEST = 80
 """largest number of characters of a value in a label"""
 
 VEHICLE = "vehicle"
-"""key of the vehicle whose sheet an agent was trained on or knows; agents of one table differ in it if the test fixes the vehicle"""
+"""key of the vehicle whose sheet an agent was trained on or knows; it varies in a table only if the test fixes the vehicle"""
 UNITS = {"reward.k": "K={}", FREQUENCY: "{} Hz", VEHICLE: "sheet {}", "simulator": "{}", "seed": "seed {}"}
-"""texts of values that do not need their key"""
+"""templates of the texts for values that are shown without their key"""
 CURRENT, WAVES, FAULT = "disturbance.current", "disturbance.waves", "disturbance.fault"
 DRAWN = {
     f"{CURRENT}.speed_high": ("current speeds up to {} m/s", "no drawn current speeds"),
@@ -53,10 +53,10 @@ DRAWN = {
     f"{FAULT}.actuator": ("faults of {}", "faults of drawn actuators"),
     f"{FAULT}.time_high": ("faults up to {} s", "faults at one time"),
 }
-"""texts of keys whose null has a meaning of its own: for a value, and for null"""
+"""texts of keys for which null has a meaning: the text for a value, and the text for null"""
 
 BY = {FREQUENCY: "at", "simulator": "in"}
-"""words between 'trained' and these values; other values follow their key"""
+"""words between 'trained' and the value of a key; the values of other keys follow 'with'"""
 
 Key = Mapping[str, Any]
 
@@ -86,7 +86,7 @@ def part(name: str, value: Any) -> str:
     shown = f"{value:g}" if isinstance(value, float) else plain(str(value))
     if blocks := _words(value):
         shown = ", ".join(blocks)
-    if len(shown) > LONGEST:  # e.g. a list: show its beginning and a digest that distinguishes it
+    if len(shown) > LONGEST:  # such as a list: show its beginning, and a digest that distinguishes it
         shown = f"{shown[:LONGEST]}… ({hashlib.sha256(shown.encode()).hexdigest()[:6]})"
     if name == "train.total_steps" and isinstance(value, int | float):
         return f"{in_short(value)} steps"
@@ -95,12 +95,12 @@ def part(name: str, value: Any) -> str:
 
 
 def in_words(name: str, value: Any) -> bool:
-    """Return whether `part` gives words that follow a comma, not a value such as K=1 or 25 Hz."""
+    """Return whether the text of `part` needs a comma before it, unlike K=1 or 25 Hz."""
     return value is None or name == VEHICLE or name in DRAWN
 
 
 def title(algorithm: str) -> str:
-    """Return the name of an algorithm or preset in tables: the registry's title, and the preset's suffix.
+    """Return the name of an algorithm or preset in tables: the registry's title with the preset's suffix.
 
     >>> title("mpc_tuned"), title("ppo_residual"), title("ppo_tuned_60k"), title("my_agent")
     ('MPC, tuned', 'PPO added to PID', 'PPO, tuned 60k', 'my_agent')
@@ -130,14 +130,14 @@ def in_short(number: float) -> str:
 
 
 def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool = True) -> list[str]:
-    """Return a unique label per key.
+    """Return a label for each agent, as short as possible, from the values of its keys.
 
-    A value is left out if it is the same for all learners, or the usual one; a controller shows only what
-    varies among the agents of its own algorithm. Values that the test fixes for all follow "trained with". An
-    observation is shown by the blocks that it lacks or has.
+    A learner's label leaves out values that are the same for all learners, and usual values (`usual`). A
+    controller's label has only the values that vary among the agents of its algorithm. Values of keys that
+    the test sets (`is_fixed`) follow "trained". `observed` shortens an observation.
 
     Args:
-        keys: values by short name of a configuration key, for each agent.
+        keys: the key of each agent: its values by the short name of a configuration key.
         learners: whether each agent learns.
         frequency_fixed: whether the test has one step frequency for all agents.
     """
@@ -168,9 +168,11 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
 
 
 def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
-    """Return what distinguishes one of several observations: `unobserved` and the blocks that it lacks of all that some agent observes.
+    """Return what distinguishes one of several observations, as a short list of blocks.
 
-    Where each has a block that not all have, and these are not more than what they lack, it is `observed` and such blocks.
+    Usually this is `unobserved`, and the blocks that the observation lacks and another observation has. It is
+    `observed`, and the blocks that the observation has and another one lacks, if every observation has such a
+    block and this gives lists that are not longer in total.
 
     >>> observed("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
     ('unobserved', 'velocity, gravity')
@@ -188,7 +190,7 @@ def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
 
 
 def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
-    """Return the values, by key, that at least three of four learners share and other learners do not.
+    """Return the usual values by key: at least 75 % of the learners have the value, but not all.
 
     >>> ppo = [{"algo": "ppo", "task.history": n} for n in (1, 1, 1, 4)]
     >>> usual(ppo, [True] * 4), usual(ppo[1:], [True] * 3)
@@ -199,7 +201,7 @@ def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
         return {}
     values = {}
     for name in trained[0]:
-        if name in ("algo", OBSERVATION):  # an observation is shown by its blocks
+        if name in ("algo", OBSERVATION):  # labels show an observation by its blocks
             continue
         value, count = Counter(str(key[name]) for key in trained).most_common(1)[0]
         first = next(key for key in trained if str(key[name]) == value)
@@ -209,7 +211,7 @@ def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
 
 
 def usual_sentence(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
-    """Return what the labels leave out, as a sentence below a table; empty if they leave out nothing."""
+    """Return a sentence with the usual values, which labels leave out, as a list; empty without usual values."""
     shown = ", ".join(part(name, value) for name, value in usual(keys, learners).items())
     return [f"Learners whose names do not say otherwise: {shown}."] if shown else []
 
@@ -225,16 +227,16 @@ def label_of(key: Key, names: Sequence[str], frequency_fixed: bool) -> str:
 
 
 def _joined(key: Key, names: Sequence[str]) -> str:
-    """Return values with spaces between them, then the words, with commas: 'PPO K=1, no time_limit'."""
+    """Return the texts of values: short values with spaces between them, then words, with commas: 'PPO K=1, no time_limit'."""
     values = " ".join(part(n, key[n]) for n in names if not in_words(n, key[n]))
     words = [part(n, key[n]) for n in names if in_words(n, key[n])]
     return ", ".join(filter(None, [values, *words]))
 
 
 def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:
-    """Return whether a value belongs to a different choice, e.g.
+    """Return whether a key does not exist for the agent's choice of its group.
 
-    `simulator.hydrodynamics` if no agent's simulator has it.
+    An example is `simulator.hydrodynamics`, if no agent with the same simulator has a value of it.
     """
     return any(
         name.startswith(f"{choice}.") and all(k[name] is None for k in keys if k[choice] == key[choice])

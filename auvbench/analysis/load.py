@@ -1,7 +1,7 @@
-"""Read run directories for a report, and name what keeps a run, or a part of it, out of the tables.
+"""Read run directories for a report, and name the problems that keep runs or evaluations out of the tables.
 
-An error never stops the reading: readable runs are returned, and the rest is returned as `Problem`s. Format
-of the directories: docs/runs.md; of the CSV: docs/protocol.md.
+A damaged run does not stop the reading: readable runs are returned, with a `Problem` for each other one.
+docs/runs.md describes the directories, and docs/protocol.md the CSV files.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from auvbench.untrusted.text import short
 __all__ = ["agents", "available_protocols", "load", "readable_runs", "require"]
 
 NAMED = 3
-"""number of problems in the message that there is nothing to report"""
+"""largest number of problems to name in the error of a report without a usable run"""
 
 NUMBERS = (
     "reward.k",
@@ -47,7 +47,7 @@ NUMBERS = (
 
 
 _Read = tuple[RunRecord | None, list[Problem]]
-"""a run, if it can be used, and its problems"""
+"""a run (None if it cannot be used) and its problems"""
 
 
 def load(
@@ -66,7 +66,7 @@ def load(
         Runs sorted by id, including failed and unfinished ones (without evaluations), and the problems.
 
     Raises:
-        RunError: a path does not exist, or is a file that is not of a run.
+        RunError: a path does not exist, or is a file that does not belong to a run.
         ReportError: no run under the paths is readable.
         UserError: a term of `where` has a key or value that no run has.
     """
@@ -90,7 +90,7 @@ def readable_runs(paths: Iterable[str | Path]) -> list[RunRecord]:
 
 
 def _readable(paths: Iterable[str | Path], problems: list[Problem]) -> list[RunRecord]:
-    """Return the readable runs, and add the problems of others to `problems`."""
+    """Return the readable runs, and add the problems of unreadable runs to `problems`."""
     sources = list(_directories(paths, problems))
     runs = _collect((_read_run(source) for source in sources if not is_archive(source)), problems)
     for study in filter(is_archive, sources):
@@ -114,9 +114,10 @@ def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
 
 
 def _with_later_keys(runs: Sequence[RunRecord]) -> list[RunRecord]:
-    """Add keys of later versions to runs of earlier versions of the same algorithm and task.
+    """Add configuration keys that were introduced later to runs of earlier versions of auvbench.
 
-    The value is the one that changes nothing, so that seeds of both versions are one agent.
+    A run gets a key if another run of the same algorithm and task has it. The added value has no effect, so
+    seeds of both versions are one agent.
     """
     unchanged = filters.flat(LATER)
     kinds = [(run.config.get("algo.name"), run.config.get("task.name")) for run in runs]
@@ -138,7 +139,7 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
     """Raise an error if no run has a usable evaluation by a protocol.
 
     Raises:
-        ReportError: names the available protocols, or the first problem.
+        ReportError: no run has one; the error names the available protocols, or the first problems.
     """
     if any(protocol in run.evaluations for run in runs):
         return
@@ -218,7 +219,7 @@ def _record(source: RunSource, manifest: dict[str, Any], config: Any) -> RunReco
         raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
     if release := flat.get("task.package"):
-        try:  # Any release of the package describes its metrics.
+        try:  # the installed release of the package describes the metrics, even if the run used another one
             name = str(flat.get("task.name"))
             if (spec := TASKS.find(name)) is None:
                 raise TASKS.missing(name, str(release))
@@ -238,10 +239,14 @@ def _record(source: RunSource, manifest: dict[str, Any], config: Any) -> RunReco
 
 
 def _flattened(config: Any) -> dict[str, Any]:
-    """Return a configuration by dotted keys; values that labels and groups need have the right type."""
+    """Return a configuration by dotted keys, after checking the types of the values that labels and groups need.
+
+    Raises:
+        Damage: the configuration is empty, or a value has the wrong type.
+    """
     if not isinstance(config, dict):
         raise Damage("config.yaml is empty")
-    with named("config.yaml"):  # an anchor may contain itself
+    with named("config.yaml"):  # flattening fails for a YAML anchor that contains itself
         flat = filters.flat(config)
     if not is_name(algo := flat.get("algo.name")):
         raise Damage(f"config.yaml is not a run's configuration (algo.name is {_brief(algo)}, not a name)")
@@ -261,12 +266,12 @@ def _flattened(config: Any) -> dict[str, Any]:
 
 
 def _is_name_of_a_choice(key: str) -> bool:
-    """Return whether a key is the name of an agent, a task, a vehicle or another group's choice."""
+    """Return whether a key names the chosen option of a configuration group: algo.name, task.name, vehicle.name."""
     return key.endswith(".name") and key.count(".") == 1
 
 
 def _is_shown(key: str) -> bool:
-    """Return whether a report may show the text: sheets contain sources and remarks, and paths may be long."""
+    """Return whether a report may show the key's text; long texts of sheets (sources, remarks) and paths are not shown."""
     return key in ("vehicle.name", "vehicle.title") or not key.startswith(
         ("vehicle.", "output", "launcher.", "algo.path")
     )
@@ -277,12 +282,13 @@ def _brief(value: Any) -> str:
 
 
 def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
-    """Yield one run per id, sorted by id; of several copies, the most complete one counts.
+    """Yield one run per id, sorted by id; of several copies of a run, the most complete one counts.
 
-    The order of preference: complete, tested, by more protocols, a run directory before a published study,
-    the latest end, the last folder by name.
+    The order of preference is: a complete run, a run tested by the protocol, tests by more protocols, a run
+    directory before a published study, the latest end, the last folder by name.
 
-    Problems of the other copies are not reported, since they keep nothing out of the tables.
+    Each other copy is reported as a duplicate. Its own problems are not reported, because the run is in the
+    tables.
     """
     by_id: dict[str, list[tuple[RunRecord, list[Problem]]]] = {}
     for run, problems in read:

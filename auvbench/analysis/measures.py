@@ -21,7 +21,7 @@ UNKNOWN = Metric("unknown", "", "", "", better="higher", low=-math.inf)
 """metric of an unregistered column"""
 
 LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
-"""columns limited by the step limit of the task; times, through the frequency"""
+"""columns that the task's step limit limits: steps, and times (step limit / frequency)"""
 
 SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
@@ -41,13 +41,13 @@ class Measure:
     """A number per agent: the mean of a value per episode."""
 
     name: str
-    """success_rate, collision_rate, timeout_rate, mean_<column>, par1_steps, par2_time_s, ..."""
+    """name: success_rate, collision_rate, timeout_rate, mean_<column>, par1_steps, par2_time_s, ..."""
     column: str
-    """outcome, or a column of episodes.csv"""
+    """column of episodes.csv, `outcome` for a rate"""
     higher_is_better: bool
     rate: bool
     penalty: float = 0.0
-    """value of a failure as a multiple of the step or time limit; 0: its own value"""
+    """multiple of the step or time limit that a failed episode counts as; 0: failures count as measured"""
 
     def values(self, agent: Agent) -> FloatArray:
         """Return the values (seeds, episodes) of an agent; NaN if it lacks the column."""
@@ -59,18 +59,16 @@ class Measure:
             return np.full(agent.outcome.shape, np.nan)
         measured = np.asarray(agent.metrics[self.column], dtype=np.float64)
         if not self.penalty:
-            # A training without a policy fails in each episode, if failures have a value.
+            # A training without a policy fails in each episode; NaN if failures count as measured.
             return np.where(agent.outcome == NO_POLICY, self.failure(agent), measured)
         failed = agent.outcome != SUCCESS
         limit = _limit(agent, self.column)
-        if (
-            failed.any() and not np.isfinite(limit).all()
-        ):  # a mean over only its successes would not be a penalised mean
+        if failed.any() and not np.isfinite(limit).all():  # without a limit, a failure has no penalised value
             return np.full(agent.outcome.shape, np.nan)
         return np.where(failed, self.penalty * limit, measured)
 
     def failure(self, agent: Agent) -> float:
-        """Return the value that a failed episode counts as; NaN if it counts as measured."""
+        """Return the value that a failed episode counts as; NaN if its measured value counts."""
         if self.rate:
             return float(self.name != "success_rate")
         if self.penalty:
@@ -115,15 +113,15 @@ PENALISED = tuple(
     for name, column in (("steps", "steps"), ("time_s", "duration_s"))
     for penalty in (1, 2)
 )
-"""Penalised means: a failure counts as the limit (PAR-1) or twice the limit (PAR-2), as the penalised average
-runtime in algorithm selection (Hutter, Hoos & Leyton-Brown 2011, LION 5, who use PAR-10).
+"""Penalised means: a failure counts as the limit (PAR-1) or twice the limit (PAR-2), like the penalised average
+runtime (PAR-10) of algorithm selection (Hutter, Hoos & Leyton-Brown 2011, LION 5).
 """
 RANKED_AS = {
     "mean_steps": "par1_steps",
     "mean_duration_s": "par1_time_s",
     "mean_time_to_goal_s": "par1_time_s",
 }
-"""ranking measures that replace a mean which quick failures would improve, or which leaves failures out"""
+"""ranking measures that replace means; quick failures would improve these means, or failures do not count in them"""
 
 
 def measures() -> dict[str, Measure]:
@@ -139,7 +137,7 @@ def _limit(agent: Agent, column: str) -> FloatArray:
     limit = np.asarray(agent.step_limit)
     if column == "steps":
         return limit
-    # Seconds. A seed without a policy has the frequency of the other seeds, which met the same scenarios.
+    # Convert to seconds. A seed without a policy gets the frequency of the other seeds.
     frequency = np.asarray(agent.metrics.get("frequency_hz", np.nan), dtype=np.float64)
     frequencies = frequency[np.isfinite(frequency)]
     return limit / np.where(
@@ -162,7 +160,7 @@ def measure(name: str, option: str = "--rank-by") -> Measure:
 
 
 def to_rank_by(name: str, option: str = "--rank-by") -> Measure:
-    """Return the measure that ranks for `name`, in which failures count (`RANKED_AS`).
+    """Return the measure that ranks agents for `name`; in it, failures count (`RANKED_AS`).
 
     Raises:
         ReportError: see `measure`.
@@ -171,8 +169,7 @@ def to_rank_by(name: str, option: str = "--rank-by") -> Measure:
 
 
 def in_unit(margin: float | None, name: str) -> float | None:
-    """Convert a margin from the command line to the unit of the tables: percentage points of a rate become a
-    fraction.
+    """Return a margin from the command line in the measure's unit: percentage points of a rate become a fraction.
 
     >>> in_unit(2.0, "success_rate"), in_unit(30.0, "mean_steps")
     (0.02, 30.0)
@@ -181,8 +178,9 @@ def in_unit(margin: float | None, name: str) -> float | None:
 
 
 def all_measures(agents: Sequence[Agent]) -> list[Measure]:
-    """Return the measures that at least one agent has, including measures of unregistered columns, which
-    never rank.
+    """Return the measures that at least one agent has.
+
+    They include means of unregistered columns, by which agents cannot be ranked.
     """
     scenario, registered = of_the_scenario(), measures()
     measured = {c: None for agent in agents for c in agent.metrics if c not in scenario}

@@ -12,12 +12,13 @@ from auvbench.runs import run_filter
 
 
 def name_agents(runs: Sequence[RunRecord], names: Mapping[str, str]) -> list[RunRecord]:
-    """Return the runs with the names of their agents.
+    """Return the runs with the names of their agents (`RunRecord.name`).
 
     Args:
         runs: loaded runs.
-        names: terms of `--where`, separated by spaces, by name: {"PPO, no currents": "algo=ppo
-            disturbance.current.speed_high=null"}. A run that matches several names gets the first.
+        names: by name, the terms that a run must match, as in `--where`, separated by spaces: {"PPO, no
+            currents": "algo=ppo disturbance.current.speed_high=null"}. A run that matches the terms of several
+            names gets the first.
 
     Raises:
         ReportError: a term is not KEY=VALUE.
@@ -40,7 +41,7 @@ def _fits(run: RunRecord, terms: Sequence[run_filter.Term]) -> bool:
 
 
 def with_names(labels: Sequence[str], agents: Sequence[Sequence[RunRecord]]) -> list[str]:
-    """Return the labels of agents; a label is replaced by the name that all runs of the agent have.
+    """Return the labels of agents, replaced by an agent's name if all its runs have the same name.
 
     Raises:
         ReportError: several agents have the same name.

@@ -1,10 +1,10 @@
 """Compute optional columns: computing time of actions and trainings, time over the best known time, and any
 measure.
 
-The best known time of a scenario (`auvbench bound`) is the time of a trajectory that reaches the goal in the
-simulator: one that optimal control found, or the quickest agent's. The true optimum is at most this time, so
-the ratio to the optimum is at least the ratio shown. The ratio is a geometric mean over successes, which does
-not depend on the denominator (Fleming and Wallace 1986, CACM 29:218).
+The best known time of a scenario is the time of the quickest known trajectory to the goal in the simulator. It
+was found by optimal control (`auvbench bound`), or is an agent's. The optimum is at most this time, so an
+agent's ratio to the optimum is at least the ratio shown. Ratios are averaged over successes by the geometric
+mean, whose comparisons do not depend on the denominator (Fleming and Wallace 1986, CACM 29:218).
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ from auvbench.statistics.intervals import Estimate, FloatArray
 
 ACTION, TRAINING, OVER_BEST_KNOWN = "action_ms", "training_cpu_s", "time_over_best_known"
 COLUMNS = (ACTION, TRAINING, OVER_BEST_KNOWN)
-"""names of --columns, in addition to the measures; `add_optimality` computes the last one"""
+"""names that --columns accepts in addition to measures; `add_optimality` computes the last one"""
 
 
 def action_time(agent: Agent, protocol: str) -> Estimate | None:
-    """Return the processor time of an action in ms, the mean over runs; None if a run was not timed."""
+    """Return the mean over runs of the median processor time per action in ms; None if a run was not timed."""
     timed = _timed(agent, protocol)
     return _mean([timing["median_ms"] for timing in timed]) if all(timed) else None
 
 
 def training_time(agent: Agent) -> Estimate | None:
-    """Return the processor time of a training in s, the mean over runs; None if a run's time is unknown."""
+    """Return the mean over runs of the processor time of a training in s; None for a controller, or if a time is unknown."""
     times = [run.manifest.get("cpu_time_s") for run in agent.runs]
     return _mean([time for time in times if time]) if learns(agent) and all(times) else None
 
 
 def _timed(agent: Agent, protocol: str) -> list[Any]:
-    """Return the time of an action in the test of each run; None if the timing failed."""
+    """Return the timing of actions in the test of each run, as in its summary; an entry is None if the timing failed."""
     return [r.evaluations[protocol].summary["inference"] for r in agent.runs if protocol in r.evaluations]
 
 
@@ -76,10 +76,9 @@ def validate_columns(names: Sequence[str]) -> None:
 
 
 def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]) -> Ranking:
-    """Return the ranking with the time of an action and further columns; an agent without a value has an
-    empty cell.
+    """Return the ranking with the processor time per action and the columns `names`.
 
-    `names` must be valid (`validate_columns`).
+    An agent without a value has an empty cell. `names` must be valid (`validate_columns`).
     """
     rows = []
     for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
@@ -94,8 +93,9 @@ def with_columns(ranking: Ranking, agents: Sequence[Agent], names: Sequence[str]
 
 
 def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
-    """Return the ranking with its limit and each agent's time over the limit, or with the reason why there is
-    no limit.
+    """Return the ranking with the best known time (`Limit`) and the ratio of each agent's time to it.
+
+    If no best known time is available, the ranking has the reason (`no_limit`).
     """
     vehicles = {str(run.config.get("vehicle.name") or "") for agent in agents for run in agent.runs}
     name = vehicles.pop()
@@ -115,7 +115,7 @@ def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
         times = agent.metrics.get("time_to_goal_s")
         if times is not None:
             quickest = np.min(np.where(np.isfinite(times), times, np.inf), axis=0)
-            # Times are multiples of a step: a smaller difference is rounding.
+            # Times are multiples of a step, so a difference below 1e-6 s is a rounding error.
             best = np.where(best - quickest > 1e-6, quickest, best)
     rows = []
     for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
@@ -134,8 +134,15 @@ def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
 
 
 def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
-    """Return the geometric mean of time to goal over the best known (n,) s, over successes; None without
-    successes.
+    """Return the geometric mean over successes of the ratio of the time to the goal to the best known time.
+
+    Args:
+        agent: agent of the ratio.
+        limit: (n,) best known time of each scenario, s.
+        confidence: confidence of the interval.
+
+    Returns:
+        None without successes.
     """
     times = agent.metrics.get("time_to_goal_s")
     if times is None:
@@ -165,7 +172,7 @@ def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, unusable:
 
 
 def sentences(limit: Limit) -> list[str]:
-    """Return the notes below a table: the meaning of the column, and the limit, which has no rank."""
+    """Return the notes below a table on the column "time over best known" and on the best known times."""
     return [
         "Time over best known: time to goal over the best known time of the scenario, geometric mean over successes; read "
         "it with the success rate. The optimum is at most the best known time, so the ratio to it is at least this one.",

@@ -1,4 +1,4 @@
-"""Options of a report: the keys of conf/report.yaml, which a declared analysis and the command line change."""
+"""Options of a report: the keys of conf/report.yaml, which a declared analysis and the command line can change."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORMATS, STUDIES = get_args(Format), get_args(Study)
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """Options of a report: the keys of conf/report.yaml, which explains them."""
+    """Options of a report; conf/report.yaml explains each of them."""
 
     rank_by: Name
     primary: dict[Name, Name]
@@ -46,9 +46,9 @@ class Options:
     declared_in: Path | None = None
     """Folder of the declared analysis"""
     usual: Options | None = None
-    """Options before the command line's: the defaults and the declared analysis"""
+    """Options without the command line: the defaults, changed by the declared analysis"""
     undecided: str = ""
-    """Reason why none of several declared analyses is used"""
+    """Reason why no declared analysis is used, if the runs have several; '' otherwise"""
 
 
 OF_THE_DECLARATION = ("declared", "declared_in", "usual", "undecided")
@@ -59,7 +59,7 @@ LISTS = ("columns", "also", "format")
 STORED = ("primary", "names", "trials", "columns", "protocol", "condition", "study", "confidence")
 """Options that a published study stores if they differ from conf/report.yaml"""
 OF_THE_TABLE = tuple(name for name in STORED if name not in ("protocol", "condition"))
-"""The same for a study whose declaration names the protocol and the conditions"""
+"""Options that a published study stores if its declaration names the protocol and the conditions"""
 
 
 def defaults() -> Options:
@@ -74,7 +74,11 @@ def settings() -> dict[str, Any]:
 
 
 def named(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options by name; raise an error for an unknown name."""
+    """Return values by the name of their option.
+
+    Raises:
+        UserError: a name is unknown.
+    """
     options = {str(key).replace("-", "_"): value for key, value in values.items()}
     for key in options:
         if key not in KEYS:
@@ -83,7 +87,15 @@ def named(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def converted(given: Mapping[str, Any], typed: Collection[str] = ()) -> Options:
-    """Return options with the declared types and ranges; an error message names an option of `typed` as a flag."""
+    """Return the options, converted to their types and checked against their ranges.
+
+    Args:
+        given: value of each option.
+        typed: options from the command line; an error names them as flags.
+
+    Raises:
+        UserError: a value has a wrong type, or is out of range.
+    """
     values = {key: given[key] for key in KEYS}
     for key in LISTS:
         if isinstance(values[key], str):
@@ -96,7 +108,7 @@ def converted(given: Mapping[str, Any], typed: Collection[str] = ()) -> Options:
         options = typed_json.convert(values, Options)
     except ValueError as error:
         entry, _, reason = str(error).partition(" ")
-        key = entry.partition("[")[0]  # an item of a list: format[0]
+        key = entry.partition("[")[0]  # the error names an item of a list as format[0]
         raise UserError(f"{_flag(key)} {reason}" if key in typed else f"report: {error}") from error
     return replace(options, out=None if options.out is None else Path(str(options.out)))
 

@@ -26,7 +26,7 @@ class Tests:
     confidence: float
     p: FloatArray
     adjusted: FloatArray
-    """p-values adjusted by Holm over all pairs"""
+    """p-values with Holm's correction over all pairs"""
 
     @property
     def measure(self) -> Measure:
@@ -35,7 +35,7 @@ class Tests:
 
     @property
     def resolved(self) -> BoolArray:
-        """Return (n, n) the pairs that differ."""
+        """Return (n, n) whether two agents differ significantly after Holm's correction."""
         return np.asarray(self.adjusted < 1 - self.confidence)
 
     def verdict(self, i: int, j: int) -> str:
@@ -68,7 +68,7 @@ class Tests:
 
 
 def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confidence: float) -> Tests:
-    """Test all pairs of the agents (n,) that are `compared`; all verdicts hold simultaneously with the confidence."""
+    """Return the tests of all pairs of the `compared` agents, (n,) booleans; verdicts hold simultaneously with `confidence`."""
     typical = Typical(agents, m)
     p = np.full((len(agents), len(agents)), np.nan)
     for i, j in combinations(np.flatnonzero(compared).tolist(), 2):
@@ -77,7 +77,7 @@ def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confiden
 
 
 def _holm(p: FloatArray) -> FloatArray:
-    """Adjust the upper triangle of a symmetric matrix by Holm's procedure."""
+    """Return a symmetric matrix of p-values, each pair counted once, with Holm's correction."""
     upper = np.triu_indices(len(p), 1)
     adjusted = np.full_like(p, np.nan)
     adjusted[upper] = st.holm(p[upper])
@@ -86,12 +86,16 @@ def _holm(p: FloatArray) -> FloatArray:
 
 
 def rank_intervals(value: FloatArray, resolved: BoolArray) -> list[tuple[int, int]]:
-    """Return for each agent the ranks from 1 + (resolved superiors) to n - (resolved inferiors).
+    """Return the rank interval of each of n agents.
 
-    The tests of all pairs hold simultaneously, so these intervals do as well: Mogstad, Romano, Shaikh &
-    Wilhelm (2024, Rev. Econ. Stud. 91:476). Bootstrapped ranks do not have that property near ties (Xie,
-    Singh & Zhang 2009). An agent that is not compared may have any rank, and leaves one rank open to all
-    others.
+    The interval is from 1 + (number of resolved better agents) to n - (number of resolved worse agents). The
+    tests of all pairs hold simultaneously, so the intervals do as well (Mogstad, Romano, Shaikh & Wilhelm 2024,
+    Rev. Econ. Stud. 91:476); intervals of bootstrapped ranks do not near ties (Xie, Singh & Zhang 2009). An
+    agent that is not compared may have any rank, which widens the interval of each other agent by one rank.
+
+    Args:
+        value: (n,) values; higher is better.
+        resolved: (n, n) whether two agents differ.
     """
     better, worse = value[:, None] < value[None, :], value[:, None] > value[None, :]
     first = 1 + (resolved & better).sum(axis=1)

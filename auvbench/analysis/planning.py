@@ -16,7 +16,7 @@ from auvbench.statistics import power as st
 from auvbench.statistics.intervals import FloatArray, quantile
 
 LEAST, MOST = 0.005, 0.995
-"""limits of the rates in a plan"""
+"""smallest and largest success rate in a plan"""
 POWER = 0.8
 MOST_EPISODES = 100_000
 """largest number of test episodes in a plan"""
@@ -24,29 +24,29 @@ MOST_EPISODES = 100_000
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """Basis of a plan: the distribution of trainings, and the two typical values to tell apart."""
+    """Basis of a plan: the distribution of trainings, and the two typical values whose difference is to be resolved."""
 
     model: st.Model
     cautious: st.Model | None
-    """trainings with the largest spread that the data allow; None if the spread was typed"""
+    """distribution with the upper confidence limit of the spread; None if the user gave the spread"""
     values: tuple[float, float]
     spread: st.SeedSpread
     agents: int
-    """number of agents that the spread comes from; 0 if it was typed"""
+    """number of agents that the spread comes from; 0 if the user gave the spread"""
     against_controller: bool = True
-    """whether one of the two agents is a controller, as the usual baseline is"""
+    """whether one of the two agents is a controller, like the usual baseline"""
 
 
 def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
-    """Return the basis from tested agents, around their median value.
+    """Return the basis from the spread of tested agents; its first value is the median of their typical values.
 
     Args:
         agents: agents of one table.
         m: measure to plan for.
-        resolve: difference in the measure's unit (a rate from 0 to 1).
+        resolve: difference to resolve in the measure's unit (a rate from 0 to 1).
 
     Raises:
-        ReportError: no agent has several seeds, or the difference is not smaller than the range of a rate.
+        ReportError: no agent has several seeds, or the difference of two rates is not between 0 and 0.99.
     """
     several = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
     data = [x for x in (m.values(agent) for agent in several) if np.isfinite(x).all()]
@@ -66,11 +66,10 @@ def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
 
 
 def pair_of_rates(centre: float, resolve: float) -> tuple[float, float]:
-    """Return two rates that differ by `resolve`, the first at the centre, or as near as the two fit between 0
-    and 1.
+    """Return two rates between `LEAST` and `MOST` that differ by `resolve`, the first as close to `centre` as possible.
 
     Raises:
-        ReportError: they do not fit.
+        ReportError: the difference is not positive, or larger than this range.
     """
     if not 0 < resolve <= MOST - LEAST:
         raise ReportError(f"a difference of {100 * resolve:g} points: must be more than 0 and at most 99")
@@ -80,13 +79,13 @@ def pair_of_rates(centre: float, resolve: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """Training seeds that each agent needs, by power; None: more than `statistics.power.MOST_SEEDS`."""
+    """Number of training seeds that each agent needs, by power; None: more than `statistics.power.MOST_SEEDS`."""
 
     episodes: int
     alone: dict[float, int | None]
-    """seeds by power, for a table of only the two agents"""
+    """number of seeds by power, for a table of only two agents"""
     among: dict[float, int | None]
-    """seeds by power, for a table in which several agents are compared with one baseline"""
+    """number of seeds by power, for a table in which several agents are compared with one baseline; empty for two agents"""
 
 
 def needs(
@@ -138,11 +137,11 @@ def needs(
 
 
 def needed(typical: Typical, i: int, baseline: int, margin: float, level: float) -> Needed | None:
-    """Return how many trainings (for controllers: episodes) would decide an open comparison with the
-    baseline.
+    """Return how many trainings would decide an open comparison with the baseline with 80 % power.
 
-    Further trainings are drawn from the existing ones, and tested with the report's own interval at 80 %
-    power. For two controllers, the observed difference is taken as the true one.
+    The simulation draws further trainings from the existing trainings, and computes the report's interval for
+    them. For two controllers, the result is a number of episodes, and the observed difference is assumed to be
+    the true one.
 
     Args:
         typical: agents of the table.

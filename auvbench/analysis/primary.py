@@ -2,15 +2,15 @@
 comparisons.
 
 Each agent has one interval of its difference from the baseline; a learner's interval is about its typical
-training (statistics/typical.py). The intervals hold simultaneously (Bonferroni). Each verdict is derived from
-its interval, so the two cannot disagree:
+training (statistics/typical.py). The intervals hold simultaneously (Bonferroni). The verdict follows from the
+interval, so verdict and interval cannot disagree:
 
 * equivalent: the whole interval is within the margin around zero;
-* ahead, behind: otherwise, the interval is on one side of zero;
-* open: all other cases, and two agents at the measure's limit, e.g. without success in any episode.
+* ahead, behind: the interval is not within the margin, and is on one side of zero;
+* open: all other cases, and two agents at the measure's limit, e.g. both without success in any episode.
 
-Holm's procedure would decide at most a few more comparisons. But it has no simultaneous intervals that agree
-with its verdicts and say more than their sign (Strassburger & Bretz 2008, Stat. Med. 27:4914).
+Holm's procedure would decide at most a few more comparisons. But simultaneous intervals that agree with its
+verdicts give no more than the sign of a resolved difference (Strassburger & Bretz 2008, Stat. Med. 27:4914).
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ AHEAD, EQUIVALENT, BEHIND, OPEN = VERDICTS = ("ahead", "equivalent", "behind", "
 
 USUAL_BASELINE = "pid"
 NO_BASELINE = ("random",)
-"""controllers that are a baseline only if the user names them"""
+"""controllers that are never the default baseline"""
 RATE_MARGIN, RELATIVE_MARGIN = 0.02, 0.05
-"""default margins: for a rate, and for other measures as a share of the baseline's value"""
+"""default margins: of a rate, and of other measures as a share of the baseline's value"""
 
 
 def primary_analysis(
@@ -114,8 +114,8 @@ def reliability_of(
 ) -> Reliability | None:
     """Return how many trainings of agent i are not behind agent b by more than the margin.
 
-    For a controller against a learner, count the learner's trainings that are not behind the controller. None
-    for two controllers.
+    If agent i is a controller and agent b a learner, count the trainings of b that are not behind i. Return
+    None for two controllers.
     """
     turned = typical.trainings[i] <= 1
     learner, other = (b, i) if turned else (i, b)
@@ -136,9 +136,7 @@ def reliability_of(
 def with_reliability(
     c: Comparison, agents: Sequence[Agent], typical: Typical, pair: tuple[int, int], margin: float
 ) -> Comparison:
-    """Return a comparison of two agents with each learner's number of trainings that are not behind the other
-    agent.
-    """
+    """Return a comparison of two agents, with the reliability of each learner against the other agent."""
     i, j = pair
     first, second = (
         reliability_of(agents, typical, agent, other, margin, c.difference.confidence)
@@ -165,7 +163,7 @@ def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
 
 
 def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> str:
-    """Return a sentence on the agents that are, like the baseline, at the measure's limit; '' if there is none."""
+    """Return a sentence on the agents with the measure's worst value, if the baseline has it as well; else ''."""
     limited = [agent.label for agent, at in zip(agents, _at_worst(tests), strict=True) if at]
     tied = [label for label in limited if primary is not None and label != primary.baseline]
     if primary is None or not tied or len(tied) == len(limited):
@@ -177,20 +175,20 @@ def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> 
 
 
 def _at_worst(tests: Tests) -> BoolArray:
-    """Return (n,) whether an agent's typical value is the worst possible one, which only failures give."""
+    """Return (n,) whether an agent's typical value is the worst possible value, as if every episode failed."""
     worst = tests.typical.worst
     return np.asarray(np.isfinite(worst) & np.isclose(tests.typical.value, worst, rtol=1e-9, atol=0.0))
 
 
 def default_margin(m: Measure, baseline: float) -> float:
-    """Return the default margin; NaN if the baseline has no value to take a share of."""
+    """Return the default margin; NaN if the baseline's value is 0 or missing, since the margin is a share of it."""
     if m.rate:
         return RATE_MARGIN
     return RELATIVE_MARGIN * abs(baseline) or math.nan
 
 
 def default_baseline(agents: Sequence[Agent], compared: BoolArray) -> Agent | None:
-    """Return PID if the table has it, else its best controller, else its best agent; None if no agent is compared."""
+    """Return PID if it is in the table, else the best controller, else the best agent; None if no agent is compared."""
     able = [agent for agent, ok in zip(agents, compared, strict=True) if ok]
     usual = [agent for agent in able if agent.key.get("algo") == USUAL_BASELINE]
     controllers = [a for a in able if not learns(a) and a.key.get("algo") not in NO_BASELINE]
@@ -198,7 +196,7 @@ def default_baseline(agents: Sequence[Agent], compared: BoolArray) -> Agent | No
 
 
 def find_baseline(agents: Sequence[Agent], name: str, option: str = "") -> Agent:
-    """Return the agent with that label (ignoring case), or of that algorithm if it is the only one.
+    """Return the agent with the label `name` (ignoring case), or the only agent of the algorithm `name`.
 
     Raises:
         ReportError: no agent or several agents match; lists the labels.
@@ -235,7 +233,7 @@ def headline(ranking: Ranking) -> str:
 
 
 def furthest_ahead(primary: Primary) -> Against | None:
-    """Return the agent that is ahead of the baseline by most; None if none is ahead."""
+    """Return the comparison of the agent that is furthest ahead of the baseline; None if no agent is ahead."""
     sign = measure(primary.measure).sign
     return max(primary.having(AHEAD), key=lambda c: sign * c.difference.value, default=None)
 

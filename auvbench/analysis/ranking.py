@@ -37,9 +37,9 @@ from auvbench.errors import ReportError
 from auvbench.statistics.intervals import BoolArray, Estimate, FloatArray
 
 FINER = "par1_steps"
-"""measure that orders agents with exactly equal values of the ranking measure"""
+"""measure that orders agents whose values of the ranking measure are exactly equal"""
 ALL_PAIRS = 30
-"""largest number of agents for which `Ranking.comparisons` has all pairs"""
+"""largest number of compared agents for which `Ranking.comparisons` has all pairs"""
 
 
 def rank(
@@ -147,14 +147,14 @@ def _check(agents: Sequence[Agent], confidence: float, margin: float | None) -> 
 
 
 def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Estimate]]:
-    """Return the estimates of all measures, by agent; a measure that an agent lacks is NaN, never zero."""
+    """Return the estimates of all measures by name, for each agent; a measure that an agent lacks is NaN."""
     by_measure = {m.name: st.means(m.table(agents, paired=False), confidence) for m in all_measures(agents)}
     return [{name: estimates[i] for name, estimates in by_measure.items()} for i in range(len(agents))]
 
 
 def _oriented(typical: Typical) -> FloatArray:
     """Return (n,) typical values, signed so that higher is better; an agent without a value is last."""
-    # Rounded so that two agents with the same successes are equal in any order of summation.
+    # Rounded, so that two agents with the same successes are exactly equal in spite of rounding errors of sums.
     values = (typical.measure.sign * typical.value).round(12)
     return np.where(np.isnan(values), -np.inf, values)
 
@@ -171,8 +171,8 @@ def _ranks(value: FloatArray, finer: FloatArray) -> NDArray[np.int64]:
 def _listed(compared: BoolArray) -> list[tuple[int, int]]:
     """Return the pairs (better, worse) that get a `Comparison`.
 
-    With up to `ALL_PAIRS` compared agents these are all pairs; with more, each agent with the next, and the
-    first with all.
+    Up to `ALL_PAIRS` compared agents, these are all pairs. For more agents, these are the pairs of neighbours
+    in the ranking and the pairs with the best agent.
     """
     indices = [int(i) for i in np.flatnonzero(compared)]
     if len(indices) <= ALL_PAIRS:
@@ -194,12 +194,12 @@ def _without_values(agents: Sequence[Agent], measures: Sequence[Measure]) -> lis
 
 
 def one_policy(agent: Agent) -> bool:
-    """Return whether the agent is one trained policy: the effect of another training is unknown."""
+    """Return whether the agent has a single training, so that the spread of its trainings is unknown."""
     return learns(agent) and len(agent.outcome) == 1
 
 
 def one_run_of_a_controller(agent: Agent) -> Agent:
-    """Return an agent with only its first run if it does not learn, since its seeds are not a sample."""
+    """Return a controller with only its first run, since its seeds are not a sample; return a learner unchanged."""
     if learns(agent) or len(agent.runs) < 2:
         return agent
     metrics = {column: values[:1] for column, values in agent.metrics.items()}
@@ -207,7 +207,7 @@ def one_run_of_a_controller(agent: Agent) -> Agent:
 
 
 def tuned_on_these(agents: Sequence[Agent], protocol: str) -> str:
-    """Return a warning to print before such a table; '' if no agent was tuned on its scenarios."""
+    """Return a warning for a table with agents that were tuned on its scenarios; '' without such agents."""
     labels = [agent.label for agent in agents if any(_on_these(run, protocol) for run in agent.runs)]
     if not labels:
         return ""

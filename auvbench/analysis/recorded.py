@@ -1,4 +1,4 @@
-"""Read what a run recorded: trajectories of its tests, episodes and validations of its training."""
+"""Read the records of a run: trajectories of its tests, episodes and validations of its training."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def paths(run: RunRecord, protocol: str, condition: str, episodes: int) -> Itera
 
 
 def training(run: RunRecord) -> pd.DataFrame | None:
-    """Return the columns of the training episodes that a report uses; None without any (PID).
+    """Return a run's training episodes, with the columns that a report uses; None without training episodes (PID).
 
     Raises:
         Damage: the file cannot be read, lacks a column, or has an impossible value.

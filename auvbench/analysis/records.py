@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from auvbench.analysis.thesis import ComparisonRow
 
 NO_POLICY = -1
-"""outcome of every test episode of a failed training, which has no policy and so no success"""
+"""outcome of each test episode of a failed training, which has no policy"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,7 +36,7 @@ class Evaluation:
 
     protocol: str
     fingerprint: str
-    """hash of the scenarios: rows with different fingerprints are never mixed in one table"""
+    """hash of the scenarios; a table never contains rows with different fingerprints"""
     summary: Mapping[str, Any]
     """content of summary.json"""
     episodes: pd.DataFrame
@@ -49,7 +49,7 @@ class RunRecord:
 
     id: str
     source: RunSource
-    """where its files are"""
+    """source of the run's files: a run directory or a published study"""
     state: str
     """state: pending | running | interrupted | failed | complete"""
     seed: int
@@ -69,7 +69,7 @@ class RunRecord:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Reason that keeps a run, or a part of it, out of the tables; always named, never printed as zeros."""
+    """Reason why a run or an evaluation is not in the tables; a report lists it, instead of printing zeros."""
 
     where: str
     """run id or path"""
@@ -78,7 +78,7 @@ class Problem:
     message: str
 
     def __post_init__(self) -> None:
-        # The two texts may quote untrusted files, and go to terminals and pages.
+        # Both texts may quote untrusted files, and are shown on terminals and pages.
         object.__setattr__(self, "where", short(self.where, 1000))
         object.__setattr__(self, "message", short(self.message, 1000))
 
@@ -99,20 +99,20 @@ class Agent:
     """one run per training seed, in the order of the metrics' rows"""
     fingerprint: str
     outcome: NDArray[np.int8]
-    """(seeds, episodes) codes into `OUTCOMES`; `NO_POLICY` throughout for a seed whose training failed"""
+    """(seeds, episodes) indices of `OUTCOMES`; `NO_POLICY` in all episodes of a seed whose training failed"""
     metrics: Mapping[str, NDArray[np.float64]]
-    """(seeds, episodes) by column name; NaN throughout for a seed whose training failed"""
+    """values (seeds, episodes) by column name; NaN in all episodes of a seed whose training failed, except columns of the scenario"""
     step_limit: float
     """steps after which a test episode ends"""
 
     @property
     def success(self) -> NDArray[np.float64]:
-        """Return (seeds, episodes) 1.0 for each successful episode."""
+        """Return (seeds, episodes) 1.0 for each successful episode, else 0.0."""
         return np.asarray(self.outcome == 0, dtype=np.float64)
 
 
 def learns(agent: Agent) -> bool:
-    """Return whether the agent was trained; K and the training frequency have no meaning otherwise."""
+    """Return whether the agent was trained; K and the training frequency have no meaning for a controller."""
     return any(run_learns(run) for run in agent.runs)
 
 
@@ -126,7 +126,7 @@ def run_learns(run: RunRecord) -> bool:
 def budget_of(run: RunRecord) -> int:
     """Return the budget of a training in environment steps; 0 if it is unknown.
 
-    The steps taken may be more: PPO finishes the rollout in which its budget ends.
+    The training may take more steps: PPO finishes the rollout in which its budget ends.
     """
     budget = run.config.get("train.total_steps") or run.manifest.get("total_steps")
     return int(budget or run.manifest.get("steps") or 0)
@@ -154,19 +154,17 @@ class Row:
     """test episodes per seed"""
     rank: int
     rank_interval: tuple[int, int]
-    """ranks that the tests leave open; 1 to the number of rows for an agent that is not compared"""
+    """first and last rank that agree with the tests; 1 and the number of rows for an agent that is not compared"""
     estimates: Mapping[str, Estimate]
-    """estimates by metric name: success_rate, collision_rate, timeout_rate, mean_steps, and mean_<column> for
-    others
-    """
+    """estimates by measure name: success_rate, collision_rate, timeout_rate, par1_steps, mean_<column>, ..."""
     trained: bool = True
     """False for a controller, which has no spread between training seeds"""
     compared: bool = True
-    """False for one training seed: the row describes one policy, and is not in any test"""
+    """False for an agent with one training seed, which no test compares"""
     budget: tuple[int, ...] = ()
-    """budgets of its trainings in environment steps: one number, several if runs differ, none for a controller"""
+    """distinct budgets of the agent's trainings in environment steps; empty for a controller"""
     succeeded: int = 0
-    """number of its trainings that reach at least half of the test goals"""
+    """number of the agent's trainings that succeed in at least half of their test episodes"""
     failed_seeds: tuple[int, ...] = ()
     """members of `seeds` whose training failed; they count as success 0"""
     knows: tuple[str, ...] = ()
@@ -176,7 +174,7 @@ class Row:
     trial_steps: int | None = None
     """environment steps of these trials"""
     trial_s: float | None = None
-    """processor time of these trials in s, with their tests"""
+    """processor time of these trials in s, including their tests"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,16 +193,16 @@ class Comparison:
     trainings: int = 0
     """Number of trainings of the learner with fewer trainings; 0 for two controllers"""
     needed: int = 0
-    """trainings from which a verdict needs no assumption about their distribution"""
+    """smallest number of trainings for a verdict without an assumption about their distribution"""
     first_reliability: Reliability | None = None
-    """trainings of the first agent that are not behind the second; None for a controller"""
+    """reliability of the first agent against the second; None for a controller"""
     second_reliability: Reliability | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Needed:
-    """Number of trainings or episodes that would decide an open comparison, with 80 % power if the observed
-    difference is the true one.
+    """Number of trainings or episodes that would decide an open comparison with 80 % power, if the observed
+    difference is the true difference.
     """
 
     unit: str
@@ -219,8 +217,8 @@ class Against:
 
     agent: str
     difference: Estimate
-    """Typical training less baseline (typical training, if the baseline learns); all intervals hold simultaneously.
-    With fewer than five trainings there are no limits.
+    """Value of the agent less value of the baseline, with an interval; all intervals hold simultaneously. The value
+    of a learner is its typical training's. The limits are NaN for a learner with fewer than five trainings.
     """
     verdict: str
     """verdict: ahead | equivalent | behind | open"""
@@ -229,17 +227,17 @@ class Against:
     trainings: int = 0
     """Number of trainings of the learner with fewer trainings; 0 for two controllers"""
     enough: int = 0
-    """trainings from which a verdict needs no assumption about their distribution"""
+    """smallest number of trainings for a verdict without an assumption about their distribution"""
     reliability: Reliability | None = None
-    """trainings of the agent that are not behind the baseline; if only the baseline learns, its trainings
-    that are not behind the agent
+    """reliability of the agent's trainings against the baseline; if only the baseline learns, reliability of the
+    baseline's trainings against the agent
     """
     of_baseline: bool = False
-    """whether `reliability` is that of the baseline's trainings"""
+    """whether `reliability` counts the baseline's trainings"""
 
     @property
     def own_reliability(self) -> Reliability | None:
-        """Return the trainings of the agent that are not behind the baseline; None for a controller."""
+        """Return the reliability of the agent's trainings against the baseline; None for a controller."""
         return None if self.of_baseline else self.reliability
 
     @property
@@ -249,12 +247,12 @@ class Against:
 
     @property
     def starred(self) -> bool:
-        """Return whether it is decided by few trainings: tables mark the verdict with a star."""
+        """Return whether the verdict is decided by few trainings; tables mark such a verdict with a star."""
         return self.few and self.verdict != "open"
 
     @property
     def marked_verdict(self) -> str:
-        """Return the verdict, with a star if it is decided by few trainings."""
+        """Return the verdict, with a star if few trainings decide it."""
         return f"{self.verdict}*" if self.starred else self.verdict
 
 
@@ -291,16 +289,16 @@ class Condition:
     success: Mapping[str, Estimate]
     """success rates by the agent's label; an agent that was not tested under the condition is absent"""
     success_change: Mapping[str, Estimate] = field(default_factory=dict)
-    """success under the condition less success undisturbed, paired by seed and scenario"""
+    """success under this condition less success under the undisturbed condition, paired by seed and scenario"""
     par1_change: Mapping[str, Estimate] = field(default_factory=dict)
-    """change of PAR-1 steps, in which a failure counts as the limit; absent if frequency or limit differ"""
+    """same difference in PAR-1 steps (a failure counts as the limit); absent if the frequency or limit of the two conditions differs"""
     measured: Mapping[str, Estimate] = field(default_factory=dict)
-    """primary measure; absent if it is a rate or a penalised time"""
+    """means of the primary measure by label; empty if the measure is a rate or a penalised time"""
 
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """Limit of the time to the goal: a reference for the agents, not an agent."""
+    """Best known time to the goal and its proven lower bound: a reference for the agents, without a rank."""
 
     seconds: float
     """mean over the scenarios of the best known time"""
@@ -328,15 +326,15 @@ class Ranking:
     """exploratory comparisons of pairs of agents, corrected over all pairs"""
     problems: tuple[Problem, ...] = ()
     conditions: tuple[Condition, ...] = ()
-    """all conditions of the protocol if it has several, including the ranking's"""
+    """results under all conditions of the protocol, including the ranking's; empty for a single condition"""
     columns: tuple[str, ...] = ()
-    """further columns that the user asked for, names in `optional_columns.COLUMNS`"""
+    """further columns that the user asked for: names in `optional_columns.COLUMNS`, or measures"""
     machines: tuple[str, ...] = ()
-    """columns of times from different processors; empty if all times are from the same one"""
+    """cautions about times from different processors; empty if all times are from the same processor"""
     declaration: str = ""
     """sentence on whether the analysis was declared before the first run"""
     sealed: str = ""
-    """files of a sealed protocol and what was not tested; '' for other protocols"""
+    """note on the files of a sealed protocol and the untested conditions; '' for other protocols"""
     notices: tuple[str, ...] = ()
     """cautions to print before the table, e.g. unequal training budgets"""
     limit: Limit | None = None
@@ -347,7 +345,7 @@ class Ranking:
     """task of the scenarios"""
 
     def ordered(self, agents: Sequence[Agent]) -> list[Agent]:
-        """Return the agents, all or some of the ranked ones, in the order of the rows."""
+        """Return the given agents in the order of the ranking's rows."""
         by_label = {agent.label: agent for agent in agents}
         return [by_label[row.label] for row in self.rows if row.label in by_label]
 
@@ -362,9 +360,9 @@ class Finding:
     agents: tuple[str, ...] = ()
     """labels of the agents in the finding"""
     estimate: Estimate | None = None
-    """number of the finding, mostly a difference; rates from 0 to 1"""
+    """main number of the finding, usually a difference; rates from 0 to 1"""
     basis: str = ""
-    """method in one clause"""
+    """statistical method in one clause"""
     run_ids: tuple[str, ...] = ()
 
 

@@ -1,8 +1,8 @@
 """Compute a score across tasks: each task's primary measure, scaled so that random is 0 and PID is 1.
 
 The score of an agent under one condition of one task is (m(agent) - m(random)) / (m(PID) - m(random)), where
-m is the mean of the task's primary measure. It needs only the agent, PID and random: no other row of a table
-changes it.
+m is the mean of the task's primary measure. The score depends only on the agent, PID and random, not on other
+rows of a table.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class OneTask:
     conditions: Mapping[str, Sequence[Agent]]
     """agents by condition of the protocol, in its order"""
     add: Mapping[str, str]
-    """command that adds a run, by algorithm"""
+    """commands that add runs of PID and random, by algorithm"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,17 +52,17 @@ class Scored:
     key: Mapping[str, Any]
     trained: bool
     trainings: tuple[int, ...]
-    """training seeds of each task; 0 if the agent was not tested on it"""
+    """number of training seeds in each task; 0 if the agent was not tested in the task"""
     tasks: tuple[float, ...]
-    """mean over seeds and conditions, by task; NaN if the agent was not tested on it"""
+    """mean score over seeds and conditions in each task; NaN if the agent was not tested in the task"""
     score: Estimate
-    """interquartile mean over seeds, conditions and tasks; NaN unless the agent was tested on each task"""
+    """interquartile mean of the scores over seeds, conditions and tasks; NaN unless the agent was tested in each task"""
     run_ids: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Scores:
-    """Table across tasks, best agent first; agents without all tasks come last."""
+    """Scores across tasks, best agent first; agents that were not tested in all tasks come last."""
 
     titles: tuple[str, ...]
     measures: tuple[Measure, ...]
@@ -73,15 +73,15 @@ class Scores:
     protocol: str
     confidence: float
     notes: tuple[str, ...] = ()
-    """Omissions, or the reason why there is no score"""
+    """Notes below the table: what was left out, or the reason why there is no score"""
 
 
 def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int = 0) -> Scores | None:
     """Return the score of each agent over all tasks; None for fewer than two tasks.
 
-    Agents of two tasks are the same if they agree in every key that distinguishes agents within a task. A
-    failed training scores 0. A condition is left out if PID is not ahead of random by more than the default
-    margin: it has no scale.
+    Agents of two tasks are one agent if they agree in every key that distinguishes agents within a task. A
+    failed training scores 0. A condition has no scale, and is left out, if PID is not ahead of random by more
+    than the default margin.
 
     Args:
         tasks: tasks of one or more vehicles; all conditions of a task have the same agents.
@@ -117,7 +117,7 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
 
 
 def _missing(task: OneTask) -> list[str]:
-    """Return a line if a task lacks PID or random, or has several agents of one of them."""
+    """Return a line for each of PID and random that a task lacks, or of which it has several agents."""
     agents = next(iter(task.conditions.values()))
     lines = []
     for name in (ONE, ZERO):
@@ -137,16 +137,22 @@ def _algorithm(agent: Agent) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cell:
-    """Values of an agent under all conditions of a task, and of PID and random, which define its scale."""
+    """Values of an agent in one task, and the values of random and PID, which define the scale of the scores.
+
+    Shapes: S trainings, C conditions, E scenarios.
+    """
 
     agent: Agent
-    values: FloatArray  # (S, C, E) of each training under each condition, in each scenario
-    zero: FloatArray  # (C, E) of random
-    one: FloatArray  # (C, E) of PID
-    failed: BoolArray  # (S,) trainings without a policy, which score 0
+    values: FloatArray  # (S, C, E) values of the agent's trainings
+    zero: FloatArray  # (C, E) values of random
+    one: FloatArray  # (C, E) values of PID
+    failed: BoolArray  # (S,) whether a training has no policy, and so the score 0
 
     def scores(self, weights: FloatArray | None = None) -> FloatArray:
-        """Return the scores (..., S, C); `weights` (..., E) say how often each scenario counts, by default once."""
+        """Return the scores (..., S, C).
+
+        `weights` (..., E), with the sum 1, are the weights of the scenarios in the means; default: equal weights.
+        """
         E = self.values.shape[-1]
         w = np.full(E, 1.0 / E) if weights is None else weights
 
@@ -159,7 +165,7 @@ class Cell:
 
 
 def _task(task: OneTask) -> tuple[dict[Name, Cell], list[str]]:
-    """Return the values of the agents that met all conditions, and the conditions without a scale."""
+    """Return the cells of the agents that were tested under all conditions, and the conditions without a scale."""
     m = task.measure
     members: dict[Name, list[tuple[Agent, FloatArray]]] = {}
     without, zeros, ones = [], [], []
@@ -201,7 +207,7 @@ def _rows(members: Sequence[Sequence[Cell | None]], confidence: float, seed: int
         runs = tuple(run.id for cell in cells for run in cell.agent.runs)
         score = Estimate(math.nan, math.nan, math.nan, confidence)
         if len(cells) == len(row):
-            # An agent's own runs seed its draws: no other row changes them.
+            # The seed comes from the agent's own runs, so other rows do not change its interval.
             rng = np.random.default_rng([seed, zlib.crc32(" ".join(runs).encode())])
             score = bootstrapped(cells, confidence, rng)
         rows.append(
@@ -221,7 +227,7 @@ def _rows(members: Sequence[Sequence[Cell | None]], confidence: float, seed: int
 
 
 def interquartile(scores: FloatArray) -> FloatArray:
-    """Return the mean of the middle half of scores (..., n): Agarwal et al. (2021, NeurIPS), as rliable.
+    """Return the mean of the middle half of scores (..., n), as rliable does (Agarwal et al. 2021, NeurIPS).
 
     >>> float(interquartile(np.array([0.0, 1.0, 2.0, 3.0, 100.0, 3.0, 2.0, -50.0])))
     2.0
@@ -238,14 +244,13 @@ RESAMPLES = 1000
 def bootstrapped(
     cells: Sequence[Cell], confidence: float, rng: np.random.Generator, resamples: int = RESAMPLES
 ) -> Estimate:
-    """Return the interquartile mean of all scores, with a bootstrap interval over trainings and scenarios,
-    task by task.
+    """Return the interquartile mean of all scores, with a bootstrap interval over trainings and scenarios.
 
-    The interval uses percentiles, as rliable does (Agarwal et al. 2021). Of S trainings, S - 1 are drawn (Rao
-    & Wu 1988); otherwise the interval would be a third too short for three trainings. A training is drawn
-    with its scores under all conditions, since they share its seed effect; a scenario is drawn with all
-    agents and conditions. With few trainings the interval covers less often than its confidence
-    (docs/statistics-appendix.md).
+    The bootstrap resamples within each task. The interval uses percentiles, as rliable does (Agarwal et al.
+    2021). Of S trainings, S - 1 are drawn (Rao & Wu 1988): with S draws, the interval would be a third too short
+    for three trainings. A drawn training brings its scores under all conditions, since they share its seed
+    effect. A drawn scenario counts for the agent, PID and random under all conditions. With few trainings the
+    interval contains the true value less often than its confidence says (docs/statistics-appendix.md).
 
     Args:
         cells: cells of the agent, one per task. The interval is NaN if a learner has one training.

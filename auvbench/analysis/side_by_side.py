@@ -34,11 +34,11 @@ class Difference:
     first: Estimate
     second: Estimate
     difference: Estimate
-    """second agent less first, paired by scenario; between typical trainings for learners with several trainings"""
+    """second agent less first, paired by scenario; a learner with several trainings counts by its typical training"""
     trainings: int = 0
-    """trainings of the learner that has fewer; 0 if neither has several"""
+    """number of trainings of the learner with fewer trainings; 0 if no agent has several"""
     reliability: Reliability | None = None
-    """trainings of the second agent (or the first, if only it has several) that are not behind"""
+    """reliability of the second agent against the first; if only the first agent has several trainings, of the first"""
 
     @property
     def better(self) -> int:
@@ -51,7 +51,14 @@ class Difference:
 def find_agent(
     name: str, folder: Path, protocol: str, condition: str | None, where: Sequence[str] = ()
 ) -> Agent:
-    """Return the agent of a run, of a folder with one agent, or with that label or algorithm within `folder`.
+    """Return the agent that `name` means.
+
+    Args:
+        name: path of a run or of a folder with one agent; or label or algorithm of an agent in `folder`.
+        folder: folder of the agents, if `name` is not a path.
+        protocol: name of the protocol.
+        condition: test condition; None: the default condition.
+        where: terms that the runs must match, as in `load`.
 
     Raises:
         ReportError: the path has several agents or tests, or the name is unknown.
@@ -85,7 +92,7 @@ def find_agent(
 
 
 def with_distinct_labels(pair: Sequence[Agent], names: Sequence[str]) -> list[Agent]:
-    """Return two agents with different labels; equal labels get the names of their folders.
+    """Return two agents with different labels: equal labels are followed by the names of the agents' folders.
 
     Raises:
         ReportError: the two agents are the same runs.
@@ -104,15 +111,15 @@ def with_distinct_labels(pair: Sequence[Agent], names: Sequence[str]) -> list[Ag
 
 
 def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -> list[Difference]:
-    """Return the differences of two agents; each interval has the confidence by itself.
+    """Return the differences of two agents; the intervals are not corrected for the number of measures.
 
     Args:
-        pair: two agents that met the same scenarios.
+        pair: two agents that were tested in the same scenarios.
         confidence: confidence of each interval.
-        every: compare all measures that the two agents share, not only the usual ones.
+        every: whether to compare all measures that both agents have, not only the usual measures.
 
     Raises:
-        ReportError: they met different scenarios.
+        ReportError: the agents have different tasks or scenarios.
     """
     first, second = pair
     tasks = [task_of(agent.runs[0]) for agent in pair]
@@ -126,7 +133,7 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
             f"{second.fingerprint}): evaluate both with the same protocol"
         )
     task = TASKS.get(tasks[0], TASKS[DEFAULT_TASK])
-    # A mean in which a failure counts replaces a mean that quick failures improve.
+    # Means that quick failures improve are left out: `RANKED_AS` has penalised means in place of them.
     by_name = {
         m.name: m
         for m in all_measures(pair)
@@ -149,7 +156,7 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
 def settings(pair: Sequence[Agent]) -> list[tuple[str, str, str]]:
     """Return the configuration keys in which two agents differ, with their two values.
 
-    A group with different options is one row: `vehicle` stands for all keys of the two sheets.
+    A configuration group with different options is one row: two vehicles differ in `vehicle`, not in each key.
     """
     values: list[dict[str, list[str]]] = []
     for agent in pair:

@@ -1,4 +1,4 @@
-"""Read the files of one run where they are: in its run directory, or in a published study."""
+"""Read the files of one run from its run directory or from a published study."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ OPTIONAL = ("reference", "dock_yaw", "outlines", "yaw", "command", "others")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoredPath:
-    """Trajectory of a vehicle, or of a team, in one test episode."""
+    """Trajectory of a vehicle or of a team in one test episode."""
 
     episode: int
     waypoint: tuple[float, float, float]  # m; the goal, in tasks without waypoints
@@ -58,14 +58,14 @@ class RunSource(ABC):
     """Files of one run. Every method raises `Damage` if a file cannot be used, was changed, or disagrees with another."""
 
     directory: Path
-    """folder of the run, by which messages name it; a run of a published study has none on the disk"""
+    """folder of the run, which messages show; for a run of a published study, the folder does not exist"""
     published: bool
     """whether the run is part of a published study, which has no weights"""
 
     @property
     @abstractmethod
     def record(self) -> Path:
-        """Return the file or folder that shows the run to a person."""
+        """Return the file or folder to show to a user as the run's record."""
 
     @abstractmethod
     def config(self) -> dict[str, Any]:
@@ -87,7 +87,7 @@ class RunSource(ABC):
     def paths(
         self, protocol: str, condition: str, episodes: int, tested: pd.DataFrame
     ) -> Iterator[StoredPath]:
-        """Yield the stored trajectories of one condition, at most `episodes` of them; a pickle is never loaded.
+        """Yield the stored trajectories of one condition, at most `episodes`, without loading any pickle.
 
         Args:
             protocol: name of the protocol.
@@ -102,9 +102,9 @@ class RunSource(ABC):
 
     @abstractmethod
     def training(self, manifest: Mapping[str, Any]) -> pd.DataFrame:
-        """Return the columns of the training episodes that a report uses.
+        """Return the training episodes, with the columns that a report uses.
 
-        A table without rows is valid: no episode ended during a short training.
+        The table may be empty: in a short training, no episode may end.
         """
 
     @abstractmethod
@@ -142,7 +142,7 @@ class RunFolder(RunSource):
             summary = integrity.read(directory / "summary.json", integrity.Summary)
         with named("episodes.csv"):
             data = reading.content(directory / "episodes.csv", reading.DATA)
-            # A condition may be named 1.30.
+            # Read as text, since a condition may have the name 1.30.
             frame = tables.csv(data, schema, words=("condition",))
             if not data.endswith(b"\n") or _is_partial(frame):
                 raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows is incomplete")
@@ -246,7 +246,10 @@ class PublishedRun(RunSource):
 
 
 def _is_partial(frame: pd.DataFrame) -> bool:
-    """Return whether the last row lacks the last column, unless this is a column that all rows of its condition may lack."""
+    """Return whether the last row is incomplete: it lacks a value in the last column.
+
+    A missing value in a conditional column is allowed if all rows of the condition lack it.
+    """
     last = str(frame.columns[-1])
     if not len(frame) or not frame[last].isna().iloc[-1]:
         return False
@@ -256,7 +259,12 @@ def _is_partial(frame: pd.DataFrame) -> bool:
 
 
 def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
-    """Raise Damage unless each row that the summary counts is there exactly once."""
+    """Check the rows of a test against its summary.
+
+    Raises:
+        Damage: an episode that the summary counts is missing or there twice, or a conditional column is
+            missing in only some rows of a condition.
+    """
     expected = {c["name"]: c["episodes"] for c in summary["conditions"]}
     if len(expected) < max(1, len(summary["conditions"])):
         raise Damage("summary.json has no conditions, or a condition twice")
@@ -288,7 +296,7 @@ def _of_file(file: Path, condition: str, episodes: int) -> Iterator[StoredPath]:
         episodes_read = [
             _episode(arrays, f"{condition}_{episode}", episode) for episode in numbers[:episodes]
         ]
-    # Checked last, because the other checks give more specific messages.
+    # The digest is checked last, because the checks above give more specific messages.
     with named("summary.json"):
         summary = integrity.read(file.with_name("summary.json"), integrity.Summary)
     check_digest(summary, file.name, data)
@@ -303,7 +311,7 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
     """
     keys = {n: f"{n}_{suffix}" for n in (*REQUIRED, *OPTIONAL)}
     raw = {n: arrays[key] for n, key in keys.items() if n in REQUIRED or key in arrays}
-    # Checked before conversion to float64: a byte would become eight.
+    # Check the types before the conversion to float64, which would need eight bytes for each byte of another type.
     if any(array.dtype.kind != "f" for array in raw.values()):
         raise ValueError(f"episode {episode} has no floating-point numbers")
     path = {name: array.astype(np.float64) for name, array in raw.items()}

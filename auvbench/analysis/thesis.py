@@ -1,7 +1,8 @@
-"""Provide the original study's results: its test table, and where its agents are in the grid.
+"""Provide the original study's results: its test table, and the cells of its agents in the grid.
 
-200 test episodes at 10 Hz, one training seed (42), 1,000,000 training steps. Values that were unreadable in
-its scan were restored from sums (rates add up to 100; mean sum = mean norm x mean steps) and are marked.
+The study used 200 test episodes at 10 Hz, one training seed (42) and 1,000,000 training steps. Values that are
+unreadable in its scan were restored from sums (rates add up to 100; mean sum = mean norm x mean steps); they
+are marked.
 """
 
 from __future__ import annotations
@@ -15,9 +16,9 @@ from auvbench.statistics import means
 from auvbench.statistics.intervals import Estimate
 
 STEPS = 1_000_000
-"""training steps of every agent"""
+"""training steps of every agent of the original study"""
 HIGH_FREQUENCY = 55.0
-"""frequency in Hz at which its agents did not converge"""
+"""frequency in Hz at which the original study's agents did not converge"""
 
 CELLS: dict[str, tuple[float, float]] = {
     "0": (40.0, 25.0),
@@ -44,7 +45,7 @@ class Reported:
 
     value: float
     mark: str = ""
-    """'r': restored from the row's sums; 'text': given in the text, not in the table"""
+    """mark: 'r' for a value restored from sums; 'text' for a value from the study's text, not from its table"""
 
 
 def _row(values: str) -> dict[str, Reported]:
@@ -72,8 +73,8 @@ TABLE: dict[str, dict[str, Reported]] = {
         "11009.2 19786.81 12654.93 12979.35 10320.23 13429.88 18832.15 14313.92 26390.45 12595.05 -"
     ),
 }
-"""numbers by our measure and the study's agent; rates in percent. SAC5 and SAC6 have the same deviation_std
-in print: one is a misprint.
+"""the study's numbers, by our measure and the study's agent; rates in percent. SAC5 and SAC6 have the same
+printed deviation_std, so one of the two is a misprint.
 """
 
 TITLES = {
@@ -104,7 +105,7 @@ class ComparisonRow:
 
 
 def compare(agents: Sequence[Agent], confidence: float = 0.95) -> tuple[ComparisonRow, ...]:
-    """Return every number of the study's table, with ours for the same algorithm, K and training frequency."""
+    """Return every number of the study's table, with our estimate for the same algorithm, K and training frequency."""
     labelled = [with_factors(agent) for agent in agents]
     ours = {metric: _estimates(metric, agents, confidence) for metric in TABLE}
     rows = []
@@ -130,7 +131,10 @@ def _estimates(metric: str, agents: Sequence[Agent], confidence: float) -> dict[
 
 
 def with_factors(agent: Agent) -> Agent:
-    """Return an agent whose key has all factors of the grid, from its runs; None if the runs differ."""
+    """Return the agent with all factors of the grid in its key, taken from its runs.
+
+    The value of a factor is None if the runs differ in it.
+    """
     key = dict(agent.key)
     for short, full in FACTORS.items():
         if key.get(short) is None:
@@ -146,9 +150,7 @@ def cell(agent: Agent) -> tuple[float, float]:
 
 
 def of_family(agents: Sequence[Agent], family: str) -> list[Agent]:
-    """Return the agents of an algorithm; only those trained as in the original study (`sac_thesis`), if there
-    are any.
-    """
+    """Return the agents of an algorithm; if any has the original study's settings (`sac_thesis`), only these agents."""
     names = {str(agent.key["algo"]) for agent in agents}
     name = f"{family}_thesis" if f"{family}_thesis" in names else family
     return [agent for agent in agents if agent.key["algo"] == name]

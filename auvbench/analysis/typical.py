@@ -1,5 +1,6 @@
-"""Compare agents on one measure, as for every verdict: learners by their typical trainings, controllers
-scenario by scenario.
+"""Compare agents on one measure; every verdict comes from these comparisons.
+
+Learners are compared by their typical trainings (statistics/typical.py), and controllers scenario by scenario.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class Typical:
         ends = (np.zeros(len(agents)), np.ones(len(agents))) if m.rate else m.bounds(agents)
         self._least, self._most = ends
         self.worst = self._least if m.higher_is_better else self._most
-        """(n,) values if every episode fails; infinite without a limit"""
+        """(n,) worst possible values, as if every episode failed; infinite without a limit"""
         self.trainings = np.array([sample.n for sample in self._samples])
         """(n,) number of trainings with a value; 1 for a controller"""
         self.value = np.array([float(sample.typical) for sample in self._samples])
@@ -38,23 +39,26 @@ class Typical:
         self._controllers = cache(self._of_controllers)
 
     def gains(self, i: int, baseline: float) -> FloatArray:
-        """Return how much better each training of an agent is than a value of the measure."""
+        """Return how much better each training (trainings,) of agent i is than the value `baseline`."""
         return np.asarray(self.measure.sign * (self._samples[i].means - baseline))
 
     def difference(self, i: int, j: int, level: float) -> Estimate:
-        """Return agent i less agent j with its interval at 1 - `level`; without limits if no verdict is possible."""
+        """Return agent i less agent j with the interval at confidence 1 - `level`; limits are NaN if no verdict is possible."""
         if max(self.trainings[i], self.trainings[j]) > 1:
             return self.contrast({i: 1.0, j: -1.0}, level)
         return self._controllers(i, j, level)[0]
 
     def p_value(self, i: int, j: int) -> float:
-        """Return the p-value of no difference between two agents; NaN if no verdict is possible."""
+        """Return the p-value of the hypothesis that two agents do not differ; NaN if no verdict is possible."""
         if max(self.trainings[i], self.trainings[j]) > 1:
             return self.p_of({i: 1.0, j: -1.0})
         return self._controllers(i, j, typical.ALPHA)[1]
 
     def contrast(self, weights: dict[int, float], level: float) -> Estimate:
-        """Return a weighted sum of typical values, by place of the agent, with its interval at 1 - `level`."""
+        """Return a weighted sum of typical values with its interval at confidence 1 - `level`.
+
+        `weights` has the weight of an agent by the agent's index.
+        """
         value, kind = self._sum(weights), covers(self.trainings[list(weights)])
         if not self._decidable(weights):
             return Estimate(value, math.nan, math.nan, 1 - level, kind)
@@ -65,16 +69,16 @@ class Typical:
         return Estimate(value, float(low), float(high), 1 - level, kind)
 
     def p_of(self, weights: dict[int, float]) -> float:
-        """Return the p-value of a weighted sum being 0; NaN if no verdict is possible."""
+        """Return the p-value of the hypothesis that a weighted sum is 0; NaN if no verdict is possible."""
         return self._contrast(weights).p_value() if self._decidable(weights) else math.nan
 
     def error(self, i: int, j: int) -> tuple[float, int]:
-        """Return the standard error over scenarios of a difference of two agents, and the number of scenarios."""
+        """Return the standard error over scenarios of the difference of two agents, and the number of scenarios."""
         contrast = self._contrast({i: 1.0, j: -1.0})
         return float(contrast.error), contrast.samples[0].middle.shape[-1]
 
     def fewest(self, places: Sequence[int]) -> int:
-        """Return the smallest number of trainings of the learners among some agents; 0 without a learner."""
+        """Return the smallest number of trainings of the agents at some indices, ignoring single runs; 0 if all are single runs."""
         return min((int(n) for n in self.trainings[list(places)] if n > 1), default=0)
 
     def _sum(self, weights: dict[int, float]) -> float:
@@ -105,7 +109,7 @@ class Typical:
 
 
 def _with_values(x: FloatArray) -> FloatArray:
-    """Return the trainings with a value; a training without a value is in no mean."""
+    """Return the rows of `x` that have a value; if no row has one, return the first row."""
     present = np.isfinite(x).any(axis=1)
     return x[present] if present.any() else x[:1]
 
@@ -120,7 +124,7 @@ def _sample(x: FloatArray) -> Sample:
 
 
 def _mean(x: FloatArray, axis: int) -> FloatArray:
-    """Return the means of the existing values; NaN without values."""
+    """Return the means over an axis of the values that are not NaN; NaN without such values."""
     count = np.isfinite(x).sum(axis=axis)
     total: ArrayLike = np.nansum(x, axis=axis)
     return np.asarray(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
