@@ -1,1 +1,1 @@
-"""Tests: a fixed protocol, the same scenarios for every agent, one row per episode."""
+"""Test agents by a fixed protocol, with the same scenarios for every agent and one row per episode."""

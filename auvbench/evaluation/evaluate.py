@@ -45,7 +45,7 @@ def read_summary(run: RunDirectory, protocol: str) -> dict[str, Any] | None:
 
 
 def is_done(run: RunDirectory, protocol: schema.Protocol) -> bool:
-    """Return whether the run has undamaged rows for this protocol and its scenarios."""
+    """Return whether the run has a valid evaluation by this protocol (see `stale`)."""
     return stale(run, protocol) == ""
 
 
@@ -90,8 +90,8 @@ def refuse_incomplete(run: RunDirectory) -> None:
 
 
 def make_agent(run: RunDirectory, frequency: float, trained: schema.TrainConfig | None = None) -> Agent:
-    """Return a fresh agent of a run for a test. The agent knows the vehicle of its run, even if it is tested
-    on a different one.
+    """Return a new agent of a run for a test. The agent knows the vehicle of its run, even if the test has a
+    different vehicle.
 
     Args:
         run: complete run.
@@ -109,10 +109,11 @@ def make_agent(run: RunDirectory, frequency: float, trained: schema.TrainConfig 
 
 
 def _check_model(run: RunDirectory, again: str) -> None:
-    """Compare the files of a run's model with their digests before they are loaded.
+    """Check the files of a run's model against their digests.
 
     Args:
-        again: effect of `auvbench resume` on lost files; '' if it cannot help.
+        run: run of the model.
+        again: description of how `auvbench resume` restores lost files, for the error; '' if it cannot.
 
     Raises:
         RunError: a file is missing or damaged.
@@ -130,8 +131,9 @@ Roll = Callable[[RunDirectory, schema.Protocol, ResolvedCondition, Report], Roll
 
 
 def in_process(trained: schema.TrainConfig) -> Roll:
-    """Return a function that rolls out all episodes of a condition in this process, for a run of this
-    configuration.
+    """Return a function that rolls out all episodes of a condition as batches in this process.
+
+    `trained` is the configuration of the run.
     """
 
     def roll(
@@ -160,14 +162,17 @@ def evaluate(
     roll: Roll | None = None,
     conditions: list[ResolvedCondition] | None = None,
 ) -> dict[str, Any] | None:
-    """Test a complete run, write its results and return the summary. Only one process at a time tests a run
-    by a protocol.
+    """Test a complete run, write its results and return the summary.
+
+    A lock prevents two processes from testing a run by the same protocol at the same time.
 
     Args:
+        run: run to test.
+        protocol: protocol of the test.
         report: function called when a condition starts or episodes end.
-        unless_done: return None if another process has finished the same test, and use the saved parts of an
+        unless_done: whether to return None if the test is already finished, and to reuse the saved parts of an
             interrupted test (`parts`).
-        roll: function that rolls out each condition; must give the same rows as `in_process`, the default.
+        roll: function that rolls out each condition, with the same rows as the default, `in_process`.
         conditions: result of `resolve_conditions`, if it is known.
 
     Raises:
@@ -187,8 +192,9 @@ def evaluate(
 
 
 def _own_folder(run: RunDirectory, protocol: str) -> Path:
-    """Return the folder of a test's lock and of its parts, `evaluations/.<protocol>`, since
-    `evaluations/<protocol>` is replaced as a whole.
+    """Return the folder of a test's lock and parts, `evaluations/.<protocol>`.
+
+    The lock and the parts are not in `evaluations/<protocol>`, because that folder is replaced as a whole.
     """
     return run.evaluation(protocol).with_name(f".{protocol}")
 
@@ -225,7 +231,8 @@ def _evaluate(
     for number, condition in enumerate(conditions):
         report(condition.name, 0)
         served = registry.SIMULATORS[condition.config.simulator.name].served
-        # Rows of a server depend on its clock, which is known only now.
+        # The rows from a server's simulation depend on its clock, which is known only after the rollout, so its parts
+        # are not reused.
         part = None if served else saved.read(number, condition)
         if part is None:
             begun = time.monotonic()
@@ -261,7 +268,7 @@ def _evaluate(
     summary[integrity.FILES] = integrity.replace_sealed(folder, "summary.json", summary, files)
     saved.forget()
     history.append(run.path.absolute().parent, _tested(run, summary))
-    # The rows may have taken hours, so they are written before actions are timed.
+    # The rows are written before the actions are timed, because their computation may have taken hours.
     summary["inference"] = _time(run, conditions[0].config)
     with storage(f"cannot write {folder}"):
         write_atomic(folder / "summary.json", as_json(integrity.sealed(summary)))
@@ -306,7 +313,7 @@ def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | Non
 
 @contextmanager
 def _named_packages(run: RunDirectory) -> Iterator[None]:
-    """Add the names of the installed packages to an error in their code.
+    """Add the run's id, and the names of its packages, to an error in a package's code.
 
     Raises:
         AgentError: code of an installed package fails.

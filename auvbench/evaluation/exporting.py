@@ -1,4 +1,4 @@
-"""Export the policy of a trained run as an ONNX file with a card, compared with the run's own actions.
+"""Export the policy of a trained run as an ONNX file with a card, after comparing its actions with the run's.
 
 docs/policies-as-files.md defines the two files.
 """
@@ -36,17 +36,17 @@ from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 LIMIT = 1e-5
-"""largest accepted difference between actions, unless rounding an observation changes the run's own action by
-more: large weights magnify rounding errors
+"""usual limit of the difference between an action of the file and of the run. Large weights magnify rounding
+errors, so the limit is larger if rounding an observation changes the run's own action by more (`ROUNDINGS`)
 """
 ROUNDINGS = 4.0
-"""factor on that change: an observation is rounded once, and its image again in each layer"""
+"""limit of the difference, as a multiple of the change from rounding an observation; each layer rounds again"""
 EPISODES = 64
 CORNERS = 256
 STEPS = 100
 """steps of each test episode whose observations are compared"""
 CHECK_STEPS = 32
-"""steps of each episode, for checking a policy from a file"""
+"""steps of each validation episode in which `check_policy` observes"""
 TESTED = (
     "name",
     "frequency_hz",
@@ -57,11 +57,11 @@ TESTED = (
     "mean_steps",
     "mean_return",
 )
-"""values of a test's conditions that a card contains"""
+"""results of each condition of a test that a card contains"""
 
 
 class NoNetworkError(RunError):
-    """The run's actions do not come from a trained network, or the policy is a file already."""
+    """Error: the run has no network to export, or its policy already is a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class Export:
     card_path: Path
     observations: int
     difference: float
-    """largest difference between an action of the file and of the run"""
+    """largest difference between an action of the file and the run's action"""
 
 
 def export(run: RunDirectory, folder: Path | None = None) -> Export:
@@ -131,9 +131,14 @@ NO_NETWORK = "{name} cannot be exported: it is not a network that answers each o
 
 
 def why_no_network(name: str, agent: str, learner: bool) -> str:
-    """Return why an agent (`algo.name`, `algo.agent`) cannot be exported; '' if it can.
+    """Return why an agent cannot be exported; '' if it can.
 
-    A plug-in's learner is checked when it is exported.
+    A learner from a plug-in counts as exportable here; `export` checks it.
+
+    Args:
+        name: `algo.name` of the agent.
+        agent: `algo.agent` of the agent.
+        learner: whether the agent learns.
     """
     if not learner:
         return f"{name} is a controller, not a trained network; there is nothing to export"
@@ -229,7 +234,10 @@ def make_card(
 
 
 def _action(unit: Actuator) -> dict[str, Any]:
-    """Return the forces or angles for the commands -1, 0 and +1; the vehicle's sheet has the curve between them."""
+    """Return an actuator's name and its force or angle at the commands -1, 0 and +1.
+
+    The vehicle's sheet has the curve between these commands.
+    """
     low, high = unit.curve.limits
     return {
         "name": unit.name,
@@ -245,7 +253,7 @@ def _action(unit: Actuator) -> dict[str, Any]:
 
 
 def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the undamaged tests of this model, sorted by name."""
+    """Return the undamaged tests of the run's present model, sorted by name."""
     model = integrity.digests(manifest, "model/")
     tests = []
     for path in sorted(run.path.glob("evaluations/*/summary.json")):
@@ -278,8 +286,8 @@ def observe_episodes(
 
 
 def observe_edges(config: schema.TrainConfig) -> Observations:
-    """Return observations (m, size): the middle of the space, its bounds one by one and all together, and
-    random points.
+    """Return observations (m, size): the centre of the observation space, the centre with one value at its lower
+    or upper bound, random corners of the space, and random points in it.
     """
     high = bounded_spec(config, sheet.load(config.vehicle)).bounds.astype(np.float64)
     n = len(high)
@@ -291,7 +299,7 @@ def observe_edges(config: schema.TrainConfig) -> Observations:
 
 
 def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
-    """Check the policy of a run on observations from episodes and at the edges of the observation space.
+    """Check a policy from a file on observations from episodes and at the edges of the observation space.
 
     Raises:
         PolicyError: an output is not a valid action, changes when repeated, or depends on other observations
@@ -307,7 +315,11 @@ def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
 
 
 def _check_rows(policy: Policy, rows: Observations) -> None:
-    """Compare the outputs with those for the observations in another order, and one at a time."""
+    """Check that the outputs stay the same for the observations in reverse order, and for one observation at a time.
+
+    Raises:
+        PolicyError: an output differs.
+    """
     batched, reversed_order = policy.act(rows), policy.act(rows[::-1])[::-1]
     single = np.concatenate([policy.act(row[None]) for row in rows[:8]])
     differs = max(float(np.abs(batched - reversed_order).max()), float(np.abs(batched[:8] - single).max()))

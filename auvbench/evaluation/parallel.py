@@ -1,4 +1,4 @@
-"""Test many runs in parallel, or a slow run on all cores; parallel work does not change any row."""
+"""Test many runs in parallel, or a slow run on all cores; the rows are the same as without parallel work."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Result:
 
     run: RunDirectory
     summary: dict[str, Any] | None = None
-    """summary of the test; None: the test was done before, or failed"""
+    """summary of the test; None if the test was finished before, or failed"""
     error: str = ""
     locked: bool = False
-    """whether the error is that another process is testing the run"""
+    """whether the test failed because another process is testing the run"""
     why: str = ""
     """reason why the run was tested again"""
 
@@ -53,15 +53,17 @@ def evaluate_all(
 ) -> Iterator[Result]:
     """Test runs and yield each result when it is ready; skip runs that are already tested.
 
-    A worker tests a whole run, since its episodes are computed as one batch. If a batch does not speed up an
-    agent (`row_by_row` of its class), all workers test the run, episode by episode; the rows have the same
-    bits.
+    Usually one worker tests a whole run, because the episodes of a condition are computed as one batch. If a
+    batch does not speed up an agent (`row_by_row` of its class), all workers share the episodes of its run; the
+    rows have the same bits.
 
     Args:
+        runs: runs to test.
+        protocol: protocol of the test.
         pool: worker processes; if one worker is enough, this process does the work.
-        force: repeat finished tests.
+        force: whether to repeat finished tests.
         report: function called with a run, the active condition and the number of its episodes that have just
-            ended (0 at its start); not called for a run that a worker tests.
+            ended (0 at its start); not called if a worker tests the whole run.
     """
     waiting: dict[Path, RunDirectory] = {}
     why: dict[Path, str] = {}
@@ -77,7 +79,7 @@ def evaluate_all(
             waiting[run.path], why[run.path] = run, reason or ""
     if pool.workers > 1 and len(waiting) > 1:
         pool.start()
-    # Resolved here for all workers, each of which would compose the options of the protocol again.
+    # Resolve the conditions once for all workers, because composing the options of a protocol is slow.
     conditions = (
         {} if pool.workers == 1 else {path: _conditions(run, protocol) for path, run in waiting.items()}
     )

@@ -1,7 +1,8 @@
-"""Keep the slow conditions of a test that are complete, so that an interrupted test does not compute them again.
+"""Save the results of slow conditions during a test, so that an interrupted test does not compute them again.
 
-A part is a folder next to the test's lock, `evaluations/.<protocol>/parts/<number of the condition>`. It is used if run, model,
-protocol, scenarios, their outcomes and the versions are the same, and is removed when the test is complete.
+The part of a condition is a folder next to the test's lock: `evaluations/.<protocol>/parts/<number of the
+condition>`. It is reused if run, model, protocol, scenarios, their outcomes and the versions are the same, and is
+removed when the test is complete.
 """
 
 from __future__ import annotations
@@ -32,23 +33,23 @@ from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.untrusted import archives, reading
 
 SLOW = 30.0
-"""s; a condition that takes less is computed again, which costs less than keeping every condition of every test"""
+"""smallest duration of a condition whose part is saved, s; a quicker condition is computed again"""
 _PART, _ROWS, _PATHS = "part.json", "rows.csv", "trajectories.npz"
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What one condition adds to the files of a test."""
+    """Results of one condition for the files of a test."""
 
     summary: dict[str, Any]
     rows: list[list[Any]]
-    """a header and a row per episode; values of a saved part are text"""
+    """header, and one row per episode; in a saved part, all values are text"""
     arrays: Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class _Content:
-    """part.json."""
+    """Content of part.json."""
 
     key: str
     condition: integrity.Condition
@@ -56,7 +57,7 @@ class _Content:
 
 
 def of(condition: ResolvedCondition, rollout: Rollout) -> Part:
-    """Return the part of a condition that was rolled out."""
+    """Return the part of a condition from its rollout."""
     arrays = {
         f"{name}_{condition.name}_{episode}": array
         for episode, path in rollout.trajectories.items()
@@ -96,7 +97,11 @@ def _table(condition: ResolvedCondition, rollout: Rollout) -> list[list[Any]]:
 
 
 def rows_of(parts: Sequence[Part]) -> bytes:
-    """Return episodes.csv. Conditions may differ in their world, navigation and filter, and so in their columns."""
+    """Return the content of episodes.csv.
+
+    Conditions may have different columns, because their worlds, navigation and filters may differ. A column that
+    a condition lacks is empty in its rows.
+    """
     names = dict.fromkeys(name for part in parts for name in part.rows[0])
     text = io.StringIO()
     writer = csv.DictWriter(text, names, restval="", lineterminator="\n")
@@ -108,7 +113,7 @@ def rows_of(parts: Sequence[Part]) -> bytes:
 
 
 def arrays_of(parts: Sequence[Part]) -> bytes:
-    """Return trajectories.npz."""
+    """Return the content of trajectories.npz."""
     stream = io.BytesIO()
     np.savez_compressed(stream, **{name: array for part in parts for name, array in part.arrays.items()})  # type: ignore[arg-type]
     return stream.getvalue()
@@ -116,11 +121,11 @@ def arrays_of(parts: Sequence[Part]) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class SavedParts:
-    """The parts of one test.
+    """Saved parts of one test.
 
     Args:
-        folder: where parts are saved.
-        run: run that is tested.
+        folder: folder of the parts.
+        run: tested run.
         protocol: protocol of the test.
     """
 
@@ -129,7 +134,7 @@ class SavedParts:
     protocol: schema.Protocol
 
     def read(self, number: int, condition: ResolvedCondition) -> Part | None:
-        """Return the part of a condition; None if no saved part belongs to this test."""
+        """Return the saved part of a condition; None if it is missing, damaged or from a different test."""
         place = self.folder / str(number)
         if not place.is_dir():
             return None
@@ -140,7 +145,7 @@ class SavedParts:
             text = reading.content(place / _ROWS, reading.DATA).decode("utf-8")
             arrays = archives.arrays(reading.content(place / _PATHS, reading.DATA))
         except (OSError, ValueError):
-            return None  # damaged, or of another version: computed again
+            return None  # damaged, or written by another version
         return Part(holder["condition"], list(csv.reader(io.StringIO(text))), arrays)
 
     def write(self, number: int, condition: ResolvedCondition, part: Part) -> None:
@@ -162,7 +167,7 @@ class SavedParts:
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _key(self, condition: ResolvedCondition) -> str:
-        """Return a digest of all that the rows of a condition depend on."""
+        """Return a digest of everything that determines the rows of a condition."""
         depends = {
             "run": self.run.id,
             "model": integrity.digests(self.run.manifest(), "model/"),

@@ -30,11 +30,11 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 OBSERVED = ("position_frame", "observation", "block_packages", "history", "preview")
 """task keys that belong to the agent, not to the scenario"""
 KEPT = (*OBSERVED, "vehicles")
-"""task keys that a test leaves as they are: the size of a team is a part of the scenario, but the observation depends on it"""
+"""task keys that a test takes from the run: the agent's keys, and the size of a team, on which the observation depends"""
 SENSORS = "task.range."
-"""begins the keys of range sensors. They are the agent's, too, but a protocol may change them, to let a sensor fail."""
+"""prefix of the keys of range sensors. A test takes them from the run, but a protocol may change them, to let a sensor fail."""
 WITHIN = {"noise", "disturbance"}
-"""groups that most conditions change; all other groups are then resolved only once"""
+"""groups that a condition may change without resolving the other groups again"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,19 +43,19 @@ class ResolvedCondition:
 
     name: str
     config: schema.TrainConfig
-    """configuration of the environments: the run's, with the test's frequency and the overrides of protocol
-    and condition
+    """configuration of the environments: the run's configuration with the overrides of protocol and condition, and
+    with the step frequency of the test
     """
     fixed_frequency: bool
-    """whether the protocol fixes the step frequency; otherwise the run's own is used"""
+    """whether the protocol fixes the step frequency; otherwise the test uses the run's frequency"""
 
 
 def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> list[ResolvedCondition]:
     """Return the conditions of a protocol for a run's resolved configuration.
 
-    Task, noise and disturbance come from the protocol, not from the run's training. A condition is left out
-    if its vehicle has other actuators than the run's, or thrusters numbered differently: the policy cannot
-    act on that vehicle.
+    Task, noise and disturbance come from the protocol, not from the run's training. A condition is left out if
+    the policy cannot control its vehicle: the vehicle has other actuators than the run's vehicle, or actuators
+    of the same name that act in opposite directions.
 
     Raises:
         ConfigError: an override names an unknown key or a wrong value.
@@ -72,7 +72,7 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
 
 def _resolved(protocol: schema.Protocol, config: dict[str, Any]) -> list[ResolvedCondition]:
     trained = sheet.load(config["vehicle"])
-    # The options need their packages first.
+    # Load the packages of the run's options, before the options are resolved.
     complete.complete(OmegaConf.create(config), frozen=True)
     if isinstance(protocol, sealed.Protocol):
         protocol.refuse_task(str(config["task"]["name"]))
@@ -109,7 +109,7 @@ def _changed(
 def left_out(
     protocol: sealed.Protocol, conditions: Sequence[ResolvedCondition], config: dict[str, Any]
 ) -> list[str]:
-    """Return the conditions of a sealed protocol that a run cannot meet, each with the reason."""
+    """Return a line for each condition of a sealed protocol in which a run cannot be tested, with the reason."""
     met = {condition.name for condition in conditions}
     lines = []
     for condition in protocol.conditions:
@@ -133,7 +133,7 @@ def _check_length(config: schema.TrainConfig, where: str) -> None:
 
 
 def _wired_alike(first: VehicleModel, second: VehicleModel) -> bool:
-    """Return whether actuators of the same name push and turn the two vehicles in the same direction."""
+    """Return whether two vehicles have the same actuators, and each actuator pushes and turns both the same way."""
     if first.actuators != second.actuators:
         return False
     forces, moments = (first.allocation * second.allocation).reshape(2, 3, -1).sum(axis=1)
@@ -147,7 +147,7 @@ def _groups(condition: schema.Condition) -> set[str]:
 def _with_disturbance(
     base: schema.TrainConfig, condition: schema.Condition, where: str
 ) -> schema.TrainConfig:
-    """Return the protocol's configuration with a condition's noise and disturbances."""
+    """Return the configuration `base` of a protocol with a condition's noise and disturbances."""
     node = OmegaConf.create({group: asdict(getattr(base, group)) for group in _groups(condition)})
     for override in condition.overrides:
         _set(node, override, where)
@@ -158,7 +158,7 @@ def _with_disturbance(
 def _composed(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
 ) -> DictConfig:
-    """Return a run's configuration with the overrides of a protocol, then `overrides`, unchecked."""
+    """Return a run's configuration with the overrides of a protocol, then `overrides`, without checking its types."""
     usual = {"world": asdict(open_water()), "navigation": asdict(truth()), "sensors": {"name": NONE}}
     node = OmegaConf.create({**usual, "filter": asdict(unfiltered()), **config})
     for override in [*protocol.overrides, *overrides]:
@@ -189,7 +189,7 @@ def _resolve(
 
 
 def _give_sensors(node: DictConfig, own: Any) -> None:
-    """Give a task the keys of a run's range sensors, or none."""
+    """Replace a task's range sensors by the run's range sensors `own`; remove them if the run has none."""
     with open_dict(node.task):
         node.task.pop("range", None)
         if own:
@@ -200,7 +200,7 @@ def _set(node: DictConfig, override: str, where: str) -> None:
     key, separator, value = override.partition("=")
     if not separator:
         raise ConfigError(f"{where}: {override!r} is not key=value")
-    # The run's task with the values of its file, not the values of its training.
+    # task=same is the run's task with the values of the task's file, instead of the values of the run's training.
     value = str(node.task.name) if (key, value) == ("task", "same") else value
     if not _of_other_tasks(node, key):
         _apply(node, key, value, where)
@@ -220,8 +220,10 @@ def _apply(node: DictConfig, key: str, value: str, where: str) -> None:
 
 
 def _of_other_tasks(node: DictConfig, key: str) -> bool:
-    """Return whether only other tasks or agents have a key: `task.station` in a condition moves stations, but not docks, and
-    `task.range.ping1d.dropout` is for agents that observe this sensor.
+    """Return whether an override does not apply to this run, because only other tasks or agents have its key.
+
+    `task.station` only applies to the station-keeping task, and `task.range.ping1d.dropout` only to agents that
+    observe this sensor.
     """
     sensor = ".".join(key.split(".")[:3])
     if key.startswith(SENSORS) and sensor != key:
@@ -241,18 +243,18 @@ def _has(node: DictConfig, key: str) -> bool:
 
 
 def fingerprint(protocol: schema.Protocol, conditions: list[ResolvedCondition]) -> str:
-    """Return 16 hexadecimal digits: equal if and only if two agents met the same scenarios with the same
-    physics.
+    """Return 16 hexadecimal digits that are equal for two agents if and only if their scenarios and physics are equal.
 
-    The digest covers the draws (starts, waypoints), their sources (task, noise, disturbances, vehicle, simulator, a
-    fixed frequency), and outcomes of the present code (`reference`), but not rewards and names. The 200 episodes of
-    `thesis` are the first 200 of `test`; the digests differ, because the numbers of episodes differ.
+    The digest covers the drawn values (starts, waypoints), the configuration from which they are drawn (task,
+    noise, disturbances, vehicle, simulator, a fixed frequency), and outcomes of the present code (`reference`). It
+    does not cover rewards and names. The 200 episodes of `thesis` are the first 200 of `test`, but the two
+    fingerprints differ, because the numbers of episodes differ.
     """
     return digest_of(fingerprint_parts(protocol, conditions), 16)
 
 
 def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondition]) -> dict[str, str]:
-    """Return the parts of a fingerprint, 16 digits each: the scenarios, and their outcomes by the present code."""
+    """Return the parts of a fingerprint, 16 digits each: `scenarios`, and their `outcomes` with the present code."""
     return {
         "scenarios": digest_of([_drawn(protocol, c) for c in conditions], 16),
         "outcomes": digest_of([_played(c) for c in conditions], 16),
@@ -260,8 +262,9 @@ def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondit
 
 
 def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) -> list[ResolvedCondition]:
-    """Return the conditions with the clock that each was run by, if the configuration left the choice to the
-    server.
+    """Return the conditions with the clocks of their tests.
+
+    `clocks` has the clock by which a server counted the steps of a condition, by the condition's name.
     """
     return [
         replace(c, config=replace(c.config, simulator=replace(c.config.simulator, clock=clocks[c.name])))
@@ -272,9 +275,9 @@ def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) ->
 
 
 _NO_ROWS = ("threads", "namespace", "timeout")
-"""keys of a simulator that say where and how it runs, and change no row"""
+"""keys of a simulator that only affect where and how it runs, and change no row"""
 
-# The runs of a grid meet the same scenarios, so each is drawn and played once.
+# Digests of draws and reference plays, by their key: the runs of a grid have the same scenarios, so one computation suffices.
 _draws: dict[str, str] = {}
 _plays: dict[str, str] = {}
 
@@ -282,9 +285,9 @@ _plays: dict[str, str] = {}
 def _physics(condition: ResolvedCondition) -> dict[str, Any]:
     """Return all values that a scenario is drawn from and simulated with."""
     config = condition.config
-    # A time limit in seconds enters only if it is set, since older fingerprints lack it.
+    # The fingerprint contains the time limit in seconds only if it is set, so that older fingerprints stay valid.
     limit = "time_limit" if config.task.time_limit is None else "max_steps"
-    # Likewise for a largest tilt, and disturbances that were added later.
+    # The same applies to the largest tilt, and to disturbances that were added later.
     factors = config.disturbance.factors()
     calm = [name for name, factor in factors if DISTURBANCES[name].added and not factor.active]
     level = ("tilt",) if getattr(config.task, "tilt", None) is None else ()
@@ -300,13 +303,13 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
         "vehicle": without_descriptions(config.vehicle),
         "simulator": {key: value for key, value in asdict(config.simulator).items() if key not in _NO_ROWS},
         "frequency": config.step.frequency if condition.fixed_frequency else None,
-        # Without keys that were added later and change nothing, as in a run's identity.
+        # As in a run's identity, keys are left out that were added later and have values without effect.
         **(relevant({"world": asdict(config.world)}) if config.world.solid else {}),
     }
 
 
 def _played(condition: ResolvedCondition) -> str:
-    """Return the digest of the scenarios' reference play (`reference`)."""
+    """Return the digest of a condition's reference play (`reference`)."""
     key = digest_of(_physics(condition), 64)
     if key not in _plays:
         frequency = condition.config.step.frequency if condition.fixed_frequency else None
@@ -336,7 +339,7 @@ def _drawn(protocol: schema.Protocol, condition: ResolvedCondition) -> str:
         drawn, episodes = embedded(condition.config), np.arange(protocol.episodes)
         batch = batch_of(protocol.scenarios, drawn, episodes, protocol.seed)
         batch.reset()
-        # Rounded to a nanometre: the last bit may differ between machines.
+        # Rounded to 1e-9 (a nanometre), because the last bit may differ between machines.
         scenarios = np.round(batch.task.scenario(), 9) + 0.0
         _draws[key] = hashlib.sha256(key.encode() + scenarios.tobytes()).hexdigest()
     return _draws[key]

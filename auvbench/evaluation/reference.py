@@ -1,12 +1,12 @@
 """Compute digests of reference plays, which reveal changes of physics, task or disturbances.
 
-Each condition is played briefly: eight vehicles, a fixed sequence of commands. Observations, rewards, states
-and the task's record columns enter the digest. Refactored code keeps the digest; doubled drag, a changed sign
-in the reward or a changed precedence of outcomes changes it.
+A reference play is a short simulation of a condition: eight vehicles with a fixed sequence of commands. The
+digest covers observations, rewards, states and the task's record columns. Refactoring does not change the
+digest; doubled drag, a changed sign in the reward or a changed precedence of outcomes does.
 
-Machines may differ in the last bits of a sine. Numbers are therefore rounded to `DIGITS` digits of the
-largest number of the same kind, and the play is too short for such differences to grow. Smaller changes, and
-changes after more than `STEPS` steps, go unnoticed.
+Machines may differ in the last bits of a sine. Numbers are therefore rounded to `DIGITS` digits of the largest
+number of the same kind, and the play is too short for such differences to grow. The digest does not reveal
+smaller changes, or changes after more than `STEPS` steps.
 """
 
 from __future__ import annotations
@@ -35,19 +35,19 @@ Floats = NDArray[np.float64]
 DIGITS = 6
 STEPS = 24
 LOOKS = (0, 7, STEPS - 1)
-"""steps after which states are compared; few, because any number may be at a rounding boundary"""
+"""steps whose states enter the digest; few steps, because each number may be at a rounding boundary"""
 
 FREQUENCY = 10.0
 """step frequency in Hz, if the protocol leaves it to each agent"""
 
 PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
-"""share of the way to the waypoint at which each vehicle starts; the last but one reaches it"""
+"""start of each vehicle, as a share of the way to the waypoint; the second to last vehicle reaches the waypoint"""
 
 VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
 """initial velocity in m/s and rad/s, so that damping and Coriolis forces act from the first step"""
 
 _REWARD = rewards.Thesis(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
-"""fixed reward: rewards belong to the agent, but their code computes a column of every row"""
+"""reward of every reference play: the run's own reward belongs to the agent, but the record has a column of rewards"""
 
 
 def digest(config: schema.TrainConfig, frequency: float | None) -> str:
@@ -68,7 +68,7 @@ def digest(config: schema.TrainConfig, frequency: float | None) -> str:
 
 
 def rounded(values: Floats) -> NDArray[np.int64]:
-    """Return numbers as whole multiples of 10^-DIGITS of the power of ten below the largest.
+    """Return numbers as whole multiples of 10^-DIGITS times the power of ten below the largest absolute value.
 
     >>> rounded(np.array([1.0, 0.1234567891, -1e-12])).tolist()
     [1000000, 123457, 0]
@@ -79,7 +79,7 @@ def rounded(values: Floats) -> NDArray[np.int64]:
 
 
 def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tuple[str, Floats]]:
-    """Yield name and values of each kind of number."""
+    """Yield name and values of each quantity of the reference play."""
     n = len(PLACES)
     batch = Batch(_standard(config, frequency), n, seed=0, test=True, autoreset=False)
     batch.task.assign(np.arange(n))
@@ -99,8 +99,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
             look = (result.observation, result.reward, simulator.pose, simulator.velocity, simulator.power)
             for name, value in zip(series, look, strict=True):
                 series[name].append(np.array(value, dtype=np.float64))
-        # The measured values, because fingerprints are older than the rule that a failed episode counts as its
-        # limits.
+        # Use the measured values, because fingerprints are older than the rule that replaces them for failed episodes.
         for index in result.ended.tolist():
             records.setdefault(index, batch.task.measured(index))
     for name, looks in series.items():
@@ -113,7 +112,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
 
 
 def _standard(config: schema.TrainConfig, frequency: float | None) -> schema.TrainConfig:
-    """Return the condition without the agent's own keys, with short episodes."""
+    """Return the condition's configuration with short episodes, and with fixed values of the agent's own keys."""
     task = replace(config.task, time_limit=None, max_steps=STEPS // 2, **_observed(config.task))
     config = config if isinstance(config.simulator, Fossen) else embedded(config)
     config = replace(config, navigation=truth(), sensors=no_sensors(), filter=unfiltered())

@@ -29,7 +29,7 @@ ARRAYS = ("time", "position", "yaw", "command", "waypoint")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Replay:
-    """Episode of T steps with its trajectory."""
+    """Episode of T steps with its record and trajectory."""
 
     run: str
     protocol: str
@@ -41,7 +41,7 @@ class Replay:
     position: Floats  # (T + 1, 3) m
     yaw: Floats  # (T + 1,) rad
     command: Floats  # (T, n_u) N
-    waypoint: Floats  # (3,) m, goal; (see `reference` for tasks that move it)
+    waypoint: Floats  # (3,) m, goal; in tasks with a moving reference, see `reference`
     reference: Floats | None = None  # (T + 1, 3) m, if the reference moves
     dock_yaw: Floats | None = None  # (1,) rad, heading in which a dock is entered
     outlines: Floats | None = None  # (k, 2, 3) m, segments that show the solids of a world
@@ -50,7 +50,7 @@ class Replay:
 
     @property
     def distance(self) -> Floats:
-        """Return the distance (T + 1,) in m to the waypoint, the goal or the moving reference."""
+        """Return the distance (T + 1,) in m to the moving reference, or to the waypoint if the reference does not move."""
         to = self.waypoint if self.reference is None else self.reference
         return np.asarray(np.linalg.norm(self.position - to, axis=1), dtype=np.float32)
 
@@ -97,7 +97,7 @@ def read_mission(folder: Path, number: int) -> Replay:
     """Return mission `number` of a folder.
 
     Raises:
-        RunError: its files are damaged, or have a different version.
+        RunError: the mission's files are damaged, or have a different version.
         UserError: the folder has no such mission.
     """
     try:

@@ -26,14 +26,14 @@ from auvbench.worlds.outlines import round_path
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Watch = Callable[[Batch], None]
-"""a function called after the reset and after each step"""
+"""function called with the environments after the reset and after each step"""
 
 
 ACTIONS = 200
 WARM_UP = 3
-"""number of first actions that are not counted, since they compile and build"""
+"""number of first actions that are not timed, since they include compilation"""
 SECONDS = 3.0
-"""wall time in s after which no further action is timed; at least one is timed"""
+"""wall time in s after which no further action is timed; at least one action is timed"""
 
 
 @dataclass(slots=True)
@@ -50,7 +50,7 @@ class Trajectory:
     others: list[Floats] = field(default_factory=list)  # (V - 1, 3) m each, the other vehicles of a team
 
     def follow(self, pose: Floats, reference: Floats) -> None:
-        """Add a pose (V, 7) of a team, of which the first vehicle is followed, and its reference (3,)."""
+        """Add the poses (V, 7) of a team, and the reference (3,) of its first vehicle, whose trajectory this is."""
         self.reference.append(reference.copy())
         self.position.append(pose[0, :3].copy())
         self.yaw.append(float(frames.yaw(pose[0, 3:7])))
@@ -58,11 +58,15 @@ class Trajectory:
             self.others.append(pose[1:, :3].copy())
 
     def arrays(self, duration: float) -> dict[str, NDArray[np.float32]]:
-        """Return float32 arrays: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,), time (T + 1,).
+        """Return the trajectory as float32 arrays by name.
 
-        For a dock the arrays also have dock_yaw (1,); otherwise, if the reference moves, reference (T + 1,
-        3). A docking task's moving reference is only an aid of the task: its goal is the dock. In a world the arrays have
-        outlines (k, 2, 3) m, segments that show the solids near the path. A team of V vehicles has others (T + 1, V - 1, 3) m.
+        Every trajectory has position (T + 1, 3) m, yaw (T + 1,) rad, command (T, n_u) N, waypoint (3,) m and time
+        (T + 1,) s. Some have more:
+
+        * a docking task: dock_yaw (1,) rad. Its moving reference is left out, because its goal is the dock;
+        * another task with a moving reference: reference (T + 1, 3) m;
+        * a world with solids: outlines (k, 2, 3) m, segments that show the solids near the path;
+        * a team of V vehicles: others (T + 1, V - 1, 3) m.
         """
         reference = np.asarray(self.reference, dtype=np.float32)
         moves = self.dock_yaw is None and bool((reference != reference[:1]).any())
@@ -91,7 +95,7 @@ class Rollout:
 
     @classmethod
     def joined(cls, parts: Sequence[Rollout]) -> Rollout:
-        """Join the rollouts of parts of the episodes, in order."""
+        """Return one rollout from rollouts of consecutive parts of the episodes."""
         notes: Counter[str] = Counter()
         for part in parts:
             notes.update(part.notes)
@@ -105,9 +109,7 @@ class Rollout:
 
 
 def counted(agent: Agent) -> dict[str, int]:
-    """Return the counters of an agent from its method `notes()`, if it has one: numbers of solves, failed and
-    late solves.
-    """
+    """Return the counters of an agent's `notes()`, such as its failed and late solves; empty without the method."""
     notes: Callable[[], Mapping[str, int]] | None = getattr(agent, "notes", None)
     return {} if notes is None else {str(name): int(number) for name, number in notes().items()}
 
@@ -124,24 +126,27 @@ def roll_out(
     report: Callable[[int], None] = lambda _: None,
     watch: Watch | None = None,
 ) -> Rollout:
-    """Run an agent through episodes (n,) of a seed, each to its end.
+    """Run an agent through episodes (n,) of a seed until each episode has ended.
 
     Episode e is a function of (seed, e): its row depends neither on `batch` nor on other episodes.
 
     Args:
+        config: configuration of the environments.
+        agent: agent to run.
         episodes: (n,) numbers of the episodes.
+        seed: seed of the scenarios.
         batch: number of episodes to simulate at a time.
         trajectories: number of first episodes whose trajectories are recorded.
         scenarios: stream of scenarios, test or validation.
         report: function called with the number of episodes that have just ended.
-        watch: see `signals.Recorder`.
+        watch: function called after the reset and after each step, such as a `signals.Recorder`.
     """
     records: list[Record] = []
     paths: dict[int, Trajectory] = {}
     duration = 1.0 / config.step.frequency
     actuators: tuple[str, ...] = ()
     before = counted(agent)
-    # An agent with its own loop, faster than the agent step, has its own simulator.
+    # An agent with a control loop faster than the agent step has its own simulator.
     own = getattr(agent, "simulator", None)
     batch = at_once(config, batch) if own is None else 1
     for start in range(0, len(episodes), batch):
@@ -166,7 +171,10 @@ def one_episode(
     path: bool = True,
     watch: Watch | None = None,
 ) -> Rollout:
-    """Run an agent through one episode of a protocol; record the trajectory if `path` is set, and call `watch`."""
+    """Run an agent through one episode of a protocol.
+
+    The trajectory is recorded if `path` is true. `watch` is called after the reset and after each step.
+    """
     return roll_out(
         config,
         agent,
@@ -180,7 +188,10 @@ def one_episode(
 
 
 def batch_of(scenarios: str, config: schema.TrainConfig, episodes: Integers, seed: int) -> Batch:
-    """Return one environment per episode (n,), from the stream of test or validation scenarios, without restarts."""
+    """Return a batch with one environment per episode (n,), which does not restart.
+
+    The episodes come from the stream of scenarios `scenarios`: test or validation.
+    """
     validation = scenarios == "validation"
     batch = Batch(
         config, len(episodes), seed=seed, test=not validation, validation=validation, autoreset=False
@@ -190,12 +201,12 @@ def batch_of(scenarios: str, config: schema.TrainConfig, episodes: Integers, see
 
 
 def rows_of(episodes: Integers, team: int) -> Integers:
-    """Return a number (n * team,) for each vehicle of the teams of episodes (n,); a vehicle alone has its episode's."""
+    """Return the numbers (n * team,) of all vehicles in episodes (n,); in a team of one, the number of the episode."""
     return np.add.outer(team * np.asarray(episodes), np.arange(team)).ravel()
 
 
 def embedded(config: schema.TrainConfig) -> schema.TrainConfig:
-    """Return the configuration with the embedded simulator, which starts at once."""
+    """Return the configuration with the embedded simulator in place of its own."""
     return replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
 
 
@@ -210,11 +221,11 @@ def _one_batch(
     observation = environments.reset()
     if watch is not None:
         watch(environments)
-    # A slow agent may skip episodes that have ended.
+    # A slow agent may stop computing actions for ended episodes; `ended` tells it their rows.
     spare = getattr(agent, "ended", None)
     rows: dict[int, Record] = {}
     task, simulator, team = environments.task, environments.simulator, environments.team
-    # By the first vehicle of each episode.
+    # Number of the episode by the row of its first vehicle.
     episode_of = dict(zip(range(0, environments.n, team), followed, strict=False))
     for i, episode in episode_of.items():
         paths[episode] = Trajectory(waypoint=task.goal(i), dock_yaw=task.dock_yaw(i))
@@ -230,7 +241,7 @@ def _one_batch(
             paths[episode_of[i]].command.append(simulator.command_force[i].copy())
         before = len(rows)
         for i, record in zip(result.ended[::team].tolist(), result.records[::team], strict=True):
-            # An ended episode continues until the last one ends: only its first end counts.
+            # An ended episode is simulated until all episodes have ended; only its first record counts.
             rows.setdefault(i, record)
         if len(rows) > before:
             report(len(rows) - before)
@@ -245,11 +256,11 @@ def _one_batch(
 
 def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
     """Return the median and 95th percentile of the processor time per action in ms, on one core, and the
-    machine.
+    machine's processor.
 
-    Times are noisy, and are not part of a row or digest. One episode runs at a time, as on a vehicle.
-    Processor time of the whole process counts instead of wall time, so that other work on the machine has no
-    effect. The embedded simulator provides the observations, even if the test uses another simulator.
+    One episode runs at a time, as on a vehicle. The processor time of the whole process is measured instead of
+    wall time, so that other work on the machine has less effect. The times are noisy, so they are not part of any
+    row or digest. The embedded simulator provides the observations, even if the test uses another simulator.
 
     Raises:
         ActionError, RunError: an action of the agent is not valid.
@@ -279,7 +290,7 @@ def time_actions(agent: Agent, config: schema.TrainConfig) -> dict[str, Any]:
 
 def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:
     """Yield the processor time of each action in s, episode after episode."""
-    # An agent may compute in its own process.
+    # An agent that computes in another process has its own clock.
     clock: Callable[[], float] = getattr(agent, "processor_time", time.process_time)
     for episode in count():
         numbers = np.array([episode])
@@ -290,6 +301,6 @@ def _times(agent: Agent, config: schema.TrainConfig) -> Iterator[float]:
         while not ended:
             before = clock()
             action = agent.act(observation)
-            yield (clock() - before) / batch.team  # on each vehicle
+            yield (clock() - before) / batch.team  # per vehicle
             result = batch.step(action)
             observation, ended = result.observation, len(result.ended) > 0

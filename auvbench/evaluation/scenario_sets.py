@@ -1,8 +1,8 @@
 """Names and versions of the scenarios of the protocol `test`, with their fingerprints.
 
-A set contains one task's scenarios, e.g. `waypoint-2026a`. A change of the scenarios or the physics needs a
-new version here, with the reason; a test compares the newest version of each set with the code. Earlier
-versions stay, because results name them.
+A set contains one task's scenarios, e.g. `waypoint-2026a`. After a change of the scenarios or the physics, add a
+new version here, with the reason. A unit test checks that the newest version of each set has the fingerprints of
+the present code. Earlier versions stay, because published results name them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 VEHICLES = ("bluerov2", "bluerov2_heavy", "bluerov2_realistic_inertia")
-"""Vehicles of the published studies; a fingerprint covers the vehicle"""
+"""Vehicles of the published studies; each vehicle has its own fingerprint"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +19,11 @@ class ScenarioSet:
 
     task: str
     version: str
-    """Year and a letter"""
+    """Version: year and letter"""
     fingerprints: tuple[str, ...]
     """One fingerprint for each of `VEHICLES`"""
     change: str
-    """Changes in this version"""
+    """Reason for this version"""
 
     @property
     def name(self) -> str:
@@ -56,7 +56,7 @@ SETS: tuple[ScenarioSet, ...] = (
     ScenarioSet("rendezvous", "2026a", ("97221e3f48ec18ab", "f5b65dc670751d80", "f3476a0bbba03b20"), FIRST),
     ScenarioSet("tracking", "2026a", ("66303e6990503993", "76ab7190bf3f6e02", "af22cd6f1830f112"), FIRST),
 )
-"""All versions, for each task from the oldest to the newest"""
+"""All versions of all tasks' scenarios; the versions of a task are in order, the newest last"""
 
 
 def newest() -> dict[str, ScenarioSet]:
@@ -74,6 +74,6 @@ def name_of(fingerprint: str) -> str:
 
 
 def cited(fingerprint: str) -> str:
-    """Return a fingerprint as reports print it, after the name of its set if it has one."""
+    """Return a fingerprint as reports print it, with the name of its set in front if a set has it."""
     name = name_of(fingerprint)
     return f"{name} ({fingerprint})" if name else fingerprint

@@ -1,7 +1,7 @@
 """Read a sealed protocol: a JSON file of conditions that were unknown when the agents of a study were chosen.
 
-Its conditions change the vehicle and the water of each run's test. Conditions that cannot be simulated yet
-are named, never silently skipped. docs/sealed.md describes the keys.
+The conditions change the vehicle and the water of each run's test. Conditions that this version cannot simulate
+are listed, not skipped silently. docs/sealed.md describes the keys.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from auvbench.vehicles.changes import SCALES, Changes, changed
 SUFFIX = ".json"
 FREQUENCY, BATCH = 10.0, 500
 OVERRIDES = ("task=same", "noise=thesis", "disturbance=none")
-"""Overrides of a study's default test; conditions add to them"""
+"""Overrides of a sealed protocol; the overrides of its conditions are applied after them"""
 NOT_YET = {
     "heading_bias_deg": "a heading bias whose sign is drawn",
     "depth_offset_m": "a depth offset whose sign is drawn",
     "dvl_lost_share": "a DVL that loses the bottom",
     "dvl_burst_s": "a DVL that loses the bottom",
 }
-"""Keys of conditions that this version cannot simulate, with their descriptions"""
+"""Keys that this version cannot simulate, with their descriptions"""
 DEPTHS = ("task.station", "task.dock", "task.start", "task.centre")
 Factor = Annotated[float, Range(0.01, 100.0)]
 Point = tuple[float, ...]
@@ -42,7 +42,7 @@ Point = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One condition of the file."""
+    """Condition in the file of a sealed protocol."""
 
     name: Name
     vehicle: Name | None = None
@@ -66,7 +66,7 @@ class Entry:
 
 @dataclass(frozen=True, slots=True)
 class Content:
-    """Content of the file."""
+    """Content of the file of a sealed protocol."""
 
     name: Name
     scenario_seed: Annotated[int, Range(0, (1 << 32) - 1)]
@@ -81,11 +81,11 @@ class Condition(schema.Condition):
     """Condition that may change the vehicle."""
 
     sheet: dict[str, Any] | None = None
-    """Content of a vehicle sheet that replaces the run's"""
+    """Content of the vehicle sheet that replaces the run's own sheet; None to keep the run's"""
     changes: Changes = field(default_factory=Changes)
 
     def vehicle(self, own: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the sheet of the test for a run's own sheet.
+        """Return the vehicle sheet of the test for a run with the sheet `own`.
 
         Raises:
             VehicleError: the change does not fit the vehicle.
@@ -239,7 +239,7 @@ def _sheet(file: Path, digests: dict[str, str]) -> dict[str, Any]:
 
 
 def _overrides(entry: Entry) -> list[str]:
-    """Return the changes of water, depth and readings as overrides of a configuration."""
+    """Return the entry's changes of water, depth and sensor readings as overrides of a configuration."""
     overrides = []
     if entry.sea_state is not None:
         overrides.append(f"disturbance=sea_state_{entry.sea_state}")

@@ -29,7 +29,7 @@ _SUFFIX = {"m": "_m", "rad": "_rad", "m/s": "_mps", "rad/s": "_radps"}
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """Columns that are drawn in one panel."""
+    """Columns of the signals' table that share one panel of a figure."""
 
     title: str
     unit: str
@@ -44,15 +44,15 @@ class Signals:
     """Signals of an episode of T steps."""
 
     table: pd.DataFrame
-    """(T + 1) rows, one for each end of a step, and the start. Columns without a dot have the names that logs of `auvbench identify` use."""
+    """T + 1 rows: the start, and the end of each step. Columns without a dot have the same names as in logs for `auvbench identify`."""
     motion: tuple[Panel, ...]
-    """position to power, and what acted on the vehicle"""
+    """panels of the vehicle's motion, commands, forces and power, and of the current"""
     observed: tuple[Panel, ...]
-    """blocks of the observation"""
+    """panels of the observation, one per block"""
 
 
 class Recorder:
-    """Watch the first environment of a batch: called after the reset and after each step."""
+    """Recorder of the signals of a batch's first environment; a `rollout.Watch`."""
 
     def __init__(self) -> None:
         self._rows: list[Floats] = []
@@ -60,7 +60,7 @@ class Recorder:
         self._batch: Batch | None = None
 
     def __call__(self, environments: Batch) -> None:
-        """Keep a row, and the command that led to it; the first row is the start."""
+        """Record the present state as a row, and the command of the step that led to it; the first row is the start."""
         self._batch, started = environments, bool(self._rows)
         simulator, task = environments.simulator, environments.task
         pose, power = simulator.pose[0], simulator.power
@@ -103,7 +103,7 @@ class Recorder:
             np.array(self._rows), columns=[*columns, *(c for part in labels_of.values() for c in part)]
         )
         commands = tuple(f"{name}_cmd" for name in names)
-        # A row has the command that is given at its time. The last one has none: the log of a vehicle would repeat it.
+        # Each row has the command of the step that begins at its time. The last row repeats the last command, like a log.
         sent = pd.DataFrame(np.array([*self._commands, self._commands[-1]]), columns=list(commands))
         table = pd.concat([pd.Series(duration * np.arange(len(table)), name="t_s"), sent, table], axis=1)
         motion = [
@@ -137,12 +137,16 @@ class Recorder:
 
 
 def _changes(table: pd.DataFrame, columns: Sequence[str], usual: float) -> bool:
-    """Return whether a column has another value than the usual one."""
+    """Return whether any of the columns has a value that differs from `usual`."""
     return bool((table[list(columns)] != usual).any(axis=None))
 
 
 def _estimate(environments: Batch) -> Floats:
-    """Return the estimated pose and velocity (12,), the errors and the standard deviations of the position; (0,) where none is made."""
+    """Return the navigation's estimate (18,) of the first vehicle; (0,) without navigation.
+
+    It has pose (position and Euler angles) and velocity (12,), then the errors (3,) and standard deviations (3,)
+    of the position.
+    """
     navigation = environments.navigation
     if navigation is None:
         return np.empty(0)
@@ -152,7 +156,7 @@ def _estimate(environments: Batch) -> Floats:
 
 
 def _current(simulator: Any, z: float) -> Floats:
-    """Return the current (3,) in m/s at a height; waves are not part of it."""
+    """Return the current (3,) in m/s at the height `z` in m, without waves."""
     current: Floats | None = getattr(simulator, "current", None)
     if current is None:
         return np.zeros(3)

@@ -1,7 +1,6 @@
-"""Bounds of the shortest time to the goal, for each scenario of a protocol; docs/bound.md describes the
+"""Compute bounds of the shortest time to the goal in each scenario of a protocol; docs/bound.md describes the
 method.
 
-The upper bound is the time of a trajectory that optimal control found and that reaches the goal in the
-simulator. The lower bound is a time that no trajectory can beat; it follows from the energy that the
-thrusters can supply.
+The upper bound is the time of a trajectory that reaches the goal in the simulator; optimal control found it.
+The lower bound is a time that no trajectory can beat; it follows from the energy that the thrusters can supply.
 """

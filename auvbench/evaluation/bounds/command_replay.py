@@ -16,7 +16,7 @@ from auvbench.record import Record
 Floats = NDArray[np.float64]
 
 UNIT = 32512
-"""Commands are stored and replayed as multiples of 1/32512 of their range: fine enough for a vehicle that turns aside."""
+"""Commands are stored and replayed as multiples of 1/UNIT of their range, a resolution that suits unstable vehicles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +24,7 @@ class Scenario:
     """Start pose and waypoint of an episode, in the world frame."""
 
     pose: Floats
-    """(7,) x, y, z in m, quaternion (w, x, y, z); level"""
+    """(7,) x, y, z in m, and quaternion (w, x, y, z) of a level attitude"""
     yaw: float
     """heading at the start, rad"""
     waypoint: Floats
@@ -32,13 +32,13 @@ class Scenario:
 
     @property
     def target(self) -> Floats:
-        """Return the waypoint (3,) relative to the start: x along the first heading, z as in the world."""
+        """Return the waypoint (3,) in the frame of the start: x along the heading at the start, z as in the world."""
         east, north = self.waypoint[:2] - self.pose[:2]
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         return np.array([c * east + s * north, c * north - s * east, self.waypoint[2]])
 
     def relative(self, pose: Floats) -> Floats:
-        """Return poses (..., 7) relative to the start, as `target`."""
+        """Return poses (..., 7) in the frame of the start (see `target`)."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
         east, north = np.moveaxis(pose[..., :2] - self.pose[:2], -1, 0)
         place = c * east + s * north, c * north - s * east, pose[..., 2]
@@ -53,7 +53,7 @@ class Outcome:
     """Result of replayed commands."""
 
     record: Record
-    """record of the episode; `outcome` is timeout if the commands end before the episode"""
+    """record of the episode; `outcome` is timeout if the commands end before the episode does"""
     pose: Floats
     """(T + 1, 7) poses"""
     velocity: Floats
@@ -76,12 +76,18 @@ class Trial:
         self.vehicle = self.batch.vehicle
 
     def run(self, scenario: Scenario, commands: Commands) -> Outcome:
-        """Apply stored commands (T, n_u) from the start, until there are no more or the episode ends."""
+        """Apply stored commands (T, n_u) from the start until the commands or the episode end."""
         flown = actions(commands)
         return self.fly(scenario, len(flown), lambda step, pose, velocity: flown[step])
 
     def fly(self, scenario: Scenario, steps: int, action: Callable[[int, Floats, Floats], Floats]) -> Outcome:
-        """Apply the actions (n_u,) that a function of step, pose and velocity returns, for `steps` steps or until the episode ends."""
+        """Apply the actions of a function from the start for `steps` steps, or until the episode ends.
+
+        Args:
+            scenario: start pose and waypoint.
+            steps: largest number of steps.
+            action: function of step, pose (7,) and velocity (6,) that returns an action (n_u,).
+        """
         batch = self.batch
         batch.reset(pose=scenario.pose[None], waypoint=scenario.waypoint[None])
         pose, velocity = [batch.simulator.pose[0].copy()], [batch.simulator.velocity[0].copy()]

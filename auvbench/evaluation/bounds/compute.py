@@ -1,4 +1,7 @@
-"""Compute the bounds of each scenario of a protocol with worker processes; finished searches survive a kill."""
+"""Compute the bounds of each scenario of a protocol with worker processes.
+
+Each finished search is saved, so that an interrupted computation can continue.
+"""
 
 from __future__ import annotations
 
@@ -45,15 +48,15 @@ PRELOAD = ("auvbench.evaluation.bounds.compute", "casadi")
 """Modules that the pool's workers import at the start."""
 
 CONTROLLERS = {"pid": controller, "mpc": MPCController, "mpc_tuned": MPCController}
-"""Controllers by algorithm: a search starts from their actions, which are upper bounds themselves."""
+"""Controllers by algorithm. A search starts from their trajectories, whose times to the goal are upper bounds, too."""
 
 Floats = NDArray[np.float64]
 Job = tuple[schema.TrainConfig, schema.Protocol, int, Scenario]
-"""condition's configuration, protocol, and the episode's number and scenario"""
+"""configuration of the condition, protocol, number of the episode, scenario of the episode"""
 
 
 def eligible(conditions: Sequence[ResolvedCondition]) -> tuple[list[ResolvedCondition], list[str]]:
-    """Return the conditions that have bounds, and one line for each of the other conditions.
+    """Return the conditions that have bounds, and a line with the reason for each condition without bounds.
 
     Raises:
         ConfigError: no condition has bounds.
@@ -97,7 +100,7 @@ def compute(
     Args:
         protocol: protocol that defines the scenarios.
         config: resolved configuration with the vehicle and the simulator.
-        root: folder of bounds; stores finished searches until all are finished.
+        root: folder of bounds; also stores the finished searches until all searches are finished.
         pool: workers of the searches; the result does not depend on their number.
         tell: function called with each bound, including bounds of an earlier, interrupted call.
 
@@ -121,7 +124,7 @@ def compute(
     with lock.acquire(place):
         bounds = []
         for number, condition in enumerate(good):
-            # Searches of other scenarios have other file names.
+            # The names of the files differ if the scenarios differ, so searches of other scenarios are not read.
             stem = f"{digest_of([VERSION, parts], 16)}-{number}"
             bounds += _bounds(condition, protocol, place, stem, pool, tell)
         about = Summary(protocol.name, vehicle, fingerprint(protocol, conditions), parts, left_out)
@@ -176,7 +179,7 @@ def _searched(jobs: Mapping[int, Job], pool: Pool) -> Iterator[tuple[int, Soluti
 
 
 _built: tuple[schema.TrainConfig, Search, dict[str, Agent]] | None = None
-"""Search and controllers of the last job in this process; building them takes a second."""
+"""Configuration, search and controllers of the last job in this process; building the latter two takes a second."""
 
 
 def _solve(
@@ -190,7 +193,7 @@ def _solve(
 
 
 def controllers(config: schema.TrainConfig) -> dict[str, Agent]:
-    """Return the controllers, by name, from whose actions a search starts."""
+    """Return the controllers of `CONTROLLERS` by name."""
     vehicle = sheet.load(config.vehicle)
     algos = {name: train_config(compose("train", [f"algo={name}"], folder=None)).algo for name in CONTROLLERS}
     return {name: make(replace(config, algo=algos[name]), vehicle) for name, make in CONTROLLERS.items()}
@@ -199,9 +202,10 @@ def controllers(config: schema.TrainConfig) -> dict[str, Agent]:
 def flown(
     config: schema.TrainConfig, agents: Mapping[str, Agent], protocol: schema.Protocol, episode: int
 ) -> dict[str, Floats]:
-    """Return the actions (T, n_u) that reached the actuators until an episode ended, by controller.
+    """Return the actions (T, n_u) that reached the actuators in an episode of the test, by controller.
 
-    They include the noise of the protocol: without noise they repeat the controller's motion in the test.
+    The test has the noise of the protocol. The recorded actions include the noise of the commands, so applying
+    them without noise repeats the controller's motion in the test.
     """
     vehicle = sheet.load(config.vehicle)
     return {

@@ -2,7 +2,7 @@
 
     <folder>/<protocol>-<vehicle>/bounds.jsonl   a line per condition and episode
                                  /summary.json   fingerprint, versions, digest of the lines
-    <folder>/.<protocol>-<vehicle>/*.json        finished searches of a computation under way, a line each
+    <folder>/.<protocol>-<vehicle>/*.json        one file, of one line, per finished search of a running computation
 
 Each line contains the commands that reach the goal, so that they can be replayed.
 """
@@ -28,14 +28,14 @@ from auvbench.untrusted.text import short
 from auvbench.untrusted.typed_json import Count, Name, Prose, Range
 
 Commands = NDArray[np.int16]
-"""(T, n_u) commands, multiples of 1/32512 of an actuator's range"""
+"""commands (T, n_u), as multiples of 1/32512 of an actuator's range"""
 
 SCHEMA_VERSION = 3
 LINES = "bounds.jsonl"
 FOLDER = "bounds"
 """folder of bounds, next to the experiments and in this package"""
 LONGEST = 100_000_000
-"""largest size in bytes of the commands of one scenario"""
+"""largest size of the commands of one scenario, bytes"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +60,13 @@ class Bound:
     frequency_hz: Annotated[float, Range(1e-9)]
     episode: Count
     steps: Annotated[int, Range(1)]
-    """fewest steps found: an upper bound of the optimum"""
+    """smallest number of steps that the search found: an upper bound of the optimum"""
     least_steps: Annotated[int, Range(1)]
-    """steps that every trajectory needs: a lower bound of the optimum"""
+    """number of steps that every trajectory needs: a lower bound of the optimum"""
     start: Name
     """name of the search's starting point"""
     commands: Prose
-    """packed commands, (steps, n_u)"""
+    """commands (steps, n_u), packed as text"""
 
     def solution(self) -> Solution:
         """Return the commands.
@@ -82,7 +82,7 @@ class Bound:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """summary.json of a folder of bounds."""
+    """Content of summary.json in a folder of bounds."""
 
     protocol: Name
     vehicle: Name
@@ -90,7 +90,7 @@ class Summary:
     fingerprint_parts: dict[str, str]
     """digests of scenarios and outcomes, as in an evaluation's summary"""
     left_out: list[str]
-    """conditions without a bound, with the reason, one line each"""
+    """one line for each condition without bounds, with the reason"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class Limits:
         return list(dict.fromkeys(bound.condition for bound in self.bounds))
 
     def condition(self, name: str) -> list[Bound]:
-        """Return the bounds of one condition in the order of the episodes; empty if it has none."""
+        """Return the bounds of one condition in the order of the episodes; empty if the condition has no bounds."""
         return [bound for bound in self.bounds if bound.condition == name]
 
 
@@ -174,12 +174,14 @@ def read(folder: Path) -> Limits | None:
 def find(
     protocol: str, vehicle: str, fingerprint: str, roots: Sequence[Path]
 ) -> tuple[Limits | None, list[str]]:
-    """Return the bounds of these scenarios.
+    """Return the bounds of the scenarios of a protocol and vehicle.
 
     Args:
-        fingerprint: fingerprint of the scenarios and their physics; only bounds with the same fingerprint are
+        protocol: name of the protocol.
+        vehicle: name of the vehicle.
+        fingerprint: fingerprint of the scenarios and their physics; bounds with another fingerprint are not
             used.
-        roots: folders of bounds to search before the package's.
+        roots: folders of bounds to search before the folder in the package.
 
     Returns:
         Bounds or None, and one line for each folder that could not be used.

@@ -2,22 +2,23 @@
 
 Let d be the distance to the edge of the goal, e the unit vector towards it in body axes, v the velocity, nu =
 (v, omega), f the thrusts, B the allocation, and D(nu) = sum_i d_i nu_i^2 + q_i |nu_i|^3 the power of damping.
-Coriolis forces do no work, and weight and buoyancy have a potential V. With the kinetic energy K of body and
-added mass
+Coriolis forces do no work, and weight and buoyancy have a potential V. With the kinetic energy K of the body and
+its added mass,
 
     d/dt (K + V) = nu' B f - D(nu).
 
-For every a >= 0 the progress e.v is then at most c(a) - a d/dt (K + V) with
+For every a >= 0, the speed towards the goal e.v is then at most c(a) - a d/dt (K + V) with
 
     c(a) = max over f within its limits, |e| = 1 and nu of   e.v + a (nu' B f - D(nu)),
 
-Integrated from rest, with K never negative: d <= c(a) T + a (V(start) - V(end)), that is
+Integrating from rest over the duration T, with K = 0 at the start and K >= 0 at the end, gives
+d <= c(a) T + a (V(start) - V(end)), and so
 
     T >= (d - a (V(start) - V(end))) / c(a).
 
-The bound is the largest value over some values of a. It allows the vehicle any attitude and speed at once, so
-it is not sharp. It holds for the equations of motion, which the simulator integrates in steps of some
-milliseconds.
+The bound is the largest of these values over several values of a. It is not sharp, because c(a) allows the
+vehicle to have any attitude and velocity at any time. It holds for the exact equations of motion; the simulator
+integrates them in steps of some milliseconds.
 """
 
 from __future__ import annotations
@@ -39,13 +40,13 @@ PRICES = np.geomspace(5e-4, 5e-2, 17)
 CLOSE = 3e-3
 """relative accuracy of c(a), from above"""
 HALVINGS = 9
-"""largest number of halvings of the cells of directions; fewer make c(a) larger but not wrong"""
+"""largest number of halvings of the cells of directions; fewer halvings give a weaker but valid bound"""
 MOST_THRUSTERS = 12
-"""largest number of thrusters: the box of thrusts has 2^12 corners"""
+"""largest number of thrusters with a bound: the box of thrusts then has 2^12 corners"""
 
 
 class Energy:
-    """Lower bound for one vehicle."""
+    """Lower bound of the time to the goal for one vehicle."""
 
     def __init__(self, vehicle: VehicleModel, radius: float) -> None:
         self.radius = radius
@@ -63,10 +64,10 @@ class Energy:
             self.pace = np.array([_fastest(wrenches, *damping, a) for a in PRICES.tolist()])
 
     def seconds(self, scenario: Scenario) -> float:
-        """Return the smallest duration in s of any trajectory into the goal; 0 if no bound is known."""
+        """Return a duration in s that every trajectory into the goal needs; 0 if no bound is known."""
         line = scenario.waypoint - scenario.pose[:3]
         distance = max(float(np.linalg.norm(line)) - self.radius, 0.0)
-        # The trajectory may end anywhere in the goal: take the point where rising gains most.
+        # The trajectory may end anywhere in the goal: use the point at which buoyancy and weight have supplied most energy.
         rise = line[2] + np.sign(self.lift) * self.radius
         gained = self.lift * rise + self.righting
         return float(max(0.0, np.max((distance - PRICES * gained) / self.pace)))
@@ -77,10 +78,10 @@ class Energy:
 
 
 def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
-    """Return the range of thrust in N, including the overshoot of the lag; infinite if it is not known.
+    """Return the range of thrust in N, including the overshoot of the lag; infinite if the overshoot is unknown.
 
-    With the positive and the negative part of the impulse response g, P = int max(g, 0) dt and N = P - 1, an
-    input in [l, h] that contains 0 gives an output in [P l - N h, P h - N l].
+    Let g be the impulse response, P = int max(g, 0) dt its positive part and N = int max(-g, 0) dt = P - 1 its
+    negative part. An input in [l, h], which contains 0, then gives an output in [P l - N h, P h - N l].
     """
     low, high = float(min(limits)), float(max(limits))
     if unit.lag.order <= 1:
@@ -98,8 +99,8 @@ def _reached(unit: Actuator, limits: Floats) -> tuple[float, float]:
 def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> float:
     """Return an upper bound of c(a), by branch and bound over directions e.
 
-    Damping is symmetric, so only the absolute values of e and of the forces matter: one octant of directions
-    suffices.
+    Damping is symmetric, so only the absolute values of e and of the forces matter, and the search covers one
+    octant of directions.
 
     Args:
         wrenches: (n, 6) wrenches in N and N m at the corners of the thrusters' limits.
@@ -122,7 +123,7 @@ def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> f
         gains = _gain(e[:, None] + forces, linear[:3], quadratic[:3], a)[0]
         value = (gains.sum(axis=2) + turning).max(axis=1)
         best = max(best, float(value.max()))
-        # Within a cell e moves by at most `reach`; each metre is worth the velocity that gains most.
+        # Within a cell, e changes by at most `reach`. The value then changes by at most `reach` times the optimal velocity.
         reach = np.sqrt(2.0) * half
         speeds = _gain(np.minimum(e + reach, 1.0)[:, None] + forces, linear[:3], quadratic[:3], a)[1]
         above = value + reach * np.linalg.norm(speeds, axis=2).max(axis=1)
@@ -137,7 +138,7 @@ def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> f
 
 
 def _undominated(rows: Floats) -> Floats:
-    """Return the rows that no other row equals or exceeds in every column."""
+    """Return the distinct rows that no other row equals or exceeds in every column."""
     best: list[Floats] = []
     for row in np.unique(np.round(rows, 12), axis=0)[::-1]:
         if not any(np.all(other >= row) for other in best):
@@ -147,7 +148,7 @@ def _undominated(rows: Floats) -> Floats:
 
 
 def _gain(force: Floats, linear: Floats, quadratic: Floats, a: float) -> tuple[Floats, Floats]:
-    """Return max and argmax over x >= 0 of force x - a (linear x^2 + quadratic x^3), by axis."""
+    """Return, for each axis, maximum and maximizer over x >= 0 of force x - a (linear x^2 + quadratic x^3)."""
     A = force / a
     root = 2.0 * linear + np.sqrt(4.0 * linear**2 + 12.0 * quadratic * A)
     with np.errstate(divide="ignore", invalid="ignore"):

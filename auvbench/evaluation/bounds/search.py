@@ -1,14 +1,21 @@
-"""Search for the fewest steps in which a vehicle reaches the goal: two nonlinear programmes, solved by IPOPT.
+"""Search for the smallest number of steps in which a vehicle reaches the goal.
+
+The search solves two nonlinear programmes with IPOPT. Both have the constraints
 
     x_(k+1) - x_k = h f((x_k + x_(k+1)) / 2, u_k),   u_min <= u_k <= u_max,   z_low <= z_k <= z_high
 
-the implicit midpoint rule (Betts 2010, Practical Methods for Optimal Control, section 4; Hairer, Lubich and Wanner 2006, section II.1.3: it keeps the norm
-of the quaternion). `Free` seeks the shortest duration T of N equal intervals. `Fixed` has one interval per step of the
-agent, holds thrusts for whole steps as agents do, and seeks the smallest distance to the goal at their end: the fewest
-steps for which that is inside the goal are what is sought in the end.
+The first is the implicit midpoint rule (Betts 2010, Practical Methods for Optimal Control, section 4), which
+keeps the norm of the quaternion (Hairer, Lubich and Wanner 2006, section II.1.3).
 
-All coordinates are relative to the vehicle's start: x along its first heading, z as in the world. Still water
-is the same everywhere, so the start enters only through its depth.
+* The free programme (`Programs.shortest`) minimizes the duration T of N equal intervals.
+* The fixed programme (`Programs.closest`) has a given number of agent steps, and holds each thrust for whole
+  steps, as agents do. It minimizes the final distance to the goal.
+
+The result is the smallest number of steps for which a plan of the fixed programme ends inside the goal in the
+simulator.
+
+All coordinates are in the frame of the vehicle's start: x along the heading at the start, z as in the world. Still
+water is the same everywhere, so of the start's position only the depth matters.
 """
 
 from __future__ import annotations
@@ -31,41 +38,39 @@ from auvbench.vehicles.symbolic import SymbolicModel, require, symbolic
 Floats = NDArray[np.float64]
 
 ATTEMPTS = 5
-"""numbers of steps to try for one plan"""
+"""largest number of step counts to try for one plan"""
 SPEED = 1.0
 """speed along a straight line, m/s; only its order of magnitude matters"""
 LEAST_GAIN = 0.7
-"""share of the last step's path: a plan with a smaller margin cannot save a step"""
+"""smallest distance inside the goal's edge with which a plan may save a step, as a share of the path of its last step"""
 HOLD = 2
-"""steps for which a thrust stays constant"""
+"""number of steps for which a plan holds a thrust"""
 VERSION = 4
-"""version of the search; a journal of an older version is deleted"""
+"""version of the search; finished searches of an older version are not used"""
 INTERVALS = 40
-"""number of intervals of `Free`"""
+"""number of intervals of the free programme"""
 SIZES = (24, 48, 72, 96, 128, 192, 256, 384)
-"""numbers of intervals for which a `Fixed` is built; a shorter plan is padded, and steps of a longer one
-share thrusts
-"""
+"""numbers of intervals of the fixed programmes; shorter plans are padded, and longer plans hold thrusts for more steps"""
 ROOM = 0.02
-"""distance in m between a plan and the depth limits or the goal's edge, as a reserve for motion between its
+"""distance in m that a plan keeps from the depth limits and the goal's edge, as a reserve for motion between its
 grid points
 """
 ITERATIONS = 100
-"""largest number of iterations of one solution; not a time limit, so that a busy machine finds the same result"""
+"""largest number of IPOPT iterations; unlike a time limit, it gives the same result on a busy machine"""
 LONGEST = 1000.0
 """longest duration of a plan, s"""
 
 _IPOPT: dict[str, Any] = {
     "print_level": 0,
     "sb": "yes",
-    # Otherwise IPOPT would read ipopt.opt in the working directory, which may name libraries to load.
+    # By default IPOPT reads ipopt.opt in the working directory, which may name libraries to load.
     "option_file_name": "",
     "linear_solver": "mumps",
-    # A fifth faster than the scalings that MUMPS would choose.
+    # A fifth faster than the defaults of MUMPS.
     "mumps_pivot_order": 0,
     "mumps_scaling": 0,
     "mumps_permuting_scaling": 0,
-    # The solution is simulated anyway.
+    # A low accuracy suffices, because the solution is simulated afterwards.
     "tol": 1e-3,
     "acceptable_tol": 1e-2,
     "acceptable_iter": 4,
@@ -80,12 +85,12 @@ class Plan:
     X: Floats
     """(n_x, N + 1) states at the nodes, in the frame of the start"""
     U: Floats
-    """(n_u, N) thrusts between the nodes, as shares -1 .. 1 of their ranges"""
+    """(n_u, N) thrusts in the intervals, as shares from -1 to 1 of their ranges"""
     T: float
     """duration, s"""
 
     def on(self, n: int, duration: float | None = None) -> Plan:
-        """Return the plan on n equal intervals, stretched to `duration` s if given."""
+        """Return the plan on a grid of n equal intervals, with the duration `duration` in s if given."""
         N = self.U.shape[1]
         at = np.linspace(0.0, N, n + 1)
         X = np.array([np.interp(at, np.arange(N + 1), row) for row in self.X])
@@ -95,7 +100,7 @@ class Plan:
 
 
 class Programs:
-    """Programmes of one vehicle, built when first needed."""
+    """Nonlinear programmes of one vehicle, built when first needed."""
 
     def __init__(
         self, model: SymbolicModel, depth: tuple[float, float], start_depth: float, radius: float
@@ -111,7 +116,7 @@ class Programs:
 
     @property
     def coasting(self) -> Floats:
-        """Return the (n_u,) shares without thrust."""
+        """Return the shares (n_u,) of zero thrust."""
         return np.asarray(np.clip(-self.middle / self.half, -1.0, 1.0))
 
     def thrusts(self, U: Floats) -> Floats:
@@ -123,7 +128,7 @@ class Programs:
         return np.asarray(np.clip((thrust - self.middle[:, None]) / self.half[:, None], -1.0, 1.0))
 
     def shortest(self, guess: Plan, waypoint: Floats) -> tuple[Plan, bool]:
-        """Return the quickest plan to a waypoint (3,) from a guess, and whether IPOPT reports a solution."""
+        """Return the quickest plan to a waypoint (3,), and whether IPOPT reports success; the search starts from `guess`."""
         if self._free is None:
             self._free = self._build(INTERVALS, free=True)
         guess = guess.on(INTERVALS)
@@ -143,10 +148,10 @@ class Programs:
     def closest(self, guess: Plan, waypoint: Floats, steps: int, duration: float) -> tuple[Plan, Floats]:
         """Return the plan that ends closest to a waypoint (3,) after `steps` steps of `duration` s.
 
-        Each thrust is constant for `HOLD` steps, or for more if there are too many steps.
+        The plan holds each thrust for `HOLD` steps, or for more steps if the largest of `SIZES` is too small.
 
         Returns:
-            Plan with one interval for each thrust, and its shares (n_u, steps), one for each step.
+            Plan with one interval for each held thrust, and the shares (n_u, steps) of the thrusts in each step.
         """
         hold = max(HOLD, -(-steps // SIZES[-1]))
         n = -(-steps // hold)
@@ -198,7 +203,7 @@ class Programs:
             rate = model.derivative(0.5 * (X[:, k] + X[:, k + 1]), thrust, still)
             gaps.append(X[:, k + 1] - X[:, k] - (T / n if free else lengths[k]) * rate)
         away = ca.sumsqr(X[:3, n] - waypoint)
-        # A tiny cost that decides only between otherwise equal thrusts.
+        # A tiny cost, which only matters between plans of equal duration or distance.
         effort = 1e-3 * ca.sumsqr(U) / n
         states = ca.vertcat(ca.vec(X), ca.vec(U))
         if free:
@@ -210,7 +215,7 @@ class Programs:
                 "p": waypoint,
             }
         else:
-            # The guess is nearly optimal already.
+            # Start the barrier with small values, because the guess is nearly optimal.
             ipopt = {**_IPOPT, "mu_init": 1e-3, "bound_push": 1e-4, "bound_frac": 1e-4}
             program = {
                 "x": states,
@@ -247,7 +252,14 @@ class Search:
         )
 
     def find(self, scenario: Scenario, starts: Mapping[str, Floats]) -> Solution:
-        """Search from actions (T, n_u) of controllers; if that finds nothing better than they are, from a straight line.
+        """Return the quickest solution of a search that starts from actions of controllers, or from a straight line.
+
+        The straight line is used if the search from the controllers finds no solution quicker than the
+        controllers. If neither does, the result is the solution of the quickest controller.
+
+        Args:
+            scenario: scenario of the search.
+            starts: actions (T, n_u) by controller.
 
         Raises:
             TrainingError: the simulation produced numbers that are not finite, or no trajectory reaches the goal.
@@ -267,7 +279,7 @@ class Search:
         return best
 
     def plan_of(self, scenario: Scenario, flown: Floats) -> Plan | None:
-        """Return the trajectory of actions (T, n_u) in a scenario, relative to its start; None if they do not reach the goal."""
+        """Return the trajectory of actions `flown` (T, n_u) in the frame of the start; None if it does not reach the goal."""
         outcome = self.trial.fly(scenario, len(flown), lambda step, pose, velocity: flown[step])
         if not outcome.arrived:
             return None
@@ -284,9 +296,16 @@ class Search:
     def _followed(
         self, scenario: Scenario, plan: Plan, shares: Floats, start: str
     ) -> tuple[Solution | None, Outcome]:
-        """Follow a plan with shares (n_u, steps), one for each step; return what reaches the goal, if it does, and the outcome."""
+        """Follow a plan in the simulator; return the solution (None if it does not reach the goal) and the outcome.
+
+        Args:
+            scenario: scenario of the plan.
+            plan: plan to follow.
+            shares: (n_u, steps) shares of the planned thrusts in each step.
+            start: name of the search's starting point.
+        """
         steps = shares.shape[1]
-        # The nodes of a plan are some steps apart, the last one perhaps fewer.
+        # Neighbouring nodes of a plan are `apart` steps apart; the last interval may have fewer steps.
         apart = -(-steps // plan.U.shape[1])
         nodes = np.minimum(apart * np.arange(plan.U.shape[1] + 1), steps)
         X = np.array([np.interp(np.arange(steps + 1), nodes, row) for row in plan.X])
@@ -309,7 +328,7 @@ class Search:
     def _improve(
         self, scenario: Scenario, best: Solution | None, guesses: Iterable[tuple[str, Plan]]
     ) -> Solution | None:
-        """Refine the quickest plan that several guesses lead to; return what is better than `best`."""
+        """Optimize from each guess and refine the quickest plan; return a solution quicker than `best`, or None."""
         plans = []
         for start, guess in guesses:
             plan, solved = self.programs.shortest(guess, scenario.target)
@@ -322,7 +341,7 @@ class Search:
         return self._refine(scenario, plan, start, math.inf if best is None else best.steps - 1)
 
     def _refine(self, scenario: Scenario, plan: Plan, start: str, most: float) -> Solution | None:
-        """Return the fewest steps, `most` at most, in which plans near `plan` reach the goal in the simulator; None if no plan does."""
+        """Return the quickest solution near `plan`, of at most `most` steps; None if no plan reaches the goal in the simulator."""
         steps = max(1, math.ceil(plan.T * self.frequency))
         too_few, best = 0, None
         guess = plan
@@ -332,7 +351,7 @@ class Search:
                 break
             guess, shares = self.programs.closest(guess, scenario.target, steps, 1.0 / self.frequency)
             arrived, outcome = self._followed(scenario, guess, shares, start)
-            # Number of steps that the plan is early or late, at its final speed.
+            # Convert distances to the goal's edge into steps with the path of a step at the final speed.
             pace = max(float(np.linalg.norm(outcome.velocity[-1, :3])), 0.1) / self.frequency
             distance = float(np.linalg.norm(outcome.pose[-1, :3] - scenario.waypoint))
             if arrived is not None:

@@ -1,8 +1,9 @@
-"""Follow a plan in the simulator with feedback, so that what the plan neglects does not add up.
+"""Follow a plan in the simulator with feedback, so that the errors of the plan do not grow.
 
-A vehicle that moves fast turns aside without control (the Munk moment), so that the commands of a plan alone lead metres away from it
-within ten seconds. The regulator is that of Anderson and Moore (1990, Optimal Control: Linear Quadratic Methods, section 2.4): the
-motion is linearised along the plan, and the gains follow from the discrete Riccati equation, backwards from the plan's end.
+Without control, the Munk moment turns a fast vehicle away from its direction of motion. The commands of a plan
+without feedback therefore lead metres away from the plan within ten seconds. The regulator is a time-varying
+LQR (Anderson and Moore 1990, Optimal Control: Linear Quadratic Methods, section 2.4): the motion is linearised
+along the plan, and the gains follow from the discrete Riccati equation, backwards from the plan's end.
 """
 
 from __future__ import annotations
@@ -21,18 +22,21 @@ Floats = NDArray[np.float64]
 WEIGHTS = (1.0,) * 3 + (4.0,) * 4 + (0.5,) * 6
 """weights of errors in position (m), quaternion and velocity (m/s, rad/s)"""
 EFFORT = 0.05
-"""weight of the change of a thrust, as a share of half its range"""
+"""weight of the deviation of a thrust from the plan, as a share of half its range"""
 STEP = 0.01
-"""largest step of the linearised motion, s"""
+"""largest integration step of the motion that is linearised, s"""
 
 
 class Tracker:
-    """Regulator along plans of one vehicle; actuators that lag are taken to be as planned."""
+    """Regulator along plans of one vehicle; it assumes that the states of lagging actuators are as planned."""
 
     def __init__(
         self, model: SymbolicModel, middle: Floats, half: Floats, trial: Trial, duration: float
     ) -> None:
-        """Prepare steps of `duration` s; thrusts (n_u,) in N are `middle` plus shares times `half`."""
+        """Prepare the linearisation of steps of `duration` s.
+
+        Thrusts (n_u,) in N are `middle` plus shares times `half`.
+        """
         ca = require()
         self.model, self.trial = model, trial
         self.middle, self.half = middle, half
@@ -43,7 +47,11 @@ class Tracker:
         self._weight = np.diag([*WEIGHTS, *np.zeros(model.n_x - len(WEIGHTS))])
 
     def fly(self, scenario: Scenario, X: Floats, shares: Floats) -> tuple[Commands, Outcome]:
-        """Follow states (n_x, steps + 1) with shares (n_u, steps); return the commands (T, n_u) and what they led to."""
+        """Follow planned states X (n_x, steps + 1) with planned shares (n_u, steps) of thrusts.
+
+        Returns:
+            Commands (T, n_u) and their outcome.
+        """
         gains = self._gains(X, shares)
         flown: list[Commands] = []
 
@@ -51,7 +59,7 @@ class Tracker:
             planned = X[:, step]
             state = np.concatenate([scenario.relative(pose), velocity, planned[13:]])
             if state[3:7] @ planned[3:7] < 0.0:
-                state[3:7] *= -1.0  # the same attitude
+                state[3:7] *= -1.0  # the opposite quaternion is the same attitude
             share = np.clip(shares[:, step] - gains[step] @ (state - planned), -1.0, 1.0)
             flown.append(stored(self.trial.vehicle.action((self.middle + self.half * share)[None])[0]))
             return actions(flown[-1])
