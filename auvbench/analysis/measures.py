@@ -63,7 +63,9 @@ class Measure:
             return np.where(agent.outcome == NO_POLICY, self.failure(agent), measured)
         failed = agent.outcome != SUCCESS
         limit = _limit(agent, self.column)
-        if failed.any() and not np.isfinite(limit).all():  # without a limit, a failure has no penalised value
+        if (
+            failed.any() and not np.isfinite(limit).all()
+        ):  # a mean over only its successes would not be a penalised mean
             return np.full(agent.outcome.shape, np.nan)
         return np.where(failed, self.penalty * limit, measured)
 

@@ -1,1 +1,1 @@
-"""Show results to people: tables, figures, the page, replays. It draws what `analysis` computes."""
+"""Show results as tables, figures, pages and replays; `analysis` computes the numbers of reports."""

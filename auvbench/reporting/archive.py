@@ -26,12 +26,12 @@ from auvbench.untrusted.text import short
 OUTPUT = "outputs"
 """value of `output` in a published configuration; the folder is not part of a run's identity"""
 EPISODES_KEPT = 100
-"""largest number of trajectories of a condition"""
+"""largest number of stored trajectories of a run under one condition"""
 COMPACT = ("condition", "frequency_hz", "episode", "outcome", "steps")
-"""first columns of a compact table; then come the measures that rank the agents of the tasks, and `ALSO_COMPACT`"""
+"""first columns of a compact table; the columns of the tasks' primary measures and `ALSO_COMPACT` follow"""
 ALSO_COMPACT = ("final_position_error_m", "energy_J")
 DIGITS = 3
-"""significant digits of the measures in a compact table; their means are more exact"""
+"""significant digits of the measures in a compact table; rounding errors mostly cancel in means over episodes"""
 
 
 def write(
@@ -97,7 +97,9 @@ def write(
 
 
 def write_history(runs: Sequence[RunRecord], folder: Path) -> list[str]:
-    """Write the histories of the runs' experiments as one file, if there is one; return what was left out.
+    """Write the histories of the runs' experiments as one file; return a text for each unreadable history.
+
+    Without any history, no file is written.
 
     Raises:
         OSError: the file cannot be written.
@@ -139,7 +141,7 @@ def _json(value: Any) -> str:
 
 
 def _config(run: RunRecord) -> dict[str, Any]:
-    """Return the nested configuration without folders of this machine, which are not part of a run's identity."""
+    """Return the nested configuration without the folders of this machine, which do not belong to a run's identity."""
     config = run.source.config()
     if run.source.published:
         return config

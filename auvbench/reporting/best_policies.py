@@ -22,18 +22,21 @@ CHOSEN = "This test chose each policy, so its success is likely to be lower on o
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """The best run of an algorithm, and the reason if its policy has no file."""
+    """Best run of an algorithm, with the reason if its policy could not be exported."""
 
     agent: str
     run: str
     success: float
     """success rate in the test"""
     problem: str = ""
-    """reason why there is no file; '' if there is one"""
+    """reason why the policy has no file; '' if it has one"""
 
 
 def best(agents: Sequence[Agent], rank_by: str) -> list[tuple[Agent, int]]:
-    """Return each agent with the index of its best run, in the given order; of equal runs, the first by id."""
+    """Return each agent with the index of its best run, in the given order.
+
+    Of equally good runs, the first by id counts. Agents without a value of the measure are left out.
+    """
     measure = to_rank_by(rank_by)
     chosen = []
     for agent in agents:
@@ -55,16 +58,16 @@ def renew(
     *,
     export: bool,
 ) -> list[Best]:
-    """Export the best policy of each learning algorithm, and remove policies of the study's other runs.
+    """Export the best policy of each learning algorithm, and remove the policies of other runs of the study.
 
     Args:
         sections: result of `best` for each section, best agents first.
         sources: runs with their weights, by id.
         folder: folder of the study.
-        export: if False, only list the existing files.
+        export: whether to export and remove files; False only lists the existing files.
 
     Raises:
-        RunError: a link is in the way.
+        RunError: an output path is a link.
         MissingExtraError: onnx or onnxruntime is not installed.
         TrainingError: the disk is full, read-only or failing.
     """
@@ -97,7 +100,7 @@ def _is_network(run: RunRecord) -> bool:
 
 
 def _file(folder: Path, run: RunRecord, source: RunRecord | None, export: bool) -> str:
-    """Return why a run has no file; '' if it has one."""
+    """Export a run's policy if it has no file yet; return why it has none, or '' if it has one."""
     from auvbench.evaluation import exporting
 
     if (folder / f"{run.id}.onnx").exists():
@@ -107,7 +110,7 @@ def _file(folder: Path, run: RunRecord, source: RunRecord | None, export: bool) 
     try:
         exporting.export(RunDirectory(source.directory), folder)
     except AuvbenchError as error:
-        if error.exit_code == 1:  # an error of the disk
+        if error.exit_code == 1:  # a disk error
             raise
         return str(error).removeprefix(f"{source.directory}: ")
     return ""
@@ -128,7 +131,7 @@ def has_policies(folder: Path) -> bool:
 
 
 def markdown(policies: Sequence[Best]) -> str:
-    """Return the README block: the policies with their cards, and those that could not be exported."""
+    """Return the README block with a table of the policies and their cards, and a list of the failed exports."""
     files = [
         (
             escape(row.agent),

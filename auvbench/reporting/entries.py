@@ -1,8 +1,8 @@
-"""Read and write entries of other people: an agent with its rows, weights and knowledge, in one archive.
+"""Read and write entries: archives in which users submit an agent with its rows, weights and knowledge.
 
-An entry is a published study with two additions. `entry.json` says who entered what and what the agent knew;
-`models/<run>/` has the files of each run's model. So `auvbench report` reads an entry like any study, and
-`auvbench verify` can test it again from the archive alone.
+An entry is a published study with two additions. `entry.json` describes the submitter, the agent and the agent's
+knowledge; `models/<run>/` has the files of each run's model. So `auvbench report` reads an entry like any study,
+and `auvbench verify` can repeat its test with only the archive.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Entry:
     trials: Count
     """Number of trials that chose the settings"""
     tuned_on: Prose
-    """What the trials were tested on"""
+    """Description of the scenarios on which the trials were tested"""
     cpu: Name
     """Processor of the machine that ran the test"""
     auvbench: Name
@@ -67,11 +67,11 @@ class Verified:
     auvbench: Name
     cpu: Name
     same_bits: bool
-    """Whether all rows have the same bits"""
+    """Whether all rows of the repeated test have the same bits as the submitted rows"""
     verdict: Name
-    """Verdict of the submitted rows against PID"""
+    """Verdict on the agent against PID from the submitted rows"""
     again: Name
-    """Verdict of the rows of the repeated test against PID"""
+    """Verdict on the agent against PID from the rows of the repeated test"""
     ok: bool
 
 
@@ -103,13 +103,13 @@ def pack(entry: Entry, runs: Sequence[RunRecord], folder: Path, target: Path) ->
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as packed:
         for name, data in {FILE: document, **files}.items():
-            # With a fixed date the same entry has the same bytes.
+            # The date is fixed, so that the same entry gives the same bytes.
             packed.writestr(zipfile.ZipInfo(name, (2026, 1, 1, 0, 0, 0)), data, zipfile.ZIP_DEFLATED)
     write_atomic(target, stream.getvalue())
 
 
 def unpack(path: Path, folder: Path) -> Entry:
-    """Copy an entry, a ZIP file or a folder, into an empty folder and return its description.
+    """Copy an entry from a ZIP file or a folder into an empty folder, and return its description.
 
     Raises:
         ReportError: the entry cannot be read, is damaged, or has a file that its description does not name.
@@ -142,7 +142,7 @@ def unpack(path: Path, folder: Path) -> Entry:
 
 
 def _in_folder(path: Path) -> dict[str, bytes]:
-    """Return the files in an entry's folder, by name."""
+    """Return the contents of the files in an entry's folder, by name."""
     description = reading.content(path / FILE)
     entry = read(description, path)
     contents = {name: reading.content(child(path, name), tables.FILE) for name in entry.files}

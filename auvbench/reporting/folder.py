@@ -1,4 +1,7 @@
-"""Write the formats of a report into a folder; several sections into a folder each, with an overview above them."""
+"""Write the formats of a report into a folder.
+
+With several sections, each section has its own folder, and the folder of the report has an overview.
+"""
 
 from __future__ import annotations
 
@@ -28,15 +31,18 @@ def write(
     several: bool = False,
     subjects: Sequence[Subject] = (),
 ) -> tuple[Report, list[Path]]:
-    """Write the requested formats; return the report, with damage found while drawing, and the files.
+    """Write the requested formats of one section.
 
     Args:
-        report: report of one section.
-        options: name the formats to write.
+        report: report of the section.
+        options: options, including the formats to write.
         command: command line, for the page.
         out: folder of the report.
         several: whether there are further sections.
-        subjects: comparisons by condition, for the formats of the whole report.
+        subjects: comparisons by condition; empty for one of several sections.
+
+    Returns:
+        Report, with the damage found while drawing added to its problems, and the written files.
     """
     shown = tables.by_condition_tables(subjects)
     try:
@@ -76,7 +82,10 @@ def write(
 def _by_condition(
     subjects: Sequence[Subject], shown: Sequence[Table], options: Options, out: Path
 ) -> list[Path]:
-    """Write the comparisons by condition as by_condition.csv and .tex; without any, remove those of an earlier report."""
+    """Write the comparisons by condition as by_condition.csv and by_condition.tex, if the options name these formats.
+
+    Without comparisons, remove the two files of an earlier report.
+    """
     written = []
     if "tex" in options.format:
         printed = [tables.in_print(table, f"by-condition-{i}") for i, table in enumerate(shown, 1)]
@@ -98,9 +107,8 @@ def write_sections(
     `table.csv`.
 
     Returns:
-        Reports, with damage found while drawing, and the files of the overview. If the formats have no
-            overview: the files of the sections.
-        none, of the sections.
+        Reports, with the damage found while drawing added to their problems; and the files of the overview. For
+            formats without an overview, the files of the sections.
     """
     sections, below = [], []
     shown = tables.by_condition_tables(subjects)

@@ -35,7 +35,7 @@ from auvbench.reporting.write import text
 from auvbench.vehicles.inspect import AXES
 
 WIDTH = 150
-"""Characters of a line of the tables for the terminal."""
+"""Number of characters in a line of the tables for the terminal"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,14 +50,14 @@ class Part:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with some significant digits; a dash for NaN."""
+    """Return a number with `digits` significant digits; a dash for NaN or infinity."""
     if not math.isfinite(value):
         return NOTHING
     return f"{value:.{digits}g}"
 
 
 def parameters_table(fit: Fit) -> Table:
-    """Return the parameters before and after, with intervals and with the reason for those that stay."""
+    """Return the parameters before and after the fit, with intervals, and the reason for each unchanged parameter."""
     lines = []
     for estimate in fit.estimates:
         parameter = estimate.parameter
@@ -107,7 +107,10 @@ def _state(estimate: Estimate) -> str:
 
 
 def excitation_table(fit: Fit, verdicts: Sequence[Verdict]) -> Table:
-    """Return what the commands did on each axis, and the fitted vehicle's error of its velocity on the same logs."""
+    """Return a table of the excitation of each axis by the commands, and of the fitted vehicle's velocity errors.
+
+    The errors are on the logs of the fit.
+    """
     shares = share_of_holding(fit.logs, fit.vehicle, {e.parameter.name: e.value for e in fit.estimates})
     missed = {axis: shares.get(CHANNELS[6 + k], math.nan) for k, axis in enumerate(AXES)}
     lines = tuple(
@@ -256,7 +259,7 @@ def _some(embedded: dict[str, page_parts.Embedded], *names: str) -> tuple[page_p
 
 
 def validation_table(result: Validation) -> Table:
-    """Return the errors of all predictors by channel and horizon; the smallest error of a column has a mark."""
+    """Return the errors of all predictors by channel and horizon; a star marks the smallest error of each."""
     rms = [prediction.rms() for prediction in result.predictions]
     lines = []
     for channel in result.channels:
@@ -290,7 +293,7 @@ def _mark(value: float, column: np.ndarray) -> str:
 
 
 def summary_table(result: Validation) -> Table:
-    """Return one row for each predictor: error relative to holding, and coverage of its bands."""
+    """Return one row for each predictor: its error relative to holding the initial state, and the coverage of its bands."""
     lines = []
     for prediction in sorted(result.predictions, key=result.skill):
         coverage, skill = prediction.coverage(), result.skill(prediction)

@@ -1,4 +1,4 @@
-"""Fill the computed blocks of a study's README, between markers, without changing the text of its author."""
+"""Fill the computed blocks of a study's README between markers, without changing the author's text."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ PARTS = {
     "policies": "Policies",
     "provenance": "How the numbers came about",
 }
-"""blocks in the order of a new README, with their headings"""
+"""headings of the blocks by name, in the order of a new README"""
 FOLDED = ("findings", "provenance")
-"""blocks that a reader opens by clicking on their heading"""
+"""blocks that are folded; a click on the heading opens them"""
 QUESTION = "*(The question that this study answers, in one sentence: written by its author.)*"
 ANSWER = (
     "*(The answer in at most five sentences of at most 25 words, written by its author: who is best, by how much, how sure "
@@ -42,10 +42,10 @@ COMMANDS = 5
 
 
 def fill(path: Path, title: str, blocks: Mapping[str, str]) -> str:
-    """Return the text of a README with its computed blocks renewed.
+    """Return the text of a README with new contents of its computed blocks.
 
     Args:
-        path: path of the README; if it is missing, a new text with placeholders for its author is begun.
+        path: path of the README; if it is missing, the text is a new README with placeholders for the author.
         title: title of a new README.
         blocks: text of each block, by a name in `PARTS`.
 
@@ -95,7 +95,7 @@ def has(path: Path, name: str) -> bool:
 
 
 def fold(summary: str, text: str) -> str:
-    """Return Markdown that shows a summary, and the text after a click."""
+    """Return Markdown that shows a summary; a click on the summary opens the text."""
     return f"<details><summary>{summary}</summary>\n\n{text.strip()}\n\n</details>"
 
 
@@ -109,7 +109,7 @@ def _block(name: str, text: str) -> str:
 
 
 def provenance(runs: Sequence[RunRecord], command: str, events: Sequence[history.Line] = ()) -> str:
-    """Return the provenance of the numbers as Markdown: runs, time, machines, versions, commands and history."""
+    """Return the provenance of a study's numbers as Markdown: runs, time, machines, versions, commands and history."""
     manifests = [run.manifest for run in runs]
     days = sorted(str(m[key])[:10] for m in manifests for key in ("started", "ended") if m.get(key))
     steps = sum(int(m.get("steps") or 0) for m in manifests)
@@ -129,11 +129,11 @@ def provenance(runs: Sequence[RunRecord], command: str, events: Sequence[history
 
 
 LONGEST = 2000
-"""largest number of characters of a command"""
+"""largest number of shown characters of a command"""
 
 
 def _trained_by(runs: Sequence[RunRecord]) -> str:
-    """Return the commands that trained the runs, those with the most runs first."""
+    """Return the commands that trained the runs as Markdown, first the commands of the most runs."""
     commands = Counter(str(run.manifest["command"]) for run in runs if run.manifest.get("command"))
     if not commands:
         return "The commands of the trainings are not recorded."

@@ -1,7 +1,7 @@
 """Show replayed episodes of a test as text, as a figure, and as a film (GIF); several runs share one scene.
 
-The background is drawn once, and only a dozen lines are drawn over it for each picture. This is a hundred
-times faster than redrawing the figure.
+The background of a film is drawn once. Each picture only draws a dozen lines over it, which is a hundred times
+faster than drawing the whole figure.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ from auvbench.reporting.figures.style import OUTCOME_LOOK
 from auvbench.runs.atomic_io import check_writable
 
 RATE = 25  # pictures per second
-LONGEST = 150  # pictures; a longer episode is played faster
+LONGEST = 150  # largest number of pictures; a longer episode is played faster
 HOLD = 25
-"""still pictures at the end of a film of several runs"""
+"""number of pictures for which the last picture stays in a film of several runs"""
 DPI = 80
 SIZE = (10.4, 4.4)  # inches: 832 x 352 pixels
 GREY: Any = {"color": "#9a9a9a", "linestyle": "--", "linewidth": 1.0}
-"""style of a reference"""
+"""line style of a reference"""
 
 Picture = NDArray[np.uint8]
 
 
 def summary(episode: Replay) -> str:
-    """Return the episode in six lines."""
+    """Return a text of a few lines that describes the episode."""
     r, config = episode.record, episode.config
     wx, wy, wz = (float(v) for v in episode.waypoint)
     task = TASKS[config.task.name]
@@ -58,7 +58,7 @@ def summary(episode: Replay) -> str:
 
 
 def _accuracy(r: Record) -> str:
-    """Return a text on the vehicle's accuracy, by the first metric that its task measures."""
+    """Return a text on the vehicle's accuracy, with the first metric of a fixed list that the record has."""
     names = (
         "formation_error_rms_m",
         "deviation_mean_m",
@@ -67,7 +67,7 @@ def _accuracy(r: Record) -> str:
         "final_position_error_m",
         "altitude_error_rms_m",
         "clearance_min_m",
-        "final_distance_m",  # of every task
+        "final_distance_m",  # measured in every task
     )
     name = next(name for name in names if name in r)
     return f"{next(m.title for m in metrics.registered() if m.name == name)} {float(r[name]):.2f} m"
@@ -75,13 +75,13 @@ def _accuracy(r: Record) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """Lines of an episode that grow over time."""
+    """Lines of an episode in a figure that are redrawn for each step."""
 
     episode: Replay
     space: list[Any]
-    """Lines in space: path, nose and position of the reference, and paths of the other vehicles of a team"""
+    """Lines in the 3-D view: path, nose, position of the moving reference, paths of the other vehicles of a team"""
     above: list[Any]
-    """The same lines seen from above"""
+    """The same lines in the view from above"""
     distance: Any
     commands: list[Any]
     """command of each actuator; empty with several episodes"""
@@ -91,7 +91,7 @@ class Moving:
         return [*self.space, *self.above, self.distance, *self.commands]
 
     def show(self, step: int) -> None:
-        """Draw the lines up to a step of the episode; a ring is a moving reference."""
+        """Set the data of the lines up to a step of the episode."""
         e = self.episode
         p, yaw = e.position[: step + 1], e.yaw[step]
         left, right = self.above[0].axes.get_xlim()
@@ -108,7 +108,7 @@ class Moving:
 
 
 def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
-    """Return a figure with the background, and the still empty lines of each episode."""
+    """Return a figure with the background, and the lines of each episode, which have no data yet."""
     figure = style.canvas(*SIZE)
     figure.set_dpi(DPI)
     first, single = episodes[0], len(episodes) == 1
@@ -168,7 +168,7 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
 
 
 def _others(episode: Replay) -> int:
-    """Return the number of the other vehicles of a team."""
+    """Return the number of vehicles in the team of an episode, less one."""
     return 0 if episode.others is None else episode.others.shape[1]
 
 
@@ -179,7 +179,7 @@ def _outlines(episodes: Sequence[Replay]) -> Any:
 
 
 def labels(episodes: Sequence[Replay]) -> list[str]:
-    """Return the algorithm of each run, with its seed if several runs have the same algorithm."""
+    """Return a label for each episode: the algorithm, with the seed if several episodes have the same algorithm."""
     names = [title(episode.config.algo.name) for episode in episodes]
     return [
         name if names.count(name) == 1 else f"{name} seed {episode.config.seed}"
@@ -211,7 +211,7 @@ def check(path: Path) -> None:
 
 
 def film(episodes: Sequence[Replay], path: Path) -> Path:
-    """Write the episodes as one film; all start at the same moment.
+    """Write the episodes as one film, in which all episodes start at the same time, and return its path.
 
     Args:
         episodes: replayed episodes.
@@ -228,7 +228,7 @@ def film(episodes: Sequence[Replay], path: Path) -> Path:
     steps = np.unique(np.linspace(0, n, min(n + 1, LONGEST)).astype(int))
     frames = pictures(episodes, [float(longest.time[step]) for step in steps])
     every = [Image.fromarray(frame) for frame in frames]
-    # One palette for all pictures: the last one has every colour, and a palette per picture would flicker.
+    # All pictures have the palette of the last one, which has every colour; different palettes would flicker.
     palette = every[-1].quantize(256)
     indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every]
     still = 1 + HOLD * (len(episodes) > 1)
@@ -238,7 +238,7 @@ def film(episodes: Sequence[Replay], path: Path) -> Path:
 
 
 def pictures(episodes: Sequence[Replay], times: Sequence[float]) -> Iterator[Picture]:
-    """Yield the scene at some times, (352, 832, 3) each; an ended episode stands still."""
+    """Yield a picture (352, 832, 3) of the scene at each time in s; an ended episode stays at its end."""
     with style.styled():
         figure, moving = scene(episodes)
         artists = [artist for lines in moving for artist in lines.artists]

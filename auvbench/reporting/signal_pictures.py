@@ -16,16 +16,16 @@ from auvbench.runs.atomic_io import check_writable, write_atomic
 
 KINDS = (".png", ".svg", ".csv")
 WIDTH, HEIGHT = 10.4, 1.35
-"""inches: of the figure, and of a row of panels"""
+"""width of the figure, and height of a row of panels, inches"""
 MOST = 8
-"""numbers of a panel that are named"""
+"""largest number of lines in a panel with a legend"""
 
 
 def check(path: Path) -> None:
     """Check that signals can be written to a file.
 
     Raises:
-        UserError: the suffix is not one of KINDS, the path is a folder, or it is not writable.
+        UserError: the suffix is not one of `KINDS`, or the path is a folder or not writable.
     """
     if path.suffix.lower() not in KINDS:
         raise UserError(f"--signals {path}: must end in .png, .svg or .csv")
@@ -43,7 +43,7 @@ def write(signals: Signals, path: Path, about: str) -> None:
 
 
 def draw(signals: Signals, about: str) -> Any:
-    """Return a figure: on the left what the vehicle did, on the right what the agent observed."""
+    """Return a figure with the vehicle's motion on the left, and the agent's observations on the right."""
     pairs = list(zip_longest(signals.motion, signals.observed))
     figure = style.canvas(WIDTH, HEIGHT * len(pairs) + 0.5)
     axes = figure.subplots(len(pairs), 2, sharex=True, squeeze=False)

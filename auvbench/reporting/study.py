@@ -1,5 +1,6 @@
-"""Publish a study: copy the rows of runs, and compute from the copies tables, figures, policies and the blocks of
-its README.
+"""Publish a study: copy the rows of runs, and compute tables, figures and the blocks of a README from the copies.
+
+The best policies are exported from the runs themselves.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ NAMED = 3
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Options of publish itself, without report's flags."""
+    """Options of `auvbench publish`, without the options of a report."""
 
     folder: Path
     pictures: tuple[str, ...]
@@ -48,14 +49,14 @@ class Study:
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """What `publish` wrote."""
+    """Result of `publish`."""
 
     runs: int
     """number of runs in the report"""
     complete: bool
-    """whether nothing was left out"""
+    """whether no item was left out"""
     lines: tuple[str, ...]
-    """what was left out, and what to do next"""
+    """messages on items that were left out, and on the next steps"""
 
 
 def publish(paths: Sequence[Path], study: Study, options: Options) -> Published:
@@ -68,7 +69,7 @@ def publish(paths: Sequence[Path], study: Study, options: Options) -> Published:
 
     Raises:
         UserError: the README has no place for a block, an option has an unknown name, or no report is possible;
-            then nothing was written.
+            no file is written in these cases.
         ReportError: the study's folder contains runs, or has runs that would be lost.
         OSError: a file cannot be written.
     """
@@ -97,7 +98,10 @@ def _blocks(study: Study, options: Options) -> list[str]:
 def _copy(
     paths: Sequence[Path], options: Options, study: Study
 ) -> tuple[list[RunRecord], list[str], list[str]]:
-    """Write the runs; return them as loaded, a line for each item left out, and one for each duplicate.
+    """Write the files of the runs.
+
+    Returns:
+        Loaded runs that were written, a line for each item left out, and a line for each duplicate.
 
     Raises:
         ReportError: no run can be published, or the study's folder contains runs.
@@ -126,7 +130,7 @@ def _copy(
 
 
 def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
-    """Raise ReportError if the existing study has runs that would be lost."""
+    """Raise ReportError if the study in the folder has runs other than `chosen`, which publishing would remove."""
     if not is_archive(folder):
         return
     try:
@@ -149,10 +153,10 @@ def _compute(
     Args:
         study: options of publish.
         options: options of the report.
-        sources: runs as loaded, by id; they have the weights of the policies.
+        sources: loaded runs by id, which have the weights of the policies.
 
     Returns:
-        Number of runs in the report, a line for each policy that could not be exported, and what to do next.
+        Number of runs in the report, a line for each policy that could not be exported, and lines on the next step.
     """
     folder = study.folder
     analysis = _stored(options)
@@ -200,8 +204,9 @@ def _tables(protocols: Sequence[tuple[str, Sequence[Report]]], folder: Path) -> 
 
 
 def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options, folder: Path) -> list[str]:
-    """Write score.csv of all protocols; return the tables across tasks as Markdown, or none if the study has
-    one task.
+    """Write score.csv of all protocols, and return the tables of scores across tasks as Markdown.
+
+    The result is empty if the study has only one task.
     """
     protocol_scores = [
         (name, across_tasks(reports, replace(options, protocol=name))) for name, reports in protocols
@@ -218,14 +223,14 @@ def _scores(protocols: Sequence[tuple[str, Sequence[Report]]], options: Options,
 
 
 def _by_condition(subjects: Sequence[Subject]) -> str:
-    """Return the table of the agents furthest ahead, and the folded tables of each task."""
+    """Return Markdown with the table of the agents furthest ahead, and the folded tables of each task."""
     first, *further = tables.by_condition_tables(subjects)
     folded = [fold(table.title, tables.pipes(table)) for table in further]
     return "\n\n".join([f"### {first.title}", tables.pipes(first), *folded])
 
 
 def _stored(options: Options) -> Declared:
-    """Return the analysis that reproduces the shipped tables when the study is reported without flags."""
+    """Return the analysis to store with the study, so that `auvbench report` without flags gives the same tables."""
     usual = defaults()
     declared = options.declared
     names = OF_THE_TABLE if declared is not None and declared.names_runs else STORED
@@ -250,7 +255,7 @@ def _stored(options: Options) -> Declared:
 def _policies(
     reports: Sequence[Report], study: Study, sources: Mapping[str, RunRecord]
 ) -> tuple[str, list[str]]:
-    """Return the README block, and a line for each policy that could not be exported."""
+    """Return the README block of the policies, and a line for each policy that could not be exported."""
     exported = best_policies.renew(
         [best_policies.best(r.agents, r.ranking.rank_by) for r in reports],
         sources,
@@ -278,7 +283,7 @@ def _ranked(reports: Sequence[Report], folder: Path) -> str:
 
 
 def _heading(report: Report) -> str:
-    """Return the heading of a section, empty if the study has only one."""
+    """Return the heading of a section in Markdown."""
     return f"### {report.section.title[:1].upper()}{report.section.title[1:]}"
 
 
@@ -290,9 +295,7 @@ def _findings(reports: Sequence[Report]) -> str:
 
 
 def _claims(reports: Sequence[Report]) -> str:
-    """Return the study's claims with their verdicts, and its published numbers next to ours, for each section
-    that has them.
-    """
+    """Return Markdown with the original study's claims and verdicts, and its numbers next to ours, for each section."""
     parts = []
     for report in reports:
         if report.claims:
@@ -303,7 +306,7 @@ def _claims(reports: Sequence[Report]) -> str:
 
 
 def _figures(report: Report, pictures: Sequence[str], folder: Path, section: str = "") -> list[str]:
-    """Draw figures of a section into `figures`, or `figures/SECTION`; return them as Markdown."""
+    """Draw figures of a section into `figures/SECTION`, or `figures` without a section; return them as Markdown."""
     drawn = draw(pictures, report.agents, report.ranking, folder / "figures" / section)
     for figure in drawn:
         figure.svg.unlink(missing_ok=True)
@@ -316,11 +319,11 @@ def _figures(report: Report, pictures: Sequence[str], folder: Path, section: str
 
 
 COLOURS = 128
-"""colours of a picture; lines and areas need no more"""
+"""number of colours in a picture, sufficient for lines and areas"""
 
 
 def _shrink(png: Path) -> None:
-    """Reduce a picture to `COLOURS`, which saves two thirds of the bytes."""
+    """Reduce a picture to `COLOURS` colours, which saves two thirds of the bytes."""
     from PIL import Image  # a dependency of Matplotlib
 
     stream = io.BytesIO()

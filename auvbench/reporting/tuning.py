@@ -1,4 +1,4 @@
-"""Write the report of a study: all trials as CSV, Optuna's figures, and the findings as sentences."""
+"""Write the report of a tuning study: all trials as CSV, Optuna's figures, and the findings as sentences."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from auvbench.untrusted import path_safety
 
 
 def report(outcome: Outcome) -> Path:
-    """Write trials.csv and the figures into the study's report/, and return the path of the table.
+    """Write trials.csv and the figures into the study's folder report/, and return the path of trials.csv.
 
     Raises:
         OSError: a file cannot be written.
@@ -62,7 +62,7 @@ def table(outcome: Outcome) -> pd.DataFrame:
 
 
 def summary(outcome: Outcome) -> list[str]:
-    """Return the findings, the most important first."""
+    """Return the findings of the study as sentences, the most important first."""
     lines = [gain(outcome)] if outcome.gains else []
     if outcome.broken:
         lines.append(broken(outcome))
@@ -83,7 +83,7 @@ def summary(outcome: Outcome) -> list[str]:
 
 
 def at_the_edge(outcome: Outcome) -> str:
-    """Return a sentence on the best values that are at an end of their range; '' if there are none."""
+    """Return a sentence on the best trial's values that are at an end of their range; '' without such values."""
     if outcome.best is None:
         return ""
     params = outcome.best.params
@@ -106,8 +106,10 @@ def gain(outcome: Outcome) -> str:
 
 
 def verdict(of: Gain) -> str:
-    """Return better, worse or not resolved (whether the interval of tuned less untuned excludes zero), with
-    the reliability.
+    """Return the verdict on the tuned settings against the untuned settings, with the reliability.
+
+    The verdict is better or worse if the interval of the difference excludes zero, otherwise not resolved. Below
+    `FEWEST` fresh seeds there is no verdict.
     """
     r = of.reliability
     reliability_text = f" ({r.count} of {r.trainings} tuned trainings are not behind)" if r else ""
@@ -120,12 +122,12 @@ def verdict(of: Gain) -> str:
 
 
 def broken(outcome: Outcome) -> str:
-    """Return a sentence on the trainings with fresh seeds that failed."""
+    """Return a sentence on the failed trainings with fresh seeds."""
     return f"With fresh seeds {counted(len(outcome.broken), 'training')} failed, so no gain is shown: {listed(outcome.broken, 3)}."
 
 
 def evidence(outcome: Outcome) -> str:
-    """Return the sentence for the header of the preset."""
+    """Return the sentence on the gain from tuning for the header of the preset."""
     if outcome.broken:
         return broken(outcome)
     return (
@@ -136,7 +138,7 @@ def evidence(outcome: Outcome) -> str:
 
 
 COLUMNS = 4
-"""number of panels in a row"""
+"""largest number of panels in a row"""
 
 
 def draw(outcome: Outcome, out: Path) -> None:
@@ -158,9 +160,10 @@ def draw(outcome: Outcome, out: Path) -> None:
 
 
 def in_units(outcome: Outcome) -> tuple[Study, Measure]:
-    """Return the study in the unit of the measure that distinguishes its trials, and that measure.
+    """Return an Optuna study of the trials with the values of one measure in the measure's unit, and this measure.
 
-    The second measure is used if more than half of the trials with the best trial's budget tie in the first.
+    The measure is the first objective. If it has the same value for more than half of the trials with the best
+    trial's budget, the measure is the second objective, which distinguishes these trials.
     """
     best = outcome.best
     peers = [trial for trial in outcome.trials if best and trial.last_step == best.last_step]
@@ -229,7 +232,7 @@ def _rungs(study: Study, label: str, budgets: Sequence[int]) -> Canvas:
 
 
 def _restyled(panels: Sequence[Axes], width: float, height: float) -> Canvas:
-    """Return the figure in the style of the other figures, without Optuna's titles."""
+    """Return the figure of the panels in the style of the report's other figures, without Optuna's titles."""
     figure = panels[0].get_figure()
     assert isinstance(figure, Canvas)
     figure.suptitle("")

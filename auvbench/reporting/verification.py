@@ -1,4 +1,4 @@
-"""Test an entry again from its archive alone, and compare the rows."""
+"""Repeat the test of an entry with only the entry's archive, and compare the rows."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ from auvbench.untrusted.text import short
 
 BASELINE = "pid"
 EMBEDDED = "fossen"
-"""The only simulator that an entry may use, since others connect to programs on this machine"""
+"""The only simulator that an entry may use; other simulators connect to programs on this machine"""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """Result of the comparison."""
+    """Result of comparing the submitted rows with the rows of the repeated test."""
 
     verified: Verified
     lines: tuple[str, ...]
@@ -49,7 +49,7 @@ def rebuilt(entry: Entry, folder: Path, target: Path) -> list[RunDirectory]:
     """Return the runs of an unpacked entry as run directories below `target`, without evaluations.
 
     Raises:
-        ReportError: a run is damaged, or does not use the embedded simulator.
+        ReportError: a run is damaged, uses another simulator than the embedded one, or starts a program.
     """
     study = Archive(folder)
     runs = []
@@ -84,7 +84,7 @@ def _refuse_programs(simulator: object, agent: object) -> None:
 
 
 def baseline(runs: Sequence[RunDirectory], target: Path) -> RunDirectory | None:
-    """Return a run of PID on the task and vehicle of an entry; None if the entry is PID."""
+    """Return a new run of PID on the task and vehicle of an entry; None if the entry itself is PID."""
     config = runs[0].config()
     if config["algo"]["agent"] == BASELINE:
         return None
@@ -102,7 +102,7 @@ def compare(
     pool: Pool,
     report: Callable[[RunDirectory, str, int], None] = lambda *_: None,
 ) -> Outcome:
-    """Test an unpacked entry again and compare the rows.
+    """Repeat the test of an unpacked entry, and compare its rows with the submitted rows.
 
     Args:
         entry: description of the entry.
@@ -154,7 +154,7 @@ def compare(
 
 
 def same_rows(first: pd.DataFrame, second: pd.DataFrame) -> bool:
-    """Return whether two tables of episodes have the same bits, in any order of columns."""
+    """Return whether two tables of episodes have the same columns, in any order, and values with the same bits."""
     tables = [frame.drop(columns=[c for c in FOLLOWING if c in frame.columns]) for frame in (first, second)]
     names = [sorted(frame.columns) for frame in tables]
     if names[0] != names[1]:
@@ -164,7 +164,7 @@ def same_rows(first: pd.DataFrame, second: pd.DataFrame) -> bool:
 
 
 def _verdict(paths: Sequence[Path], protocol: str, ids: set[str]) -> tuple[str, float, tuple[float, float]]:
-    """Return the verdict on the runs `ids` against the baseline, with the value of their measure and its interval."""
+    """Return the verdict on the agent of the runs `ids` against the baseline, its primary measure, and the interval."""
     runs, _ = load(paths, protocol)
     (part, *_) = sections(runs, protocol)
     condition = default(part.runs, protocol)
@@ -178,7 +178,7 @@ def _verdict(paths: Sequence[Path], protocol: str, ids: set[str]) -> tuple[str, 
 
 
 def refuse_unfit(runs: Sequence[RunRecord]) -> None:
-    """Raise ReportError if a run cannot be an entry."""
+    """Raise ReportError if a run cannot be an entry: it has no weights, or its test needs another program."""
     for run in runs:
         if run.source.published:
             raise ReportError(

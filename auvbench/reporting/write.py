@@ -1,4 +1,4 @@
-"""Write the parts of a report into files, with everything needed to judge and repeat its numbers."""
+"""Write the parts of a report into files, with all facts that a reader needs to judge and repeat its numbers."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def text(path: Path, content: str) -> Path:
 
 
 def if_any(path: Path, content: str) -> list[Path]:
-    """Write a file; without content, remove the file of an earlier report."""
+    """Write a file and return its path as a list; without content, remove the file of an earlier report instead."""
     if content:
         return [text(path, content)]
     path.unlink(missing_ok=True)
@@ -39,7 +39,7 @@ def if_any(path: Path, content: str) -> list[Path]:
 
 
 def markdown(report: Report, figures: Sequence[Figure], folder: Path, further: Sequence[Table] = ()) -> str:
-    """Return report.md of one section, with further tables; its links are relative to `folder`, its future location."""
+    """Return the content of report.md of one section, with further tables; links are relative to `folder`, its location."""
     ranking = report.ranking
     main = next((figure for figure in figures if figure.name == MAIN), None)
     parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]
@@ -65,13 +65,16 @@ def _titled(further: Sequence[Table]) -> list[str]:
 
 
 def figure_in_markdown(figure: Figure, folder: Path) -> str:
-    """Return a figure with its caption; its link is relative to `folder`."""
+    """Return Markdown that shows a figure with its caption; the link is relative to `folder`."""
     link = Path(os.path.relpath(figure.png, folder)).as_posix()
     return f"![{escape(figure.title)}](<{link}>)\n\n{escape(figure.caption)}"
 
 
 def verdicts(reports: Sequence[Report]) -> str:
-    """Return verdicts.json: each claim, then each finding, with its section if there are several; '' without any."""
+    """Return the content of verdicts.json: for each section, its claims, then its findings; '' without any.
+
+    With several sections, each entry names its section.
+    """
     rows: list[dict[str, Any]] = []
     for report in reports:
         section = {"section": report.section.title} if len(reports) > 1 else {}
@@ -89,7 +92,7 @@ def _numbers(estimate: Estimate) -> dict[str, Any]:
 
 
 def findings_in_markdown(findings: Sequence[Finding]) -> str:
-    """Return the first findings as a list and the others folded; each has its basis in brackets."""
+    """Return Markdown with the first findings as a list and the other findings folded, each with its basis in brackets."""
     lines = [f"* {escape(f.text + (f' ({f.basis})' if f.basis else ''))}" for f in findings]
     shown, folded = lines[:SHOWN], lines[SHOWN:]
     if folded:
@@ -109,7 +112,7 @@ def claims_in_markdown(claims: Sequence[ClaimVerdict]) -> str:
 
 
 OF_ONE_SECTION = ("table.tex", "conditions.tex", "conditions.csv", "comparisons.csv", "verdicts.json")
-"""files in the report of one section, but not in the overview of several"""
+"""files that a report of one section has, but an overview of several sections does not"""
 
 
 def overview(sections: int, score: Scores | None) -> str:
@@ -124,7 +127,11 @@ def overview(sections: int, score: Scores | None) -> str:
 def sections_markdown(
     reports: Sequence[Report], score: Scores | None = None, further: Sequence[Table] = ()
 ) -> str:
-    """Return report.md with the table and the findings of each section, a link to the section's own report, and further tables."""
+    """Return the content of report.md for several sections.
+
+    It has the scores, the table and the findings of each section, links to the sections' own reports, and further
+    tables.
+    """
     pieces = ["# Report", overview(len(reports), score)]
     if score is not None:
         pieces += ["## Score across tasks", tables.pipes(tables.score_table(score))]
@@ -140,7 +147,7 @@ def sections_markdown(
 
 
 def clear(out: Path) -> None:
-    """Remove the files of an earlier one-section report from the folder."""
+    """Remove the files that an earlier report of a single section left in the folder."""
     stale = [out / name for name in OF_ONE_SECTION]
     stale += [out / "figures" / f"{name}{suffix}" for name in FIGURES for suffix in (".png", ".svg")]
     for path in stale:
@@ -152,7 +159,7 @@ Facts = list[tuple[str, tuple[str, ...]]]
 
 
 def facts(runs: Sequence[RunRecord]) -> Facts:
-    """Return vehicles, simulators, machines, versions and commits of the runs, without those that no run has."""
+    """Return vehicles, simulators, versions, commits and machines of the runs; a fact that no run records is left out."""
     versions, commits, hosts = (
         [entries for run in runs if (entries := run.manifest.get(key))] for key in ("versions", "git", "host")
     )

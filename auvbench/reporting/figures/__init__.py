@@ -1,4 +1,4 @@
-"""The figures of a report: each is a small function that draws a scene."""
+"""Draw the figures of a report; each figure has a small function that draws a scene."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MAIN = "difference_from_baseline"
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure on disk."""
+    """Figure that was saved as PNG and SVG."""
 
     name: str
     """file name without suffix"""
@@ -42,16 +42,16 @@ FIGURES: dict[str, str] = {
     "validation_success": f"{_HERE}.training:validation",
     "training_curves": f"{_HERE}.training:length_and_return",
 }
-"""Functions of the figures by file name, in the order of the report; each takes a scene, and returns a drawing, or None if it has
-nothing to show.
+"""Functions of the figures by file name, in the order of the report. Each takes a scene, and returns a drawing, or
+None if the data do not allow the figure.
 """
 
 
 def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list[Figure], list[Problem]]:
-    """Draw every figure that the data allow into `out`/figures, and remove stale ones.
+    """Draw every figure that the data allow into `out`/figures, and remove the files of all other figures.
 
     Returns:
-        Figures as PNG and SVG, and the damage found while drawing.
+        Saved figures, and problems with damaged files that were read for them.
     """
     from auvbench.reporting.figures.scene import scene  # late: a report without figures needs no Matplotlib
 

@@ -20,7 +20,7 @@ from auvbench.reporting.figures.scene import Drawing, Scene
 
 
 class Look(NamedTuple):
-    """Colour and shape of a verdict; each is enough to tell verdicts apart."""
+    """Colour and marker of a verdict; verdicts differ in both, for readers who do not see colours."""
 
     colour: str
     marker: str
@@ -33,22 +33,20 @@ LOOKS = {
     BEHIND: Look("#D55E00", "v"),
     OPEN: Look("#6b6b6b", "o", filled=False),
 }
-"""colours from Okabe and Ito (2008)"""
+"""looks of the verdicts; colours from Okabe and Ito (2008)"""
 
 AXIS, LETTER, LINE = 2.6, 0.075, 0.19
-"""inches: width of the axis, of a letter, and height of a line of an agent's name"""
+"""width of the axis, width of a letter, and height of a line of an agent's name, inches"""
 LETTERS = 72
-"""letters per line"""
+"""largest number of letters in a line of an agent's name"""
 BAND = "#e4e4e4"
-"""colour of the margin, which no verdict has"""
+"""colour of the margin, different from the colours of the verdicts"""
 NARROW = 0.04
-"""smallest share of a linear axis for the margin; if the margin would take less, the axis is logarithmic
-outside it
-"""
+"""smallest share of a linear axis for the margin; for a smaller share, the axis is logarithmic outside the margin"""
 
 
 def difference_from_baseline(scene: Scene) -> Drawing | None:
-    """Draw a line per agent, best first; return None if no agent is compared."""
+    """Draw one row per agent, best first, with its difference and interval; return None if no agent is compared."""
     primary = scene.ranking.primary
     if primary is None:
         return None
@@ -80,7 +78,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     ax.set_yticks(places, labels)
     ax.set_ylim(heights.sum() - 0.4, -0.6)
     ax.set_xlim(low, high)
-    if logarithmic:  # near zero, labels of decades would overlap
+    if logarithmic:  # labels of small ticks would overlap near zero
         ax.set_xticks([tick for tick in ax.get_xticks() if tick == 0 or abs(tick) >= 2 * margin])
         ax.set_xlim(low, high)
     ax.grid(axis="y", visible=False)
@@ -109,7 +107,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
 
 
 def _of_learners(primary: Primary) -> str:
-    """Return the caption's sentences on the row of a learner, and on verdicts from few trainings."""
+    """Return the caption's sentences on the rows of learners and on verdicts from few trainings."""
     if not any(c.reliability for c in primary.comparisons):
         return ""
     text = " Learners: the typical training; on the right, the trainings that are not behind."

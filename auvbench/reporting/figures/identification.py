@@ -19,12 +19,12 @@ from auvbench.reporting.figures.looks import LINESTYLES, MARKERS, Linestyle, Loo
 from auvbench.reporting.figures.scene import Drawing
 
 SHOWN = 40.0
-"""Seconds of the first log that are shown."""
+"""Length of the shown part of the first log, s"""
 BEFORE, AFTER, MEASURED = "#D55E00", "#0072B2", "#9a9a9a"
 
 
 def prediction(fit: Fit) -> Drawing:
-    """Draw what was measured, and the predictions of the windows before and after the fit, of the first log."""
+    """Draw the measurements of the first log, and the predictions before and after the fit in each window."""
     windows = fit.windows
     channels = list(windows.channels)
     columns = 2 if len(channels) > 1 else 1
@@ -55,7 +55,7 @@ def prediction(fit: Fit) -> Drawing:
 
 
 def residuals(fit: Fit) -> Drawing:
-    """Draw the root mean square error over the time in a window, before and after."""
+    """Draw the root mean square error before and after the fit, over the time since the start of a window."""
     windows = fit.windows
     channels = list(windows.channels)
     columns = min(4, len(channels))
@@ -82,7 +82,7 @@ def residuals(fit: Fit) -> Drawing:
 
 
 def parameters(fit: Fit) -> Drawing:
-    """Draw the ratio of each fitted number to the sheet's, with its 95 % interval."""
+    """Draw the ratio of each fitted number to the sheet's number, with its 95 % interval."""
     shown = [e for e in fit.estimates if e.parameter.log]
     with style.styled():
         canvas = style.canvas(8.0, 0.24 * max(len(shown), 3) + 1.0)
@@ -110,7 +110,7 @@ def parameters(fit: Fit) -> Drawing:
 
 
 def errors(result: Validation) -> Drawing:
-    """Draw the errors over the horizon, for each measured channel and predictor."""
+    """Draw the prediction errors over the horizon, for each measured channel and predictor."""
     rms = [prediction.rms() for prediction in result.predictions]
     channels = [CHANNELS.index(name) for name in result.channels]
     columns = min(4, len(channels))
@@ -159,7 +159,7 @@ def _rms(error: NDArray[np.float64]) -> float:
 
 
 def _legend(canvas: Canvas, entries: Sequence[tuple[str, str, Linestyle | None]]) -> None:
-    """Add a legend of labels, colours and line styles; None stands for points."""
+    """Add a legend with entries (label, colour, line style); the line style None means points."""
     handles = [
         Line2D([], [], color=colour, linestyle=line or "", marker="" if line else ".", label=label)
         for label, colour, line in entries

@@ -38,7 +38,7 @@ def colour_of(agents: Sequence[Agent]) -> dict[str, Look]:
 
 
 def palette(n: int) -> tuple[str, ...]:
-    """Return n different colours: `COLOURS`, then further hues a golden ratio apart."""
+    """Return n different colours: first `COLOURS`, then hues that differ by the golden ratio of the colour circle."""
     hues = [
         hexadecimal(colorsys.hsv_to_rgb(0.618034 * i % 1.0, (0.55, 0.95)[i % 2], (0.75, 0.55, 0.4)[i % 3]))
         for i in range(n - len(COLOURS))
@@ -47,7 +47,7 @@ def palette(n: int) -> tuple[str, ...]:
 
 
 def hexadecimal(colour: Iterable[float]) -> str:
-    """Return a colour of three shares of 1 as text.
+    """Return a colour (red, green, blue), each from 0 to 1, as hexadecimal text.
 
     >>> hexadecimal((0.0, 0.5, 1.0))
     '#0080ff'

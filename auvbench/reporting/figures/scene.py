@@ -1,4 +1,4 @@
-"""Prepare the input of the figures: ranked agents, their looks, records that are read once, and lines over seeds."""
+"""Prepare the input of the figures: ranked agents, their looks, and their training records, each read only once."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from auvbench.statistics.intervals import FloatArray
 MANY = 8
 """largest number of lines in a panel"""
 FEWEST_EPISODES = 10
-"""smallest number of episodes of a training to draw"""
+"""smallest number of episodes of a training that is drawn"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Scene:
     _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)
 
     def top(self, k: int, among: Sequence[Agent] | None = None) -> tuple[Agent, ...]:
-        """Return the k best-ranked agents; the baseline replaces the last one if it is not among them."""
+        """Return the k best-ranked agents (of `among` if given); if they lack the baseline, it replaces the last one."""
         agents = self.agents if among is None else tuple(among)
         chosen = agents[:k]
         primary = self.ranking.primary
@@ -56,11 +56,11 @@ class Scene:
         return chosen
 
     def learners(self) -> tuple[Agent, ...]:
-        """Return the agents with training records."""
+        """Return the agents whose runs have training records, without reading the records."""
         return tuple(a for a in self.agents if any(r.source.has_training() for r in a.runs))
 
     def trained(self, agents: Sequence[Agent]) -> tuple[Agent, ...]:
-        """Return the agents that have a training to draw."""
+        """Return the agents with usable training records (see `training`)."""
         return tuple(a for a in agents if any(self.training(run) is not None for run in a.runs))
 
     def looks_of(self, agents: Sequence[Agent]) -> dict[str, Look]:
@@ -68,7 +68,7 @@ class Scene:
         return {agent.label: self.looks[agent.label] for agent in agents}
 
     def training(self, run: RunRecord) -> pd.DataFrame | None:
-        """Return the training episodes; None if they are absent, too few, or damaged."""
+        """Return a run's training episodes; None if they are missing or damaged, or fewer than `FEWEST_EPISODES`."""
         if run.id not in self._training:
             frame = None
             try:
@@ -79,7 +79,7 @@ class Scene:
         return self._training[run.id]
 
     def tested(self, agent: Agent, protocol: str) -> tuple[Condition, ...]:
-        """Return an agent's results by condition, for the seeds with the same scenarios as the first."""
+        """Return an agent's results by condition, over the seeds with the same scenarios as the first seed."""
         evaluations = [evaluation for run in agent.runs if (evaluation := self._evaluation(run, protocol))]
         comparable = [
             evaluation for evaluation in evaluations if evaluation.fingerprint == evaluations[0].fingerprint
@@ -109,20 +109,20 @@ def scene(agents: Sequence[Agent], ranking: Ranking) -> Scene:
 
 
 def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:
-    """Return the caption's sentence on agents that are left out, or ''."""
+    """Return the caption's sentence on agents that are left out; '' if all are shown."""
     if len(chosen) >= len(of):
         return ""
     return f" Shown: {len(chosen)} of {len(of)} agents, the best-ranked."
 
 
 def wants_symlog(values: Sequence[FloatArray]) -> bool:
-    """Return whether returns of different K need a logarithmic axis."""
+    """Return whether the magnitudes of returns differ by more than a factor of ten, so that the axis is logarithmic."""
     sizes = [float(np.nanpercentile(np.abs(v), 90)) for v in values if v.size and np.isfinite(v).any()]
     return len(sizes) > 1 and max(sizes) > 10 * max(min(sizes), 1.0)
 
 
 ROBUST = 4
-"""number of seeds from which the interquartile mean leaves out seeds"""
+"""smallest number of seeds for which the interquartile mean differs from the mean"""
 
 Curve = tuple[FloatArray, FloatArray]
 """x (n,) and y by seed (seeds, n); NaN if a seed has no value"""
@@ -131,8 +131,8 @@ Curve = tuple[FloatArray, FloatArray]
 def middle(y: FloatArray) -> FloatArray:
     """Return the interquartile mean (n,) of values (seeds, n), over the seeds that have a value.
 
-    Of k values the floor(k/4) smallest and largest are left out, so the result is the mean for fewer than four seeds
-    (Agarwal et al. 2021, NeurIPS).
+    Of k values, the floor(k/4) smallest and the floor(k/4) largest are left out (Agarwal et al. 2021, NeurIPS). For
+    fewer than four values, this is the mean.
     """
     ordered = np.sort(y, axis=0)  # NaN last
     count = np.isfinite(y).sum(axis=0)
@@ -143,7 +143,10 @@ def middle(y: FloatArray) -> FloatArray:
 
 
 def band(ax: Axes, look: Look, curve: Curve, *, dots: bool = False) -> None:
-    """Draw an agent's line over its seeds, their range as a band and, with `dots`, a dot per seed."""
+    """Draw the interquartile mean over an agent's seeds as a line, and the range of the seeds as a band.
+
+    With `dots`, also draw a dot for each value of each seed.
+    """
     x, y = curve
     present = np.isfinite(y).any(axis=0)
     if not present.any():

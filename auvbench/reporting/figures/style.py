@@ -20,14 +20,14 @@ from auvbench.reporting.figures.looks import Look
 from auvbench.runs.atomic_io import write_atomic
 
 METADATA: dict[str, dict[str, None]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
-"""nothing that changes from day to day or from version to version, by kind of picture"""
+"""metadata by kind of picture; None removes an entry that would change with the date or the version"""
 OUTCOME_LOOK = {
     "success": ("#009E73", "o"),
     "collision": ("#D55E00", "X"),
     "timeout": ("#0072B2", "s"),
     "out_of_bounds": ("#CC79A7", "D"),
 }
-"""colour and marker of an outcome, the same in every figure"""
+"""colour and marker of each outcome in all figures"""
 
 DPI = 150
 
@@ -49,7 +49,7 @@ def styled() -> Iterator[None]:
 
 
 def canvas(width: float, height: float) -> Canvas:
-    """Return an empty figure; sizes in inches. Made without pyplot, which would keep it open."""
+    """Return an empty figure of a size in inches; without pyplot, which would keep a reference to the figure."""
     figure = Canvas(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -61,20 +61,20 @@ def title(ax: Axes, text: str) -> None:
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
-    """Write `path`.png and `path`.svg atomically, and return the two paths. A name may contain dots: current=0.5."""
+    """Write `path`.png and `path`.svg atomically, and return the two paths; the file name may have dots: current=0.5."""
     if engine := figure.get_layout_engine():
         engine.execute(figure)  # compute the layout once for the two formats
-    # with any layout engine, even "none", savefig draws everything a second time
+    # savefig draws everything twice if the figure has a layout engine, even the engine "none"
     figure.set_layout_engine(None)
     png, svg = (path.with_name(path.name + suffix) for suffix in (".png", ".svg"))
-    pictures = {kind: drawn(figure, kind) for kind in METADATA}  # both, before one is written
+    pictures = {kind: drawn(figure, kind) for kind in METADATA}  # draw both before any is written
     write_atomic(png, pictures["png"], sync_folder=False)
     write_atomic(svg, pictures["svg"])
     return png, svg
 
 
 def drawn(figure: Canvas, kind: str) -> bytes:
-    """Return a figure as a file of a kind: png or svg."""
+    """Return the content of a figure's file; `kind` is png or svg."""
     stream = io.BytesIO()
     figure.savefig(stream, format=kind, metadata=METADATA[kind])
     return stream.getvalue()
@@ -103,7 +103,7 @@ def legend(figure: Canvas, looks: dict[str, Look], *, lines: bool = True, marker
 
 
 def engineering(axis: Any) -> None:
-    """Write ticks as 250k for 250000."""
+    """Format the ticks of an axis with prefixes: 250k for 250000."""
     axis.set_major_formatter(EngFormatter(sep=""))
 
 

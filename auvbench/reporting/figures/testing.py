@@ -29,7 +29,7 @@ PROTOCOLS = ("robustness", "suite", "transfer", "frequency_sweep")
 """protocols whose conditions are drawn side by side"""
 MOST_AGENTS = 40
 MOST_CELLS = 150
-"""largest number of cells in a grid of K and frequency; randomly drawn values have more"""
+"""largest number of cells in a drawn grid of K and frequency; randomly drawn values give larger grids"""
 
 MOST_LABELS = 12
 """largest number of agents in colour"""
@@ -40,8 +40,9 @@ Curve = Mapping[str, Estimate]
 
 
 def success_over_grid(scene: Scene) -> Drawing | None:
-    """Draw success over K and step frequency, a panel per algorithm; return None if neither K nor frequency
-    varies.
+    """Draw success over K and step frequency, one panel per algorithm.
+
+    Return None if no algorithm has several agents with K and frequency, or if the grid has more than `MOST_CELLS`.
     """
     rows = [r for r in scene.ranking.rows if {"reward.k", "step.frequency"} <= r.key.keys()]
     algos: dict[str, list[Row]] = {}
@@ -84,7 +85,7 @@ def success_over_grid(scene: Scene) -> Drawing | None:
 
 
 def success_over_conditions(scene: Scene) -> Drawing | None:
-    """Draw success of every agent under each condition of `PROTOCOLS`."""
+    """Draw success of every agent under each condition of `PROTOCOLS`; return None for fewer than two conditions."""
     values: dict[str, dict[str, float]] = {}
     conditions: list[str] = []
     used = []
@@ -92,7 +93,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
         lines = curves(scene, protocol)
         used += [protocol] if lines else []
         names = list(dict.fromkeys(name for curve in lines.values() for name in curve))
-        # The vehicle that all agents were trained on equals the undisturbed condition.
+        # Leave out the condition of the vehicle on which all agents were trained: it equals the undisturbed condition.
         own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in lines}
         duplicates = {f"vehicle={vehicle}" for vehicle in own if len(own) == 1 and UNDISTURBED in names}
         new = [name for name in names if name not in duplicates and name not in conditions]
@@ -143,7 +144,7 @@ def curves(scene: Scene, protocol: str) -> dict[str, Curve]:
 
 
 def _whole(percent: float) -> str:
-    """Return whole percents; 100 means every episode and 0 means no episode.
+    """Return a percentage as a whole number; 100 is only for success in every episode, and 0 only for no success.
 
     >>> _whole(99.97), _whole(100.0), _whole(0.2), _whole(54.5)
     ('99', '100', '1', '54')
@@ -152,7 +153,7 @@ def _whole(percent: float) -> str:
 
 
 def _heat(ax: Axes, values: FloatArray, low: float, texts: NDArray[np.object_]) -> AxesImage:
-    """Draw an image from `low` to 100 with `texts` in its cells; NaN cells are crossed out."""
+    """Draw values from `low` to 100 as colours of cells, with `texts` in the cells and a cross for NaN."""
     image = ax.imshow(values, cmap="cividis", vmin=low, vmax=100, aspect="auto")
     ax.grid(visible=False)
     ax.spines[:].set_visible(False)
@@ -166,7 +167,7 @@ def _heat(ax: Axes, values: FloatArray, low: float, texts: NDArray[np.object_]) 
 
 
 def steps_deviation(scene: Scene) -> Drawing | None:
-    """Draw mean steps against mean deviation, a point per agent (original study, figure 3.5)."""
+    """Draw mean steps against mean deviation, one point per agent (original study, figure 3.5)."""
     rows = {row.label: row for row in scene.ranking.rows}
     figure = style.canvas(6.4, 4.6)
     ax = figure.subplots()
@@ -216,7 +217,7 @@ def success_over_time(scene: Scene) -> Drawing | None:
     arrivals = [a.metrics["duration_s"][a.outcome == 0] for a in chosen]
     if not any(times.size for times in arrivals):
         return None
-    # the curve is constant after this time
+    # All curves are constant after the last arrival.
     longest = 1.05 * max(float(times.max()) for times in arrivals if times.size)
     t = np.linspace(0, longest, 240)
     figure = style.canvas(6.4, 4.2)

@@ -23,12 +23,12 @@ from auvbench.reporting.figures.scene import (
 )
 
 FEW = 4
-"""largest number of agents whose lines and bands share a panel; with more, each agent has its own panel"""
+"""largest number of agents in one panel; if there are more, each agent has its own panel"""
 MOST = 12
 """largest number of agents with a panel"""
 GREY = "#c4c9cc"
 SPANS = 30
-"""largest number of spans of steps"""
+"""largest number of spans into which the steps of a training are divided"""
 FEWEST_SPANS = 2
 
 
@@ -52,7 +52,19 @@ def length_and_return(scene: Scene) -> Drawing | None:
 def _over_steps(
     scene: Scene, rows: Mapping[str, str], title: str, caption: str, more: str, *, dots: bool
 ) -> Drawing | None:
-    """Draw columns of the training records over steps; `rows` has their axis labels."""
+    """Draw columns of the training records over environment steps.
+
+    Args:
+        scene: scene of the report.
+        rows: axis label by column; each column has a row of panels.
+        title: title of the figure.
+        caption: beginning of the caption.
+        more: end of the caption.
+        dots: whether to draw a dot for each value of each seed.
+
+    Returns:
+        None without training records.
+    """
     learners = scene.learners()
     best = scene.top(MOST, learners)
     chosen = scene.trained(best)
@@ -109,21 +121,21 @@ def _over_steps(
 
 
 def _columns(n: int) -> int:
-    """Return the number of columns for a grid of n panels whose last row is not nearly empty."""
+    """Return the number of columns for a grid of n panels, so that its last row is not nearly empty."""
     return 3 if n in (5, 6, 9) else 4
 
 
 def binned(scene: Scene, agent: Agent, column: str) -> Curve:
-    """Return the centres of spans (B,) and the means in them by seed (seeds, B); NaN for a span without an
-    ended episode.
+    """Return the centres (B,) of spans of steps, and a column's means (seeds, B) over the episodes that end in them.
 
-    The column `success` is 100 for an episode that reached the goal, else 0. A span is as long as the longest
-    episode in all environments together, if at least `FEWEST_SPANS` remain. Environments that begin together
-    end their long episodes together, so a shorter span would contain only failures or only early ends.
+    The mean of a span without an ended episode is NaN. The column `success` is 100 for an episode that reached
+    the goal, else 0. A span is at least as long as the longest episode times the number of environments, unless
+    this leaves fewer than `FEWEST_SPANS`. In a shorter span, all long episodes or none might end, because
+    environments that start together end their long episodes together.
     """
     with_frames = [(f, run) for run in agent.runs if (f := scene.training(run)) is not None]
     frames = [f for f, _ in with_frames]
-    last = min(int(f["step"].iloc[-1]) for f in frames)  # last step at which all seeds have a value
+    last = min(int(f["step"].iloc[-1]) for f in frames)  # last step that all seeds reached
     longest = max(float(f["steps"].max()) * _environments(run) for f, run in with_frames)
     bins = int(np.clip(min(min(len(f) for f in frames) // 5, last // max(longest, 1.0)), FEWEST_SPANS, SPANS))
     edges = np.linspace(0, last, bins + 1)

@@ -1,6 +1,4 @@
-"""Build the parts of the page: tables with links, the table of runs, findings and claims with their runs,
-methods, figures.
-"""
+"""Build the parts of the page: tables with links, the table of runs, and embedded figures."""
 
 from __future__ import annotations
 
@@ -30,7 +28,7 @@ from auvbench.reporting.tables.table import (
 from auvbench.runs.progress import duration, telling
 
 LARGEST_SVG = 150_000
-"""largest SVG in bytes; for a larger one the page shows the PNG, since a browser draws thousands of points slowly"""
+"""largest SVG that the page shows, bytes; it shows the PNG of a larger one, since browsers draw thousands of points slowly"""
 WIDE = 1200
 """smallest width in px of a PNG that takes the whole width of the page"""
 
@@ -47,15 +45,15 @@ class Links:
         self.anchors = {run.id: f"run-{number}" for number, run in enumerate(runs, start=1)}
 
     def to(self, path: Path) -> str:
-        """Return a relative URL of a file or folder, percent-encoded; a file: URL on another drive."""
+        """Return the relative, percent-encoded URL of a file or folder; a `file:` URL if it is on another drive."""
         try:
             # A leading ./ keeps a browser from reading a name with a colon as a URL's scheme.
             return "./" + quote(Path(os.path.relpath(path.resolve(), self._folder)).as_posix())
-        except ValueError:  # on Windows no relative path leads to another drive
+        except ValueError:  # Windows has no relative path to another drive
             return path.resolve().as_uri()
 
     def row(self, run_id: str) -> str:
-        """Return the link to the run's row, or ''."""
+        """Return the link to the run's row; '' if the table has no such row."""
         return f"{self._elsewhere}#{self.anchors[run_id]}" if run_id in self.anchors else ""
 
     def files(self, run: RunRecord) -> str:
@@ -64,7 +62,7 @@ class Links:
 
 
 def of_agents(table: Table, ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table:
-    """Return a table with a row per agent of the ranking, linked to its first run."""
+    """Return `table`, which has a row per agent of the ranking, with colours and with links to each agent's first run."""
     lines = [
         replace(line, colour=colours.get(row.label, ""), href=links.row(row.run_ids[0]))
         for line, row in zip(table.lines, ranking.rows, strict=True)
@@ -73,7 +71,7 @@ def of_agents(table: Table, ranking: Ranking, colours: Mapping[str, str], links:
 
 
 def metrics_table(ranking: Ranking) -> Table | None:
-    """Return a table of every metric that the main table leaves out; None without any."""
+    """Return a table of the metrics that are not in the main table; None if there are none."""
     shown = {heading.metric for heading in main_table(ranking).headings}
     metrics = dict.fromkeys(metric for row in ranking.rows for metric in row.estimates)
     columns = [column_of(metric) for metric in in_order(m for m in metrics if m not in shown)]
@@ -134,7 +132,7 @@ def _training(run: RunRecord) -> tuple[Cell, Cell, Cell]:
     steps, total, success, seconds, episodes = (run.manifest.get(key) for key in keys)
     if success is not None and episodes is not None:
         success = telling(success, episodes)
-    trained_steps = _cell(steps or None, 0)  # a controller has no training
+    trained_steps = _cell(steps or None, 0)  # 0 for a controller
     if steps and total and steps < total:
         trained_steps = replace(trained_steps, value=f"{trained_steps.value} of {fixed(total, 0)}")
     wall = Cell(NOTHING) if seconds is None else Cell(duration(seconds), sort=seconds)
@@ -143,15 +141,15 @@ def _training(run: RunRecord) -> tuple[Cell, Cell, Cell]:
 
 @dataclass(frozen=True, slots=True)
 class Embedded:
-    """A figure in the form that the template needs."""
+    """Figure in the form that the template needs, with its picture as a data URI."""
 
     name: str
     title: str
     caption: str
     data: str
-    """data URI"""
+    """picture as a data URI"""
     href: str
-    """link to the file of the figure"""
+    """link to the figure's SVG file"""
     size: tuple[int, int]
     """width and height of the PNG, px, so that the browser reserves space before the picture loads"""
 

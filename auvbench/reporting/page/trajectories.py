@@ -1,10 +1,19 @@
 """Prepare trajectories for the 3-D view: read them from the runs, thin them, and pack them for a page.
 
-A run's `evaluations/<protocol>/trajectories.npz` has, for its first few episodes,
-`position_<condition>_<episode>` (T+1, 3) m, `time_...` (T+1,) s and `waypoint_...` (3,) m; if the reference
-moves, `reference_...` (T+1, 3) m; for a team of V vehicles, `others_...` (T+1, V-1, 3) m; for a dock, `dock_yaw_...` (1,) rad; and `yaw_...` (T+1,) rad and `command_...` (T, n_u) N. The page has at most `POINTS`
-positions of each path, equally spaced in steps, as little-endian int16 counts of `unit` metres in base64. The
-unit is 1 cm if the path stays within 327 m, otherwise the smallest unit that fits.
+A run's `evaluations/<protocol>/trajectories.npz` has these arrays for each of its first few episodes:
+
+    position_<condition>_<episode>   (T + 1, 3) m
+    time_<condition>_<episode>       (T + 1,) s
+    yaw_...                          (T + 1,) rad
+    command_...                      (T, n_u) N
+    waypoint_...                     (3,) m
+    reference_...                    (T + 1, 3) m, if the reference moves
+    others_...                       (T + 1, V - 1, 3) m, for a team of V vehicles
+    dock_yaw_...                     (1,) rad, for a dock
+
+The page has at most `POINTS` positions of each path, equally spaced in steps, as little-endian int16 counts of
+`unit` metres in base64. The unit is 1 cm if all coordinates of the path are within 327 m, otherwise the smallest
+unit that fits.
 """
 
 from __future__ import annotations
@@ -25,15 +34,15 @@ from auvbench.analysis.sources import StoredPath
 from auvbench.record import OUTCOMES
 
 POINTS = 320
-"""largest number of positions of one path"""
+"""largest number of packed positions of one path"""
 RUNS = 200
-"""largest number of runs with paths in a page, best-ranked agents first"""
+"""largest number of runs with paths in a page"""
 EPISODES = 10
 """largest number of episodes of a run in a page"""
 BUDGET = 3_500_000
 """largest number of characters of all packed paths of a page; paths are thinned further to stay below it"""
 UNIT = 0.01
-"""metres per count"""
+"""smallest length of a count, m"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,18 +50,19 @@ class Track:
     """Path of one run in one episode."""
 
     agent: int
-    """index into the page's agents"""
+    """index of the agent in the page's list of agents"""
     run: RunRecord
     outcome: str
-    """one of `record.OUTCOMES`, or '' if the table of episodes does not say"""
+    """one of `record.OUTCOMES`; '' if the outcome is unknown"""
     path: StoredPath
 
 
 def read(
     agents: Sequence[Agent], *, protocol: str, condition: str, runs: int = RUNS
 ) -> tuple[list[Track], list[Problem], int]:
-    """Read the paths of the agents' runs; the first seed of every agent comes before the second seed of any
-    agent.
+    """Read the paths of the agents' runs.
+
+    If there are too many runs, the first seeds of all agents are read before any second seed.
 
     Args:
         agents: agents in the order of the ranking.
@@ -61,7 +71,7 @@ def read(
         runs: largest number of runs to read.
 
     Returns:
-        Tracks by episode, agent and seed; files that cannot be read; number of runs left out.
+        Tracks in the order of episode, agent and seed; a problem for each unreadable file; number of runs left out.
     """
     candidates = [
         (row, index, run)
@@ -85,16 +95,19 @@ def read(
 def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any]]:
     """Return the episodes as plain data for JSON, with at most about `budget` characters of positions.
 
-    A track becomes `{agent, seed, run, outcome, dt, end, unit, points}`. `points` is base64 of int16 (n, 3)
-    counts of `unit` metres; point i is at min(i dt, end) seconds after the start. `reference` has as many
-    points of a moving reference, and so has each of `others`, the paths of a team's other vehicles. `signals` are base64 of int16 (n,) counts, by name, of `units`: `speed` in m/s and, if they are
-    stored, `yaw` in degrees and `command`, the norm of the actuators' forces in N.
+    A track becomes `{agent, seed, run, outcome, dt, end, unit, points}` with
+
+    * `points`: base64 of int16 (n, 3) counts of `unit` metres; point i is at min(i dt, end) seconds after the start;
+    * `reference`: n points of the reference in the same form, if the reference moves;
+    * `others`: for a team, n points of each other vehicle in the same form;
+    * `signals`: base64 of int16 (n,) counts by name, and `units`, the size of a count by name: `speed` in m/s and,
+      if they are stored, `yaw` in degrees and `command`, the norm of the actuators' forces in N.
     """
     worlds = _worlds(tracks)
     budget -= sum(len(packed["outlines"]) for packed in worlds.values())
-    # Three signals take as much as a line.
+    # The three signals of a track take as much space as one line.
     count = sum(1 + len(_lines(track.path)) for track in tracks)
-    # 6 bytes per point, 4 characters per 3 bytes
+    # A point takes 6 bytes, and base64 has 4 characters for 3 bytes: 8 characters per point.
     points = max(24, min(POINTS, budget // max(1, count) // 8))
     episodes: dict[int, dict[str, Any]] = {}
     for track in tracks:
@@ -109,10 +122,10 @@ def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any
 
 
 def _worlds(tracks: Sequence[Track]) -> dict[int, dict[str, Any]]:
-    """Return the solids of each episode in a world. Of several paths in one episode, the path that passes most solids
-    supplies them.
+    """Return the outlines of solids by episode, for episodes in a world with solids.
 
-    `outlines` is base64 of int16 (k, 2, 3) counts of `outlines_unit` metres: the ends of k segments.
+    If an episode has several paths, the outlines come from the path with the most segments. `outlines` is base64
+    of int16 (k, 2, 3) counts of `outlines_unit` metres: the two ends of k segments.
     """
     outlines: dict[int, NDArray[np.float64]] = {}
     for track in tracks:
@@ -152,14 +165,14 @@ def _pack_track(track: Track, points: int) -> dict[str, Any]:
 
 
 def _lines(path: StoredPath) -> list[NDArray[np.float64]]:
-    """Return the lines (T + 1, 3) in m of a path: the vehicle, its reference if it has one, the other vehicles of its team."""
+    """Return the lines (T + 1, 3) in m of a path: the vehicle, the moving reference if any, the other vehicles of the team."""
     reference = [] if path.reference is None else [path.reference]
     others = [] if path.others is None else list(path.others.swapaxes(0, 1))
     return [path.position, *reference, *others]
 
 
 def _pack_signals(path: StoredPath, indices: NDArray[np.int64], dt: float) -> dict[str, dict[str, Any]]:
-    """Return the signals of a path at some of its steps, which take `dt` s."""
+    """Return the packed signals of a path at the steps `indices`; a step takes `dt` s."""
     signals: dict[str, NDArray[np.float64]] = {}
     if len(path.position) > 1 and dt > 0.0:
         signals["speed"] = np.linalg.norm(np.gradient(path.position, dt, axis=0), axis=1)[indices]

@@ -45,8 +45,8 @@ def write(
 ) -> Path:
     """Write the report of a section as one self-contained HTML file and return its path.
 
-    The file contains everything: style, script, figures, trajectories. Links to the files of the runs are
-    relative, so the page and the runs can move together. The same arguments give the same bytes.
+    The file contains style, script, figures and trajectories. Links to the files of the runs are relative, so the
+    page and the runs can be moved together. The same arguments give the same bytes.
 
     Args:
         path: file to write, usually `report/index.html`; its folders are created.
@@ -54,7 +54,7 @@ def write(
         figures: figures in the order to show.
         by_condition: tables of several conditions.
         command: command line of the report.
-        several: whether the report has several sections; `../index.html` then shows all.
+        several: whether the report has several sections; `../index.html` then shows all sections.
 
     Raises:
         OSError: the file cannot be written.
@@ -78,7 +78,7 @@ def write(
         title=title_of(runs) + (f", {report.section.title}" if several else ""),
         headline=headline(ranking),
         above="../index.html" if several else "",
-        # the table's colours mean verdicts
+        # no colours of agents, because colours in the main table mean verdicts
         table=of_page.of_agents(main_table(ranking), ranking, {}, links),
         conditions=[linked(table) for table in conditions_tables(ranking)],
         by_condition=by_condition,
@@ -103,9 +103,9 @@ def write(
 
 
 def render(records: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
-    """Return the page of some runs as HTML, with a policy that allows only its own script.
+    """Return the page of some runs as HTML, with a content security policy that allows only the page's own script.
 
-    Parts that `shown` does not name are left out.
+    The template leaves out parts that `shown` does not have.
     """
     return document(
         "page.html",
@@ -120,7 +120,10 @@ def render(records: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
 
 
 def document(template: str, scripts: Sequence[str], **shown: Any) -> str:
-    """Return a self-contained page from a template among the assets, with a policy that allows only its own script."""
+    """Return a self-contained page from a template of the assets.
+
+    Its content security policy allows only the page's own script.
+    """
     script = "\n".join(_asset(name) for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
     policy = (
@@ -137,7 +140,7 @@ def document(template: str, scripts: Sequence[str], **shown: Any) -> str:
 
 
 def title_of(runs: Sequence[RunRecord]) -> str:
-    """Return a title with the names of the runs' first experiments."""
+    """Return a title with the first three names of the runs' experiments."""
     names = sorted({str(name) for run in runs if (name := run.config.get("name"))})
     if not names:
         return "auvbench report"
@@ -154,7 +157,7 @@ def _data(
     looks: Mapping[str, Look],
     runs: Sequence[RunRecord],
 ) -> dict[str, Any]:
-    """Return the data of the 3-D view; the template's tojson filter escapes them for a script element."""
+    """Return the data of the 3-D view, unescaped: the template's tojson filter escapes the data for a script element."""
     config: Mapping[str, Any] = runs[0].config if runs else {}
     task = TASKS.get(str(config.get("task.name", DEFAULT_TASK)))
     return {
@@ -178,7 +181,7 @@ def _length(value: Any, default: float) -> float:
 
 
 def _facts(ranking: Ranking, runs: Sequence[RunRecord], scenarios: bool) -> Facts:
-    """Return the lines of the section on methods."""
+    """Return the facts for the page's section on methods; with `scenarios`, also the fingerprint and the seeds."""
     summaries = [e.summary for run in runs if (e := run.evaluations.get(ranking.protocol))]
     seeds = [f"seed {seed}" for seed in distinct(summary["seed"] for summary in summaries)]
     return [

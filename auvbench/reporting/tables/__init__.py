@@ -1,4 +1,4 @@
-"""Build the tables of a report in every format, without computing any number: all come from a `Ranking`."""
+"""Build the tables of a report in every format; `analysis` computes the numbers."""
 
 from auvbench.reporting.tables.appendix import comparison_table, conditions_tables, ranks_table, score_table
 from auvbench.reporting.tables.by_condition import by_condition_tables

@@ -25,7 +25,7 @@ from auvbench.statistics.intervals import Estimate
 
 
 def ranks_table(ranking: Ranking) -> Table:
-    """Return the table of ranks: rank, ranks that agree with the data, and the ranking measure."""
+    """Return the table of ranks: each agent's rank, its interval of ranks, and its value of the ranking measure."""
     column = column_of(ranking.rank_by)
     reliable = not_behind(ranking)
     lines = [
@@ -55,16 +55,16 @@ def ranks_table(ranking: Ranking) -> Table:
 
 
 def ranks_of(row: Row) -> str:
-    """Return the ranks that agree with the data: '3', '1 to 11'."""
+    """Return the interval of ranks that agree with the data: '3', '1 to 11'."""
     first, last = row.rank_interval
     return f"{first}" if first == last else f"{first} to {last}"
 
 
 def conditions_tables(ranking: Ranking) -> list[Table]:
-    """Return the tables by condition: success, and the ranking measure if it has one; empty for a single
-    condition.
+    """Return the tables of success and of the ranking measure by condition; empty for a single condition.
 
-    A dash means that the agent was not tested under the condition.
+    The table of the ranking measure is left out if the measure is a rate or a penalised time. A dash means that
+    the agent was not tested under the condition.
     """
     if not ranking.conditions:
         return []
@@ -97,8 +97,9 @@ def conditions_tables(ranking: Ranking) -> list[Table]:
 
 
 def comparison_table(rows: Sequence[ComparisonRow]) -> Table | None:
-    """Return the original study's numbers and ours, one agent per line: "theirs / ours [interval]"; None
-    without any.
+    """Return a table of the original study's numbers and our estimates, one row per agent: "theirs / ours [interval]".
+
+    Return None without rows.
     """
     if not rows:
         return None
@@ -129,7 +130,10 @@ def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
 
 
 def score_table(scores: Scores) -> Table:
-    """Return the score of each agent over all tasks, then on each task; without rows, the notes give the reason."""
+    """Return the table of scores: each agent's score over all tasks, and its score in each task.
+
+    A table without rows has the reason in its notes.
+    """
     headings = [Heading("agent", words=True), Heading("seeds"), Heading("score")]
     headings += [Heading(title, weight=1) for title in scores.titles]
     lines = tuple(Line(_scores_of(row)) for row in scores.rows)

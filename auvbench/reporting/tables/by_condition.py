@@ -16,7 +16,7 @@ from auvbench.reporting.tables.main import SYMBOLS, label_of
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
 
 FULL = 0.995
-"""success rate that tables show as 100 %"""
+"""success rate above which the table of the agents furthest ahead does not mention success"""
 
 
 def by_condition_tables(subjects: Sequence[Subject]) -> list[Table]:
@@ -31,7 +31,7 @@ def by_condition_tables(subjects: Sequence[Subject]) -> list[Table]:
 
 
 def furthest(subjects: Sequence[Subject]) -> Table:
-    """Return the agent furthest ahead of the baseline: one row per condition, one column per task."""
+    """Return the table of the agents furthest ahead of the baseline: one row per condition, one column per task."""
     columns = [_by_title(subject) for subject in subjects]
     titles = list(dict.fromkeys(title for column in columns for title in column))
     headings, measures = [Heading("condition", words=True)], []
@@ -62,7 +62,7 @@ def furthest(subjects: Sequence[Subject]) -> Table:
 
 
 def differences(subject: Subject, several: bool) -> Table:
-    """Return each agent's difference from the baseline under each condition."""
+    """Return the table of each agent's difference from the baseline under each condition."""
     m = measure(subject.rankings[0].rank_by)
 
     def cell(ranking: Ranking, label: str) -> Cell:
@@ -81,7 +81,7 @@ def differences(subject: Subject, several: bool) -> Table:
 
 
 def success(subject: Subject, several: bool) -> Table:
-    """Return each agent's rate of success under each condition, in per cent."""
+    """Return the table of each agent's success rate under each condition, in per cent."""
 
     def cell(ranking: Ranking, label: str) -> Cell:
         row = next((row for row in ranking.rows if row.label == label), None)
@@ -105,7 +105,10 @@ def _grid(
 
 
 def _by_title(subject: Subject) -> dict[str, Ranking]:
-    """Return the rankings by the title of their condition; a condition of two protocols names the later protocol."""
+    """Return the rankings by the title of their condition.
+
+    If two protocols have the same condition, the second title also names its protocol.
+    """
     titled: dict[str, Ranking] = {}
     for ranking in subject.rankings:
         title = " ".join(filter(None, in_words(ranking.condition)))
@@ -129,7 +132,7 @@ def _leader(ranking: Ranking) -> Cell:
 
 
 def _difference(against: Against, scale: float) -> Cell:
-    if not isfinite(against.difference.low):  # one training: not compared
+    if not isfinite(against.difference.low):  # too few trainings for an interval
         return Cell(NOTHING)
     cell = estimate_cell(against.difference, scale, signed=True)
     star = "*" if against.starred else ""

@@ -29,13 +29,13 @@ from auvbench.statistics.power import MOST_SEEDS
 from auvbench.statistics.reliability import Reliability
 
 SYMBOLS = {AHEAD: "▲", EQUIVALENT: "■", BEHIND: "▼", OPEN: "○"}
-"""shapes of the verdicts, in addition to their colours"""
+"""symbols of the verdicts, which do not depend on colours"""
 BASELINE = "baseline"
 USUAL = {"success_rate": 2, "mean_energy_J": 4, "action_ms": 5}
-"""metrics after the primary one, with their weight in a narrow table"""
+"""metrics after the primary metric, with the weights of their columns (`Heading.weight`)"""
 
 LONGEST = 16
-"""largest number of characters of a baseline in a heading"""
+"""largest number of characters of a baseline's label that a heading shows"""
 
 KINDS = {
     "failed": "failed",
@@ -45,7 +45,7 @@ KINDS = {
     "foreign": "not comparable",
     "duplicate": "given twice",
 }
-"""titles of the kinds of problems, in the order of the list"""
+"""titles of the kinds of problems, in the order in which a report lists the kinds"""
 
 SAME_TEST = (
     "The test fixes task, noise, disturbances and simulator for all agents, also if they were trained with others; protocol=own "
@@ -59,7 +59,7 @@ KNOWS = (
 )
 
 NEAR_AN_END = 0.1
-"""distance from 0 or 1 below which a rate gets a caution: strongly different seeds are skewed there"""
+"""distance from 0 or 1 below which a rate gets a caution, because the rates of different seeds are skewed there"""
 FEW_SEEDS = 10
 NOT_BEHIND = "trainings that are not behind the baseline by more than the margin, on these scenarios"
 
@@ -68,7 +68,7 @@ _Column = tuple[Heading, Callable[[Row], Cell]]
 
 
 def main_table(ranking: Ranking) -> Table:
-    """Return the main table; a column without any number is left out."""
+    """Return the main table; columns of metrics without any value are left out."""
     columns = [*_lead(ranking), *_metric(ranking, ranking.rank_by, 1), *_against(ranking)]
     for metric, weight in (USUAL | dict.fromkeys(ranking.columns, 2)).items():
         if metric != ranking.rank_by:
@@ -84,7 +84,7 @@ def main_table(ranking: Ranking) -> Table:
 
 
 def verdict_of(ranking: Ranking, label: str) -> str:
-    """Return an agent's verdict, 'baseline' for the baseline, '' if no agent is compared."""
+    """Return an agent's verdict; 'baseline' for the baseline, and '' if no agent is compared."""
     if ranking.primary is None:
         return ""
     against = ranking.primary.of(label)
@@ -97,7 +97,10 @@ def label_of(row: Row) -> str:
 
 
 def result_of(against: Against) -> tuple[str, str]:
-    """Return the verdict and what an open one lacks: "behind*", "open" and "(5 trainings; 8 needed)"."""
+    """Return the verdict, and a remark on what would decide an open comparison.
+
+    Examples are ("behind*", "") and ("open", "(5 trainings; 8 needed)").
+    """
     if against.verdict != OPEN:
         return against.marked_verdict, ""
     if against.few:
@@ -106,7 +109,7 @@ def result_of(against: Against) -> tuple[str, str]:
 
 
 def needed_text(needed: Needed | None) -> str:
-    """Return what would decide an open comparison: "(about 9 trainings would decide)"; '' if it is unknown."""
+    """Return a remark on what would decide an open comparison: "(about 9 trainings would decide)"; '' if unknown."""
     if needed is None:
         return ""
     most = MOST_SEEDS if needed.unit == "trainings" else MOST_EPISODES
@@ -125,8 +128,9 @@ def _lead(ranking: Ranking) -> list[_Column]:
 
 
 def _effort(ranking: Ranking) -> list[_Column]:
-    """Return the columns of what agents know, and of the trials that chose their settings; a column without
-    entries is left out.
+    """Return the columns of the agents' knowledge, and of the trials that chose their settings.
+
+    A column without entries is left out.
     """
     columns: list[_Column] = []
     if any(row.knows for row in ranking.rows):
@@ -165,7 +169,7 @@ def _budget(row: Row) -> Cell:
 
 
 def _trainings(row: Row, confidence: float) -> Cell:
-    """Return "5 of 5 [57, 100]": the trainings that succeeded, with Wilson's interval of their share."""
+    """Return the cell "5 of 5 [57, 100]": number of successful trainings, and Wilson's interval of their share in per cent."""
     if not row.trained:
         return Cell(NOTHING)
     n = len(row.seeds)
@@ -188,7 +192,7 @@ def _against(ranking: Ranking) -> list[_Column]:
 
     def difference(row: Row) -> Cell:
         against = primary.of(row.label)
-        if against is None or not isfinite(against.difference.low):  # one training: not compared
+        if against is None or not isfinite(against.difference.low):  # baseline, or too few trainings
             return Cell(NOTHING)
         return estimate_cell(against.difference, m.scale, signed=True)
 
@@ -209,7 +213,7 @@ def _against(ranking: Ranking) -> list[_Column]:
 
 
 def not_behind(ranking: Ranking) -> list[_Column]:
-    """Return the column of trainings that are not behind, which is next to every verdict; empty without a learner."""
+    """Return the column of trainings that are not behind the baseline, as a list; empty without a learner."""
     primary = ranking.primary
     if primary is None or not any(against.reliability for against in primary.comparisons):
         return []
@@ -222,12 +226,12 @@ def not_behind(ranking: Ranking) -> list[_Column]:
 
 
 def not_behind_title(baseline: str) -> str:
-    """Return the heading of the trainings that are not behind; a long name of the baseline is left out."""
+    """Return the heading of the column of trainings that are not behind; it leaves out a long label of the baseline."""
     return f"not behind {baseline}" if len(baseline) <= LONGEST else "not behind"
 
 
 def reliability_cell(reliability: Reliability | None) -> Cell:
-    """Return "19 of 20 [75, 100]": the trainings that are not behind, and the interval of their share in per cent."""
+    """Return the cell "19 of 20 [75, 100]": trainings that are not behind, and the interval of their share in per cent."""
     if reliability is None:
         return Cell(NOTHING)
     limits = f"[{100 * reliability.low:.0f}, {100 * reliability.high:.0f}]"
@@ -237,7 +241,7 @@ def reliability_cell(reliability: Reliability | None) -> Cell:
 
 
 def notes(ranking: Ranking) -> list[str]:
-    """Return the notes below the main table, without markup, the most important first."""
+    """Return the notes below the main table, the most important note first, without markup."""
     counts = sorted({row.episodes for row in ranking.rows})
     episodes = " to ".join(str(c) for c in dict.fromkeys((counts[0], counts[-1]))) if counts else "0"
     compared, few, more = ([], [], []) if ranking.primary is None else explained(ranking.primary)
@@ -259,7 +263,7 @@ def notes(ranking: Ranking) -> list[str]:
 
 
 def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
-    """Return the notes on what is compared, on too few trainings, and on everything else."""
+    """Return three lists of notes on the primary analysis: the comparison, too few trainings, and all other notes."""
     m = measure(primary.measure)
     best = (
         " (the best agent with several trainings, as the table has no controller)"
@@ -303,7 +307,11 @@ def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
 
 
 def _reliability(primary: Primary, m: Measure) -> str:
-    """Return the notes on the share of failing trainings that the seeds exclude, and that would change a mean."""
+    """Return a note on the column of trainings that are not behind, and on shares of failing trainings.
+
+    It has the upper limit of the share of trainings that are behind, and the share of failing trainings that
+    would change a verdict on the mean.
+    """
     margin = primary.margin if primary.margin == primary.margin else 0.0
     reliabilities = [(c.agent, c.own_reliability) for c in primary.comparisons if c.own_reliability]
     limits = {r.trainings: r.excluded for _, r in reliabilities if r.count == r.trainings}
@@ -328,7 +336,7 @@ def _reliability(primary: Primary, m: Measure) -> str:
 
 
 def remarks(ranking: Ranking) -> list[str]:
-    """Return notes on the meaning of a row, rows that are not compared, failed trainings, and cautions."""
+    """Return notes on rows that are not compared, budgets, successful and failed trainings, and cautions."""
     lines = []
     if not all(row.compared for row in ranking.rows):
         lines.append(
@@ -346,7 +354,7 @@ def remarks(ranking: Ranking) -> list[str]:
 
 
 def limit_lines(ranking: Ranking) -> list[str]:
-    """Return notes on the best known times, or the reason why there are none."""
+    """Return the notes on the best known times, or the reason why no best known times are available."""
     if ranking.limit is None:
         return [ranking.no_limit] if ranking.no_limit else []
     return optional_columns.sentences(ranking.limit)
@@ -363,8 +371,9 @@ def failed_trainings(ranking: Ranking) -> list[str]:
 
 
 def cautions(ranking: Ranking) -> list[str]:
-    """Return cautions where intervals of this table are known to be too narrow; docs/statistics.md has the
-    measurements.
+    """Return cautions on intervals that are known to be too narrow, times of different machines, and misleading means.
+
+    docs/statistics.md has the measured error rates of the intervals.
     """
     several = [row for row in ranking.rows if row.trained and 1 < len(row.seeds) <= FEW_SEEDS]
     rates = [row.estimates["success_rate"].value for row in several if "success_rate" in row.estimates]
@@ -397,7 +406,7 @@ def _seeds(ranking: Ranking) -> str:
 
 
 def grouped(problems: tuple[Problem, ...]) -> list[tuple[str, list[Problem]]]:
-    """Return the problems by kind under a title, in a fixed order, the earliest first."""
+    """Return (title, problems) for each kind of problem, in the order of `KINDS`; problems are sorted by run or path."""
     order = list(KINDS)
     ordered = sorted(problems, key=lambda p: (order.index(p.kind), p.where))
     return [(KINDS[kind], list(members)) for kind, members in groupby(ordered, key=lambda p: p.kind)]

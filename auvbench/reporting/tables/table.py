@@ -19,17 +19,17 @@ class Heading:
     title: str
     unit: str = ""
     tex: str = ""
-    """title in LaTeX, if it has a symbol"""
+    """title in LaTeX if it differs, for example for a symbol; '' otherwise"""
     words: bool = False
-    """whether the column has words, aligned left; numbers are aligned right"""
+    """whether the column has words, which are aligned left; columns of numbers are aligned right"""
     metric: str = ""
-    """key in `Row.estimates`, if the column is a metric"""
+    """key in `Row.estimates`, if the column is a metric; '' otherwise"""
     scale: float = 1.0
-    """factor from the metric's unit to the column's"""
+    """factor from the metric's unit to the column's unit"""
     hint: str = ""
     """explanation of the column"""
     weight: int = 0
-    """weight; in a narrow table, columns of greater weight are left out first, and 0 always stays"""
+    """weight: if a table is too wide, columns of larger weight are left out first; columns of weight 0 always stay"""
 
     @property
     def text(self) -> str:
@@ -38,7 +38,7 @@ class Heading:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """One entry: a value, with its interval or remark below or behind it."""
+    """Entry of a table: a value, and its interval or a remark (`more`)."""
 
     value: str
     more: str = ""
@@ -51,11 +51,11 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One row."""
+    """Row of a table."""
 
     cells: tuple[Cell, ...]
     verdict: str = ""
-    """verdict on the agent against the baseline; '' without one"""
+    """verdict on the row's agent against the baseline; '' without a verdict"""
     colour: str = ""
     """colour of the agent on the page"""
     href: str = ""
@@ -65,24 +65,24 @@ class Line:
 
 
 SHOWN_NOTES = 3
-"""number of notes that are visible below a table; a click opens the others"""
+"""largest number of visible notes below a table; a click opens the other notes"""
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Headings, rows and notes; the first `lead` columns identify a row."""
+    """Table with headings, rows and notes; the first `lead` columns identify a row."""
 
     headings: tuple[Heading, ...]
     lines: tuple[Line, ...]
     title: str = ""
     """caption in LaTeX"""
     notes: tuple[str, ...] = ()
-    """notes below the table, without markup: the first `SHOWN_NOTES` are visible, a click opens the others"""
+    """notes below the table, without markup; the first `SHOWN_NOTES` are visible"""
     lead: int = 1
 
 
 def column_of(measure: str, weight: int = 0) -> Heading:
-    """Return the column of a metric; an unknown metric is named after its key.
+    """Return the heading of a metric's column; the title of an unregistered metric is its key.
 
     >>> column_of("mean_path_length_m").text, column_of("success_rate").text
     ('path length (m)', 'success (%)')
@@ -94,13 +94,13 @@ def column_of(measure: str, weight: int = 0) -> Heading:
 
 
 def in_order(measures: Iterable[str]) -> list[str]:
-    """Return metrics in the order of the registry, unknown ones last."""
+    """Return metrics in the order of the registry, with unregistered metrics at the end."""
     order = {metric.measure: place for place, metric in enumerate(metrics.registered())}
     return sorted(measures, key=lambda name: (order.get(name, len(order)), name))
 
 
 def estimate_cell(estimate: Estimate | None, scale: float = 1.0, *, signed: bool = False) -> Cell:
-    """Return an estimate as a cell: value and interval; a dash (never zero) if there is no estimate.
+    """Return an estimate as a cell with value and interval; a dash without an estimate.
 
     >>> estimate_cell(Estimate(0.98, 0.964, 0.989), 100.0).text
     '98.0 [96.4, 98.9]'

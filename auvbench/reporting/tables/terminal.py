@@ -19,18 +19,18 @@ from auvbench.reporting.tables.main import grouped, main_table
 from auvbench.reporting.tables.table import SHOWN_NOTES, Cell, Line, Table
 
 MOST_PROBLEMS = 6
-"""largest number of problems per kind on the terminal; the files list all"""
+"""largest number of problems per kind on the terminal; the files list all problems"""
 LABEL = 26
-"""characters of a label on one line"""
+"""usual largest width of a label, characters; longer labels are wrapped"""
 REMARK = 14
-"""characters of a remark below a word on one line"""
+"""largest width of a remark below a value, characters; longer remarks are wrapped"""
 NARROW = 8
-"""smallest width of a label in characters"""
+"""smallest width of a label on a narrow terminal, characters"""
 STYLES = {AHEAD: "green", EQUIVALENT: "blue", BEHIND: "red", OPEN: "yellow"}
 
 
 class TableView:
-    """A table with its notes, for rich; columns that do not fit the terminal are left out and named."""
+    """View of a table with its notes for rich; columns that do not fit are left out and listed below the table."""
 
     def __init__(self, table: Table) -> None:
         self.table = table
@@ -69,8 +69,13 @@ class TableView:
 
 
 def _rendered(table: Table, columns: Sequence[int], room: int, gap: int) -> RichTable:
-    """Return the columns of a table, `gap` spaces apart; the columns that identify a row wrap their words at
-    `room` characters.
+    """Return the given columns of a table as a table for rich.
+
+    Args:
+        table: table to show.
+        columns: indices of the shown columns.
+        room: largest width of the columns that identify a row, characters; longer texts are wrapped.
+        gap: number of spaces between columns.
     """
     shown = RichTable(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, gap - 1))
     for i in columns:
@@ -103,19 +108,19 @@ def _stacked(cell: Cell, line: Line) -> Text:
 
 
 def _below(cell: Cell) -> list[str]:
-    """Return the lines below a value: an interval on one line, a remark of several words folded."""
+    """Return the lines below a cell's value: an interval in one line, or a remark in wrapped lines."""
     return [cell.more] if cell.more.startswith("[") else textwrap.wrap(cell.more, REMARK)
 
 
 def terminal(ranking: Ranking) -> RenderableType:
-    """Return the headline, the main table, its notes and the problems, for `rich.console.Console.print`."""
+    """Return the headline, notices, the main table with its notes, and the problems, for `rich.console.Console.print`."""
     parts: list[RenderableType] = [Text(headline(ranking), style="bold"), Text()]
     parts += [Text(line, style="yellow") for line in ranking.notices]
     return Group(*parts, TableView(main_table(ranking)), *_problems(ranking))
 
 
 def findings_terminal(findings: Sequence[Finding]) -> RenderableType:
-    """Return the first findings as a list."""
+    """Return the first findings as a list for rich, and the number of the other findings."""
     shown = findings[:SHOWN]
     table = RichTable.grid(padding=(0, 1))
     for finding in shown:

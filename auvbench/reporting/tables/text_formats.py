@@ -1,6 +1,6 @@
 """Format tables as text: CSV in full precision, Markdown, and LaTeX for a paper.
 
-LaTeX uses booktabs, has intervals under the values, and scales tables to the width of the text.
+LaTeX tables use booktabs, have the intervals below the values, and are shrunk to the width of the text.
 """
 
 from __future__ import annotations
@@ -57,8 +57,9 @@ _MARKDOWN = str.maketrans(
 
 
 def csv(ranking: Ranking) -> str:
-    """Return one CSV row per agent: the primary analysis, the key, seeds, runs, and every metric (rates from
-    0 to 1).
+    """Return the ranking as CSV, with one row per agent.
+
+    The columns are the primary analysis, rank, key, seeds, runs and every metric; rates are from 0 to 1.
     """
     metrics = list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
     keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
@@ -69,7 +70,7 @@ def csv(ranking: Ranking) -> str:
         line |= _against(ranking, row)
         line |= {"rank": row.rank, "rank_low": row.rank_interval[0], "rank_high": row.rank_interval[1]}
         line["compared"] = int(row.compared)
-        # The column `vehicle` is that of the section.
+        # The agent's vehicle is in the column `sheet`, because a column `vehicle` contains the section's vehicle.
         line |= {"sheet" if key == VEHICLE else key: row.key.get(key) for key in keys}
         line |= {
             "seeds": " ".join(map(str, row.seeds)),
@@ -93,8 +94,10 @@ def csv(ranking: Ranking) -> str:
 
 
 def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
-    """Return baseline, margin, difference with its limits, verdict, what would decide an open one, and
-    reliability.
+    """Return the cells of an agent's primary analysis by column.
+
+    The cells are baseline, margin, difference with its limits, verdict, numbers of trainings or episodes that
+    would decide an open comparison, and reliability.
     """
     primary = ranking.primary
     against = primary.of(row.label) if primary else None
@@ -116,8 +119,10 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
 
 
 def _not_behind(name: str, reliability: Reliability | None) -> dict[str, float | None]:
-    """Return the trainings that are not behind, the limits of their share, and the effect of failing ones;
-    empty without reliability.
+    """Return the cells of a reliability by column: trainings that are not behind, and the limits of their share.
+
+    With the name "not_behind", there are also cells on the effect of failing trainings. All cells are empty (None)
+    without reliability.
     """
     shares: dict[str, float | None] = {name: None, f"{name}_low": None, f"{name}_high": None}
     if reliability is not None:
@@ -131,18 +136,19 @@ def _not_behind(name: str, reliability: Reliability | None) -> dict[str, float |
 
 
 def _with_ends(name: str, estimate: Estimate | None) -> dict[str, float | None]:
-    """Return a value and its interval's limits as cells; empty without an estimate."""
+    """Return the cells of a value and its interval's limits by column; the cells are empty (None) without an estimate."""
     values = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
     return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
 
 
 def conditions_csv(ranking: Ranking) -> str:
-    """Return one CSV row per agent and condition of the protocol, with the task; '' for one condition.
+    """Return CSV with one row per agent and condition of the protocol; '' for a single condition.
 
-    Columns: success from 0 to 1, and the changes of success and of PAR-1 steps from the undisturbed
-    condition, paired by seed and scenario. A change is empty without an undisturbed condition, and if seeds
-    did not meet both conditions; a change of steps also if frequency or limit differ. The ranking measure has
-    its own columns, unless it is a rate or a penalised time.
+    The columns are task, agent, condition, success from 0 to 1, and the changes of success and PAR-1 steps from
+    the undisturbed condition, paired by seed and scenario. A change is empty without an undisturbed condition, or
+    if a seed was not tested under both conditions. A change of steps is also empty if the frequency or the step
+    limit of the two conditions differs. The ranking measure has its own columns, unless it is a rate or a penalised
+    time.
     """
     measured = any(condition.measured for condition in ranking.conditions)
     return lines(
@@ -163,7 +169,7 @@ def conditions_csv(ranking: Ranking) -> str:
 
 
 def by_condition_csv(subjects: Sequence[Subject]) -> str:
-    """Return one CSV row per vehicle, task, condition and agent: means, and the comparison with the baseline."""
+    """Return CSV with one row per vehicle, task, condition and agent: means, and the comparison with the baseline."""
     return lines(
         {
             "vehicle": subject.name,
@@ -184,7 +190,7 @@ def by_condition_csv(subjects: Sequence[Subject]) -> str:
 
 
 def score_csv(scores: Scores) -> str:
-    """Return one CSV row per agent in full precision; '' without a score."""
+    """Return the scores as CSV in full precision, with one row per agent; '' without scores."""
     keys = list(dict.fromkeys(key for row in scores.rows for key in row.key))
     rows = []
     for row in scores.rows:
@@ -205,7 +211,7 @@ def score_csv(scores: Scores) -> str:
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
-    """Return one CSV row per pair of agents; '' without any."""
+    """Return CSV with one row per pair of agents; '' without comparisons."""
     return lines(
         {
             "first": x.first,
@@ -227,16 +233,19 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
 
 
 def joined(column: str, parts: Sequence[tuple[str, str]]) -> str:
-    """Join several CSV texts; the first column is the name of each text. A missing column is empty."""
+    """Return one CSV text from several named CSV texts.
+
+    The first column, `column`, has the name of each row's text. A column that a text lacks is empty in its rows.
+    """
     return lines(
         {column: name, **row} for name, text in parts for row in csv_module.DictReader(io.StringIO(text))
     )
 
 
 def lines(rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return rows as CSV, '' without any; a missing value is an empty cell.
+    """Return rows as CSV; '' without rows.
 
-    Floats are written by repr, so that reading them returns the same number; NaN is an empty cell.
+    Floats are written by repr, so that reading returns the same numbers. Missing values and NaN are empty cells.
     """
     entries = list(rows)
     if not entries:
@@ -246,7 +255,7 @@ def lines(rows: Iterable[Mapping[str, Any]]) -> str:
     writer = csv_module.DictWriter(buffer, columns, restval="", lineterminator="\n")
     writer.writeheader()
     for row in entries:
-        # A spreadsheet would read a label that begins with = as a formula.
+        # `cell` escapes a label that begins with =, which a spreadsheet would read as a formula.
         writer.writerow({name: "" if v is None or v != v else cell(v) for name, v in row.items()})
     return buffer.getvalue()
 
@@ -261,7 +270,7 @@ def escape(text: str) -> str:
 
 
 def pipes(table: Table) -> str:
-    """Return a pipe table with its notes below it; intervals follow their values."""
+    """Return a table as a Markdown pipe table with its notes below it; intervals follow their values."""
     notes = _notes(table)
     if not table.lines:
         return notes
@@ -288,7 +297,7 @@ def _notes(table: Table) -> str:
 
 
 def rows(cells: Iterable[Iterable[str]]) -> str:
-    """Return rows of Markdown between pipes: headings, rules, entries."""
+    """Return rows of cells (headings, rules, entries) as the lines of a Markdown pipe table."""
     return "\n".join("| " + " | ".join(row) + " |" for row in cells)
 
 
@@ -323,9 +332,10 @@ def escape_latex(text: str) -> str:
 
 
 def latex(ranking: Ranking) -> str:
-    r"""Return the main table to `\input`.
+    r"""Return the main table as LaTeX for `\input`.
 
-    It needs booktabs, graphicx, amssymb for the verdicts' symbols, and T1 for `"` and `<`.
+    The document needs the packages booktabs, graphicx, and amssymb (for the verdicts' symbols), and the font
+    encoding T1 (for `"` and `<`).
     """
     table = main_table(ranking)
     notes = [*ranking.notices, *table.notes]
@@ -335,7 +345,7 @@ def latex(ranking: Ranking) -> str:
 
 
 def in_print(table: Table | None, label: str) -> str:
-    r"""Return a table to `\input`, shrunk to the width of the text if needed; '' for None, or without rows."""
+    r"""Return a table as LaTeX for `\input`, shrunk to the width of the text if needed; '' for None or without rows."""
     if table is None or not table.lines:
         return ""
     columns = "".join("l" if heading.words else "r" for heading in table.headings)
@@ -368,6 +378,6 @@ def _latex_more(cell: Cell) -> str:
 
 
 def _latex_heading(heading: Heading) -> str:
-    """Return the heading with its unit below it, so that a column is no wider than its interval."""
+    """Return the heading with its unit on a second line, so that it is not wider than the column's intervals."""
     title = heading.tex or escape_latex(heading.title)
     return rf"\shortstack{{{title}\\({escape_latex(heading.unit)})}}" if heading.unit else title
