@@ -205,7 +205,7 @@ class Evidence:
         return False
 
     def unattainable(self, runs: Sequence[Learning]) -> list[str]:
-        """Return what is missing if no control converges within the runs' time limits."""
+        """Return the missing evidence, as a list: a control that converges within the time limit of each run."""
         time_limits = sorted({run.limit for run in runs if not self.attainable(run.limit)})
         if not time_limits:
             return []

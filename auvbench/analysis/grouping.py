@@ -87,13 +87,13 @@ def agents(
 
 
 def frequency_fixed(tested: Iterable[np.ndarray[Any, Any]]) -> bool:
-    """Return whether all test episodes had one step frequency."""
+    """Return whether all test episodes had the same step frequency."""
     frequencies = np.concatenate([np.empty(0), *map(np.ravel, tested)])
     return np.unique(frequencies[np.isfinite(frequencies)]).size <= 1
 
 
 def _cells(runs: Iterable[RunRecord], keys: Mapping[str, str], fixed: bool) -> list[list[RunRecord]]:
-    """Return the runs grouped by the values of the keys that matter to them."""
+    """Return the runs grouped by the values of `keys`; a key that has no effect on a run (`matters`) is ignored."""
     cells: dict[tuple[str, ...], list[RunRecord]] = {}
     for run in runs:
         values = (

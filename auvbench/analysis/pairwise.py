@@ -30,7 +30,7 @@ class Tests:
 
     @property
     def measure(self) -> Measure:
-        """Return the measure that the agents are compared in."""
+        """Return the measure on which the agents are compared."""
         return self.typical.measure
 
     @property

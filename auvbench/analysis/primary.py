@@ -262,7 +262,7 @@ def _lead(best: Against, ranking: Ranking, m: Measure) -> str:
 
 
 def _counts(primary: Primary, m: Measure) -> str:
-    """Return '5 agents are equivalent to PID within 11 steps, 12 are behind, 10 are open'."""
+    """Return the numbers of agents by verdict: '5 agents are equivalent to PID within 11 steps, 12 are behind, 10 are open'."""
     margin = size(primary.margin, m)
     parts: list[str] = []
     for verdict, words in (

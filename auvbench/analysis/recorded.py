@@ -30,11 +30,12 @@ def training(run: RunRecord) -> pd.DataFrame | None:
 
 
 def read_validation_curve(run: RunRecord) -> pd.DataFrame | None:
-    """Return `step` and `success_rate` (0 to 1) of train/validation.csv with rising steps; None if it has no
-    rows.
+    """Return a run's validation curve: `step` (rising) and `success_rate` (0 to 1) of train/validation.csv.
+
+    Return None if the file has no rows.
 
     Raises:
-        Damage: the file cannot be read, or has an impossible value.
+        Damage: the file cannot be read, its steps do not rise, or a value is impossible.
     """
     with named(VALIDATION):
         rows = run.source.validation()

@@ -124,7 +124,7 @@ def _check_model(run: RunDirectory, again: str) -> None:
 
 
 Report = Callable[[str, int], None]
-"""function called with a condition and the number of its episodes that have just ended (0 at its start)"""
+"""function called with a condition's name and the number of its episodes that have just ended; 0 at the condition's start"""
 
 Roll = Callable[[RunDirectory, schema.Protocol, ResolvedCondition, Report], Rollout]
 """function that rolls out one condition of a test"""

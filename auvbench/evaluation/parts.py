@@ -33,7 +33,7 @@ from auvbench.runs.identity import SCHEMA_VERSION
 from auvbench.untrusted import archives, reading
 
 SLOW = 30.0
-"""smallest duration of a condition whose part is saved, s; a quicker condition is computed again"""
+"""smallest computing time of a condition whose part is saved, s; a quicker condition is computed again"""
 _PART, _ROWS, _PATHS = "part.json", "rows.csv", "trajectories.npz"
 
 

@@ -93,8 +93,8 @@ def crossed(
     NaN means "no value". Means are over the available values. The parts of the variance assume that no value
     is missing, which is a good approximation if few are.
 
-    An agent with x successes in n trials, where x is 0 or n, gets the variance of the rate (x + 1)/(n + 2),
-    because no failure in n trials does not prove a failure rate of zero. This variance counts as variance
+    For a rate, an agent with x successes in n trials, where x is 0 or n, gets the variance of the rate
+    (x + 1)/(n + 2), because no failure in n trials does not prove a failure rate of zero. It counts as variance
     between seeds if the agent has several seeds, otherwise as variance between scenarios.
 
     Args:

@@ -40,7 +40,7 @@ LONGEST = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """The best result of a search so far."""
+    """Solution of a search: commands that reach the goal."""
 
     commands: Commands
     """(steps, n_u) commands that reach the goal in the simulator"""
@@ -69,7 +69,7 @@ class Bound:
     """commands (steps, n_u), packed as text"""
 
     def solution(self) -> Solution:
-        """Return the commands.
+        """Return the solution with the unpacked commands.
 
         Raises:
             RunError: the commands are damaged.

@@ -36,9 +36,9 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 PRICES = np.geomspace(5e-4, 5e-2, 17)
-"""values of a, m/J"""
+"""values of a for which the bound is computed, m/J"""
 CLOSE = 3e-3
-"""relative accuracy of c(a), from above"""
+"""relative accuracy of c(a), which is rounded up"""
 HALVINGS = 9
 """largest number of halvings of the cells of directions; fewer halvings give a weaker but valid bound"""
 MOST_THRUSTERS = 12
@@ -106,7 +106,7 @@ def _fastest(wrenches: Floats, linear: Floats, quadratic: Floats, a: float) -> f
         wrenches: (n, 6) wrenches in N and N m at the corners of the thrusters' limits.
         linear: (6,) coefficients d_i.
         quadratic: (6,) coefficients q_i.
-        a: price in m/J.
+        a: value of a, m/J.
     """
     turning = _gain(a * np.abs(wrenches[:, 3:]), linear[3:], quadratic[3:], a)[0].sum(axis=1)
     corners = _undominated(np.column_stack([a * np.abs(wrenches[:, :3]), turning]))

@@ -4,8 +4,8 @@ The search solves two nonlinear programmes with IPOPT. Both have the constraints
 
     x_(k+1) - x_k = h f((x_k + x_(k+1)) / 2, u_k),   u_min <= u_k <= u_max,   z_low <= z_k <= z_high
 
-The first is the implicit midpoint rule (Betts 2010, Practical Methods for Optimal Control, section 4), which
-keeps the norm of the quaternion (Hairer, Lubich and Wanner 2006, section II.1.3).
+The first constraint is the implicit midpoint rule (Betts 2010, Practical Methods for Optimal Control, section
+4), which keeps the norm of the quaternion (Hairer, Lubich and Wanner 2006, section II.1.3).
 
 * The free programme (`Programs.shortest`) minimizes the duration T of N equal intervals.
 * The fixed programme (`Programs.closest`) has a given number of agent steps, and holds each thrust for whole
