@@ -1,10 +1,9 @@
-"""Complete a composed configuration: add the types of what it chose by name, and the keys that name its
-packages.
+"""Complete a composed configuration: add types to the values of installed packages, and keys that name the packages.
 
 The YAML files of auvbench start from a schema. A package's `algo/NAME.yaml` has only values and comments; its
-values are typed here, by the schema of its spec. A package's parts get the key `package` (name and version of
-the installed package), agents the key `learns`, and a task with blocks of packages the key `block_packages`. The keys
-are part of a run's identity: another version is another run.
+values are typed here, by the schema of its spec. Each group of a package gets the key `package` (name and version of
+the installed package). An agent also gets the key `learns`, and a task with blocks of packages gets the key
+`block_packages`. The keys are part of a run's identity: a run with another version of a package is another run.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from auvbench.untrusted.text import short
 DISTURBANCE = frozenset(field.name for field in dataclasses.fields(schema.Disturbance))
 """Keys of `disturbance` that every configuration has."""
 COMPUTE: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS)
-"""Kinds that are a group of a configuration and change the result of a run."""
+"""Kinds of parts that have a group in a configuration and change the result of a run."""
 CONFIGS = (
     algorithms.AgentConfig,
     tasks.TaskConfig,
@@ -39,8 +38,8 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
 
     Args:
         config: composed configuration; auvbench's own parts do not change.
-        frozen: whether it belongs to an existing run, whose packages must be installed in the recorded
-            version.
+        frozen: whether the configuration belongs to an existing run, whose packages must be installed in the
+            recorded version.
 
     Raises:
         ConfigError: a key is unknown or missing, a type is wrong, or the package cannot be used.
@@ -74,7 +73,13 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
 
 
 def _complete_blocks(config: DictConfig, frozen: bool) -> None:
-    """Enter the packages' blocks in `task.observation`; write their releases to `task.block_packages`, absent without any."""
+    """Enter the blocks of packages that `task.observation` names, and write their releases to `task.block_packages`.
+
+    Without such a block, remove the key `task.block_packages`.
+
+    Raises:
+        ConfigError: a block's package is not installed, or `task.block_packages` was typed with other values.
+    """
     task = config.get("task")
     if not isinstance(task, DictConfig):
         return
@@ -100,7 +105,7 @@ def _complete_blocks(config: DictConfig, frozen: bool) -> None:
 
 
 def _complete_ranges(task: DictConfig) -> None:
-    """Leave out the keys of range sensors that the observation does not have; `task.range` is absent without any."""
+    """Remove the keys of range sensors that the observation does not have, and `task.range` if it becomes empty."""
     own = task.get("range")
     if not isinstance(own, DictConfig):
         with open_dict(task):
@@ -116,7 +121,7 @@ def _complete_ranges(task: DictConfig) -> None:
 
 
 def _complete_sensors(config: DictConfig) -> None:
-    """Leave out the navigation sensors that the vehicle does not have."""
+    """Remove the keys of navigation sensors that the vehicle does not have."""
     own = config.get("sensors")
     if isinstance(own, DictConfig):
         with open_dict(own):
@@ -125,7 +130,12 @@ def _complete_sensors(config: DictConfig) -> None:
 
 
 def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:
-    """Give the disturbances that not every configuration has their types and packages."""
+    """Add types and packages to the disturbances that are not in `DISTURBANCE`.
+
+    Raises:
+        ConfigError: a disturbance has no keys, or its package cannot be used.
+        ConfigKeyError: a disturbance is unknown.
+    """
     node = config.get("disturbance")
     more = [str(name) for name in node if name not in DISTURBANCE] if isinstance(node, DictConfig) else []
     if not isinstance(node, DictConfig) or not more:
@@ -151,7 +161,12 @@ def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:
 
 
 def _unknown(name: str, own: Any) -> ConfigKeyError:
-    """Return the error of a key that is unknown, which `compose.translate` explains; `own` is what was typed below it."""
+    """Return the error for an unknown disturbance, which `compose.translate` explains.
+
+    Args:
+        name: key below `disturbance`.
+        own: value that was typed for the key.
+    """
     key = f"disturbance.{name}"
     while isinstance(own, dict) and own:
         last, own = next(iter(own.items()))
@@ -168,7 +183,11 @@ def _typed(kind: type, key: str, node: DictConfig, added: Mapping[str, Any]) -> 
 
 
 def _values(kind: type, key: str, values: dict[str, Any], added: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of a group with whole numbers as such, and with the added keys."""
+    """Return the values of a group with the added keys; a float such as 1e6 becomes an integer where the schema has one.
+
+    Raises:
+        ConfigError: an added key was typed with another value.
+    """
     for name, value in added.items():
         if values.get(name) not in (None, value):
             raise ConfigError(f"{key}.{name}={short(values[name])}: auvbench sets it ({value}); leave it out")

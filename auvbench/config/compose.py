@@ -1,9 +1,9 @@
 """Compose configurations with Hydra.
 
-`compose` is for commands and tests. `read` reads a command line (`--cfg`, `--help`, `-m`, completion) around a
-function. Both search `./conf` of the working directory first, so a user's own vehicle or preset needs no
-change to the package. Hydra composes and completes; it starts no job, calls no plug-in and sets up no
-logging.
+`compose` composes one configuration for commands and tests. `read` reads a command line with its flags (`--cfg`,
+`--help`, `-m`). Both search `./conf` of the working directory first, so a user's own vehicle or preset needs no
+change to the package. Hydra only composes configurations and completes words; it starts no job, calls no plug-in and
+sets up no logging.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def _register_schemas(store: ConfigStore) -> None:
 
 @dataclasses.dataclass(frozen=True)
 class _Schema:
-    """A schema in Hydra's store, whose node is built when Hydra first copies it: most commands need few of them."""
+    """A schema in Hydra's store. Its node is built when Hydra first copies it, since most commands need few schemas."""
 
     kind: type
 
@@ -140,7 +140,8 @@ class _Loader(ConfigLoaderImpl):
                 # Each call visits all nodes once more to set their parents.
                 config.merge_with(*(self._load_single_config(default, repo).config for default in defaults))
         except Exception:
-            # Merge file by file, as Hydra does: its message names the file. What was merged is not what was read.
+            # Merge file by file, as Hydra does: its message names the file. The failed merge has changed the
+            # cached files, so they are read again.
             assert isinstance(repo, CachingConfigRepository)
             repo.cache.clear()
             return super()._compose_config_from_defaults_list(defaults, repo)
@@ -171,7 +172,10 @@ def _strip_defaults(node: Any) -> None:
 
 
 def _interpolations(overrides: Overrides, defaults_list: list[InputDefault], self_added: bool) -> DictConfig:
-    """Return what the entries of a list of defaults may refer to; Hydra computes it for every file, though few need it."""
+    """Return the values that interpolations in a list of defaults may refer to; empty if it has no interpolation.
+
+    Hydra itself computes these values for every file, though few files need them.
+    """
     if any(entry.is_interpolation() for entry in defaults_list):
         return _create_interpolation_map(overrides, defaults_list, self_added)
     return DictConfig({})
@@ -312,7 +316,7 @@ def typed(config: DictConfig) -> schema.TrainConfig:
 
 
 OWN = ("seed", "name", "output")
-"""keys in which the runs of a grid differ and that no other value depends on"""
+"""keys that differ between the runs of a grid; no other value depends on them"""
 
 _shared: dict[tuple[str, str], Any] = {}
 
@@ -331,7 +335,7 @@ def once_for_all_seeds(
         put: function that returns a copy of the result with these values of `OWN`.
     """
     own = {name: values.get(name) for name in OWN}
-    # The next call may find another version of a package installed.
+    # Not cached for a configuration with packages: the next call may find another version of a package installed.
     if complete.releases(values) or not _is_valid(own):
         return make()
     key = what, repr({name: value for name, value in values.items() if name not in OWN})
@@ -379,7 +383,7 @@ def with_groups(config: schema.TrainConfig, groups: Mapping[str, Mapping[str, An
 
     Args:
         config: result of `typed`; unchanged groups are shared.
-        groups: plain values by group, such as `algo`; each must contain all values of the same kind of group.
+        groups: plain values by group, such as `algo`; each must contain all values of the group's schema in `config`.
 
     Raises:
         ConfigError: a key is unknown, a type or value is wrong, or a value contradicts another.
@@ -426,9 +430,9 @@ class Request:
     """What a command line asks for."""
 
     jobs: list[grids.Job]
-    """one, or those of a grid, with the overrides of each"""
+    """jobs of the grid, or the only job, each with its overrides"""
     grid: bool
-    """whether it is a grid: `-m`, or an experiment that sets `hydra.mode: MULTIRUN`"""
+    """whether the command line asks for a grid: `-m`, or an experiment that sets `hydra.mode: MULTIRUN`"""
     dry_run: bool
 
     @property
@@ -446,10 +450,10 @@ def read(
         entry: name of a file of `conf/`.
         arguments: words of the command line.
         grid: whether the command takes grids.
-        dry_run: whether it has `--dry-run`.
+        dry_run: whether the command has the flag `--dry-run`.
 
     Returns:
-        What is asked for; None if that was `--help` or `--cfg job`, which is printed.
+        The request; None after `--help` or `--cfg job`, whose text is printed.
 
     Raises:
         ConfigError: see `compose`.

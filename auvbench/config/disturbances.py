@@ -26,19 +26,21 @@ with depth.
 """
 
 FASTEST_WATER = 10.0
-"""m/s, at any depth"""
+"""largest speed of the current at any depth, m/s"""
 
 RESERVED = ("name", "factors", "active")
-"""attributes of `schema.Disturbance` that no disturbance may be called by"""
+"""names that no disturbance may have, since they are attributes of `schema.Disturbance`"""
 
 READINGS = "readings"
 TIMING = "timing"
 COMMANDS = "commands"
-"""What a disturbance changes between the agent and the vehicle: what it reads, when, and what its actuators are told"""
+"""What a disturbance may change between the agent and the vehicle: sensor readings, the times of readings and actions, and
+the commands of actuators
+"""
 
 
 class Need(NamedTuple):
-    """What a disturbance needs of a simulator."""
+    """One capability that a disturbance needs of a simulator."""
 
     key: str
     what: str
@@ -51,7 +53,7 @@ class Factor:
 
     @property
     def active(self) -> bool:
-        """Whether it changes anything."""
+        """Whether the disturbance changes anything."""
         return True
 
     def check(self, key: str) -> None:
@@ -65,11 +67,14 @@ class Factor:
         """
 
     def needs(self, key: str) -> Iterator[Need]:
-        """Yield what a simulator must have for it."""
+        """Yield the capabilities that a simulator must have for the disturbance."""
         return iter(())
 
     def alters(self) -> Mapping[str, str]:
-        """Return which of READINGS, TIMING and COMMANDS it changes, each with the rest of the key that says so."""
+        """Return which of READINGS, TIMING and COMMANDS the disturbance changes.
+
+        Each has as its value the end of the key that causes the change, for example `.mode=stuck`, or ''.
+        """
         return {}
 
 
@@ -110,12 +115,12 @@ class Current(Factor):
 
     @property
     def fluctuates(self) -> bool:
-        """Whether it varies within an episode."""
+        """Whether the current varies within an episode."""
         return self.gauss_markov.sigma > 0.0 or self.gauss_markov.sigma_vertical > 0.0
 
     @property
     def flows(self) -> bool:
-        """Whether its mean may differ from 0."""
+        """Whether the mean current may differ from 0."""
         return (self.speed_high or self.speed) > 0.0
 
     @property
@@ -124,7 +129,7 @@ class Current(Factor):
 
     @property
     def sheared(self) -> bool:
-        """Whether it changes with depth."""
+        """Whether the current changes with depth."""
         return self.active and (self.profile.factor != 1.0 or self.profile.turn != 0.0)
 
     def check(self, key: str) -> None:
@@ -315,7 +320,11 @@ def needs(disturbance: schema.Disturbance) -> Iterator[Need]:
 
 
 def alterations(disturbance: schema.Disturbance) -> Iterator[tuple[str, str, str]]:
-    """Yield what the active disturbances change of READINGS, TIMING and COMMANDS: name, what, rest of the key that says so."""
+    """Yield what the active disturbances change, in three parts.
+
+    The parts are the name of the disturbance, one of READINGS, TIMING and COMMANDS, and the end of the key that causes
+    the change (`Factor.alters`).
+    """
     for name, factor in disturbance.active():
         with asking(name, factor, "alters"):
             own = dict(factor.alters())
@@ -332,13 +341,15 @@ class DisturbanceSpec(Spec):
     name: str
     """Key below `disturbance`."""
     title: str
-    """What it is, for tables and help."""
+    """Short description for tables and help."""
     factory: str
     """`module:class`, a class below `auvbench.tasks.disturbances.base.Disturbance`."""
     schema: type
     """Its keys with their types and ranges; in a package, derived from `DisturbanceConfig`."""
     added: bool = False
-    """Whether runs of earlier versions lack its keys, so that fingerprints cover them only where it is active."""
+    """Whether runs of earlier versions lack the disturbance's keys. A fingerprint then covers these keys only if the
+    disturbance is active.
+    """
 
     def fault(self) -> str:
         good = self.name.isidentifier() and not iskeyword(self.name) and self.name not in RESERVED

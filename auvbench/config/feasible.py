@@ -18,7 +18,7 @@ def length(task: Any, frequency: float) -> tuple[int, str]:
 
 
 def at_most(key: str, task: Any, limit: str) -> None:
-    """Reject a distance of the start that is out of bounds."""
+    """Raise ConfigError if `task.KEY`, a distance at the start, is larger than `task.LIMIT`."""
     most = getattr(task, limit)
     what, why = f"be at most task.{limit}={most:g}", "a larger distance is out of bounds"
     refuse(getattr(task, key) > most, key, task, what, why)

@@ -1,4 +1,4 @@
-"""Make the fields of schemas, types and valid ranges without defaults, and refuse values that contradict each other."""
+"""Make the fields of schemas, which have types and valid ranges but no defaults, and refuse contradicting values."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def require(holds: bool, key: str, value: Any, what: str) -> None:
 
 
 def below(low_key: str, low: float, high_key: str, high: float | None, *, strictly: bool = False) -> None:
-    """Raise ConfigError unless a value is at most another one, or less with `strictly`; None is no limit."""
+    """Raise ConfigError unless `low` is at most `high`, or less than `high` with `strictly`; None is no limit."""
     if high is None or (low < high if strictly else low <= high):
         return
     raise ConfigError(

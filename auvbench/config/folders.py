@@ -42,7 +42,7 @@ def packages() -> tuple[tuple[str, Path], ...]:
 
 
 def state(folder: Path) -> State:
-    """Return path, inode, size and times of each file below a folder: with these the same, so is what the files say."""
+    """Return path, inode, size and times of each file below a folder; if they are the same, the contents are the same."""
     entries = []
     for place, _, names in os.walk(folder):
         for name in names:
@@ -77,6 +77,6 @@ def options(group: str) -> list[str]:
 
 
 def misnamed(group: str, name: str) -> Path | None:
-    """Return the user's file of an option that ends in .yml, which no command reads; None without one."""
+    """Return the user's file of an option if its name ends in .yml, which no command reads; else None."""
     path = Path("conf") / group / f"{name.removesuffix('.yml').removesuffix('.yml.yaml')}.yml"
     return path if re.fullmatch(r"[\w.-]{1,100}", name) and path.is_file() else None

@@ -29,7 +29,7 @@ from auvbench.config.overrides import whole_numbers
 from auvbench.errors import ConfigError
 
 MOST_JOBS = 10_000
-"""jobs of a grid: each has a folder, and is composed before the first starts"""
+"""largest number of jobs of a grid: each job has a folder, and all jobs are composed before the first starts"""
 
 Axis = list[str]
 Grid = dict[str, Axis]
@@ -41,7 +41,7 @@ class Job:
 
     config: DictConfig
     overrides: tuple[str, ...]
-    """what was typed for it, and the values of its grid"""
+    """typed overrides of the job, and the values of its grid"""
 
 
 Load = Callable[[tuple[str, ...], RunMode], DictConfig]
@@ -114,7 +114,7 @@ def single(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str]) -> Di
 
 
 def _sets_a_value(loader: ConfigLoaderImpl, override: Override) -> bool:
-    """Return whether Hydra applies an override after composing the files."""
+    """Return whether an override sets a value, which Hydra does after composing the files."""
     if override.is_hydra_override() or override.package is not None:
         return False
     if not override.is_sweep_override() and isinstance(override.value(), dict):
@@ -199,8 +199,9 @@ def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
 
 
 def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
-    """Return the typed values for a grid's axis: those in the axis, as the axis writes them, and those that
-    no grid has.
+    """Return the typed values that apply to a grid's axis.
+
+    These are the values that the axis has, written as in the axis, and the values that no grid has.
     """
     own = {_plain(value): value for value in axis}
     values_of_grids = {_plain(value) for other in every for value in other}

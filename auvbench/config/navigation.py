@@ -23,7 +23,7 @@ NONE = "none"
 READS = "navigation"
 """Name in `BlockSpec.reads` of a block that only an estimator supplies"""
 FASTEST = 1000.0
-"""Hz, of any sensor"""
+"""highest rate of any sensor, Hz"""
 
 
 @dataclass(kw_only=True)
@@ -72,7 +72,7 @@ class Dvl:
 
     @property
     def fastest_rate(self) -> tuple[str, float]:
-        """Key and value in Hz of the highest rate."""
+        """Key of the highest rate, and this rate in Hz."""
         on_water = ("water_rate", self.water_rate) if self.water_track else ("rates", 0.0)
         return max(("rates", max(self.rates)), on_water, key=lambda rate: rate[1])
 
@@ -136,7 +136,7 @@ class Usbl:
         """Raise ConfigError if keys contradict each other."""
         key = "sensors.usbl."
         _require_place(f"{key}position", self.position)
-        # One reading at a time is under way.
+        # Only one reading may be under way at a time.
         longest = 1.0 / self.rate - self.reach / SOUND
         what = f"be at most {longest:.3g} s: a reading arrives before the next, which comes after {1.0 / self.rate:.3g} s"
         require(self.delay <= longest, f"{key}delay", self.delay, what)
@@ -144,7 +144,7 @@ class Usbl:
 
 @dataclass(kw_only=True)
 class Gnss:
-    """A satellite receiver on the vehicle, for the surface."""
+    """A satellite receiver on the vehicle, which works only at the surface."""
 
     rate: float = number(0.1, FASTEST)  # Hz
     depth: float = number(0.0, 100.0)  # m
@@ -154,7 +154,7 @@ class Gnss:
 
 @dataclass(kw_only=True)
 class Modem:
-    """Ranges of the acoustic messages of a team (noise: the nanomodem of MARUS, as `config.tasks.formation`)."""
+    """Ranges from the acoustic messages of a team (noise: the nanomodem of MARUS, as in `config.tasks.formation`)."""
 
     noise: float = number(1e-3, 100.0)  # m
     beacons: int = number(1, 7)
@@ -167,7 +167,7 @@ SENSORS = ("imu", "dvl", "depth", "heading", "usbl", "gnss", "modem")
 
 @dataclass(kw_only=True)
 class Sensors:
-    """Keys of `sensors`: of the sensors that a vehicle has."""
+    """Keys of `sensors`: one group of keys for each sensor of the vehicle, None for a sensor that the vehicle lacks."""
 
     name: str = plain_name()
     imu: Imu | None = None
@@ -185,7 +185,7 @@ class Sensors:
 
 @dataclass(kw_only=True)
 class Start:
-    """Standard deviations of the estimate's errors at the start."""
+    """Standard deviations of the estimate's errors at the start of an episode."""
 
     position: float = number(1e-6, 1e3)  # m
     velocity: float = number(1e-6, 10.0)  # m/s
@@ -197,9 +197,9 @@ class Navigation:
     """Key of every `navigation/*.yaml`."""
 
     needs: ClassVar[tuple[str, ...]] = ()
-    """names of the sensors without which it cannot estimate"""
+    """names of the sensors that the estimator needs"""
     is_filter: ClassVar[bool] = False
-    """whether its estimate has a covariance"""
+    """whether the estimate has a covariance"""
 
     name: str = choice_of(lambda: SCHEMAS)
 
@@ -232,14 +232,17 @@ class Model:
 
 @dataclass(kw_only=True)
 class EkfModel(Ekf):
-    """The filter with two more states, a horizontal current, and the velocity of the vehicle's sheet as a reading."""
+    """The extended Kalman filter with the horizontal current as two more states.
+
+    The velocity that the vehicle's sheet predicts is a further reading of the filter.
+    """
 
     model: Model
 
 
 @dataclass(kw_only=True)
 class DeadReckoning(Navigation):
-    """The sum of velocities along the heading."""
+    """Dead reckoning: the sum of measured velocities along the measured heading."""
 
     start: Start
     needs: ClassVar[tuple[str, ...]] = ("imu", "dvl", "depth", "heading")
@@ -253,7 +256,7 @@ SCHEMAS: dict[str, type[Navigation]] = {
     "ekf_model": EkfModel,
     "dead_reckoning": DeadReckoning,
 }
-"""estimators by `navigation.name`: everything else about them reads their class"""
+"""schemas of the estimators by `navigation.name`; all other code reads an estimator's properties from its schema"""
 FILTERS = tuple(name for name, kind in SCHEMAS.items() if kind.is_filter)
 """estimators with a covariance"""
 ESTIMATORS = tuple(name for name in SCHEMAS if name != TRUTH)
@@ -345,7 +348,7 @@ def check(config: TrainConfig) -> None:
 
 
 def _check_alone(config: TrainConfig) -> None:
-    """Refuse a simulator that cannot stop within a step, and a second model of the readings' errors."""
+    """Refuse a simulator without navigation sensors, and noise, sensor errors or delays in addition to those of the sensors."""
     chosen = f"navigation={config.navigation.name}"
     if config.simulator.name != "fossen":
         raise ConfigError(
@@ -369,7 +372,7 @@ def _check_alone(config: TrainConfig) -> None:
 
 
 def _check_messages(modem: Modem, config: TrainConfig) -> None:
-    """Refuse ranges without acoustic messages or without a vehicle that takes them."""
+    """Refuse a modem without acoustic messages, a team of only beacons, and an IMU that is slower than the messages."""
     task: Any = config.task
     if getattr(task, "messages", "") != "acoustic":
         chosen = f"task.messages={task.messages}" if hasattr(task, "messages") else f"task={task.name}"
@@ -386,7 +389,11 @@ def _check_messages(modem: Modem, config: TrainConfig) -> None:
 
 
 def _check_rates(config: TrainConfig) -> None:
-    """Refuse sensors that measure more often than the physics or the IMU moves."""
+    """Refuse rates and delays of sensors that a step cannot represent.
+
+    The IMU may be at most as fast as the physics. Each other sensor may be at most as fast as the IMU, and its delay
+    at most the time between two readings.
+    """
     sensors = config.sensors
     assert sensors.imu is not None
     fastest = 1.0 / config.simulator.max_step
@@ -411,7 +418,7 @@ def _check_rates(config: TrainConfig) -> None:
 
 
 def _check_blocks(config: TrainConfig) -> None:
-    """Refuse blocks that the navigation cannot write."""
+    """Refuse observation blocks that are not available with the chosen navigation."""
     for name in config.task.observation:
         reads = BLOCKS[name].reads
         if READS in reads and not is_estimated(config):

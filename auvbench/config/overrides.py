@@ -1,7 +1,7 @@
 """Read overrides before Hydra does, and translate errors of Hydra or OmegaConf into one line.
 
-Hydra's grammar does not accept some whole numbers and texts. The line names the key, the value and the
-closest valid name.
+Hydra's grammar does not accept some whole numbers and texts, so they are rewritten first. The line of an error names
+the key, the value and the closest valid name.
 """
 
 from __future__ import annotations
@@ -111,7 +111,7 @@ def _whole(match: re.Match[str]) -> str:
 
 @cache
 def whole_keys() -> frozenset[str]:
-    """Return the dotted keys of all configurations that have a whole number."""
+    """Return the dotted keys whose values must be whole numbers, of all configurations."""
     kinds: list[tuple[type, str]] = [
         (root, "") for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation)
     ]
@@ -218,7 +218,7 @@ def _misfit(compose: Compose, overrides: Sequence[str]) -> str:
 
 
 def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[str]) -> str:
-    """Return what is wrong with one of several values, which a grid would not accept either; '' if each is valid."""
+    """Return what is wrong with the first invalid value of several values for a key; '' if each is valid in a grid."""
     from auvbench.config.validate import train_config
 
     # Other sweeps are left out, since their products would take long.
@@ -242,7 +242,7 @@ def _is_sweep(override: str) -> bool:
 
 
 def _unread(error: BaseException, overrides: Sequence[str]) -> str:
-    """Return what is wrong with a file of `./conf`, or with an override that Hydra does not check."""
+    """Return what is wrong with a file of `./conf`, or with an override that Hydra does not check; '' if unknown."""
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         return f"{error.problem_mark.name} {no_yaml(error)}"
     if isinstance(error, RecursionError):

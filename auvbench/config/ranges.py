@@ -14,7 +14,7 @@ SOUND = 1500.0
 GRADIANS = 400
 """steps of a full turn of a Ping360"""
 PREFIX = "range."
-"""begins the names of the blocks: `range.ping1d` has its keys in `task.range.ping1d`"""
+"""prefix of the names of range sensors' blocks; the keys of the block `range.ping1d` are in `task.range.ping1d`"""
 
 # Time of one beam of a Ping360: `BEAM_REST + BEAM_PER_METRE * range + BEAM_PER_GRADIAN * step`. Least squares over the six turn times
 # that users measured (Blue Robotics forum, thread 8328: ranges of 2, 20 and 50 m in steps of 1 and 10 gradians).
@@ -97,7 +97,7 @@ class Ping360(Sensor):
 
     @property
     def beams(self) -> int:
-        """Beams of a turn."""
+        """Number of beams of a scan over `span`."""
         return max(1, self.span // self.step)
 
     @property
@@ -130,7 +130,7 @@ def check_low(sensor: Any, prefix: str) -> None:
 
 @dataclass(kw_only=True)
 class Ranges:
-    """Keys of `task.range`: of the sensors that the observation has."""
+    """Keys of `task.range`: one group of keys for each range sensor, None for a sensor that is not observed."""
 
     ideal: Ideal | None = None
     ping1d: Ping1D | None = None
@@ -148,5 +148,5 @@ def key_of(block: str) -> str:
 
 
 def oldest(sensor: Pinged) -> float:
-    """Return the largest age in s that a block shows."""
+    """Return the limit in s for the age of a reading in an observation; older readings are shown with this age."""
     return 1.0 / sensor.rate + sensor.delay + 1.0

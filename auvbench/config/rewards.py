@@ -51,7 +51,7 @@ class Thesis(Reward):
 
 @dataclass(kw_only=True)
 class Tracking(Reward):
-    """Small errors and little effort; the path reward is the same formula with other values."""
+    """Reward for small errors and little effort; the reward `path` has the same formula with other values."""
 
     length: float = number(0.0, 1e6, open_low=True)  # m
     yaw: float = number(0.0, 1e6)
@@ -66,7 +66,7 @@ class Tracking(Reward):
 
 @dataclass(kw_only=True)
 class Goal(Tracking):
-    """Tracking, with a second term that grows only near the goal."""
+    """The reward `tracking` with a further term that grows only near the goal."""
 
     fine: float = later(number(0.0, 1e6), 0.0)
     fine_length: float = later(number(0.0, 1e6, open_low=True), 1.0)  # m
@@ -74,7 +74,7 @@ class Goal(Tracking):
 
 @dataclass(kw_only=True)
 class Exponential(Reward):
-    """Small position errors only."""
+    """Reward for small position errors only."""
 
     rate: float = number(0.0, 1e6)  # 1/m
     failure: float = number(-1e9, 1e9)
@@ -122,7 +122,7 @@ class GymDockauv(Reward):
 
 @dataclass(kw_only=True)
 class GymDockauvObstacles(GymDockauv):
-    """The reward of gym_dockauv with its term of the obstacles."""
+    """The reward of gym_dockauv including its term for obstacles."""
 
     avoidance: float = number(0.0, 1e6)
 
@@ -140,9 +140,9 @@ class RewardSpec(Spec):
     schema: type
     """schema of its configuration; in a package, derived from `RewardConfig`"""
     tasks: tuple[str, ...] = ()
-    """tasks that it suits, in addition to the tasks that name it"""
+    """tasks that the reward suits, in addition to the tasks whose spec names it (`TaskSpec.rewards`)"""
     sight: str = ""
-    """`module:function(e, v, p, solids, heights)`, which a world with solids adds to the reward"""
+    """`module:function(e, v, p, solids, heights)` of a term that is added to the reward in a world with solids; empty: no term"""
 
     @property
     def code(self) -> str:

@@ -68,8 +68,9 @@ class Noise:
 
 @dataclass(kw_only=True)
 class Disturbance:
-    """Disturbances of an episode: the keys that every configuration has. A configuration that chooses others has keys of theirs
-    (`with_disturbances`).
+    """Disturbances of an episode, with the keys that every configuration has.
+
+    `with_disturbances` adds the keys of further disturbances that a configuration chooses.
     """
 
     name: str = name()
@@ -98,8 +99,8 @@ class Disturbance:
 
 @cache
 def with_disturbances(more: tuple[tuple[str, type], ...]) -> type[Disturbance]:
-    """Return the schema of `disturbance` with the keys of more disturbances, by name."""
-    # Workers receive the values, and this class is no module's.
+    """Return the schema of `disturbance` with the keys of further disturbances: pairs of name and schema."""
+    # Workers receive pickled values, and pickle cannot find this class in any module.
     pickled = {"__reduce__": lambda self: (_disturbance, (more, vars(self)))}
     return make_dataclass("Disturbance", more, bases=(Disturbance,), kw_only=True, namespace=pickled)
 
@@ -173,7 +174,7 @@ class Analysis:
     margin: float | None = number(0.0, open_low=True)  # unit of the measure, percentage points for a rate
     seeds: int | None = number(1, 1_000_000)
     protocol: str = later(name(), "test")
-    # conditions of the protocol, the verdicts are about the first; null: all of the protocol
+    # conditions of the protocol that are reported; the verdicts are about the first one; null: all conditions
     conditions: list[str] | None = None
     episodes: int | None = later(number(1, 1_000_000))  # episodes of a condition; null: as the protocol says
 

@@ -1,5 +1,5 @@
-"""Define the schemas of the `simulator` group, the spec of the embedded simulator, and what simulators are
-capable of.
+"""Define the schemas of the `simulator` group, the spec of the embedded simulator, and the capabilities of
+simulators.
 
 A configuration that needs more than its simulator's capabilities is rejected before anything starts.
 """
@@ -30,13 +30,13 @@ class Capabilities:
     scales: bool
     """whether each vehicle may have its own factors: `reset(scales=...)`"""
     currents: str
-    """largest kind of current that `set_current` takes, one of `CURRENTS`"""
+    """most general kind of current that `set_current` takes, one of `CURRENTS`"""
     waves: bool = False
-    """whether it has `set_waves`"""
+    """whether the simulator has `set_waves`"""
     vehicles: bool = False
-    """whether it has `set_vehicles`"""
+    """whether the simulator has `set_vehicles`"""
     forces: bool = False
-    """whether it has `current` and `external_wrench` (`simulators.base.VehicleBatch`)"""
+    """whether the simulator has `current` and `external_wrench` (`simulators.base.VehicleBatch`)"""
     solids: bool = False
     """whether its vehicles may be in a world with a bottom or obstacles"""
     teams: bool = False
@@ -89,12 +89,13 @@ class SimulatorSpec(Spec):
     full: str = ""
     """Option with all capabilities, if another option removes some (`Simulator.limited`)."""
     check: str = ""
-    """`module:function` of configuration and vehicle that raises an error, before a run, if the simulator
-    cannot simulate it.
+    """`module:function` that takes configuration and vehicle. It raises an error, before a run, if the simulator
+    cannot simulate the vehicle.
     """
     served: str = ""
-    """`module:class` if the vehicles are on a server. The class has `vehicles(configuration, vehicle)`, their
-    number, and `clock()`, the clock of the last test's steps. Only one test at a time can use them.
+    """`module:class` if the vehicles are on a server, which only one test at a time can use. The class has two functions:
+    `vehicles(configuration, vehicle)` returns the number of vehicles, and `clock()` returns the name of the clock that
+    counted the steps of the last test.
     """
 
     def fault(self) -> str:
@@ -145,7 +146,7 @@ def check_world(simulator: Simulator, world: World) -> None:
 
 
 def check_filter(simulator: Simulator, chosen: Filter) -> None:
-    """Raise ConfigError for a filter of commands if the simulator has no solids, which the filter needs as its map."""
+    """Raise ConfigError for a filter of commands with a simulator without solids: the filter needs solids as its map."""
     if chosen.acts and not capabilities(simulator).solids:
         able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
         raise ConfigError(

@@ -30,7 +30,7 @@ def nearest(key: str, names: Collection[str]) -> str | None:
 
 
 def owners(key: str) -> list[str]:
-    """Return the agents that have the key `algo.<name>`.
+    """Return the agents whose configuration has a key, for example `algo.residual.share`.
 
     >>> owners("algo.residual.share"), owners("algo.base")
     (['ppo_residual', 'sac_residual'], ['ppo_residual', 'sac_residual'])
@@ -69,7 +69,7 @@ OF_COMMANDS = {
     "input": "simulate",
     "duration": "simulate",
 }
-"""Keys, or first parts of keys, by the command that has them."""
+"""Commands by the key, or the first part of a key, that belongs to the command."""
 
 
 def unknown_key(key: str, keys: Collection[str], program: str) -> str:

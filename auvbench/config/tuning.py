@@ -1,4 +1,4 @@
-"""Define the schema of `auvbench tune`: everything of a run's configuration, and the settings of the search."""
+"""Define the schema of `auvbench tune`: all keys of a run's configuration, and the settings of the search."""
 
 from __future__ import annotations
 

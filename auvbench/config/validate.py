@@ -22,7 +22,7 @@ from auvbench.untrusted.text import short
 T = TypeVar("T")
 
 MOST_STEPS = 10_000_000
-"""agent steps of an episode"""
+"""largest number of agent steps of an episode"""
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")
 
@@ -219,7 +219,7 @@ def check_across(config: schema.TrainConfig) -> None:
 
 
 def _check_team(config: schema.TrainConfig) -> None:
-    """Refuse a team where a simulator, an agent or a world has one vehicle in an episode."""
+    """Refuse a team of several vehicles if the simulator, the agent or the world allows only one vehicle in an episode."""
     able = {
         f"simulator={config.simulator.name}": simulators.capabilities(config.simulator).teams,
         f"algo={config.algo.name}": config.algo.agent not in AGENTS.own or AGENTS[config.algo.agent].teams,

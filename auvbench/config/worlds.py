@@ -19,13 +19,13 @@ class World:
     """Key of every `world/*.yaml`."""
 
     solid: ClassVar[bool] = True
-    """whether there is anything in the water"""
+    """whether the world has a bottom or obstacles"""
 
     name: str = choice_of(lambda: WORLDS.own)
 
     @property
     def has_bottom(self) -> bool:
-        """Whether a DVL finds a bottom in it."""
+        """Whether the world has a bottom, which a DVL needs."""
         return self.solid
 
     def check(self) -> None:
@@ -45,7 +45,7 @@ class Open(World):
 
 @dataclass(kw_only=True)
 class Solid(World):
-    """Keys of every world with something in it."""
+    """Keys of every world with a bottom or obstacles."""
 
     seed: int | None = number(0, (1 << 32) - 1)
     vehicle_radius: float | None = number(0.01, 100.0)  # m
@@ -97,7 +97,7 @@ class Pipeline(Rough):
 
 @dataclass(kw_only=True)
 class BottomFile:
-    """Keys of the file of a bottom."""
+    """Keys of `world.bottom`, which name the file of a bottom."""
 
     file: str
     sha256: str
@@ -183,8 +183,9 @@ class WorldSpec(Spec):
     """`module:class`, a class below `auvbench.tasks.worlds.base.World`; empty for open water"""
     schema: type
     settled: str = ""
-    """`module:function` that returns the composed configuration with what is known only when a run is created; arguments are the
-    configuration and its typed `world`"""
+    """`module:function` that takes the composed configuration and its typed `world`. It returns the configuration with values that
+    are known only when a run is created, such as the digest of a file; empty: no such values
+    """
 
 
 _CODE = "auvbench.tasks.worlds"

@@ -94,14 +94,15 @@ class AgentSpec(Spec):
     pilots: bool = False
     """Whether `auvbench pilot` can steer by it: a controller that needs only NumPy and SciPy. For auvbench's own agents."""
     program: bool = False
-    """Whether the agent starts a program on this machine, which an entry must not."""
+    """Whether the agent starts a program on this machine, which is not allowed in an entry (`auvbench submit`)."""
     settled: str = ""
-    """`module:function` of a composed configuration and its checked `algo` that returns the configuration with what
-    identifies a program of the user's, before the run gets its id. For auvbench's own agents.
+    """`module:function` that adds the digest of the user's program to a configuration before the run gets its id. It takes
+    the composed configuration and its checked `algo`, and returns the new configuration. For auvbench's own agents.
     """
     check: str = ""
-    """`module:function` of configuration and vehicle that raises an error, when a run begins, if the agent cannot
-    steer the vehicle; a learner's, which starts no program, also before a run is made. For auvbench's own agents.
+    """`module:function` that takes configuration and vehicle and raises an error if the agent cannot steer the vehicle.
+    It is called when a run begins. For a learner, it is also called before the run is created, so it must not start a
+    program. For auvbench's own agents.
     """
 
     @classmethod

@@ -36,7 +36,7 @@ class OnPolicy(Network):
 
     @property
     def rollout(self) -> int:
-        """Return the samples between two updates."""
+        """Return the number of samples between two updates."""
         return self.n_steps * self.n_envs
 
     def check(self) -> None:

@@ -22,7 +22,7 @@ from auvbench.registry import BLOCKS, TASKS, WORLDS, Spec
 from auvbench.untrusted.text import short
 
 MISSING: Any = "???"
-"""value that OmegaConf replaces; its own name for it, without importing OmegaConf"""
+"""OmegaConf's mark of a missing value (`omegaconf.MISSING`), written out so that OmegaConf is not imported"""
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
 """blocks that every task supplies, besides THESIS_BLOCKS"""
@@ -46,7 +46,7 @@ class Task:
     observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
     block_packages: dict[str, str] = field(default_factory=dict)  # releases by block; `complete` writes them
     history: int = later(number(1, 64), 1)
-    # Of the sensors that are observed; `complete` leaves out the others. None would replace the values of `conf/range`.
+    # Only keys of observed sensors; `complete` removes the others. A default of None would replace the values of `conf/range`.
     range: Ranges | None = MISSING
 
     def __post_init__(self) -> None:
@@ -86,7 +86,7 @@ class Task:
         raise NotImplementedError
 
     def card(self) -> dict[str, Any]:
-        """Return what the card of an exported policy says of the task, beyond what it says of each task."""
+        """Return the entries that only this task adds to the card of an exported policy."""
         return {}
 
 
@@ -141,7 +141,7 @@ class TaskSpec(Spec):
     needs_thrusters: bool = True
     """whether the task needs a vehicle with thrust along each axis and about the vertical"""
     has_yaw: bool = True
-    """whether the reference has its own yaw; otherwise its yaw is its bearing"""
+    """whether the reference has its own yaw; otherwise the reference yaw is the bearing from the vehicle to the reference"""
     schema: type | None = None
     """schema of its configuration; in a package, derived from `TaskConfig`"""
     failures: tuple[str, ...] = ("collision", "out_of_bounds")
@@ -149,11 +149,11 @@ class TaskSpec(Spec):
     goal: str = "goal"
     """Name of the final reference in sentences and pictures"""
     reached: str = ""
-    """plural of what a successful agent reaches, for sentences; empty: it succeeds in episodes"""
+    """plural noun for sentences about success, such as "waypoints" (that are reached); empty: sentences count episodes"""
     fixed_start: bool = False
     """whether each episode begins at `task.start`"""
     free_goal: bool = False
-    """whether `reset` may place the goal, as seen from a fixed start: options waypoint and distance"""
+    """whether `reset` has the options `waypoint` and `distance`, which place the goal; the task needs a fixed start"""
     path: bool = False
     """whether the reference is a path, whose point of reference advances with the vehicle"""
     holds: bool = False
@@ -163,11 +163,11 @@ class TaskSpec(Spec):
     at_rest: bool = False
     """whether the reference is one pose at rest, which a pilot takes from /goal_pose"""
     budget: int = 0
-    """environment steps below which published learners did not learn the task; 0: none is known"""
+    """number of environment steps below which published learners did not learn the task; 0: unknown"""
     short_of_budget: str = ""
-    """what happened below the budget, with the study that shows it"""
+    """result of published trainings below the budget, with their study, as text"""
     shared: tuple[str, ...] = metrics.SHARED
-    """metrics of several tasks that it has, names in `metrics.SHARED`"""
+    """metrics that the task shares with other tasks, names in `metrics.SHARED`"""
     metrics: tuple[Metric, ...] = ()
     """metrics that only this task has (`metrics.column`)"""
 
@@ -212,7 +212,10 @@ class TaskSpec(Spec):
 
 
 def blocks(task: Any) -> Sequence[str]:
-    """Return the blocks of a task's observation, without an empty `preview`, or `messages` without another vehicle."""
+    """Return the blocks of a task's observation that have values.
+
+    `preview` has no values without preview points, and `messages` has none with one vehicle in the episode.
+    """
     none = {"preview"} if isinstance(task, Tracked) and task.preview.points == 0 else set()
     none |= {"messages"} if task.team == 1 else set()
     return [name for name in task.observation if name not in none]
@@ -285,7 +288,7 @@ def check_solids(task: Task, world: World) -> None:
         world: checked world.
 
     Raises:
-        ConfigError: names the task or block and the worlds that it can measure.
+        ConfigError: names the task or block, and the worlds that have what it needs.
     """
     if TASKS[task.name].bottom and not world.has_bottom:
         raise ConfigError(
@@ -302,5 +305,5 @@ def check_solids(task: Task, world: World) -> None:
 
 
 def primary_of(name: str) -> str:
-    """Return the measure that ranks the agents of a task; for an unknown task, the waypoint task's."""
+    """Return the measure that ranks the agents of a task; for an unknown task, the measure of the waypoint task."""
     return TASKS.get(name, TASKS["waypoint"]).primary

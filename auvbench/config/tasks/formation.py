@@ -16,9 +16,11 @@ from auvbench.errors import ConfigError
 from auvbench.metrics import column
 
 MOST = 8
-"""vehicles of a team"""
+"""largest number of vehicles in a team"""
 HEADER, PER_BYTE, OVERHEAD = 0.105, 0.0125, 16
-"""s, s and bytes: times of the acoustic nanomodem of MARUS (Loncar et al., "MARUS - a marine robotics simulator", OCEANS 2022)"""
+"""time of a message's header in s, time per byte in s, and further bytes of each message: the acoustic nanomodem of MARUS
+(Loncar et al., "MARUS - a marine robotics simulator", OCEANS 2022)
+"""
 
 
 @dataclass(kw_only=True)
@@ -51,7 +53,7 @@ class Formation(TrajectoryTracking):
 
     @property
     def turn_time(self) -> float:
-        """Time in s between the messages of two vehicles, of which one may speak at a time: a message arrives everywhere first."""
+        """Time in s between the messages of two vehicles: a vehicle speaks after all vehicles have received the message before."""
         longest = max(math.dist(a, b) for a in self.places for b in self.places) + 2.0 * self.bounds
         return self.transmission + longest / SOUND
 

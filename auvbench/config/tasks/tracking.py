@@ -37,8 +37,9 @@ class TargetTracking(TrajectoryTracking):
 
     @property
     def agility(self) -> float:
-        """Spectral density of the target's acceleration in m^2/s^3 that the estimator assumes: the squared largest centripetal
-        acceleration, times the time in which the reference moves by `orbit`.
+        """Spectral density of the target's acceleration in m^2/s^3, as the estimator assumes it.
+
+        It is the square of the largest centripetal acceleration, times the time in which the reference moves by `orbit`.
         """
         return (self.speed_high**2 / self.size_low) ** 2 * self.orbit / self.orbit_speed
 

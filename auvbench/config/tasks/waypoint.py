@@ -32,8 +32,9 @@ class Waypoint(Task):
         feasible.refuse(top < self.depth_low, "waypoint_high", self, f"have a z of at least {low}", why)
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        """Return the distance to the waypoint at the start, plus the way that a vehicle can move until the end. The
-        depth limits bound the vertical distance.
+        """Return the largest distance to a waypoint at the start, plus the distance that the vehicle can move in an episode.
+
+        The depth limits bound the vertical distance.
         """
         away = speed * seconds
         x, y, z = (
