@@ -62,9 +62,9 @@ HYDRA = {
     "tune": ("-m", "--cfg", "--help"),
     "simulate": ("--cfg",),
 }
-"""Flags of the commands whose overrides Hydra completes"""
+"""Commands whose overrides Hydra completes, with their flags"""
 FILTERED = ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment")
-"""Keys of `--where`"""
+"""Keys that are completed after `--where`"""
 
 VALUES: Mapping[str, Sequence[str]] = {
     **dict.fromkeys(("--rank-by", "--metric"), measure_names()),
@@ -74,7 +74,7 @@ VALUES: Mapping[str, Sequence[str]] = {
     "--format": FORMATS,
     "--study": STUDIES,
 }
-"""Values of flags and keys; a key that is missing here has the file names of its folder as values"""
+"""Values of flags and keys; all other flags and keys take the options of their group in `conf/`"""
 
 
 def main(arguments: Sequence[str]) -> int:

@@ -151,7 +151,7 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
         except (
             Interrupted,
             Exception,
-        ):  # A solver may raise any exception on an interruption, or swallow it.
+        ):  # On an interruption, a solver may raise any exception, or swallow the interruption.
             if request.signal is None:
                 raise
         if request.signal is not None:

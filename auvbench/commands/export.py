@@ -74,7 +74,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def require() -> None:
-    """Check that the packages are installed, before the slow import of torch.
+    """Check that the packages for ONNX are installed, before the slow import of torch.
 
     Raises:
         MissingExtraError: a package is not installed.
@@ -99,7 +99,7 @@ def _as_trained(run: RunDirectory) -> str:
 
 
 def _task(task: Mapping[str, Any]) -> list[str]:
-    """Return `task=NAME` if a file of `conf/task` has the same observation; else also the keys that differ."""
+    """Return the overrides that select the policy's task: `task=NAME`, and the keys of the observation that differ from that file."""
     from omegaconf import OmegaConf
 
     from auvbench.config import folders

@@ -138,11 +138,11 @@ def logs_and_keys(
 
     Args:
         command: name of the command, for messages.
-        parser: its parser.
-        arguments: what was typed after the command.
-        valid: its keys.
-        vehicle: how the sheets are typed.
-        meaning: what the sheets are.
+        parser: parser of the command.
+        arguments: words after the command.
+        valid: keys that the command accepts.
+        vehicle: how the user types the sheets, for example `vehicle=NAME`, for messages.
+        meaning: end of the message about a missing vehicle, which says what the sheets are for.
 
     Raises:
         UserError: no log, no vehicle, or a wrong word.

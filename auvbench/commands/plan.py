@@ -24,14 +24,16 @@ examples:
   auvbench plan --sd 0.5 --rates 90,95 --agents 12     without any run: 90 against 95 %, seeds differ by 0.5 logits
 """
 TARGETS = (0.8, 0.95)
-"""planned power"""
+"""planned powers: probabilities of resolving the difference"""
 REPLICATIONS = 200
 """simulated experiments for each number of seeds"""
 FAILURES = (0.1, 0.05)
 """failure rates of trainings for which the plan gives the number of seeds"""
 
 _Needs = Sequence[tuple[str, "Need"]]
-"""numbers of seeds by "", and by "cautious" for the largest spread that the data allow"""
+"""needed seeds, each with the spread between trainings that was assumed: "" for the measured spread, "cautious" for the
+largest spread that the data allow
+"""
 
 
 def main(argv: Sequence[str]) -> int:
@@ -192,7 +194,7 @@ def _check_rate(m: Measure) -> None:
 
 
 def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Sequence[int]) -> _Needs:
-    """Return the seeds needed for each number of episodes; show a spinner on a terminal."""
+    """Return the seeds needed for each number of episodes and each assumed spread; show a spinner on a terminal."""
     from rich.console import Console
 
     from auvbench.analysis import planning

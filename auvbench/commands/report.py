@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Return 0 if there is a report; runs that it leaves out are named."""
+    """Write the report and return 0. Runs that cannot be in the report are named and left out."""
     paths, options, _ = read(parser(), argv)
-    # A report keeps nearly all of its millions of objects: the search for cycles would take a sixth of its time.
+    # Nearly all of a report's millions of objects stay in use: garbage collection would take a sixth of the time.
     gc.disable()
     try:
         _report(paths, options, shlex.join(["auvbench", "report", *argv]))

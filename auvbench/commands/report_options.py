@@ -53,10 +53,10 @@ def _set_by(declared: Declared) -> dict[str, Any]:
 
 
 def _declared(paths: Sequence[Path]) -> tuple[Declared | None, Path | None, str]:
-    """Return the analysis declared for the runs and its folder, or the reason why several declarations leave
-    none.
+    """Return the analysis that is declared for the runs, its folder, and '' or the reason why no analysis is chosen.
 
-    A published study and its experiment may have declarations that extend each other: the longest counts.
+    Several declarations are allowed if one of them extends all others, as in a published study and its experiment. If
+    none does, no analysis is chosen.
     """
     declarations = analyses.find(paths)
     if not declarations:

@@ -53,7 +53,7 @@ def show_score(score: Scores | None, options: Options) -> None:
 
 
 def show_by_condition(subjects: Sequence[Subject], options: Options) -> None:
-    """Print who is furthest ahead under each condition, and all differences from the baseline."""
+    """Print which agent is furthest ahead under each condition, and all differences from the baseline."""
     from rich.console import Console
 
     from auvbench.reporting import tables

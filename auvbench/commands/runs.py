@@ -46,7 +46,9 @@ class Row:
     created: str | None
     holder: str | None  # process that works on the run
     error: str | None
-    config: dict[str, Any] = field(default_factory=dict)  # values by dotted key; of the vehicle only the name
+    config: dict[str, Any] = field(
+        default_factory=dict
+    )  # values by dotted key; of the vehicle sheet only its name
 
     @property
     def progress(self) -> float:
@@ -77,7 +79,7 @@ def parser() -> Parser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Return 1 if a run could not be read; it is named, and the others are listed."""
+    """List the runs, and name each run that cannot be read; return 1 if there is such a run."""
     options = parser().read(argv)
     if options.history:
         return _print_history(options.paths, options.where or options.json)
@@ -202,10 +204,10 @@ def _facts(row: Row) -> dict[str, Any]:
 
 
 def varying(rows: Sequence[Row]) -> list[str]:
-    """Return the keys in which the runs differ, without those in their ids and those that follow from other
-    keys.
+    """Return the keys in which the runs differ.
 
-    `disturbance.name` represents all values of a disturbance.
+    Keys in the runs' ids and keys that cannot change a result are left out. So are keys whose value follows from the
+    name of their group: `disturbance.name` represents all values of a disturbance.
     """
     configs = [row.config for row in rows if row.config]
     keys = []
@@ -244,8 +246,10 @@ def _show(rows: Sequence[Row], *, of: int) -> None:
 
 
 def table(rows: Sequence[Row], console: Console) -> Table:
-    """Return the table: states, steps, success and times are never cut; where the terminal is narrow, other columns are left
-    out, the last first.
+    """Return the table of runs.
+
+    State, steps, success and wall time are never cut. If the terminal is too narrow, the columns after them are left
+    out, the last column first.
     """
     from rich.measure import Measurement
 

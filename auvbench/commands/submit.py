@@ -134,7 +134,7 @@ def _protocol(name: str) -> Protocol:
 
 
 def _entered(path: Path, protocol: Protocol, output: Path) -> Path:
-    """Return the folder of a run of an ONNX file, tested by a protocol.
+    """Create a run of an ONNX file below `output`, test it by a protocol, and return its folder.
 
     Raises:
         PolicyError: the file or its card cannot be used.

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str]) -> int:
     configs = request.configs
     if request.dry_run:
         return _dry_run(configs)
-    # A run that is carried out elsewhere counts as a grid of one.
+    # A run that is not carried out on this machine is handled as a grid of one run.
     if request.grid or configs[0].launcher.name != "local":
         return _grid(configs, command)
     return _train(configs[0], command)
@@ -108,7 +108,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
         else "complete: nothing to train"
     )
     print(f"{run.path}")
-    # Other protocols have errors of the readings, which an estimator refuses.
+    # Other protocols add errors to the sensor readings, which a configuration with an estimator rejects.
     protocol = " protocol=own" if is_estimated(config) else ""
     print(f"next: auvbench evaluate {shlex.quote(str(run.path))}{protocol}")
     return 0

@@ -48,8 +48,8 @@ def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> No
 def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str, str]]:
     """Return the command line for Hydra, the typed ranges, and the typed values, both by key.
 
-    A range of a key such as algo.tau is a dimension of the study. A list that asks several questions, such as
-    algo=ppo,sac, makes several studies and is left to -m.
+    A range of a key such as algo.tau is a dimension of the study. A list of options such as algo=ppo,sac makes several
+    studies; it stays in Hydra's command line and needs -m.
     """
     words: list[str] = []
     ranges: dict[str, str] = {}
@@ -168,7 +168,7 @@ def plan_of(
 
 
 def _refuse_ignored(plan: Plan, arguments: Sequence[str]) -> None:
-    """Raise ConfigError if a protocol's own values replace the typed ones, and no training uses the typed ones."""
+    """Raise ConfigError for a typed value without effect: the protocol replaces it, and the agent has no training."""
     from omegaconf import OmegaConf
 
     from auvbench.config.compose import typed
@@ -239,9 +239,9 @@ def _search(plan: Plan, study: StudyFolder, config: DictConfig) -> Result:
 
 
 def _conclude(plan: Plan, study: StudyFolder) -> int:
-    """Write the preset and the report, and print the result; return 1 if no settings or no gain were found.
+    """Write the preset and the report, and print the result.
 
-    A failed trial counts as a result.
+    Return 1 if every trial failed, or if a training with fresh seeds failed; else 0. Single failed trials are allowed.
     """
     from auvbench.reporting import tuning
     from auvbench.tuning import outcome

@@ -69,10 +69,9 @@ def show(vehicle: VehicleModel, quantities: Sequence[Quantity] = ()) -> None:
 
 
 def push(vehicle: VehicleModel, index: int) -> str:
-    """Return the direction in which a thruster pushes the vehicle under a positive command, and the wrench of
-    one newton.
+    """Return the direction in which a positive command of a thruster pushes the vehicle, and the wrench of 1 N of thrust.
 
-    E.g. "thruster1 pushes ahead, to port: surge +0.707, sway +0.707, yaw +0.167 (turns to port)".
+    For example "thruster1 pushes ahead, to port: surge +0.707, sway +0.707, yaw +0.167 (turns to port)".
     """
     effect = vehicle.allocation[:, index]
 
@@ -92,7 +91,7 @@ def _text(text: str) -> str:
 
 
 _COMPONENTS = {(3,): ("x", "y", "z"), (6,): inspect.AXES}
-"""Names of the components of a list with a range, by its shape."""
+"""Names of a list's components, for lists with a range, by the shape of the list."""
 
 
 def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
@@ -143,7 +142,7 @@ def _shortened(value: object) -> str:
 
 
 def _hull(vehicle: VehicleModel) -> str:
-    """Return what stands for the vehicle's shape among solids."""
+    """Return the description of the spheres that represent the vehicle's shape in collisions with solids."""
     radius, length = vehicle.hull
     whence = "" if vehicle.own_hull else ", of its inertia and actuators: the sheet has no hull"
     shape = (

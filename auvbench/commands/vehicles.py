@@ -49,7 +49,7 @@ def main(arguments: Sequence[str]) -> int:
         from auvbench.commands.vehicle_view import show
         from auvbench.vehicles import reader, sheet
 
-        vehicle = sheet.load(name)  # a wrong sheet gets its message before anything is printed
+        vehicle = sheet.load(name)  # raises the error of a wrong sheet before anything is printed
         show(vehicle, reader.quantities(reader.read(name).data))
     return 0
 
@@ -58,7 +58,7 @@ def _print_sheet(name: str) -> None:
     from auvbench.vehicles import sheet
     from auvbench.vehicles.reader import sheets
 
-    sheet.load(name)  # An unknown name or a wrong sheet gets its error message here.
+    sheet.load(name)  # Raises the error for an unknown name or a wrong sheet.
     path = Path(name)
     file = path if path.suffix in (".yaml", ".yml") else sheets()[name]
     print(file.read_text(encoding="utf-8"), end="")
