@@ -167,7 +167,7 @@ def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
     staged, former = (folder.with_name(f".{folder.name}.{what}") for what in ("staged", "former"))
 
     def tidy() -> None:
-        # An interrupted replacement had moved the old folder aside.
+        # If an earlier replacement was interrupted after it moved the old folder aside, move that folder back.
         if former.exists() and not folder.exists():
             former.rename(folder)
         for leftover in (staged, former):

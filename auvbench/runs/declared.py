@@ -61,7 +61,7 @@ class Declared:
     protocol: Name | None = None
     """Protocol; None in a declaration of an earlier version"""
     conditions: tuple[Name, ...] = ()
-    """Conditions of the protocol; the verdicts are about the first"""
+    """Conditions of the protocol; the verdicts are about the first condition"""
     episodes: Annotated[int, Range(1)] | None = None
     """Test episodes per condition"""
     scenario_seed: Count | None = None
@@ -76,7 +76,7 @@ class Declared:
 
     @property
     def digest(self) -> str:
-        """Return 16 hexadecimal digits of everything that was declared."""
+        """Return the digest of everything that was declared: 16 hexadecimal digits."""
         return self.digests[-1]
 
     @property

@@ -163,7 +163,7 @@ class RunDirectory:
         """
         for draft in self.model.glob(
             ".*"
-        ):  # left by an attempt that was killed, or lost power, at this moment
+        ):  # temporary files of an earlier attempt that was killed, or lost power, while it wrote them
             draft.unlink(missing_ok=True)
         for name, data in files.items():
             write_atomic(self.model / name, data)
@@ -234,7 +234,7 @@ def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = 
 
 
 def unwritable(path: Path, error: OSError) -> Exception:
-    """Return the error for an unwritable path: the disk's error if it is full or failing, else the user's."""
+    """Return the error for an unwritable path: a TrainingError if the disk is full or failing, else a RunError."""
     if error.errno in FAULTS:
         return storage_error(error, f"cannot write {path}")
     return RunError(f"{path}: cannot be written: {error.strerror or error}")
@@ -285,8 +285,9 @@ def _fresh_manifest(
 
 
 def as_words(runs: Collection[Path], alone: int = 1) -> str:
-    """Return runs as words of a command line: their folders, or the parent folders if there are more than
-    four.
+    """Return runs as words of a command line: up to `alone` runs by their own folders, more runs by their parent folders.
+
+    If there are more than four folders, they are replaced by their parent folders until at most four remain.
 
     Args:
         runs: folders of the runs.
@@ -341,11 +342,11 @@ def folders_of_runs(
 ) -> Iterator[Path]:
     """Yield the run directories, damaged ones too, and the published studies below a path, sorted.
 
-    They are at most `levels` down: root, experiment, run; the trials of a search are further down. Reports, hidden folders and links are
-    left out.
+    The search ends `levels` folders below the path: root, experiment, run. So it does not reach the trials of a tuning
+    search, which are further down. Reports, hidden folders and links are left out.
 
     Raises:
-        RunError: the path does not exist, or is a file that is not of a run.
+        RunError: the path does not exist, or is a file other than a run's manifest.json or config.yaml.
     """
     if not path.exists():
         raise RunError(missing(path))

@@ -1,5 +1,5 @@
-"""Keep the history of an experiment: one line for each start and end of a training and each test, also of
-deleted runs.
+"""Keep the history of an experiment: one line for each start of a training, end of a training, test, and declaration.
+The lines of deleted runs stay.
 
 `history.jsonl` is in the experiment's folder, next to the runs. Lines are only appended, each by a single
 write, so that processes and nodes can write at the same time. A line that cannot be written does not stop a
@@ -25,7 +25,7 @@ FILE = "history.jsonl"
 LONGEST = 4096
 """Largest line in bytes"""
 Event = Literal["running", "complete", "failed", "interrupted", "tested", "declared"]
-"""State that a run enters, `tested`, or `declared`"""
+"""State that a run has entered, `tested` for a test of a run, or `declared` for the declaration of runs"""
 STARTED: Event = "running"
 TESTED: Event = "tested"
 DECLARED: Event = "declared"
@@ -78,7 +78,7 @@ def append(folder: Path, line: Line) -> None:
 
 
 def entered(folder: Path, manifest: Mapping[str, Any], time: str) -> None:
-    """Append a line that says which state a run has entered."""
+    """Append a line for the state that a run has entered."""
     append(
         folder,
         Line(time, manifest["state"], manifest["id"], manifest["algo"], manifest["seed"], manifest["steps"]),

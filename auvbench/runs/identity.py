@@ -1,4 +1,4 @@
-"""Compute the identity of a run from its configuration: the same configuration is the same directory.
+"""Compute the identity of a run from its configuration: runs with the same configuration have the same directory.
 
 The identity is a readable prefix and a short hash of the resolved configuration, without the keys that cannot
 change the result.
@@ -166,16 +166,15 @@ def _numbers(node: Any) -> Any:
 
 
 DEFAULT_VEHICLE = "bluerov2"
-"""default of conf/train.yaml when ids were defined; an id names only a different vehicle"""
+"""vehicle that an id does not name: the default of conf/train.yaml when ids were defined"""
 
 DEFAULT_TASK = "waypoint"
 
 
 def run_id(config: Mapping[str, Any]) -> str:
-    """Return the id `{algorithm}-k{K}-f{frequency}-s{seed}-{hash}`, e.g. ppo-k1-f10-s42-1b2c3d4e,
-    ppo-rexrov-k1-f10-s42-5a6b7c8d.
+    """Return the id `{algorithm}-k{K}-f{frequency}-s{seed}-{hash}`, for example ppo-k1-f10-s42-1b2c3d4e.
 
-    A vehicle or task other than the default follows the algorithm.
+    If the vehicle or the task is not the default one, its name follows the algorithm: ppo-rexrov-k1-f10-s42-5a6b7c8d.
     """
     head = "-".join([str(config["algo"]["name"]), *_names(config)])
     k, frequency = (f"{float(value):g}" for value in (config["reward"]["k"], config["step"]["frequency"]))
@@ -204,7 +203,7 @@ def mismatch(config: Mapping[str, Any], id: str) -> str:
 
 
 def first_interpolation(config: Mapping[str, Any]) -> str:
-    """Return the first text that would be resolved, as `key is text`; '' if there is none."""
+    """Return the first text with an interpolation `${...}` in a configuration, as `key is text`; '' without one."""
     waiting: list[tuple[str, Any]] = [("", config)]
     while waiting:
         path, node = waiting.pop()

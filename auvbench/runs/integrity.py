@@ -1,6 +1,6 @@
 """Compute digests of files, recorded in a manifest or a summary and checked whenever a file is read.
 
-A manifest and a summary have a `files` table (path below them -> bytes and SHA-256) and a `seal`, the SHA-256
+A manifest and a summary have a `files` table (path in their folder -> bytes and SHA-256) and a `seal`, the SHA-256
 of all their other entries. A flipped bit in a file, in its digest or in any other entry is therefore noticed.
 
 Digests detect accidents, not deceit: a person can write digests that fit.
@@ -50,7 +50,7 @@ def entry_of(path: Path) -> Entry:
     """Return the entry for a file on disk, which is read in pieces.
 
     Raises:
-        OSError: it cannot be read.
+        OSError: the file cannot be read.
     """
     with path.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
@@ -58,14 +58,20 @@ def entry_of(path: Path) -> Entry:
 
 
 def sealed(value: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the same entries with their seal as the last entry."""
+    """Return the entries of `value` with their seal as the last entry."""
     return {**_bare(value), SEAL: _seal(value)}
 
 
 def replace_sealed(
     folder: Path, name: str, holder: Mapping[str, Any], files: Mapping[str, bytes]
 ) -> dict[str, Entry]:
-    """Create or replace a folder with files, and a sealed JSON object `name` that records their digests; return these.
+    """Create or replace a folder with files and with a sealed JSON file, which records their digests; return the records.
+
+    Args:
+        folder: path of the folder.
+        name: name of the JSON file.
+        holder: other entries of the JSON file.
+        files: content of each file by name.
 
     Raises:
         TrainingError: the disk is full, read-only or failing.
@@ -99,7 +105,7 @@ def check_sealed(value: Any, *versions: int) -> dict[str, Any]:
     broken = broken_seal(value)
     readable = " and ".join(map(str, versions))
     version_found = value.get("schema_version")
-    # A flipped bit may also be in the version.
+    # With a broken seal, another version may be a flipped bit: the file is then damaged.
     if version_found not in versions and (SEAL not in value or not broken):
         raise VersionError(
             f"schema_version {short(version_found, 40)}, but this auvbench reads {readable}; use the "
@@ -241,7 +247,7 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One condition of a test; when read, its rates and means are compared with its rows."""
+    """One condition of a test. A reader of the summary compares its rates and means with the test's rows."""
 
     name: Name
     episodes: Annotated[int, Range(1)]

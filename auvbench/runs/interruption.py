@@ -114,7 +114,7 @@ def immediate() -> Iterator[Request]:
 
 
 def cause(error: BaseException) -> KeyboardInterrupt | None:
-    """Return the interruption that caused an error, since a library may have caught it and raised its own error."""
+    """Return the interruption that caused an error; None without one. A library may catch an interruption and raise its own error."""
     links: list[BaseException] = []
     link: BaseException | None = error
     while link is not None and link not in links:

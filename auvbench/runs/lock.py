@@ -46,7 +46,7 @@ def state_folder() -> Path:
 FOLDER, LOCK, HOLDER = "lock", "held", "holder.json"
 
 LEASE = 120.0  # s that a file server may keep the lock of a dead node (NFSv4: 90 s by default)
-LOOK = 10.0  # s that a check (`living_holder`), which takes an instant, may wait for a lock
+LOOK = 10.0  # s to wait for a lock that only a check (`living_holder`) in another process holds; a check takes an instant
 
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP)
 
@@ -107,7 +107,7 @@ class RunLock:
             return
         self._verified = now
         holder = current(self.run)
-        # "": the file cannot be read at the moment
+        # The token is '' if holder.json cannot be read at the moment.
         if holder is None or holder.token not in ("", self.holder.token):
             why = f"{holder} has taken it over" if holder else "its lock was removed"
             raise LockLostError(f"{self.run}: {why}; this process stops without writing more")
@@ -130,7 +130,7 @@ class RunLock:
 
 
 _mine: dict[Path, RunLock] = {}
-"""Locks of this process, for code that writes into a run but has no reference to its lock."""
+"""Locks of this process by run, for code that writes into a run but has no reference to the run's lock."""
 
 
 def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
@@ -138,11 +138,11 @@ def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
 
     Args:
         run: the run directory.
-        job: cluster job of this process. If an earlier attempt of the same job died with its node, wait for
-            the file server's lease.
+        job: cluster job of this process. If holder.json names the same job, an earlier attempt has probably died
+            with its node: wait up to `LEASE` for the file server to free its lock.
 
     Raises:
-        RunHeldError: another process holds it.
+        RunHeldError: another process holds the lock.
         RunError: the directory cannot be written or has no file locks, or contains a link out of it.
         TrainingError: the disk is full or failing.
     """
@@ -204,7 +204,7 @@ def _is_locked(path: Path) -> bool:
         return False
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except OSError:  # Locked; or nothing is known, and then holder.json counts.
+    except OSError:  # Locked, or the file system does not say: then holder.json decides.
         return True
     finally:
         os.close(descriptor)
@@ -223,7 +223,7 @@ def _kernel_lock(run: Path, patience: float) -> BaseFileLock:
         patience: seconds to wait for a holder.
 
     Raises:
-        RunHeldError: another process holds it.
+        RunHeldError: another process holds the lock.
         OSError: the file system has no locks.
     """
     import filelock

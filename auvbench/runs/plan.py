@@ -1,4 +1,4 @@
-"""Turn a composed configuration into a frozen run, with all checks before anything starts, and load it again."""
+"""Check a composed configuration and write it to disk as a frozen run; load the configuration of an existing run."""
 
 from __future__ import annotations
 

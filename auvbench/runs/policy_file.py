@@ -1,7 +1,7 @@
-"""Take the policy file of `algo=onnx` into a run.
+"""Copy the policy file of `algo=onnx` into a run.
 
-The file is read and checked once, named by its content, and copied into the run. The run's identity has the file's SHA-256
-(`algo.sha256`), not its path.
+The file is checked before the run is created (`with_policy`), and then copied into the run (`keep`). The run's identity
+contains the file's SHA-256 (`algo.sha256`), not its path.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from auvbench.untrusted.text import short
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 UNNAMED = "onnx"
-"""name in conf/algo/onnx.yaml, replaced by the name of the card or of the file"""
+"""value of `algo.name` in conf/algo/onnx.yaml; it is replaced by the name of the card or of the file"""
 
 LONGEST = 80
 """largest number of characters of a policy's name, which is part of a folder's name"""
@@ -36,7 +36,7 @@ LONGEST = 80
 def with_policy(
     config: DictConfig, typed: schema.TrainConfig, algo: ONNX, vehicle: VehicleModel
 ) -> DictConfig:
-    """Return the configuration with digest and name of its policy's file.
+    """Check a policy's file; return the configuration with the file's digest and name.
 
     Args:
         config: composed configuration.
@@ -73,10 +73,14 @@ def with_policy(
 
 
 def keep(run: RunDirectory, config: dict[str, Any]) -> None:
-    """Copy the policy file of a settled configuration, and its card, into a run that lacks them.
+    """Copy the policy file and its card into a run, unless the run has the file.
+
+    Args:
+        run: run directory.
+        config: resolved configuration, with the file's digest from `with_policy`.
 
     Raises:
-        PolicyError: the file has changed since the configuration was settled.
+        PolicyError: the file has changed since `with_policy` read it.
         TrainingError: the disk cannot be written.
     """
     algo = config["algo"]
@@ -99,8 +103,9 @@ def keep(run: RunDirectory, config: dict[str, Any]) -> None:
 
 
 def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
-    """Raise ConfigError for a file of another vehicle, frame or frequency, which would steer wrongly without
-    an error.
+    """Raise ConfigError if the card names other actuators, observations, another frame or another frequency.
+
+    Without this check, such a policy would steer wrongly without an error.
     """
     if card.actuators != vehicle.actuators:
         raise ConfigError(

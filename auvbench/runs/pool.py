@@ -30,7 +30,7 @@ COMMAND, MODULES = "AUVBENCH_COMMAND_PID", "AUVBENCH_PRELOAD"
 """environment variables of the server: the pid of its command, and the comma-separated modules to preload"""
 
 PID = os.getpid()
-"""pid of the server, also in the workers that it forks"""
+"""pid of the process that imported this module; in a worker, the pid of the server that forked the worker"""
 
 CONTEXT = multiprocessing.get_context("forkserver")
 ONE_THREAD = dict.fromkeys(
@@ -88,13 +88,13 @@ def begin_worker(folder: str) -> None:
     interruption.die_with_parent(PID)
     interruption.prefer_in_memory_shortage()
     signal.pthread_sigmask(signal.SIG_UNBLOCK, interruption.SIGNALS)
-    with contextlib.suppress(OSError):  # the folder was removed since
+    with contextlib.suppress(OSError):  # the folder was removed meanwhile
         os.chdir(folder)
     gc.freeze()  # A garbage collection would copy the pages that the workers share.
 
 
 PATIENCE = 10.0
-"""s, longest wait for the end of the thread that serves killed workers"""
+"""longest wait in s for the end of the pool's thread after its workers were killed"""
 
 
 class Pool:
@@ -118,7 +118,7 @@ class Pool:
         self._end()
 
     def start(self) -> None:
-        """Start the fork server, unless it runs: it imports its modules while the caller prepares the first job."""
+        """Start the fork server, unless it runs. It imports modules while the caller prepares the first job."""
         if not self._serving:
             start_server(self._preload)
             self._serving = True
@@ -183,7 +183,7 @@ class Pool:
                 self.start()
                 self._executor = self._make()
             return self._executor.submit(function, *arguments)
-        except (BrokenProcessPool, EOFError, OSError) as error:  # a worker or the server has died since
+        except (BrokenProcessPool, EOFError, OSError) as error:  # a worker or the server has died meanwhile
             failed: Future[T] = Future()
             failed.set_exception(BrokenProcessPool(str(error)))
             return failed
@@ -209,8 +209,9 @@ class Pool:
             self._executor.shutdown(wait=False, cancel_futures=True)
             self._executor = None
             if manager is not None:
-                # The end of Python wakes the thread by a pipe that the thread closes when it ends: both at once is an OSError.
-                # No wait without end: the thread never ends if a worker was killed while it sent a result.
+                # Python wakes the thread through a pipe when it exits, and the thread closes the pipe when it ends. Both at
+                # the same time raise an OSError, so wait for the thread. The wait is limited, since the thread never ends if
+                # a worker was killed while it sent a result.
                 manager.join(PATIENCE)
 
 

@@ -89,7 +89,7 @@ class Progress:
     steps_per_s: float
     episodes: Count
     success_rate: Share | None
-    """success rate over the last WINDOW training episodes; None before the first has ended"""
+    """success rate over the last WINDOW training episodes; None before the first episode has ended"""
     mean_return: float | None
     time: float
     """time of this report, Unix time"""
@@ -145,7 +145,7 @@ def to_go(seconds: float) -> str:
 
 
 def in_notebook() -> bool:
-    """Return whether a cell of a notebook (`!auvbench ...`) runs this process: it has a terminal that shows no moving text."""
+    """Return whether a notebook cell (`!auvbench ...`) runs this process: its terminal cannot show live bars."""
     return "JPY_PARENT_PID" in os.environ
 
 
@@ -179,7 +179,7 @@ Watch = Callable[[Progress], None]
 
 
 class Reporter:
-    """Count steps and episodes and report them at most once a second. Never change a run's result.
+    """Counter of steps and episodes that reports them at most once a second; it never changes a run's result.
 
     Args:
         path: path of `progress.json`.
@@ -237,7 +237,7 @@ class Reporter:
             mean_return=sum(self._returns) / len(self._returns) if self._returns else None,
             time=time.time(),
         )
-        # Not flushed to disk: a lost report does no harm, a synchronous write every second would.
+        # Not flushed to disk: a lost report does no harm, but a synchronous write every second would slow the run.
         staged = self._path.with_name(f".{self._path.name}")
         staged.write_text(json.dumps(asdict(progress)), encoding="utf-8")
         staged.replace(self._path)

@@ -101,7 +101,7 @@ def _resolve(term: Term, rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def flat(config: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Return a nested configuration by dotted keys; lists are not split.
+    """Return the values of a nested configuration by dotted key; lists are not split.
 
     >>> flat({"reward": {"k": 1}, "seed": 2})
     {'reward.k': 1, 'seed': 2}

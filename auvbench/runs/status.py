@@ -31,9 +31,9 @@ class RunStatus:
     state: State
     manifest: dict[str, Any]
     holder: lock.Holder | None = None
-    """the process that works on it"""
+    """process that works on the run"""
     lost: str = ""
-    """missing or damaged file of a complete run's model; '' if there is none"""
+    """missing or damaged file of a complete run's model; '' if the model is intact"""
 
 
 def of(run: RunDirectory, *, deep: bool = False) -> RunStatus:
@@ -41,7 +41,7 @@ def of(run: RunDirectory, *, deep: bool = False) -> RunStatus:
 
     Args:
         run: the run directory.
-        deep: compare the content of a complete run's model with its digests, not only its size.
+        deep: compare the digests of a complete run's model files, not only their sizes.
     """
     manifest = run.manifest()
     state = State(manifest["state"])
