@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from omegaconf import DictConfig
 
 Like = tuple[Any, ...]
-"""What runs of about the same cost per step have in common: algorithm, task, number of environments."""
+"""Algorithm, task and number of environments: runs that have these in common have about the same cost per step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +34,9 @@ class Cost:
     """Cost of one complete training."""
 
     seconds_per_step: float
-    """processor time"""
+    """processor time per environment step, s"""
     size: int
-    """bytes of its folder"""
+    """size of the run's folder in bytes"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +45,9 @@ class Todo:
 
     run: RunDirectory
     like: Like | None
-    """None for an agent that does not learn"""
+    """kind of the run for estimates of its cost; None for an agent that does not learn"""
     steps: int
-    """steps that are left"""
+    """remaining environment steps"""
 
 
 def show(configs: Sequence[DictConfig], console: Console | None = None) -> int:
@@ -139,7 +139,7 @@ def _estimates(todo: Sequence[Todo], output: Path) -> list[str]:
 
 
 def _script(backend: Backend, runs: Sequence[RunDirectory]) -> list[str]:
-    """Return a title and the batch script of the first run or array; [] for a backend without scripts."""
+    """Return a title and the batch script of the first run, or of the first array of runs; [] for a backend without scripts."""
     write = getattr(backend, "script", None)
     if write is None or not runs:
         return []

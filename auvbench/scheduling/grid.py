@@ -1,4 +1,4 @@
-"""Turn composed configurations into finished runs: check all, freeze all, then start the first."""
+"""Turn composed configurations into finished runs: check all runs, write all to disk, then start the first run."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Action(Enum):
-    """What happens to a run, in the order of the summary; each value has the state and the action."""
+    """What a sweep does with a run, in the order of the summary. Each value has the words for the run's state and for the action."""
 
     SKIP = "complete", "skipped"
     RESUME = "partial", "resumed"
@@ -51,8 +51,8 @@ TODO = (Action.RESUME, Action.START, Action.RETRY)
 """Actions that train a run."""
 
 LISTED = 12
-"""Largest number of runs of a kind that are listed by name; damaged runs are all listed, since each needs the
-user.
+"""Largest number of runs of a kind that are listed by name. Damaged runs are all listed, since the user must look at
+each of them.
 """
 
 
@@ -79,7 +79,7 @@ def step_of(
     if action is Action.LEAVE:
         if backend.adopt(run.path) is None:
             return Step(run, action, f"by {present.holder}")
-        action = Action.RESUME  # A job of this backend is waited for.
+        action = Action.RESUME  # A job of this backend works on the run: the sweep waits for this job.
     detail = ""
     if action is Action.RETRY:
         why = (manifest.get("error") or {}).get("message", "no reason given")
@@ -145,7 +145,9 @@ def sweep(
         if step.action in ends:
             result.outcomes[step.run.path] = (ends[step.action], step.detail)
     for path in result.of(Outcome.HELD):
-        if RunDirectory(path).manifest()["state"] == "complete":  # Its holder has finished it meanwhile.
+        if (
+            RunDirectory(path).manifest()["state"] == "complete"
+        ):  # The run's holder has finished it meanwhile.
             result.outcomes[path] = (Outcome.COMPLETE, "")
     if todo:
         summarise(result, console)

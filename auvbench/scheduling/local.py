@@ -36,7 +36,7 @@ LEARNERS = (
 """Modules that a run of a learner needs."""
 
 _SERVER_ENDED = 255
-"""exit code that multiprocessing gives a worker whose fork server has ended; a worker itself never has this code"""
+"""exit code that multiprocessing reports for a worker whose fork server has ended; no worker exits with this code"""
 
 
 @dataclass(slots=True, eq=False)
@@ -77,7 +77,7 @@ class LocalJob:
 
 
 class LocalBackend:
-    """Backend with as many workers as this machine has cores, or as `workers` says."""
+    """Backend with `workers` worker processes on this machine; 0: one worker per core."""
 
     def __init__(self, workers: int = 0, *, target: str = TARGET, preload: Sequence[str] = LEARNERS) -> None:
         self.limit: int | None = workers or interruption.cores()
@@ -85,7 +85,7 @@ class LocalBackend:
         self.preload = preload
         self._jobs: list[LocalJob] = []
         self._server: threading.Thread | None = None
-        """Ends when the server has imported everything; signals are handled meanwhile."""
+        """Thread that ends when the fork server has imported its modules; the main thread can handle signals meanwhile."""
 
     def submit(self, run: Path) -> LocalJob:
         if self._server is None or any(job.poll().lost for job in self._jobs):

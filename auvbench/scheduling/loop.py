@@ -42,7 +42,7 @@ class Status:
 
     phase: Phase
     code: int | None = None  # exit code of an ended job, negative for a signal, None if unknown
-    reason: str = ""  # reason in the backend's words, if it knows more than the code
+    reason: str = ""  # reason in the backend's words, if the backend knows more than the exit code
     # True if the job ended through no fault of the run (its node or server died), so another try may succeed
     lost: bool = False
 
@@ -72,8 +72,9 @@ class Job(Protocol):
 
     @property
     def mark(self) -> str | None:
-        """Return the job's name in the run's lock (`slurm:17`) while its worker holds it; None without such a
-        name.
+        """Return the name by which the run's lock identifies the job while its worker holds the lock, e.g. `slurm:17`.
+
+        None for a backend whose jobs have no such name.
         """
 
     def poll(self) -> Status:
@@ -100,7 +101,7 @@ class Backend(Protocol):
         """
 
     def adopt(self, run: Path) -> Job | None:
-        """Return the queued or running job that an earlier sweep started for this run; None without one."""
+        """Return the queued or running job that an earlier sweep started for this run; None without such a job."""
 
     def wait(self, seconds: float) -> None:
         """Return after some seconds, or earlier if a job may have changed."""
@@ -147,7 +148,7 @@ class Result:
 
 
 def largest_array(backend: Backend) -> int:
-    """Return the largest number of runs that `backend.submit_array` submits at once; 0 for a backend without it."""
+    """Return the largest number of runs that `backend.submit_array` submits at once; 0 for a backend without arrays."""
     return int(getattr(backend, "largest_array", 0))
 
 
@@ -214,7 +215,7 @@ class Loop:
             self._begun(run, job)
 
     def _fill_arrays(self) -> None:
-        """Submit many runs at once, if the backend has arrays; a refusal leaves them to `_fill`."""
+        """Submit many runs at once if the backend has arrays. If it refuses an array, `_fill` submits the runs one by one."""
         backend: Any = self.backend
         while (largest := largest_array(backend)) and self._room() > MANY:
             runs = {run.path: run for run in islice(self.waiting, min(largest, self._room()))}
@@ -279,7 +280,7 @@ class Loop:
 
 
 def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tuple[Outcome, str]:
-    """Return the outcome of a run whose job has ended; record the end if the worker could not."""
+    """Return the outcome of a run whose job has ended; if the worker could not record a failure in the manifest, record it."""
     manifest = run.manifest()
     state = manifest["state"]
     if finished(run, manifest):

@@ -151,7 +151,7 @@ class View:
         self.event(self.counts())
 
     def remaining(self) -> float | None:
-        """Return the seconds until the sweep's end, from the steps since its start; None before the first steps."""
+        """Return the estimated seconds until the sweep ends, from its pace so far; None before the first steps."""
         rows = [row for row in self.rows.values() if row.state in (WAITING, Phase.QUEUED, Phase.RUNNING)]
         remaining_steps = sum(max(0, row.total_steps - row.done) for row in rows)
         done = sum(row.done for row in self.rows.values()) - self._before
