@@ -1,10 +1,10 @@
 """Read arrays and weights from archives that may declare more data than fits into memory.
 
-`numpy.load` and `torch.load` allocate what an archive declares: some kilobytes can declare gigabytes. So the
-archive's directory is read first; Python's `zipfile` returns no more bytes than the directory says.
+`numpy.load` and `torch.load` allocate the memory that an archive declares: an archive of some kilobytes can declare
+gigabytes. So the archive's directory is read first; Python's `zipfile` returns no more bytes than the directory says.
 
-Weights, and the arrays of a policy or a checkpoint, are read in this process. They may have up to 2 GiB,
-which a separate process would hold a second time. The two readers are limited: `torch.load` with
+Weights, and the arrays of a policy or a checkpoint, are read in this process. They may have up to 2 GiB, and a separate
+process would need this memory a second time. The two readers are limited: `torch.load` with
 `weights_only=True` unpickles only tensors and unpacks nothing, and `numpy.load` is written in Python.
 """
 
@@ -50,7 +50,7 @@ def paths(data: bytes, condition: str, episodes: Sequence[int] | int) -> dict[st
     Args:
         data: content of the file.
         condition: condition of a protocol.
-        episodes: numbers of the episodes, or how many of the first ones.
+        episodes: numbers of the episodes as a sequence, or an integer n for the first n episodes.
 
     Raises:
         ValueError: the file is damaged, too large, or has arrays of other types than numbers.
@@ -64,7 +64,7 @@ def weights(data: bytes) -> dict[str, Any]:
     """Return a dictionary of tensors that `torch.save` wrote; only tensors are unpickled.
 
     Raises:
-        ValueError: the file is damaged, or not such a dictionary.
+        ValueError: the file is damaged, or does not contain a dictionary.
     """
     import torch
 
@@ -106,7 +106,7 @@ def members(data: bytes, limit: int) -> Iterator[tuple[str, bytes]]:
         limit: largest total size in bytes of all files.
 
     Raises:
-        ValueError: the archive is damaged, or unpacks to more.
+        ValueError: the archive is damaged, or unpacks to more than `limit`.
     """
     if (declared := sum(_sizes(data))) > limit:
         raise ValueError(f"it would unpack to {declared:,} bytes; the limit is {limit:,}")

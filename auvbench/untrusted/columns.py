@@ -48,8 +48,10 @@ COUNT, NUMBER = Column("whole", low=0.0), Column()
 
 
 def _measured() -> dict[str, Column]:
-    """Return the columns of values measured in an episode; packages can add columns at any time. Conditions of a test may
-    differ in their navigation and filter.
+    """Return the columns of the values that are measured in an episode.
+
+    They are computed at each call, since packages can add columns at any time. Columns that depend on the navigation or
+    the filter may have gaps, since the conditions of a test may differ in these.
     """
     return {
         m.name: replace(NUMBER, gaps=m.conditional)
@@ -111,7 +113,7 @@ def checked(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     """Return the columns of a table that are in its schema; whole numbers without gaps as int64.
 
     Raises:
-        ValueError: a column is missing, occurs twice, or has a value of a wrong type or range; in one line.
+        ValueError: a column is missing, occurs twice, or has a value of a wrong type or range; the message is one line.
     """
     if missing := [name for name, column in schema.items() if column.needed and name not in table.columns]:
         raise ValueError(f"it lacks the columns {', '.join(missing)}")
@@ -123,7 +125,7 @@ def checked(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
     table = table[names]
     types = dict(zip(names, table.dtypes, strict=True))
     plain = [name for name in names if schema[name] is NUMBER and types[name].kind in "if"]
-    # All measures at once, which is faster; NaN compares as False.
+    # All measures are compared at once, which is faster. With NaN the comparison is False, and each column is checked.
     if (np.abs(table[plain].to_numpy(dtype=np.float64)) <= LARGEST).all():
         names = [name for name in names if name not in plain]
     values = {name: _values(name, table[name], schema[name]) for name in names}

@@ -17,8 +17,8 @@ from auvbench.errors import RunError
 from auvbench.untrusted.text import short
 
 GROWING = "train"
-"""folder of files that grow in place; every other file is replaced by renaming, which leaves a hard link's
-other name unchanged
+"""folder whose files grow in place, also under the other name of a hard link; all other files are replaced by
+renaming, which does not change the file under the other name
 """
 
 LONGEST = 255
@@ -26,11 +26,11 @@ LONGEST = 255
 
 
 def child(folder: Path | str, name: object) -> Path:
-    """Return the path below `folder` that a file names.
+    """Return the path below `folder` for a name that was read from a file.
 
     Args:
         folder: folder that the user named.
-        name: plain names joined by "/", as in the file; any type.
+        name: value read from the file; only a text of plain names joined by "/" is valid.
 
     Raises:
         ValueError: a part is empty, leads elsewhere ("..", "/"), is not printable or too long, or a link is

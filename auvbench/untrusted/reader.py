@@ -37,14 +37,14 @@ HEADER = 4 * 1024**2
 ARRAY = 32 * 1024**2
 """largest size in bytes of an array of an .npz; the positions of an episode have about ten thousand"""
 SMALL = 64 * 1024
-"""number of bytes to send at once"""
+"""total size of arrays in bytes below which a message is sent in one piece"""
 DTYPES: dict[str, Any] = {
     np.dtype(kind).str: kind
     for kind in ("?", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "f2", "f4", "f8")
 }
 """Types of arrays, by NumPy's names"""
 ENDED, KILL = b"E", b"K"
-"""Letters that end a child: its channel is closed, or it must stop."""
+"""Letters that ask the server to end a child: its channel is closed and it should exit, or it is killed at once"""
 LENGTH, PID = struct.Struct("<Q"), struct.Struct("<i")
 
 Arrays = dict[str, "np.ndarray[Any, Any]"]
@@ -73,8 +73,8 @@ def receive(channel: socket.socket, limit: int) -> tuple[Any, Arrays]:
 
     Raises:
         EOFError: the other end has exited.
-        LimitError: the arrays are larger.
-        ValueError: the data are not such a message.
+        LimitError: the arrays are larger than `limit`.
+        ValueError: the data are not a note and arrays.
     """
     (length,) = LENGTH.unpack(_exactly(channel, np.empty(LENGTH.size, dtype=np.uint8)).tobytes())
     if length > HEADER:
@@ -180,7 +180,7 @@ def _is_number(kind: Any) -> bool:
 
 
 def _texts(values: Any) -> Arrays:
-    """Return a column of texts as codes, -1 for a missing one, and the concatenated texts in UTF-8."""
+    """Return a column of texts as codes, -1 for a missing text, with the distinct texts concatenated in UTF-8."""
     encoded = values.unify_dictionaries().combine_chunks()
     if not hasattr(encoded, "indices"):  # a chunked array, if pyarrow keeps it so
         encoded = encoded.chunk(0) if encoded.num_chunks else None
@@ -196,7 +196,7 @@ def _texts(values: Any) -> Arrays:
 
 
 def paths(channel: socket.socket, data: bytes, condition: str, episodes: list[int] | int) -> None:
-    """Send the arrays `<name>_<condition>_<episode>` of an .npz, for some episodes or for the first ones."""
+    """Send the arrays `<name>_<condition>_<episode>` of an .npz, for the listed episodes or for the first `episodes` ones."""
     with np.load(io.BytesIO(data), allow_pickle=False) as archive:
         named = re.compile(rf"([a-z_]+)_{re.escape(condition)}_(\d{{1,15}})")
         episode_of = {name: int(match[2]) for name in archive.files if (match := named.fullmatch(name))}
@@ -262,7 +262,7 @@ JOBS: dict[bytes, tuple[tuple[str, ...], Callable[..., None]]] = {
 
 
 def main(number: int) -> None:
-    """Fork a child for each connection over the descriptor `number`, until it closes."""
+    """Fork a child for each connection that arrives over the descriptor `number`, until the descriptor closes."""
     server = os.getpid()
     control = socket.socket(fileno=number)
     children: set[int] = set()
@@ -299,7 +299,10 @@ def _die_with(parent: int) -> None:
 
 
 def _end(pid: int, ended: bool) -> int:
-    """Kill a child, after a moment if it has ended; return the signal that ended it, 0 if it exited by itself."""
+    """End a child: with `ended`, wait up to a second for its exit; then kill it.
+
+    Return the signal that ended the child; 0 if it exited by itself.
+    """
     until = time.monotonic() + (1.0 if ended else 0.0)
     while not (status := os.waitpid(pid, os.WNOHANG))[0]:
         if time.monotonic() > until:

@@ -30,13 +30,13 @@ WEIGHTS = 2 * 1024**3
 """largest file of a policy or a checkpoint in bytes"""
 
 DEPTH = 100
-"""levels of nesting; a run's configuration has six"""
+"""largest number of levels of nesting; a run's configuration has six"""
 WHOLE = 2**64
 """largest whole number; no counter reaches it"""
 DIGITS = 1000
-"""digits of a number; Python rejects 4301"""
+"""largest number of digits of a whole number; Python rejects numbers of 4301 digits"""
 VALUES = 1_000_000
-"""values of a YAML document, repeated for each alias"""
+"""largest number of values of a YAML document; each alias counts as a repetition of all values"""
 
 TOO_DEEP = f"it is nested more than {DEPTH} levels deep"
 
@@ -69,7 +69,7 @@ def json_value(data: bytes | str, *, whole: int = WHOLE) -> Any:
 
     Args:
         data: text.
-        whole: largest valid whole number; the state of a generator has 128 bits.
+        whole: largest valid whole number; the state of a random generator needs 128 bits.
 
     Raises:
         ValueError: the text is not valid; the message says why in one line.
@@ -204,8 +204,9 @@ def no_yaml(error: yaml.YAMLError) -> str:
 
 @cache
 def _reader() -> Any:
-    """Return a loader that reads values as OmegaConf's does (which is not imported here), and rejects
-    duplicate keys.
+    """Return a YAML loader that reads values as OmegaConf's loader does and rejects duplicate keys.
+
+    OmegaConf itself is not imported.
     """
     import yaml
 

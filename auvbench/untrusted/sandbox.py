@@ -3,10 +3,10 @@
     with Child(TABLE, data, columns=None, most=100) as child:
         note, arrays = child.answer()
 
-A server is started with the first file. It forks a child for each file, which takes a few milliseconds; each
-child has limits and no rights (`reader.py`). If a child ends for any reason, a `ValueError` of one line is
-raised. Nothing that a child sends is trusted: it sends arrays of numbers whose type, shape and length are
-checked, and never a pickle.
+A server is started with the first file. It forks a child for each file, which takes a few milliseconds. Each child
+has limits of memory and time, and can open neither files nor sockets (`reader.py`). If a child ends for any reason, a
+`ValueError` of one line is raised. Nothing that a child sends is trusted: it sends arrays of numbers whose type, shape
+and length are checked, and never a pickle.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ MEMORY = 1024**3
 SECONDS = 60
 """processor time in s for a file, and for each answer of a policy"""
 PATIENCE = 5
-"""factor between a child's limits of wall time and processor time, since the machine may be busy"""
+"""limit of a child's wall time over its limit of processor time; above 1, since the machine may be busy"""
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
 )
@@ -66,8 +66,8 @@ class Child:
     Args:
         job: `TABLE`, `PATHS` or `POLICY`.
         data: content of the file.
-        seconds: processor time for the file, and then for each answer; the limit of wall time is `PATIENCE`
-            times as long.
+        seconds: limit of processor time for the file, and then for each answer, in s; the limit of wall time is
+            `PATIENCE` times this.
         options: options of the job.
 
     Raises:
@@ -217,7 +217,7 @@ class _Server:
 
     def end(self, letter: bytes, pid: int) -> int:
         """End a child; return the signal that ended it, or 0."""
-        if self.owner != os.getpid():  # a fork of the command has no children of its own
+        if self.owner != os.getpid():  # this process was forked from the command, which owns the child
             return 0
         try:
             return self._transact(lambda: self._control.sendall(letter + reader.PID.pack(pid)))

@@ -46,8 +46,7 @@ def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str]
 
 
 def read_parquet(data: bytes, columns: Collection[str] | None = None) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Return a table, or its columns with these names, and the texts of its footer; text columns become
-    categories.
+    """Return a table, or only its columns `columns`, and the texts of its footer; text columns become categories.
 
     A separate process reads the file (`sandbox.py`).
 

@@ -78,7 +78,7 @@ def cell(value: object) -> object:
 
 
 def present() -> None:
-    """Open closed standard streams on the null device; otherwise the next opened file would get their numbers."""
+    """Open closed standard streams on the null device; otherwise the next opened file would get a stream's descriptor."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)

@@ -131,7 +131,7 @@ def _object(kind: Any, value: Mapping[str, Any], where: str) -> Any:
 
 @cache
 def _entries(kind: Any) -> list[tuple[str, Any, bool]]:
-    """Return name, type and whether it is required, of each entry of a dataclass."""
+    """Return the name and type of each entry of a dataclass, and whether the entry is required."""
     hints = get_type_hints(kind, include_extras=True)
     return [
         (field.name, hints[field.name], field.default is MISSING and field.default_factory is MISSING)
