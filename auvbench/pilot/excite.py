@@ -20,21 +20,22 @@ SECONDS = 60.0
 AMPLITUDE = 0.15
 """share of the largest force along an axis"""
 REACH = 5.0
-"""largest distance from where it began, m"""
+"""largest distance from the place of arming, m"""
 FREQUENCY = 20.0
 """commands per second"""
 SLOWEST = 5.0
-"""lowest rate of commands in Hz, so that the shortest push has two"""
+"""lowest rate of commands in Hz, with which the shortest push has two commands"""
 
 
 class Excite:
-    """Controller of a pilot that ignores what it observes: an open loop. A constant force along heave balances the sheet's weight
-    and buoyancy.
+    """Open-loop controller of a pilot: it ignores the observation and pushes along one axis after another.
+
+    A constant heave force balances the net weight (weight less buoyancy) of the sheet.
 
     Args:
-        vehicle: vehicle that flies it.
-        axes: axes in their order (surge, sway, heave, roll, pitch, yaw).
-        amplitude: largest share of the force along an axis, up to 1; levels are 40 and 100 % of it.
+        vehicle: vehicle that the pilot steers.
+        axes: axes in the order of the pushes, out of surge, sway, heave, roll, pitch and yaw.
+        amplitude: largest share of the force along an axis, up to 1; pushes have 40 or 100 % of it.
         seconds: duration for each axis, s.
         frequency: rate of the pilot, Hz.
 
@@ -59,11 +60,11 @@ class Excite:
         self._step = 0
 
     def reset(self, episodes: NDArray[np.int64]) -> None:
-        """Begin again."""
+        """Start again with the first command."""
         self._step = 0
 
     def act(self, observation: NDArray[np.float32]) -> Floats:
-        """Return the next action (1, n_u) in [-1, 1]; zeros after the last."""
+        """Return the next action (1, n_u) in [-1, 1]; zeros after the last command."""
         step, self._step = self._step, self._step + 1
         if step >= self.steps:
             return np.zeros((1, self._commands.shape[1]))

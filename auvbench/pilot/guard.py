@@ -39,11 +39,11 @@ class Guard:
 
     Args:
         sender: file of an integration with the class `Sender` (`supervisor.Sender`).
-        words: words from which the supervisor makes the sender.
+        words: arguments with which the supervisor creates the `Sender`.
         patience: time in s without a message from the pilot after which the supervisor brings the vehicle to
             rest.
         descriptors: open files that the supervisor inherits.
-        isolated: start the supervisor without installed packages, which a sender may need.
+        isolated: whether to start the supervisor without installed packages; False if the sender needs one.
 
     Raises:
         RunError: the supervisor cannot be started.
@@ -128,10 +128,12 @@ class Guard:
             self._hand(FORWARD, b"")
 
     def forward(self, content: bytes) -> bool:
-        """Send through the supervisor; return False if it is gone and the caller must send.
+        """Send a content through the supervisor; return False if the caller must send it.
+
+        The caller must send if the supervisor has ended and has not brought the vehicle to rest.
 
         Raises:
-            Unsupervised: the supervisor has ended; raised once.
+            Unsupervised: the supervisor has ended; raised only at the first call that notices it.
         """
         if self.lost is not None:
             return self.lost.fired
@@ -150,7 +152,7 @@ class Guard:
             raise self._fail() from None
 
     def _fail(self) -> Unsupervised:
-        """Record that the supervisor is gone, and whether it brought the vehicle to rest."""
+        """Record that the supervisor has ended, and whether it brought the vehicle to rest; return the error."""
         self._socket.settimeout(0.0)
         fired = FIRED in (self._heard(), self._heard())
         if not fired:
@@ -164,7 +166,7 @@ class Guard:
         return self.lost
 
     def close(self) -> None:
-        """Let the supervisor end, and wait for it; it sends the will unless `release` was called."""
+        """Let the supervisor end, and wait for it. It first sends the will, unless `release` was called."""
         self._socket.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(2 * supervisor.LONGEST)

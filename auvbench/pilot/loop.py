@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 RESTS = 3
 """number of zero commands at the end, since one may be lost"""
 TURN = 0.02
-"""longest single wait in s, and so the delay with which an old pose is noticed"""
+"""longest single wait in s; an old pose is noticed at most this much later"""
 
 
 class Pilot(ABC):
@@ -70,7 +70,7 @@ class Pilot(ABC):
         self._closed = False
         self._unsaid: Exception | None = None
         self.finished = False
-        """whether a mission that is flown once has ended, in whatever way"""
+        """whether the only mission of a pilot with `steering.once` has ended, with any outcome"""
 
     # The network.
 
@@ -84,7 +84,7 @@ class Pilot(ABC):
 
     @abstractmethod
     def _take_over(self) -> str:
-        """Make the vehicle accept commands; return why it does not, or ''."""
+        """Make the vehicle accept commands; return the reason if it does not, else ''."""
 
     @abstractmethod
     def _leave(self, was_armed: bool) -> None:
@@ -98,7 +98,7 @@ class Pilot(ABC):
 
     def _rest_and_release(self) -> None:
         try:
-            # A pilot that ends leaves a vehicle that may still be armed to its supervisor.
+            # If the pilot ends and the vehicle may still be armed, the supervisor is not released: it sends its will.
             if self._rest() or not (self._closed or self.finished):
                 self.guard.release()
         except Unsupervised as error:
@@ -116,7 +116,7 @@ class Pilot(ABC):
             self._unsaid = self._unsaid or error
 
     def _settle(self) -> None:
-        """Do everything that may fail or take long, while the vehicle is at rest.
+        """Write the ended missions and raise a pending error: all that may fail or take long, with the vehicle at rest.
 
         Raises:
             RunError: the logbook cannot be written.
@@ -140,10 +140,10 @@ class Pilot(ABC):
         if behind > self.limits.pose_timeout:
             self._clock_went_back()
         elif behind >= 0.0 and stamp:
-            return  # a repeated or overtaken message does not make the pose more recent
+            return  # a message that is repeated, or older than the last one, does not make the pose more recent
         else:
             age = time.monotonic() - self._received
-            # After a lost pose, a jump says nothing about the next one.
+            # After a long gap between poses, a jump is possible: the vehicle may have moved.
             if age <= self.limits.lost_after and is_jump(self.pose, pose, max(age, -behind)):
                 return
         self._stamp = stamp
@@ -159,7 +159,7 @@ class Pilot(ABC):
         self._now = now
 
     def _clock_went_back(self) -> None:
-        """Disarm: the clock of a restarted vehicle goes back, and that vehicle may be elsewhere."""
+        """Disarm: if the clock goes back, the vehicle was probably restarted and may be at another place."""
         self.disarm("the clock went back (was the vehicle restarted?)")
 
     def steer_to(self, waypoint: Sequence[float], yaw: float = 0.0) -> bool:
@@ -241,7 +241,7 @@ class Pilot(ABC):
 
     @property
     def age(self) -> float:
-        """Return the seconds since the last pose, or since another necessary message."""
+        """Return the age in s of the oldest of the messages that the pilot needs (`_ages`)."""
         return self._oldest()[1]
 
     def _set_state(self, state: str) -> None:
@@ -359,7 +359,7 @@ class Pilot(ABC):
             self.step()
             self._due = self._due + period if now - self._due < period else now + period
             return
-        # The duration of a step of simulated time on this machine's clock is unknown.
+        # In simulated time, the wait for the next step is unknown in seconds of this machine's clock.
         self._receive(TURN if self._sim_time else min(self._due - now, TURN))
         self.may_steer()
 

@@ -56,11 +56,10 @@ class Limits:
     pose_timeout: float = 0.5  # s, largest age of a pose; zero thrust after it
     lost_after: float = 5.0  # s, age of a pose at which the pilot disarms
     patience: float = 1.0  # s, longest silence of a pilot; its supervisor disarms after it
-    # whether to keep station: no arrival ends it, and every `max_steps` steps are a mission of the logbook
+    # whether to keep station: reaching the station does not end the mission, and a new mission begins every `max_steps` steps
     holds: bool = False
-    reach: float = (
-        math.inf
-    )  # m, largest distance from the waypoint, for a manoeuvre the place of arming; the pilot disarms beyond
+    # m, largest distance from the waypoint (for a manoeuvre: from the place of arming); the pilot disarms at a larger one
+    reach: float = math.inf
 
     @property
     def depths(self) -> str:
@@ -94,9 +93,9 @@ class Steering:
     yaw: float = 0.0
     """yaw to keep at a station, rad"""
     once: bool = False
-    """whether the waypoint is where the vehicle is armed, and the pilot ends after the first mission"""
+    """whether to fly one manoeuvre: its waypoint is the place of arming, and the pilot ends after it"""
     mission: Mission | None = field(default=None, init=False)
-    """present mission; begins with the first action towards a waypoint"""
+    """present mission, which begins with the first action towards a waypoint; None before"""
     action_time: float = field(default=0.0, init=False)
     """computing time of the controller's last action, s"""
     ended: list[tuple[Mission, str]] = field(default_factory=list, init=False)
@@ -182,7 +181,7 @@ class Steering:
             self.filter.begin()
 
     def _interventions(self) -> str:
-        """Return what the filter did since the mission began, for the end of a reason."""
+        """Return what the filter did since the mission began, as text to append to the reason of the mission's end."""
         if self.filter is None:
             return ""
         return f"; the filter changed {self.filter.changed} commands, {self.filter.infeasible} of them beyond the thrusters' limits"

@@ -1,11 +1,14 @@
 """Supervise a pilot from a separate process, which sends the pilot's commands while the pilot is alive.
 
-The pilot hands over messages, each with the time by which the next one must come. If none comes in time (the
-pilot was killed, stopped, or hangs), or if the pilot is gone, the supervisor sends the will that the pilot
-left: commands that bring the vehicle to rest. It does so, too, if the pilot goes after commands that came too late. Then it prints a line
-and ends. It writes no file. It imports
-only the standard library and what the integration's file with the class `Sender` imports; neither file may import
-auvbench, since this file is a program of its own.
+The pilot hands over messages, each with the time by which the next message must come. The pilot also leaves a will:
+commands that bring the vehicle to rest. The supervisor sends the will in three cases:
+
+* No message comes in time: the pilot was killed, stopped, or hangs.
+* The pilot ends while the vehicle is not at rest.
+* The pilot reports that the vehicle is at rest, but its last command came too late to be sent.
+
+Then the supervisor prints a line and ends. It writes no file. It imports only the standard library and the imports of
+the integration's file with the class `Sender`. Neither file may import auvbench, since this file is a program of its own.
 """
 
 import contextlib
@@ -21,13 +24,13 @@ import time
 from typing import Protocol
 
 LARGEST = 501
-"""largest content in bytes"""
+"""largest content of a message in bytes"""
 MESSAGE = struct.Struct(f"=dBH{LARGEST}s")
-"""time when the next message is due (s of the monotonic clock; infinity: the vehicle is at rest), kind,
+"""Layout of a message: time when the next message is due (s of the monotonic clock; infinity: the vehicle is at rest), kind,
 length, content
 """
 FORWARD, WILL = 0, 1
-"""kinds of content: sent at once (empty: a sign of life), and sent at the end (empty: forget the will)"""
+"""kinds of content: a command to send at once (empty: a sign of life), and a command of the will (empty: delete the will)"""
 READY = b"r"
 """answer of the supervisor when it can send"""
 FIRED = b"f"
@@ -37,27 +40,30 @@ SENT = 3
 PAUSE = 0.04
 """s between two messages of the will"""
 LONGEST = 5.0
-"""time in s for the end; after it, SIGALRM kills a supervisor that hangs"""
+"""time in s in which the supervisor must end after `watch`; then SIGALRM kills it"""
 
 
 class Sender(Protocol):
     """Network of a vehicle: the class `Sender` of an integration's file, made from words."""
 
     done: str
-    """What the will does, for the supervisor's last line"""
+    """effect of the will as text, for the supervisor's last line"""
 
     def ready(self) -> bool:
         """Return whether the vehicle can receive."""
 
     def send(self, data: bytes) -> None:
-        """Send one content of the pilot."""
+        """Send the content of one message to the vehicle."""
 
     def close(self) -> None:
-        """Wait until what was sent has left, and close the network."""
+        """Wait until all sent data have left this machine, and close the network."""
 
 
 def watch(control: socket.socket, sender: Sender, will: list[bytes]) -> str:
-    """Send the pilot's messages; return why that ended, or '' if the vehicle is at rest."""
+    """Send the pilot's messages until the will is due or the pilot ends.
+
+    Return the reason for sending the will, or '' if the pilot ended with the vehicle at rest.
+    """
     due, received, ready = math.inf, b"", False
     unsent = False  # whether the pilot's last command came too late
     heard = time.monotonic()
