@@ -255,10 +255,10 @@ def _loaded(
     Args:
         entry: see `compose`.
         files: overrides that choose files.
-        mode: whether axes are allowed.
+        mode: `MULTIRUN` if axes are allowed, else `RUN`.
         packages: folders of installed packages, which are searched.
         own: the user's folder.
-        state: its `folders.state`.
+        state: `folders.state` of the user's folder.
     """
     with _loader(own) as loader:
         return loader.load_configuration(entry, list(files), mode, from_shell=False)

@@ -49,7 +49,7 @@ class Need(NamedTuple):
 
 @dataclass(kw_only=True)
 class Factor:
-    """Keys of one disturbance below `disturbance.NAME`, and what follows from them."""
+    """Keys of one disturbance below `disturbance.NAME`, and properties that follow from them."""
 
     @property
     def active(self) -> bool:
@@ -266,7 +266,7 @@ SCALES = ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust")
 
 @dataclass(kw_only=True)
 class Randomisation(Factor):
-    """Randomised vehicle in each episode: factors on the numbers of its sheet."""
+    """Random vehicle in each episode: random factors multiply the numbers of the vehicle's sheet."""
 
     distribution: str = choice("uniform", "log_uniform")
     keep_trim: bool
@@ -299,7 +299,7 @@ class Randomisation(Factor):
 
 @dataclass(kw_only=True)
 class DisturbanceConfig(Factor):
-    """The keys of a disturbance of an installed package, `disturbance.NAME`; a subclass adds its own."""
+    """Keys of a disturbance of an installed package, `disturbance.NAME`; a subclass adds its own keys."""
 
     package: str
 
@@ -343,7 +343,7 @@ class DisturbanceSpec(Spec):
     title: str
     """Short description for tables and help."""
     factory: str
-    """`module:class`, a class below `auvbench.tasks.disturbances.base.Disturbance`."""
+    """`module:class`, a subclass of `auvbench.tasks.disturbances.base.Disturbance`."""
     schema: type
     """Its keys with their types and ranges; in a package, derived from `DisturbanceConfig`."""
     added: bool = False

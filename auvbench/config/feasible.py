@@ -11,7 +11,7 @@ from auvbench.config.schema import step_limit
 
 
 def length(task: Any, frequency: float) -> tuple[int, str]:
-    """Return the steps of an episode, and its length in words."""
+    """Return the number of steps of an episode, and the length of the episode as text."""
     steps = step_limit(task, frequency)
     source = f"task.max_steps={task.max_steps}" if task.time_limit is None else "task.time_limit"
     return steps, f"the {steps / frequency:g} s of an episode ({source} at {frequency:g} Hz)"

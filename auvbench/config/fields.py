@@ -30,7 +30,7 @@ def choice_of(names: Callable[[], Collection[str]]) -> Any:
 
 
 def later(declared: Any, default: Any = None) -> Any:
-    """Return a field that is missing in runs of earlier versions; they load with `default`, which changes nothing."""
+    """Return a field that runs of earlier versions lack; they load with `default`, which does not change their results."""
     return field(default=default, metadata=declared.metadata)
 
 

@@ -16,7 +16,7 @@ from auvbench.errors import ConfigError
 State = tuple[tuple[str, int, int, int, int], ...]
 
 GROUP = "auvbench.conf"
-"""Group of entry points, each the dotted path of a folder."""
+"""Group of entry points; the value of each entry point is the dotted path of a folder."""
 
 
 @cache
@@ -57,7 +57,7 @@ def state(folder: Path) -> State:
 
 
 def of_group(group: str) -> list[Traversable]:
-    """Return the folders with the options of a group; a file in a later folder wins.
+    """Return the folders with the options of a group; a file in a later folder replaces a file in an earlier one.
 
     Raises:
         ConfigError: the folder of an installed package does not exist.

@@ -87,7 +87,7 @@ def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], mult
 
 
 def _refuse_several_grids(load: Load, parsed: Sequence[Override]) -> None:
-    """Raise ConfigError for experiment=[A,B] if both experiments have grids: the second would replace the first's."""
+    """Raise ConfigError for experiment=[A,B] if both have grids: the grids of B would replace the grids of A."""
     for override in parsed:
         names = override.value() if override.key_or_group == "experiment" else None
         if not isinstance(names, list) or len(names) < 2:
@@ -183,7 +183,7 @@ def _override(key: str, value: str) -> str:
 
 
 def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
-    """Apply the typed values to each grid by the module's rules."""
+    """Apply the typed values to each grid by the rules in the module's docstring."""
     varied = {key for grid in grids for key in grid}
     narrowed = []
     for grid in grids or [{}]:

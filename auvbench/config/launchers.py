@@ -15,14 +15,14 @@ from auvbench.registry import LAUNCHERS, Spec
 
 @dataclass(kw_only=True)
 class Launcher:
-    """Where the runs of a grid are trained; has no effect on their results."""
+    """Keys of every launcher, which says where the runs of a grid are trained; without effect on the results."""
 
     name: str = choice_of(lambda: LAUNCHERS.own)
 
 
 @dataclass(kw_only=True)
 class Local(Launcher):
-    """Processes on this machine."""
+    """Keys of the launcher that trains runs in processes on this machine."""
 
     workers: int = number(0, 100_000)
 

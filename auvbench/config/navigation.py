@@ -268,12 +268,12 @@ def _require_place(key: str, values: list[float]) -> None:
 
 
 def truth() -> Navigation:
-    """Return the navigation of runs of earlier versions."""
+    """Return the navigation of runs of earlier versions: the truth, without an estimator."""
     return Navigation(name=TRUTH)
 
 
 def no_sensors() -> Sensors:
-    """Return the sensors of runs of earlier versions."""
+    """Return the sensors of runs of earlier versions: none."""
     return Sensors(name=NONE)
 
 

@@ -36,7 +36,7 @@ _NUMBER = re.compile(r"(?<![\w.])[+-]?\d[\d_]*(?:\.\d*)?(?:[eE][+-]?\d+)?(?![\w.
 Compose = Callable[[Sequence[str]], DictConfig]
 
 INNER = (AssertionError, AttributeError, IndexError, KeyError, TypeError)
-"""Exceptions inside Hydra for an override that leads through a value, for example `hydra.sweeper.params.seed=1`"""
+"""Exceptions inside Hydra for an override with a key below a single value, for example `hydra.sweeper.params.seed=1`"""
 
 FAULTS = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError, RecursionError, *INNER)
 """Exceptions that Hydra raises for a mistake in an override or in a file of `./conf`"""

@@ -46,7 +46,7 @@ class Sensor:
 
 @dataclass(kw_only=True)
 class Ideal(Sensor):
-    """A fan of rays."""
+    """An ideal range sensor: a fan of rays."""
 
     columns: int = number(1, 64)
     rows: int = number(1, 64)

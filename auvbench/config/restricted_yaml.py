@@ -37,7 +37,7 @@ ALLOWED = ("hydra.mode", "hydra.sweeper.grids", "hydra.sweeper.params", "hydra.h
 """Hydra's own keys that a file or an override may set"""
 
 ENTRIES = ("train.yaml", "evaluate.yaml", "tune.yaml", "simulate.yaml")
-"""files of the commands; many other programs that use Hydra also have a conf/train.yaml"""
+"""main configuration files of the commands; many other programs that use Hydra also have a conf/train.yaml"""
 
 
 class OwnFiles(FileConfigSource):
@@ -91,7 +91,7 @@ def _text(data: bytes) -> str:
 
 @lru_cache(maxsize=512)
 def _read(shown: str, name: str, path: str, text: str) -> tuple[DictConfig, dict[str, str | None]]:
-    """Return the configuration and the header of a file's text, not to be changed."""
+    """Return the configuration and the header in a file's text; the caller must not change them."""
     header = ConfigSource._get_header_dict(text[:512])
     stream = io.StringIO(text)
     stream.name = path  # for the position in an error message

@@ -41,7 +41,7 @@ class RewardConfig(Reward):
 
 @dataclass(kw_only=True)
 class Thesis(Reward):
-    """Equation 2.1 of the original study."""
+    """Reward of the original study (equation 2.1)."""
 
     length: float = number(0.0, 1e6, open_low=True)  # m
     success: float = number(-1e9, 1e9)

@@ -82,7 +82,7 @@ class Disturbance:
     randomisation: Randomisation
 
     def factors(self) -> Iterator[tuple[str, Factor]]:
-        """Yield the keys of each disturbance with its name."""
+        """Yield the name and the keys of each disturbance."""
         for part in fields(self):
             value = getattr(self, part.name)
             if isinstance(value, Factor):
@@ -235,7 +235,7 @@ def whole(text: str) -> int | None:
 
 
 def step_limit(task: Any, frequency: float) -> int:
-    """Return the agent steps after which an episode times out: `task.time_limit` in steps, else `task.max_steps`.
+    """Return the number of agent steps after which an episode times out: `task.time_limit` in steps, else `task.max_steps`.
 
     Args:
         task: configuration of the task.

@@ -46,8 +46,8 @@ class Simulation:
 
 MAX_ROWS = 10_000_000
 MAX_STEPS = 1_000_000_000
-"""Largest number of integrator steps: about ten minutes of computing, and the longest duration at the default
-max_step.
+"""Largest number of integrator steps: they take about ten minutes of computing, and they are enough for the longest duration
+with the default max_step.
 """
 
 

@@ -50,7 +50,7 @@ class Simulator:
     name: str = choice_of(lambda: SIMULATORS.own)
 
     def limited(self, capabilities: Capabilities) -> Capabilities:
-        """Return the remaining capabilities with these options."""
+        """Return the capabilities that the simulator has with the options of this configuration."""
         return capabilities
 
 
@@ -83,11 +83,11 @@ class SimulatorSpec(Spec):
     the schema), a `VehicleModel`, the number of vehicles and the longest stable substep in s.
     """
     capabilities: Capabilities
-    """Capabilities with all options as in `full`."""
+    """Capabilities of the simulator with the option `full`."""
     schema: type = SimulatorConfig
     """Keys of `simulator` with their types and ranges; in a package, derived from `SimulatorConfig`."""
     full: str = ""
-    """Option with all capabilities, if another option removes some (`Simulator.limited`)."""
+    """Option, as `key=value`, with which the simulator has all capabilities; empty if no option removes one (`Simulator.limited`)."""
     check: str = ""
     """`module:function` that takes configuration and vehicle. It raises an error, before a run, if the simulator
     cannot simulate the vehicle.

@@ -63,7 +63,7 @@ def read(config: DictConfig) -> tuple[Tune, schema.Protocol]:
 
 
 def refuse_test(protocol: schema.Protocol) -> None:
-    """Raise ConfigError unless the protocol's scenarios come from the stream that no test uses."""
+    """Raise ConfigError if the protocol uses test scenarios instead of validation scenarios."""
     if protocol.scenarios != STREAM:
         raise ConfigError(
             f"protocol={protocol.name}: uses the scenarios of a test (protocol.scenarios={protocol.scenarios}); "

@@ -180,7 +180,7 @@ class WorldSpec(Spec):
     title: str
     """Short description for help and tables"""
     factory: str
-    """`module:class`, a class below `auvbench.tasks.worlds.base.World`; empty for open water"""
+    """`module:class`, a subclass of `auvbench.tasks.worlds.base.World`; empty for open water"""
     schema: type
     settled: str = ""
     """`module:function` that takes the composed configuration and its typed `world`. It returns the configuration with values that
@@ -202,5 +202,5 @@ field_ = WorldSpec("field", "field of obstacles", f"{_CODE}.field:FieldWorld", F
 
 
 def open_water() -> Open:
-    """Return the world of runs of earlier versions."""
+    """Return the world of runs of earlier versions: open water."""
     return Open(name="open")

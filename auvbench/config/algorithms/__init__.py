@@ -18,7 +18,7 @@ from auvbench.registry import AGENTS, Declared, Spec, schema_fault
 
 @dataclass(kw_only=True)
 class Tuned:
-    """How the values of a preset were chosen; `auvbench tune` writes it, and reports read it."""
+    """Search that chose the values of a preset; `auvbench tune` writes these keys, and reports read them."""
 
     study: str = name()
     protocol: str = name()
@@ -60,7 +60,7 @@ class AgentConfig:
     tuned: Tuned | None = None  # search that chose the values
 
     def check(self) -> None:
-        """Refuse values that contradict each other, by a ConfigError."""
+        """Raise ConfigError if values contradict each other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,21 +88,21 @@ class AgentSpec(Spec):
     observes: bool = True
     """Whether the agent reads the observation."""
     learns: bool = False
-    """Whether the agent has a training."""
+    """Whether the agent is trained."""
     teams: bool = True
     """Whether the agent can steer several vehicles in one episode."""
     pilots: bool = False
-    """Whether `auvbench pilot` can steer by it: a controller that needs only NumPy and SciPy. For auvbench's own agents."""
+    """Whether `auvbench pilot` can use the agent, a controller that needs only NumPy and SciPy. Only for auvbench's own agents."""
     program: bool = False
     """Whether the agent starts a program on this machine, which is not allowed in an entry (`auvbench submit`)."""
     settled: str = ""
     """`module:function` that adds the digest of the user's program to a configuration before the run gets its id. It takes
-    the composed configuration and its checked `algo`, and returns the new configuration. For auvbench's own agents.
+    the composed configuration and its checked `algo`, and returns the new configuration. Only for auvbench's own agents.
     """
     check: str = ""
     """`module:function` that takes configuration and vehicle and raises an error if the agent cannot steer the vehicle.
     It is called when a run begins. For a learner, it is also called before the run is created, so it must not start a
-    program. For auvbench's own agents.
+    program. Only for auvbench's own agents.
     """
 
     @classmethod

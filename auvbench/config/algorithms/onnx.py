@@ -1,4 +1,4 @@
-"""Define the agent of a policy's file: its schema and its spec."""
+"""Define the agent `onnx`, which acts by the policy in an ONNX file: its schema and its spec."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Define the learners whose action is added to a controller's: their schemas and specs."""
+"""Define the learners whose action is added to the action of a controller: their schemas and specs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BASES = ("pid", "lqr", "smc", "mpc", "mppi", "alos")
 
 @dataclass(kw_only=True)
 class Residual:
-    """A learner's action added to one controller's; the other controllers are null."""
+    """Keys of the controller to whose action a learner adds its action; all other controllers are null."""
 
     share: float = number(0.0, 2.0, open_low=True)
     pid: PID | None = None
@@ -32,10 +32,10 @@ class Residual:
     alos: ALOS | None = None
 
     def check(self) -> None:
-        """Refuse anything but one controller.
+        """Check that exactly one controller is set.
 
         Raises:
-            ConfigError: no controller, several, or one of another kind.
+            ConfigError: no controller or several controllers are set, or its values are of another agent.
         """
         names = list(self.bases)
         require(len(names) == 1, "algo.residual", " and ".join(names) or "{}", "have exactly one controller")

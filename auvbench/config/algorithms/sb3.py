@@ -11,7 +11,7 @@ from auvbench.config.schema import choice, later, number
 
 @dataclass(kw_only=True)
 class Network(Algorithm):
-    """Keys that all learners share."""
+    """Keys that all learners of Stable-Baselines3 share."""
 
     net_arch: list[int]
     activation: str = choice("tanh", "relu", "elu", "silu")

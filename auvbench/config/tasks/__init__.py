@@ -66,7 +66,7 @@ class Task:
         """
 
     def check_length(self, frequency: float) -> None:
-        """Refuse episodes that are too short for the measure, or so long that the reference leaves the water.
+        """Refuse episodes that are too short for the task's measures, or so long that the reference leaves the water.
 
         Args:
             frequency: agent steps per second, Hz.
@@ -155,7 +155,7 @@ class TaskSpec(Spec):
     free_goal: bool = False
     """whether `reset` has the options `waypoint` and `distance`, which place the goal; the task needs a fixed start"""
     path: bool = False
-    """whether the reference is a path, whose point of reference advances with the vehicle"""
+    """whether the reference is a path, on which the reference point advances with the vehicle"""
     holds: bool = False
     """whether the vehicle is to stay at the reference until the time is up"""
     bottom: bool = False
@@ -173,7 +173,7 @@ class TaskSpec(Spec):
 
     @property
     def has_goal(self) -> bool:
-        """Whether an episode has a goal that is not the reference."""
+        """Whether an episode has a goal in addition to the reference."""
         return "goal_error" in self.blocks
 
     def fault(self) -> str:
@@ -251,7 +251,7 @@ def check_observation(task: Task) -> None:
 
 
 def _check_sensor(task: Task, name: str) -> None:
-    """Check the keys of a range sensor; the block `solids` has none."""
+    """Check the keys of a range sensor; do nothing for the block `solids`, which has no keys."""
     key = key_of(name)
     if not key:
         return

@@ -13,7 +13,7 @@ from auvbench.metrics import POINTS, column
 
 @dataclass(kw_only=True)
 class Docking(Tracked):
-    """Enter a dock."""
+    """Keys of the task docking: enter a dock."""
 
     dock: list[float]
     start_low: float = number(0.0, 1e4, open_low=True)  # m

@@ -25,7 +25,7 @@ HEADER, PER_BYTE, OVERHEAD = 0.105, 0.0125, 16
 
 @dataclass(kw_only=True)
 class Formation(TrajectoryTracking):
-    """Keep relative poses along a curve."""
+    """Keys of the task formation: several vehicles keep their relative poses along a curve."""
 
     curve: str = choice("circle", "helix", "lemniscate", "any")
     vehicles: int = number(1, MOST)

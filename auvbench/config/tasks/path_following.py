@@ -17,7 +17,7 @@ SHALLOWEST = 1.0
 
 @dataclass(kw_only=True)
 class PathFollowing(Tracked):
-    """Follow a path at a speed."""
+    """Keys of the task path following: follow a path at a given speed."""
 
     start: list[float]
     waypoints: int = number(2, 16)

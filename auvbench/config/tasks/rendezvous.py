@@ -14,7 +14,7 @@ from auvbench.metrics import POINTS, column
 
 @dataclass(kw_only=True)
 class Rendezvous(Docking):
-    """Enter the dock of a moving vehicle."""
+    """Keys of the task rendezvous: enter the dock of a moving vehicle."""
 
     course_speed_low: float = number(0.0, 10.0)  # m/s
     course_speed_high: float = number(0.0, 10.0)  # m/s

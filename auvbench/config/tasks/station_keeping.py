@@ -13,7 +13,7 @@ from auvbench.metrics import column
 
 @dataclass(kw_only=True)
 class StationKeeping(Tracked):
-    """Hold a position and a yaw."""
+    """Keys of the task station keeping: hold a position and a yaw."""
 
     station: list[float]
     yaw: float = number(-math.pi, math.pi)  # rad

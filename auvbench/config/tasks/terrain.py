@@ -13,7 +13,7 @@ from auvbench.metrics import column
 
 @dataclass(kw_only=True)
 class Terrain(Tracked):
-    """Hold an altitude over the bottom along a line."""
+    """Keys of the task terrain: hold an altitude over the bottom along a line."""
 
     start: list[float]
     altitude: float = number(0.1, 100.0)  # m
@@ -23,7 +23,7 @@ class Terrain(Tracked):
     tolerance: float = number(0.0, 1e3, open_low=True)  # m
 
     def check_length(self, frequency: float) -> None:
-        """Reject a settling time that leaves no step of an episode."""
+        """Reject a settling time after which no step of an episode is left."""
         steps, length = feasible.length(self, frequency)
         why = "the RMS errors exclude that time and need at least one step"
         late = round(self.settling * frequency) >= steps

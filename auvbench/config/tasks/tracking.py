@@ -13,12 +13,12 @@ from auvbench.config.tasks.trajectory_tracking import TrajectoryTracking
 from auvbench.metrics import column
 
 PRIOR_SDS = 2.5
-"""largest error of the target's place at the start, in standard deviations `prior`"""
+"""largest error of the target's believed place at the start, in standard deviations (`task.prior`)"""
 
 
 @dataclass(kw_only=True)
 class TargetTracking(TrajectoryTracking):
-    """Follow a target by acoustic ranges."""
+    """Keys of the task target tracking: follow a target by acoustic ranges."""
 
     curve: str = choice("circle", "helix", "lemniscate", "any")
     orbit: float = number(0.0, 1e3, open_low=True)  # m

@@ -19,7 +19,7 @@ HELIX_CLIMB = 0.2 / math.hypot(1.0, 0.2)
 
 @dataclass(kw_only=True)
 class TrajectoryTracking(Tracked):
-    """Follow a curve in time."""
+    """Keys of the task trajectory tracking: follow a reference that moves along a curve."""
 
     curve: str = choice("circle", "helix", "lemniscate", "random", "any")
     centre: list[float]

@@ -14,7 +14,7 @@ from auvbench.metrics import POINTS, column
 
 @dataclass(kw_only=True)
 class Transit(Task):
-    """Reach a point."""
+    """Keys of the task transit: reach a point."""
 
     start: list[float]
     distance_low: float = number(0.0, 1e4, open_low=True)  # m

@@ -14,7 +14,7 @@ from auvbench.metrics import Metric, column
 
 @dataclass(kw_only=True)
 class Waypoint(Task):
-    """Waypoint task (section 3 of the original study)."""
+    """Keys of the task waypoint (section 3 of the original study)."""
 
     start: list[float]
     waypoint_low: list[float]
