@@ -127,7 +127,7 @@ def _identify(
 
 
 def motors(given: dict[str, str]) -> list[str] | None:
-    """Return the names of `motors=`; None without it."""
+    """Return the thrusters that `motors=` lists; None without this key."""
     return given["motors"].split(",") if "motors" in given else None
 
 
@@ -181,7 +181,7 @@ def choice(given: dict[str, str], key: str, valid: Sequence[str]) -> str:
     """Return the value of a key, one of `valid`; the first is the default.
 
     Raises:
-        ConfigError: another value.
+        ConfigError: the value is not in `valid`.
     """
     value = given.get(key, valid[0])
     if value not in valid:

@@ -19,7 +19,7 @@ class Bar:
     Args:
         total: number of steps to count.
         title: text in front of the bar.
-        now: first step, as text.
+        now: text about the first step.
     """
 
     def __init__(self, total: int, title: str = " ", now: str = "") -> None:
@@ -77,14 +77,14 @@ class RunBar(Bar):
         self._runs = self._done = 0  # finished runs, and finished parts of the active runs
 
     def line(self, text: str | None, *, error: bool = False) -> None:
-        """Count one finished run, and print its line if it has one."""
+        """Count one finished run; print `text` unless it is None."""
         if text is not None:
             self.note(text, error=error)
         self._runs, self._done = self._runs + 1, 0
         self.move(self._runs * self._parts, "")
 
     def doing(self, run: RunDirectory, what: str, parts: int) -> None:
-        """Show the active run, in which `parts` more parts are finished."""
+        """Count `parts` more finished parts of the active run, and show the run."""
         self._done = min(self._done + parts, self._parts)
         now = f"{run.id}: {what}"
         line = f"{now}, {self._done:,} of {self._parts:,} episodes"

@@ -59,7 +59,7 @@ def parser() -> Parser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Return 1 if anything had to be left out; a line names each item."""
+    """Publish the study; return 1 if anything had to be left out. A line names each item that was left out."""
     from auvbench.reporting.study import Study, publish
     from auvbench.runs.atomic_io import storage
 

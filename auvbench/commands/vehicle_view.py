@@ -1,4 +1,4 @@
-"""Print everything that a vehicle's sheet says and implies on the terminal."""
+"""Print the numbers of a vehicle's sheet, and all that follows from them, on the terminal."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def push(vehicle: VehicleModel, index: int) -> str:
 
 
 def _text(text: str) -> str:
-    """Return a sheet's text unchanged but escaped: without markup or control characters."""
+    """Return a sheet's text for the console, with markup and control characters escaped."""
     return escape(plain(text))
 
 
@@ -127,7 +127,7 @@ def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
 
 
 def _shortened(value: object) -> str:
-    """Return a number or a short list as text, and the size of a longer one."""
+    """Return a number, a text or a list as text; for a matrix or a mapping, return only its size."""
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (int, float)):

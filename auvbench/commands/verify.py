@@ -1,4 +1,4 @@
-"""`auvbench verify`: test an entry again from its archive alone, and compare the rows."""
+"""`auvbench verify`: test an entry again with only its archive, and compare the rows."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def parser() -> Parser:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Return 1 if the rows differ."""
+    """Verify an entry; return 1 if its rows differ, else 0."""
     options = parser().read(arguments)
     if options.to is not None and options.to.exists() and not options.to.is_dir():
         raise UserError(f"--to {options.to}: is a file; name a folder")
