@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def remarks(configs: Sequence[DictConfig]) -> list[str]:
     """Return a sentence for each task that published learners did not learn within the budget of a configuration.
 
-    Learners whose action is added to a controller's are left out: the controller brings them near the goal.
+    Learners whose action is added to the action of a controller are left out: the controller brings them near the goal.
     """
     short: dict[str, int] = {}
     for config in configs:

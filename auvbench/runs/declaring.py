@@ -18,7 +18,7 @@ UNDISTURBED = "nominal"
 
 
 def completed(analysis: schema.Analysis) -> Declared:
-    """Return the declaration of a configuration, completed from its protocol, without runs.
+    """Return the declaration of an analysis, without runs; values that the analysis lacks come from its protocol.
 
     Raises:
         ConfigError: the protocol or a condition is unknown.

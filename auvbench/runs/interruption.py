@@ -1,4 +1,4 @@
-"""Turn Ctrl-C and SIGTERM into a request to save and exit, instead of a death in mid-step.
+"""Turn Ctrl-C and SIGTERM into a request to save and exit, so that they do not end the process in the middle of a step.
 
     with interruption.deferred() as request:
         while training:

@@ -1,4 +1,4 @@
-"""Allow one process per run: a lock of the kernel, and a file that names its holder for people.
+"""Allow one process per run: the kernel's lock decides, and a file tells people which process holds the lock.
 
 `RUN/lock/held` carries the lock: `flock`, which NFS keeps on the file server. The kernel or the server frees
 the lock when the holder ends, for any reason. So no clock, host name or process id decides which process may
@@ -220,7 +220,7 @@ def _kernel_lock(run: Path, patience: float) -> BaseFileLock:
 
     Args:
         run: the run directory.
-        patience: seconds to wait for a holder.
+        patience: seconds to wait while another process holds the lock.
 
     Raises:
         RunHeldError: another process holds the lock.

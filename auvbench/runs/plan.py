@@ -49,7 +49,7 @@ class Plan:
         return place(self.values)
 
     def freeze(self, command: str = "") -> RunDirectory:
-        """Create the run's directory: from now on, editing YAML changes nothing.
+        """Create the run's directory; later changes of YAML files have no effect on the run.
 
         Raises:
             RunError: the directory has a different configuration, or cannot be written.

@@ -79,7 +79,7 @@ def stop_server() -> None:
 
 
 def begin_worker(folder: str) -> None:
-    """Prepare a worker process; its first action.
+    """Prepare a worker process; the worker must call this first.
 
     Args:
         folder: working directory.

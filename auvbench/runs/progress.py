@@ -1,4 +1,4 @@
-"""Report a run's progress: `progress.json`, at most once a second, and a callback."""
+"""Report a run's progress at most once a second: write `progress.json` and call a function."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class EpisodeLog:
-    """Append rows to a CSV file: full precision, complete rows only.
+    """CSV file to which rows are appended with full precision; it contains only complete rows.
 
     Args:
         columns: columns of the records.

@@ -72,7 +72,7 @@ def git() -> dict[str, Any]:
 
 
 def host(threads: int = 1) -> dict[str, Any]:
-    """Return name, processor and cores of this machine, and the threads that step a run's environments."""
+    """Return name, processor and number of cores of this machine, and the number of threads that step a run's environments."""
     return {"name": platform.node(), "cpu": _processor(), "cores": os.cpu_count(), "threads": threads}
 
 
