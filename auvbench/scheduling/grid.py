@@ -69,7 +69,7 @@ class Step:
 def step_of(
     run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], object] = lambda run: None
 ) -> Step:
-    """Return what would happen to an existing run."""
+    """Return the action of a sweep for an existing run, with its detail."""
     try:
         check(run)
         present = status.of(run, deep=True)
@@ -92,7 +92,7 @@ def step_of(
 
 
 def say(console: Console, text: str) -> None:
-    """Print a line as it is, however narrow the terminal."""
+    """Print a line without line breaks or markup, also on a narrow terminal."""
     console.print(text, soft_wrap=True, highlight=False, markup=False)
 
 
