@@ -3,7 +3,7 @@ writes.
 
 A folder from another person may contain links. If `checkpoints` leads to a folder of photographs, a clean-up
 would delete them; if `train/log.txt` leads to a shell's start-up file, a training would append to it. A file in
-the folder may name `../../.bashrc`. So each name from a file passes `child`, and a run is searched for links
+the folder may name `../../.bashrc`. So `child` checks each name from a file, and a run is searched for links
 before anything is written into it. Links above the folder that the user typed are the user's own.
 """
 

@@ -110,7 +110,7 @@ def _exactly(channel: socket.socket, into: np.ndarray[Any, Any]) -> np.ndarray[A
 
 
 def restrict(memory: int) -> None:
-    """Forbid further descriptors, processes and written files, and limit memory to `memory` more bytes."""
+    """Forbid this process to open descriptors, start processes and write files; limit its memory to `memory` more bytes."""
     limits = [("RLIMIT_NOFILE", 0), ("RLIMIT_NPROC", 0), ("RLIMIT_FSIZE", 0), ("RLIMIT_CORE", 0)]
     with contextlib.suppress(OSError), open("/proc/self/statm", "rb") as file:
         pages = int(file.read().split()[0])

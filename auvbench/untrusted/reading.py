@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     import yaml
 
 DOCUMENT = 16 * 1024**2
-"""largest manifest, configuration or sheet in bytes; auvbench's own have about ten thousand"""
+"""largest size of a manifest, configuration or sheet in bytes; files of auvbench have about ten thousand bytes"""
 DATA = 256 * 1024**2
-"""largest table or trajectories in bytes, unpacked; a million training episodes have 200 million"""
+"""largest unpacked size of a table or of trajectories in bytes; a million training episodes have 200 million bytes"""
 WEIGHTS = 2 * 1024**3
 """largest file of a policy or a checkpoint in bytes"""
 

@@ -9,7 +9,7 @@ import sys
 from typing import TextIO
 
 LONGEST = 200
-"""largest number of characters of a name; auvbench's own have a dozen"""
+"""largest number of characters of a name; names in auvbench have about a dozen"""
 _LONG_WORD = re.compile(r"\S{500,}")
 
 
