@@ -1,4 +1,4 @@
 """Steer a vehicle with a controller: observations, the loop with all its stops, and the record of missions.
 
-This package has no network code; `auvbench.integrations.ros2` and `auvbench.integrations.mavlink` have.
+The network code is in `auvbench.integrations.ros2` and `auvbench.integrations.mavlink`.
 """

@@ -1,4 +1,4 @@
-"""Push a vehicle to and fro along its axes, for a log from which `auvbench identify` learns its numbers."""
+"""Push a vehicle to and fro along its axes, to record a log for `auvbench identify`, which fits the vehicle's numbers."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ _NO_ERROR = (0.0, 0.0, 0.0)
 
 
 def supplied() -> tuple[str, ...]:
-    """Return the blocks that odometry and a goal at rest can supply: auvbench's own, and chosen ones of packages."""
+    """Return the blocks that odometry and a goal at rest can supply: blocks of auvbench, and chosen blocks of packages."""
     return tuple(
         name
         for name in BLOCKS
@@ -47,7 +47,7 @@ def observe(
         velocity: (6,) m/s and rad/s, body axes.
         waypoint: (3,) waypoint or station in m, world axes.
         previous: (n_u,) previous action in [-1, 1]; zeros at the start.
-        yaw: yaw of a station, rad; None for a waypoint, whose yaw is its bearing.
+        yaw: yaw of a station, rad; None for a waypoint: the reference yaw is then the bearing to the waypoint.
         depth: lowest and highest z, m.
     """
     e = SimpleNamespace(

@@ -4,7 +4,7 @@ It starts disarmed, and commands nothing while disarmed. Armed, it steers only w
 depth limits, a waypoint and a finite action; otherwise it commands zero thrust. Its last command is also zero
 thrust.
 
-Every ending has the same order: zero thrust, disarmed, then everything that may fail (the logbook, a closed
+Every end has the same order: zero thrust, disarmed, then everything that may fail (the logbook, a closed
 standard output). If the pilot was killed or hangs, its supervisor does this instead (`auvbench.pilot.guard`).
 """
 

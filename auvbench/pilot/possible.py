@@ -1,4 +1,4 @@
-"""Check poses and velocities: numbers that no vehicle can have come from a failed sensor or estimator."""
+"""Check poses and velocities: impossible numbers mean that a sensor or an estimator has failed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def is_possible(pose: Floats, velocity: Floats) -> bool:
 
 
 def is_jump(before: Floats, after: Floats, seconds: float) -> bool:
-    """Return whether no vehicle can move from one pose (7,) to another in `seconds`."""
+    """Return whether a move from one pose (7,) to another in `seconds` is faster than any vehicle."""
     return math.dist(before[:3], after[:3]) > FASTEST * seconds
 
 

@@ -44,7 +44,7 @@ LONGEST = 5.0
 
 
 class Sender(Protocol):
-    """Network of a vehicle: the class `Sender` of an integration's file, made from words."""
+    """Network of a vehicle: the class `Sender` in an integration's file, created with the words after the file's name."""
 
     done: str
     """effect of the will as text, for the supervisor's last line"""
