@@ -79,7 +79,7 @@ def parser() -> Parser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """List the runs, and name each run that cannot be read; return 1 if there is such a run."""
+    """List the runs, and name each run that cannot be read. Return 1 if a run cannot be read, else 0."""
     options = parser().read(argv)
     if options.history:
         return _print_history(options.paths, options.where or options.json)

@@ -46,7 +46,7 @@ def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> No
 
 
 def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str, str]]:
-    """Return the command line for Hydra, the typed ranges, and the typed values, both by key.
+    """Return the command line for Hydra, the typed ranges by key, and the typed values by key.
 
     A range of a key such as algo.tau is a dimension of the study. A list of options such as algo=ppo,sac makes several
     studies; it stays in Hydra's command line and needs -m.

@@ -75,7 +75,7 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
 def _complete_blocks(config: DictConfig, frozen: bool) -> None:
     """Enter the blocks of packages that `task.observation` names, and write their releases to `task.block_packages`.
 
-    Without such a block, remove the key `task.block_packages`.
+    If no block is of a package, remove the key `task.block_packages`.
 
     Raises:
         ConfigError: a block's package is not installed, or `task.block_packages` was typed with other values.

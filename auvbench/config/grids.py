@@ -4,10 +4,9 @@ A grid maps keys to axes, for example `{algo: "sac,ppo", reward.k: "1,40,100"}`:
 have several grids, for example `{algo: pid}` as well. Rules for each key that is typed on the command line:
 
 * If no grid varies the key, it applies to all jobs; several values make it an axis.
-* Otherwise, a typed value that is in the axis of some grid selects that value there, and a grid whose axis
-  has none of the typed values is dropped. A value that is in no axis replaces every axis of the key. Grids
-  that do not vary the key stay unchanged: `reward.k=40` selects the column K = 40 of the grid above and keeps
-  PID, which has no K, as the baseline.
+* Otherwise, the typed values replace the axis in each grid that varies the key. Values that only the axes of other grids
+  contain are left out, and a grid without a remaining value is dropped. Grids that do not vary the key stay
+  unchanged: `reward.k=40` selects K = 40 in the grid above, and keeps PID, which has no K, as the baseline.
 """
 
 from __future__ import annotations

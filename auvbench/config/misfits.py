@@ -1,8 +1,8 @@
 """Explain overrides that do not fit the configuration, in one line with what to type instead.
 
-Hydra and OmegaConf report such overrides in terms of their own classes ("float is not a subclass of
-Current"). After an override was rejected, each override is compared with the configuration: a group needs a
-name, a block of values needs a key below it, a list needs a list, and a single value needs one value.
+Hydra and OmegaConf report these overrides in terms of their own classes ("float is not a subclass of
+Current"). So after an error, each override is compared with the configuration. A group takes a name, a block of
+values takes values for the keys below it, a list takes a list, and a single value takes one value.
 """
 
 from __future__ import annotations

@@ -348,7 +348,7 @@ def check(config: TrainConfig) -> None:
 
 
 def _check_alone(config: TrainConfig) -> None:
-    """Refuse a simulator without navigation sensors, and noise, sensor errors or delays in addition to those of the sensors."""
+    """Refuse a simulator without navigation sensors, and noise, errors or delays that are not of the navigation sensors."""
     chosen = f"navigation={config.navigation.name}"
     if config.simulator.name != "fossen":
         raise ConfigError(

@@ -77,9 +77,10 @@ def host(threads: int = 1) -> dict[str, Any]:
 
 
 def _processor(information: Path = Path("/proc/cpuinfo")) -> str:
-    """Return the processor's name. Many virtual machines give a name without a number ("AMD EPYC"); family
-    and model are then added, since machines of the same name but different generations need not compute the
-    same bits.
+    """Return the processor's name.
+
+    Many virtual machines give a name without a number ("AMD EPYC"). Family and model are then added: processors with the
+    same name but of different generations need not compute the same bits.
     """
     fields: dict[str, str] = {}
     try:

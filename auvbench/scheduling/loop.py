@@ -43,7 +43,7 @@ class Status:
     phase: Phase
     code: int | None = None  # exit code of an ended job, negative for a signal, None if unknown
     reason: str = ""  # reason in the backend's words, if the backend knows more than the exit code
-    # True if the job ended through no fault of the run (its node or server died), so another try may succeed
+    # True if the job ended because its node or server died, so that another try of the run may succeed
     lost: bool = False
 
     @property

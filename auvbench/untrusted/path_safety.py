@@ -17,8 +17,8 @@ from auvbench.errors import RunError
 from auvbench.untrusted.text import short
 
 GROWING = "train"
-"""folder whose files grow in place, also under the other name of a hard link; all other files are replaced by
-renaming, which does not change the file under the other name
+"""folder whose files grow in place. If such a file has a second name (a hard link), the file under that name grows, too. All
+other files are replaced by renaming, which leaves the second name unchanged.
 """
 
 LONGEST = 255

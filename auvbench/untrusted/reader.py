@@ -4,10 +4,9 @@ a child.
 `sandbox.py` starts this file as a program. It imports nothing of auvbench, so that a reader starts in a
 fraction of a second.
 
-A child has one connection to its command and no other file. Before it parses a byte, it gives up the right to
-open descriptors, so that it can reach neither files nor the network, and sets limits of memory and processor
-time. It sends arrays of numbers as raw bytes: `receive` checks the type, shape and length of each array
-before allocating memory.
+A child has one connection to its command and no other file. Before it parses a byte, it sets limits of memory and
+processor time, and gives up the right to open descriptors. So it can reach neither files nor the network. It sends
+arrays of numbers as raw bytes: `receive` checks the type, shape and length of each array before allocating memory.
 """
 
 from __future__ import annotations

@@ -47,8 +47,8 @@ class PathFollowing(Tracked):
     def overshoot(self) -> float:
         """Return the largest height in m of the path above (or depth below) the two points that enclose it.
 
-        A cubic Hermite curve leaves the range of its ends by at most a quarter of the larger slope; in a
-        Catmull-Rom curve that slope is the mean of two rises between points.
+        A cubic Hermite curve leaves the range between its two ends by at most a quarter of the larger slope at the ends. In
+        a Catmull-Rom curve, the slope at a point is the mean of the two rises next to it.
         """
         return 0.25 * self.spacing * math.sin(self.climb)
 
