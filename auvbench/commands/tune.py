@@ -98,7 +98,7 @@ def _is_range(key: str, text: str) -> bool:
 def _studies(jobs: Sequence[Job], ranges: Mapping[str, str], arguments: Sequence[str]) -> int:
     """Run one study after another; all of them are checked before the first begins."""
     command = shlex.join(["auvbench", "tune", *arguments])
-    # A value in a grid of an experiment fixes its key as a typed one does.
+    # A value in a grid of an experiment fixes its key, as a typed value does.
     plans = [plan_of(job.config, ranges, split(job.overrides)[2], command) for job in jobs]
     for plan, _ in plans:
         _refuse_ignored(plan, arguments)

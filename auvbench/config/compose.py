@@ -93,7 +93,7 @@ def _register_schemas(store: ConfigStore) -> None:
         ("filter", _schemas(FILTERS)),
     ):
         kinds |= {f"{group}_{name}_schema": kind for name, kind in schemas.items()}
-    # At the top level: the folders algo, launcher and simulator then list only their own options.
+    # Stored at the top level, so that the groups algo, launcher and simulator list only their own options.
     store.repo |= {
         f"{name}.yaml": ConfigNode(f"{name}.yaml", _Schema(kind), group=None, package=None, provider=None)  # type: ignore[arg-type]
         for name, kind in kinds.items()
@@ -137,7 +137,7 @@ class _Loader(ConfigLoaderImpl):
         config = OmegaConf.create()
         try:
             with flag_override(config, "no_deepcopy_set_nodes", True):
-                # Each call visits all nodes once more to set their parents.
+                # One merge of all files, since each merge visits all nodes to set their parents.
                 config.merge_with(*(self._load_single_config(default, repo).config for default in defaults))
         except Exception:
             # Merge file by file, as Hydra does: its message names the file. The failed merge has changed the

@@ -215,7 +215,7 @@ class Pool:
                 manager.join(PATIENCE)
 
 
-# This process is the server; its modules may import this one, which is complete by now.
+# In the server: preload its modules. They may import this module, since all definitions are above.
 if COMMAND in os.environ:
     isolation.isolate()
     interruption.die_with_parent(int(os.environ.pop(COMMAND)))

@@ -64,7 +64,7 @@ def git() -> dict[str, Any]:
         return done.stdout.strip()
 
     changed = ask("status", "--porcelain", "--untracked-files=no")
-    # A new file in these folders is read or imported as the other files are; a new file elsewhere is a note or a
+    # A new file in these folders is read or imported, so it counts as a change. A new file elsewhere is a note or a
     # result.
     added = ask("status", "--porcelain", "--untracked-files=all", "--", "auvbench", "conf")
     dirty = None if changed is None or added is None else bool(changed or added)

@@ -92,7 +92,7 @@ def _runs(output: Path) -> list[RunDirectory]:
     try:
         return find_runs([output])
     except RunError:
-        return []  # the first runs
+        return []  # no run exists yet
 
 
 def _costs(output: Path, kinds: Container[Like]) -> dict[Like, list[Cost]]:
