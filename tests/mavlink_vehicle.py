@@ -74,6 +74,7 @@ class ArduSub:
         self.gain = 1.0
         self.armed, self.mode = False, 0
         self.tells, self.positions, self.beats, self.refuses = True, True, True, False
+        self.ignores_disarming = False
         self.wrong: Callable[[str, list[Any]], Any] = lambda name, fields: None
         self.sticks: list[tuple[int, ...]] = []
         self.heard: list[str] = []
@@ -181,7 +182,7 @@ class ArduSub:
             if message.param1 and self.refuses:
                 result = d.MAV_RESULT_FAILED
                 self.send("statustext", d.MAV_SEVERITY_CRITICAL, b"Arm: Compass not calibrated")
-            else:
+            elif message.param1 or not self.ignores_disarming:
                 self.armed = bool(message.param1)
         self.send("command_ack", command, result)
 

@@ -68,6 +68,7 @@ class Pilot(ABC):
         self._filtered = False
         self._due = 0.0
         self._closed = False
+        self._owes_rest = False  # whether the vehicle has not confirmed the last order to rest
         self._unsaid: Exception | None = None
         self.finished = False
         """whether the only mission of a pilot with `steering.once` has ended, with any outcome"""
@@ -98,8 +99,9 @@ class Pilot(ABC):
 
     def _rest_and_release(self) -> None:
         try:
-            # If the pilot ends and the vehicle may still be armed, the supervisor is not released: it sends its will.
-            if self._rest() or not (self._closed or self.finished):
+            self._owes_rest = not self._rest()
+            # Until the vehicle is known to be at rest, the supervisor sends its will if the pilot ends.
+            if not self._owes_rest:
                 self.guard.release()
         except Unsupervised as error:
             self._unsaid = self._unsaid or error  # the error ends the pilot
@@ -209,7 +211,7 @@ class Pilot(ABC):
         if self.steering.once and not self.steer_to(self.pose[:3].tolist()):
             self._rest_and_release()
             return self._refusal(self.pose[:3]) or self._depth()
-        self.armed = True
+        self.armed, self._owes_rest = True, False
         self._set_state("armed")
         return ""
 
@@ -223,7 +225,7 @@ class Pilot(ABC):
         self.armed = False
         self.finished = self.finished or (was and self.steering.once)
         try:
-            if was:
+            if was or self._owes_rest:
                 self._rest_and_release()
         finally:
             self.steering.end(reason)

@@ -7,6 +7,7 @@ import signal
 import socket
 import subprocess
 import sys
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -154,6 +155,44 @@ def test_stale_telemetry_is_neutral_and_in_the_end_disarmed(bridge):
     until(lambda: not bridge.vehicle.armed)
     assert bridge.vehicle.sticks[-1] == NEUTRAL
     assert any("disarmed: telemetry is" in text for text in bridge.said)
+
+
+def unconfirmed(bridge):
+    """Fly, and disarm a vehicle that does not obey."""
+    bridge.fly()
+    bridge.vehicle.ignores_disarming = True
+    bridge.pilot.disarm("the test")
+    assert bridge.said[-2:] == [
+        "ArduSub has not said that it is disarmed; it is told again",
+        "disarmed: the test",
+    ]
+    assert bridge.vehicle.armed
+
+
+def test_a_vehicle_that_does_not_disarm_is_told_again(bridge):
+    unconfirmed(bridge)
+    bridge.pilot.spin_once()
+    assert bridge.vehicle.armed
+    bridge.vehicle.ignores_disarming = False
+    bridge.pilot.spin_once()
+    assert not bridge.vehicle.armed
+    assert bridge.pilot.guard._process.poll() is None
+    told = len([text for text in bridge.said if "told again" in text])
+    assert told == 1
+    bridge.fly()
+
+
+@pytest.mark.parametrize("end", ["closes", "dies"])
+def test_a_pilot_that_ends_before_its_vehicle_disarmed_still_brings_it_to_rest(bridge, end):
+    unconfirmed(bridge)
+    bridge.vehicle.ignores_disarming = False
+    if end == "dies":
+        bridge.pilot.guard._socket.shutdown(socket.SHUT_RDWR)
+        until(lambda: not bridge.vehicle.armed)
+    with pytest.raises(RunError, match="supervisor") if end == "dies" else nullcontext():
+        bridge.pilot.close("the test is over")
+    until(lambda: not bridge.vehicle.armed)
+    assert bridge.vehicle.sticks[-1] == NEUTRAL
 
 
 def test_a_position_that_stops_is_stale_too(bridge):

@@ -116,6 +116,8 @@ class Pilot(loop.Pilot):
             self.disarm(f"ArduSub disarmed{': ' + vehicle.warning if vehicle.warning else ''}")
         elif self.armed and vehicle.mode != MANUAL:
             self.disarm(f"ArduSub left the mode MANUAL for {vehicle.mode}")
+        elif self._owes_rest:
+            self._rest_and_release()
         elif vehicle.armed and not self._was_armed and not self.armed:
             self._armed_elsewhere()
         self._was_armed = vehicle.armed
@@ -170,7 +172,8 @@ class Pilot(loop.Pilot):
         )  # the first neutral sticks may have reached the supervisor too late
         if disarmed:
             return True
-        self._report("ArduSub has not said that it is disarmed")
+        if not self._owes_rest:
+            self._report("ArduSub has not said that it is disarmed; it is told again")
         return False
 
     def _leave(self, was_armed: bool) -> None:
