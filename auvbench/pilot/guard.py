@@ -17,6 +17,8 @@ from auvbench.pilot.supervisor import FIRED, FORWARD, MESSAGE, READY, SENT, WILL
 
 STARTS = 30.0
 """time in s for the start of a supervisor on a busy machine"""
+HANGS = 2.0
+"""time in s after which a supervisor that did not answer is killed, once the pilot has brought the vehicle to rest"""
 BUFFER = 16_384
 """bytes buffered for the supervisor: about twelve messages, so that a hanging supervisor is noticed"""
 
@@ -148,25 +150,38 @@ class Guard:
         due = self._handed + self.patience if self._holds else math.inf
         try:
             self._socket.sendall(MESSAGE.pack(due, kind, len(content), content))
-        except OSError:
-            raise self._fail() from None
+        except OSError as error:
+            raise self._fail(hangs=not isinstance(error, ConnectionError)) from None
 
-    def _fail(self) -> Unsupervised:
-        """Record that the supervisor has ended, and whether it brought the vehicle to rest; return the error."""
+    def _fail(self, *, hangs: bool = False) -> Unsupervised:
+        """Record that the supervisor has ended or hangs, and whether it brought the vehicle to rest; return the error."""
         self._socket.settimeout(0.0)
         fired = FIRED in (self._heard(), self._heard())
-        if not fired:
-            self._process.kill()  # in case it hangs
-        code = self._process.wait(2 * supervisor.LONGEST)
-        if fired and code == SENT:
-            text = f"the pilot was silent for more than {self.patience:g} s, and its supervisor brought the vehicle to rest"
+        if hangs and not fired:
+            # Perhaps it is only late: then it sends its will when it reads the end, should the pilot die before it has brought
+            # the vehicle to rest. Commands that it reads before the end are too old to be sent.
+            with contextlib.suppress(OSError):
+                self._socket.shutdown(socket.SHUT_WR)
+            text = "the pilot's supervisor does not answer"
         else:
-            text = f"the pilot's supervisor ended (exit code {code}), and a pilot does not steer without one"
-        self.lost = Unsupervised(text, fired=fired and code == SENT)
+            if not fired:
+                self._process.kill()  # in case it has closed its socket and goes on
+            code = self._process.wait(2 * supervisor.LONGEST)
+            text = f"the pilot's supervisor ended (exit code {code})"
+            fired = fired and code == SENT
+        text = (
+            f"the pilot was silent for more than {self.patience:g} s, and its supervisor brought the vehicle to rest"
+            if fired
+            else f"{text}, and a pilot does not steer without one"
+        )
+        self.lost = Unsupervised(text, fired=fired)
         return self.lost
 
     def close(self) -> None:
         """Let the supervisor end, and wait for it. It first sends the will, unless `release` was called."""
         self._socket.close()
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            self._process.wait(2 * supervisor.LONGEST)
+        try:
+            self._process.wait(2 * supervisor.LONGEST if self.lost is None else HANGS)
+        except subprocess.TimeoutExpired:
+            if self.lost is not None:
+                self._process.kill()

@@ -103,9 +103,12 @@ class Pilot(ABC):
             # Until the vehicle is known to be at rest, the supervisor sends its will if the pilot ends.
             if not self._owes_rest:
                 self.guard.release()
-        except Unsupervised as error:
+        except BaseException as error:
+            if self.guard.lost is not None:  # nobody else brings the vehicle to rest
+                self._rest()
+            if not isinstance(error, Unsupervised):
+                raise
             self._unsaid = self._unsaid or error  # the error ends the pilot
-            self._rest()
 
     def _report(self, text: str) -> None:
         self._say(text)

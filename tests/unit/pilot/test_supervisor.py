@@ -169,13 +169,25 @@ def test_a_supervisor_that_is_gone_or_hangs_is_told_once(vehicle, number):
     vehicle.guard.forward(b"one")
     vehicle.hears(b"one")
     os.kill(vehicle.guard._process.pid, number)
-    with pytest.raises(Unsupervised, match=r"ended \(exit code -9\)") as raised:
+    said = r"ended \(exit code -9\)" if number == signal.SIGKILL else "does not answer"
+    with pytest.raises(Unsupervised, match=said) as raised:
         until(lambda: not vehicle.guard.forward(b"two"))
     assert not raised.value.fired
     assert not vehicle.guard.forward(b"three")  # the caller must send
     vehicle.guard.release()
     with pytest.raises(Unsupervised):
         vehicle.guard.hold()
+
+
+def test_a_supervisor_that_was_only_late_sends_its_will_after_a_pilot_that_died(vehicle):
+    vehicle = vehicle(patience=0.3)
+    vehicle.guard.hold()
+    os.kill(vehicle.guard._process.pid, signal.SIGSTOP)
+    with pytest.raises(Unsupervised, match="does not answer"):
+        until(lambda: not vehicle.guard.forward(b"thrust"))
+    os.kill(vehicle.guard._process.pid, signal.SIGCONT)
+    vehicle.hears(*WILL)
+    assert vehicle.ended() == supervisor.SENT
 
 
 def test_a_standard_error_that_nobody_reads_does_not_hold_it(vehicle):
