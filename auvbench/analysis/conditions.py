@@ -95,12 +95,11 @@ def results(
     if len(names) < 2:
         return ()
     failed = {
-        a.label: sum(failed_training(r) and protocol not in r.evaluations for r in a.runs) for a in agents
+        a.label: (n, by.failure(a) if by else math.nan)
+        for a in agents
+        if (n := sum(failed_training(r) and protocol not in r.evaluations for r in a.runs))
     }
-    value = {a.label: by.failure(a) if by else math.nan for a in agents}
-    return of_evaluations(
-        tested, confidence, by, {label: (n, value[label]) for label, n in failed.items() if n}
-    )
+    return of_evaluations(tested, confidence, by, failed)
 
 
 def of_evaluations(

@@ -93,10 +93,16 @@ class Plan:
         """Return the plan on a grid of n equal intervals, with the duration `duration` in s if given."""
         N = self.U.shape[1]
         at = np.linspace(0.0, N, n + 1)
-        X = np.array([np.interp(at, np.arange(N + 1), row) for row in self.X])
-        X[3:7] /= np.linalg.norm(X[3:7], axis=0)
+        X = _interpolated(self.X, np.arange(N + 1), at)
         middle = np.minimum((0.5 * (at[1:] + at[:-1])).astype(int), N - 1)
         return Plan(X, self.U[:, middle], self.T if duration is None else duration)
+
+
+def _interpolated(X: Floats, nodes: NDArray[Any], at: NDArray[Any]) -> Floats:
+    """Return states (n_x, nodes) at other places between the nodes, with quaternions of length 1."""
+    states = np.array([np.interp(at, nodes, row) for row in X])
+    states[3:7] /= np.linalg.norm(states[3:7], axis=0)
+    return states
 
 
 class Programs:
@@ -308,8 +314,7 @@ class Search:
         # Neighbouring nodes of a plan are `apart` steps apart; the last interval may have fewer steps.
         apart = -(-steps // plan.U.shape[1])
         nodes = np.minimum(apart * np.arange(plan.U.shape[1] + 1), steps)
-        X = np.array([np.interp(np.arange(steps + 1), nodes, row) for row in plan.X])
-        X[3:7] /= np.linalg.norm(X[3:7], axis=0)
+        X = _interpolated(plan.X, nodes, np.arange(steps + 1))
         commands, outcome = self.tracker.fly(scenario, X, shares)
         return Solution(commands[: outcome.steps], start) if outcome.arrived else None, outcome
 

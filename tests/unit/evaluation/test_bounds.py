@@ -12,7 +12,7 @@ import pytest
 from auvbench.config import schema
 from auvbench.errors import ConfigError, RunError
 from auvbench.evaluation.bounds import files
-from auvbench.evaluation.bounds.command_replay import Trial
+from auvbench.evaluation.bounds.command_replay import Scenario, Trial
 from auvbench.evaluation.bounds.compute import (
     PRELOAD,
     all_scenarios,
@@ -232,30 +232,30 @@ def test_what_has_no_limit_is_refused() -> None:
         Search(condition.config)
 
 
-@pytest.mark.slow
-def test_thrusters_with_lag_are_covered() -> None:
-    protocol = protocol_of(*NEAR, episodes=1)
-    (condition,) = resolve_conditions(protocol, config_of("vehicle=rexrov"))
+def searched(vehicle: str, *waypoints: str) -> tuple[Search, Scenario, files.Solution, int]:
+    """Search for one waypoint; return the search, its scenario, what it found, and the steps of the quickest controller."""
+    protocol = protocol_of(*waypoints, episodes=1)
+    (condition,) = resolve_conditions(protocol, config_of(f"vehicle={vehicle}"))
     (scenario,) = all_scenarios(condition, protocol)
     starts = flown(condition.config, controllers(condition.config), protocol, 0)
     search = Search(condition.config)
-    found = search.find(scenario, starts)
+    return search, scenario, search.find(scenario, starts), min(map(len, starts.values()))
+
+
+@pytest.mark.slow
+def test_thrusters_with_lag_are_covered() -> None:
+    search, scenario, found, quickest = searched("rexrov", *NEAR)
     assert search.trial.run(scenario, found.commands).arrived
-    assert found.steps <= min(map(len, starts.values()))
+    assert found.steps <= quickest
 
 
 @pytest.mark.slow
 def test_a_vehicle_that_turns_aside_is_led_along_the_plan() -> None:
     far = "task.waypoint_low=[-18,-18,-24]", "task.waypoint_high=[-14,-14,-20]"
-    protocol = protocol_of(*far, episodes=1)
-    (condition,) = resolve_conditions(protocol, config_of("vehicle=bluerov2_2026"))
-    (scenario,) = all_scenarios(condition, protocol)
-    starts = flown(condition.config, controllers(condition.config), protocol, 0)
-    search = Search(condition.config)
-    found = search.find(scenario, starts)
+    search, scenario, found, quickest = searched("bluerov2_2026", *far)
     outcome = search.trial.run(scenario, found.commands)
     assert (outcome.arrived, outcome.steps) == (True, found.steps)
-    assert found.steps < min(map(len, starts.values()))
+    assert found.steps < quickest
 
 
 SHIPPED = sorted(folder.name for folder in files.shipped().glob("*-*") if folder.is_dir())
