@@ -9,7 +9,6 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +29,7 @@ ROOT = Path(__file__).parents[1]
     ROBUST,
     STATION,
     SUITE,
+    SUITE_2026,
     TRANSFER,
     TRANSIT,
     TUNING,
@@ -45,6 +45,7 @@ ROOT = Path(__file__).parents[1]
         "robust",
         "station",
         "suite",
+        "suite-2026",
         "transfer",
         "transit",
         "tuning",
@@ -54,6 +55,21 @@ ROOT = Path(__file__).parents[1]
 SEARCHED = {"pid": "PID", "lqr": "LQR", "smc": "SMC", "mpc": "MPC"}
 AGENTS = ("MPC", "PPO added to PID", "PID", "PPO", "SAC")
 MORE_AGENTS = ("MPC, tuned", "MPC", "PID", "LQR", "SMC", "PPO added to PID", "PPO", "SAC", "TD3")
+FIRST = {  # title, measure, protocol and condition of the suite of 2026
+    "waypoints": ("par1_time_s", "suite_2026", "still-water"),
+    "other model": ("par1_time_s", "suite_2026", "vehicle=bluerov2-vonbenzon2022"),
+    "stations": ("mean_position_error_rms_m", "suite_2026", "still-water"),
+    "in 0.5 m/s": ("mean_position_error_rms_m", "suite_2026_conditions", "current=0.5"),
+    "in sea state 3": ("mean_position_error_rms_m", "suite_2026_conditions", "sea-state=3"),
+}
+FIRST_AGENTS = (
+    "MPC, tuned",
+    "PPO added to PID, tuned",
+    "PPO, tuned",
+    "PID, tuned",
+    "LQR, tuned",
+    "ADRC, tuned",
+)
 WATERS = {  # title, condition
     "still water": "nominal",
     "0.5 m/s current": "current=0.5",
@@ -147,13 +163,35 @@ def leaderboard() -> str:
     return _table(("waypoints", "mean time", "still water", *CONDITIONS), AGENTS, columns)
 
 
-def waters(agents: Sequence[str] = ()) -> str:
-    """Return the mean time to the waypoint in each water, and the share that is reached where it is not all of them.
+def first_answers() -> str:
+    """Return mean times to waypoints and mean errors at stations under some conditions of the suite of 2026."""
+    found = {
+        (row["measure"], row["protocol"], row["condition"], row["agent"]): row
+        for row in _rows(SUITE_2026, "by_condition.csv")
+    }
+    columns = []
+    for key in FIRST.values():
+        rows = [found.get((*key, agent)) for agent in FIRST_AGENTS]
+        least = min(float(row["mean"]) for row in rows if row)
+        columns.append([_answer(row, key[0], least) for row in rows])
+    return _table(
+        ("tuned agents", *FIRST), [agent.removesuffix(", tuned") for agent in FIRST_AGENTS], columns
+    )
 
-    Args:
-        agents: the agents shown; all without any.
-    """
-    rows = [row for row in _rows(WAYPOINT, "table.csv") if not agents or row["agent"] in agents]
+
+def _answer(row: dict[str, str] | None, measure: str, least: float) -> str:
+    """Return a mean, and the share of successful episodes where it is not all of them; a dash if it was not tested."""
+    if row is None:
+        return "–"
+    value = float(row["mean"])
+    scaled, unit = (value, "s") if measure == "par1_time_s" else (100.0 * value, "cm")
+    shown = f"{scaled:.{1 if unit == 's' or scaled < 10.0 else 0}f}{NO_BREAK}{unit}"
+    return _with_share(shown, float(row["success_rate"]), value == least)
+
+
+def waters() -> str:
+    """Return the mean time to the waypoint in each water, and the share that is reached where it is not all of them."""
+    rows = _rows(WAYPOINT, "table.csv")
     columns = []
     for found in _times(WAYPOINT, rows, tuple(WATERS.values())):
         least = min(time for time, _ in found)
@@ -185,7 +223,11 @@ def _timed(study: Path, limit: float) -> pd.DataFrame:
 
 
 def _reached(time: float, share: float, best: bool) -> str:
-    shown = f"{time:.1f}{NO_BREAK}s"
+    return _with_share(f"{time:.1f}{NO_BREAK}s", share, best)
+
+
+def _with_share(shown: str, share: float, best: bool) -> str:
+    """Return a value, bold if it is the best, and the share of successful episodes where it is not all of them."""
     shown = f"**{shown}**" if best else shown
     return shown if share == 1.0 else f"{shown} ({_per_cent(share)}{NO_BREAK}%)"
 
@@ -498,7 +540,7 @@ def log_columns() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     "leaderboard": leaderboard,
     "waters": waters,
-    "some_waters": partial(waters, ("MPC, tuned", "PPO added to PID", "PID, tuned", "PID", "PPO", "SAC")),
+    "first_answers": first_answers,
     "vehicles": vehicles,
     "robust": robust,
     "sensors": sensors,
@@ -523,8 +565,8 @@ LANGUAGES = {".py": "python", ".toml": "toml", ".yaml": "yaml"}
 EXAMPLE = "examples/auvbench-example"
 PACKAGE = f"{EXAMPLE}/auvbench_example"
 PAGES = {
-    "README.md": ("some_waters",),
-    "docs/index.md": ("some_waters",),
+    "README.md": ("first_answers",),
+    "docs/index.md": ("first_answers",),
     "docs/results.md": ("leaderboard", "suite"),
     "docs/adding-a-controller.md": (
         f"{EXAMPLE}/pyproject.toml",
