@@ -53,10 +53,10 @@ def parallel_env(id: str, *arguments: Any, **keywords: Any) -> "AuvParallelEnv":
 def register() -> None:
     """Register the Gymnasium ids (by entry-point strings, so that nothing else is imported).
 
-    The ids are `auvbench/Waypoint-v1` and one for each further task: `auvbench/StationKeeping-v1`,
-    `TrajectoryTracking`, `PathFollowing`, `Docking`, and tasks of installed packages: `PoleInspection` for
-    `pole_inspection`. Their vehicle is the command line's default. Version 0 of each has the original study's vehicle, and
-    `auvbench/Waypoint-K40-25Hz-v0` and so on are the cells of that study.
+    Each task with one vehicle has an id with its name in camel case: `auvbench/Waypoint-v1`, `auvbench/StationKeeping-v1`,
+    and for the task `pole_inspection` of a package `auvbench/PoleInspection-v1`. The vehicle of version 1 is the command
+    line's default; the vehicle of version 0 is the original study's. `auvbench/Waypoint-K40-25Hz-v0` and eight more ids are
+    the combinations of K and frequency in that study.
     """
     from gymnasium.envs.registration import register as add
     from gymnasium.envs.registration import registry

@@ -29,7 +29,7 @@ LARGEST = 1e6
 """bound of quantities without a natural limit (estimates, messages, pings, places in a formation), in m, m/s2 and s"""
 
 LOOK_AHEAD = 1.5
-"""distance in m along a way from its point nearest to the vehicle to the point that the block `way` shows"""
+"""Look-ahead distance of the block `way` in m: along the shortest way, from the point nearest to the vehicle"""
 
 PINGS = 4
 """number of pings of a target that a vehicle remembers"""
@@ -37,8 +37,8 @@ PINGS = 4
 BODY_AXES = "body axes (forward, port, up)"
 
 READS = ("pose", "velocity", "action", "goal", "preview", "task", "team", "solids", "navigation")
-"""Data that a block may read. `action` is the action of the last step, `goal` a goal other than the reference, `task` the task's own
-fields, `solids` the solids of a world, and `navigation` the results of an estimator."""
+"""Data that a block may read. `action` is the action of the last step, `goal` a goal other than the reference, `task` the fields that
+only this task has, `solids` the solids of a world, and `navigation` the results of an estimator."""
 
 
 class Reading(NamedTuple):
@@ -82,7 +82,7 @@ class BlockSpec(Spec):
     write: Callable[..., None]
     """`write(m, e, p, out)`: writes the block's numbers to `out` from a `Reading` m, the episode e and the parameters p."""
     describe: Callable[[Setting], Block]
-    """Function that returns labels, unit, bounds, frame and meaning."""
+    """Function that returns the block's name, labels, unit, bounds, meaning and axes for a task and vehicle."""
     reads: tuple[str, ...] = ("pose",)
     """Entries of `READS` that `write` reads. A block that reads `task` suits only the tasks whose specs name it."""
     sensor: str = ""
@@ -96,13 +96,15 @@ class BlockSpec(Spec):
 
     def fault(self) -> str:
         if not re.fullmatch(r"[a-z]\w*", self.name):
-            return "has a name that is not made of lower-case letters, digits and underscores"
+            return "has an invalid name; must be a lower-case letter, followed by letters, digits and underscores"
         for what, count in (("write", 4), ("describe", 1)):
             function = getattr(self, what)
             if not isinstance(function, FunctionType) or function.__code__.co_argcount != count:
                 return f"has a {what} that is not a function of {count} argument{'s' if count > 1 else ''}"
         if self.write.__closure__ or "<" in self.write.__qualname__:
-            return "has a write that is not a function of its module"
+            return (
+                "has a write that is not a function of its module; must be defined by `def` at the top level"
+            )
         for what in self.reads:
             if what not in READS:
                 return f"reads {short(repr(what))}; {closest(str(what), READS)}"
@@ -158,8 +160,8 @@ def reading(
         velocity: (3,) m/s, body axes.
         rates: (3,) rad/s, body axes.
         offset: (3,) m, slow error of the position.
-        noise: (3,) m, further error of the position.
-        yaw_noise: rad, error of the yaw.
+        noise: (3,) m, error of the position that is drawn in each step.
+        yaw_noise: error of the yaw, rad.
         previous: (n_u,) action of the last step.
         preview: (points, 3) m.
         stream: flag of the streams of random numbers: 0, TEST or VALIDATION.
@@ -312,7 +314,7 @@ def write_pings(m: Reading, e: Any, p: Any, out: Any) -> None:
 
 
 def write_levelled(m: Reading, x: float, y: float, z: float, out: Any) -> None:
-    """Write a vector that is given in world axes, in levelled body axes."""
+    """Convert a vector from world axes to levelled body axes, and write it to `out`."""
     out[0] = m.cosine * x + m.sine * y
     out[1] = m.cosine * y - m.sine * x
     out[2] = z
@@ -421,7 +423,7 @@ def _pings(s: Setting) -> Block:
 
 
 def _apart(s: Setting) -> tuple[float, float]:
-    """Return the horizontal and vertical bounds in m of a vector to a point other than the reference: twice those of the position error."""
+    """Return the horizontal and vertical bounds in m of a vector to a point other than the reference: twice the position error's bounds."""
     return 2.0 * math.hypot(*s.bounds[:2]), 2.0 * s.bounds[2]
 
 

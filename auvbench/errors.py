@@ -41,7 +41,7 @@ class RunError(UserError):
 
 
 class ReportError(UserError):
-    """The runs contain nothing to report, or not what was asked for."""
+    """The runs contain nothing to report, or lack the data that an option needs."""
 
 
 class MissingExtraError(UserError):
@@ -65,7 +65,7 @@ class ActionError(AuvbenchError, ValueError):
 
 
 class AgentError(AuvbenchError):
-    """An agent, simulator, task or reward of an installed package breaks its contract; the message names it."""
+    """A part of an installed package (agent, task, reward, simulator, ...) breaks its contract; the message names the part."""
 
 
 class AuvbenchWarning(UserWarning):

@@ -74,7 +74,7 @@ class _Formatter(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Report a mistake in one line, and suggest the flag for a mistaken `key=value` and vice versa.
+    """Argument parser that reports a mistake in one line, and suggests the flag for a mistaken `key=value` and vice versa.
 
     Args:
         where: whether to add `--where`; the parsed options then have its terms as `where`.
@@ -112,7 +112,7 @@ class Parser(argparse.ArgumentParser):
     def read(self, arguments: Sequence[str], overrides: bool = False) -> argparse.Namespace:
         """Parse a command line.
 
-        Reject a `key=value` that is not a path; with `overrides`, only if its key is a flag.
+        Reject a word `key=value` that is not a path. With `overrides`, reject it only if its key is the name of a flag.
         """
         self._refuse_overrides(arguments, overrides)
         options, extra = self.parse_known_intermixed_args(list(arguments))

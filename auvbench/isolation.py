@@ -1,7 +1,7 @@
 """Keep dependencies from reading the working directory, before any of them is imported.
 
 The working directory may come from another person. auvbench reads only `./conf` and the files that the user
-typed. Its dependencies would read more: modules, numba's configuration (which names a cache of pickles),
+names. Its dependencies would read more: modules, numba's configuration (which names a cache of pickles),
 Matplotlib's style, and DDS profiles. Each process of a command calls `isolate` first, and child processes
 inherit its environment variables.
 """
@@ -47,7 +47,9 @@ ABSOLUTE = (
     "XDG_CONFIG_HOME",
     "XDG_STATE_HOME",
 )
-"""User variables that name settings, libraries or caches; a relative path would point into the working directory."""
+"""Environment variables of the user that name settings, libraries or caches; their paths must be absolute, since a relative path
+would point into the working directory.
+"""
 
 HERE = Path(__file__).parent
 
@@ -98,7 +100,7 @@ def _relative(value: str) -> list[str]:
 
 
 def _matplotlib_folder() -> Path:
-    """Return a folder for Matplotlib's font list; the user's own folder may contain styles."""
+    """Return a separate folder for Matplotlib's font list, since the user's own Matplotlib folder may contain styles."""
     configured = os.environ.get("MPLCONFIGDIR")
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     folder = Path(configured) if configured else Path(cache, "matplotlib")
@@ -106,9 +108,9 @@ def _matplotlib_folder() -> Path:
 
 
 class _Sheltered(MetaPathFinder):
-    """Finder that changes to another directory while it imports modules that read the working directory.
+    """Finder that changes to another directory while it imports modules that read files in the working directory.
 
-    No environment variable takes precedence over the files that these modules read.
+    No environment variable makes these modules ignore the files.
     """
 
     modules: dict[str, Callable[[ModuleType], None]]

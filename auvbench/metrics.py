@@ -70,15 +70,15 @@ Kind = Literal["rate", "penalised", "derived", "key", "scenario", "episode", "ag
 
 
 OPEN = "open"
-"""name of the world whose records have no columns of a world"""
+"""name of the world without solids, whose records lack the columns about solids"""
 TRUTH = "truth"
-"""name of the navigation whose records have no columns of an estimator"""
+"""value of `navigation.name` without an estimator, whose records lack the columns about estimates"""
 LAST = "yaw_error_rms_rad"
-"""metric of METRICS after which a task's own metrics come by default"""
+"""metric of METRICS that a task's own metrics follow in files and tables by default"""
 
 Failed = Literal["", "high", "bounds", "time"]
-"""value of a failed episode: the task's own value, the metric's `high`, the task's bounds (m) or its time
-limit (s)
+"""Source of a metric's value for failed episodes: "" for the value that the task computes, "high" for the metric's `high`, "bounds"
+for `task.bounds` (m), "time" for the time limit (s)
 """
 
 
@@ -97,16 +97,16 @@ class Metric:
     kind: Kind = "episode"
     better: Literal["higher", "lower", ""] = "lower"
     latex: str = ""
-    """title in LaTeX, if it has a symbol"""
+    """title in LaTeX, if the metric has a symbol there"""
     shown_unit: str | None = None
-    """unit in tables, if it differs"""
+    """unit in tables, if it differs from the unit in files"""
     scale: float = 1.0
     """factor from the unit in files to the unit in tables"""
     low: float = 0.0
     high: float = math.inf
     """largest possible value; intervals stay within `low` and `high`"""
     tasks: tuple[str, ...] = ()
-    """tasks that have the metric; empty: all. `registered` sets it"""
+    """tasks that have the metric, filled in by `registered`; empty: all tasks"""
     after: str = LAST
     """metric of METRICS that a task's own metric follows in files and tables"""
     worlds: tuple[str, ...] = ()
@@ -183,15 +183,15 @@ def column(
         unit: unit in files.
         title: title in tables.
         definition: definition in tables and docs.
-        better: direction of better values; empty for a column of the scenario.
+        better: whether higher or lower values are better; empty for a column that describes the scenario.
         low: smallest possible value.
         high: largest possible value.
-        worlds: worlds that have it; empty: all.
-        navigation: values of `navigation.name` that have it; empty: all.
-        filtered: whether only runs with a filter of commands have it.
+        worlds: worlds that have the column; empty: all.
+        navigation: values of `navigation.name` that have the column; empty: all.
+        filtered: whether only runs with a filter of commands have the column.
         counts_failures: whether a failed episode counts as the worst value, not as the measured one.
-        failed: value of a failed episode, if the task does not compute it.
-        after: metric that it follows in files and tables.
+        failed: value of a failed episode, if the task does not compute it (`Failed`).
+        after: metric that the column follows in files and tables.
     """
     return Metric(
         name,
@@ -214,18 +214,25 @@ def column(
 
 POINTS = tuple(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz")
 SHARED = ("position_error_rms_m", "yaw_error_rms_rad", *POINTS)
-"""columns that several tasks have (`TaskSpec.shared`), from `TrackingTask.errors`"""
+"""columns that only some tasks have (`TaskSpec.shared`); `TrackingTask.errors` computes them"""
 SOLID = tuple(name for name in WORLDS.own if name != OPEN)
 """worlds with solids"""
 
 
 METRICS: list[Metric] = [
     _rate(
-        "success_rate", "success", "episodes that succeed: docs/task.md says when, for each task", "higher"
+        "success_rate",
+        "success",
+        "share of successful episodes; docs/task.md defines success",
+        "higher",
     ),
-    _rate("collision_rate", "collision", "episodes that leave the depth limits or hit the dock"),
-    _rate("timeout_rate", "timeout", "episodes that use up their steps without success"),
-    _rate("out_of_bounds_rate", "out of bounds", "episodes that get too far from the reference"),
+    _rate(
+        "collision_rate",
+        "collision",
+        "share of episodes that leave the depth limits or hit an object",
+    ),
+    _rate("timeout_rate", "timeout", "share of episodes that reach the time limit without success"),
+    _rate("out_of_bounds_rate", "out of bounds", "share of episodes that get too far from the reference"),
     *(
         Metric(
             f"par{k}_{name}",
@@ -293,7 +300,7 @@ METRICS: list[Metric] = [
         "energy_J",
         "J",
         "energy",
-        "electrical energy of the commands by the thruster's table of power",
+        "electrical energy of the commands, from the thruster's power table",
         lambda t: t.energy,
         shown_unit="kJ",
         scale=1e-3,
@@ -328,8 +335,8 @@ METRICS: list[Metric] = [
         "position_error_rms_m",
         "m",
         "RMS position error",
-        "root mean square of the distance to the reference, station keeping after the settling time; an episode that "
-        "left the bounds or the water counts as the bounds",
+        "root mean square of the distance to the reference, in station keeping after the settling time; a failed episode "
+        "counts as the bounds",
         failed="bounds",
     ),
     column(
@@ -375,7 +382,7 @@ METRICS: list[Metric] = [
         "way_ratio",
         "",
         "length of the way",
-        "length of the shortest way through the field over the straight line, as seen from above",
+        "length of the shortest way through the field over the straight distance, seen from above",
         "",
         worlds=("field",),
     ),
@@ -390,7 +397,7 @@ METRICS: list[Metric] = [
         "navigation_drift",
         "1",
         "drift",
-        "navigation error at the end over the length of the path",
+        "navigation error at the end divided by the path length",
         navigation=ESTIMATORS,
     ),
     column(
@@ -405,7 +412,7 @@ METRICS: list[Metric] = [
         "diverged",
         "1",
         "diverged",
-        "1 if the estimate left the truth by more than 1 km or was not finite; it then stands still",
+        "1 if the position error exceeded 1 km or was not finite; the estimate is then frozen",
         high=1.0,
         navigation=ESTIMATORS,
     ),
@@ -464,11 +471,11 @@ METRICS: list[Metric] = [
 
 
 def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the value of a failed episode by column, for the columns in `names` for which it is known.
+    """Return the values that a failed episode counts as, by column; columns with an unknown value are left out.
 
     Args:
         names: columns.
-        limits: known bounds (m) and time limit (s) of the task, by `Metric.failed`.
+        limits: known limits of the task: its bounds in m as "bounds", its time limit in s as "time".
     """
     limit_of = {**limits, "": None}
     values = {
@@ -480,7 +487,7 @@ def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, 
 
 
 def _of_several(metric: Metric, specs: Sequence[TaskSpec]) -> Metric:
-    """Return a metric of METRICS with the tasks that have it, if only some may have it."""
+    """Return a metric of METRICS, with its tasks filled in if not every task has it."""
     if metric.name in SHARED:
         return replace(metric, tasks=tuple(spec.name for spec in specs if metric.name in spec.shared))
     if metric.name == "out_of_bounds_rate":

@@ -45,7 +45,7 @@ class ObservationSpec:
         """Return the columns of a block.
 
         Raises:
-            ConfigError: the task does not observe it.
+            ConfigError: the task does not observe the block.
         """
         if name not in self._columns:
             raise ConfigError(
@@ -54,7 +54,7 @@ class ObservationSpec:
         return self._columns[name]
 
     def pack(self, **values: ArrayLike) -> NDArray[np.float32]:
-        """Return the observation (size,) made of the values of all blocks."""
+        """Return the observation (size,) with the given values of all blocks."""
         return np.concatenate([np.ravel(values[name]) for name in self.blocks]).astype(np.float32)
 
     def card(self) -> list[dict[str, str]]:

@@ -2,9 +2,10 @@
 launchers, trackers or commands to auvbench.
 
 The entry point of an agent names a function `factory(config, vehicle)`, which gets the whole configuration.
-Its attribute `Config` is the dataclass of the agent's YAML file. A task is a `TaskSpec`, a reward a
-`RewardSpec`, and so on (docs/adding-a-package.md). The code of tasks and rewards also imports `auvbench.tasks.base`
-and `auvbench.tasks.rows`; the code of disturbances also imports `auvbench.tasks.disturbances.base`.
+The function's attribute `Config` is the dataclass of the agent's YAML file. The entry point of a task names a `TaskSpec`,
+the entry point of a reward a `RewardSpec`, and so on (docs/adding-a-package.md). The code of tasks and rewards also
+imports `auvbench.tasks.base` and `auvbench.tasks.rows`; the code of disturbances also imports
+`auvbench.tasks.disturbances.base`.
 """
 
 from auvbench.agents.base import Agent, Callbacks, Components, Learner

@@ -27,7 +27,7 @@ def columns(*kinds: Kind) -> tuple[str, ...]:
 
 
 def measured() -> tuple[str, ...]:
-    """Return the columns whose values are finite numbers; a row may lack a value."""
+    """Return the columns of kind `scenario` or `episode`: finite numbers, or no value in some rows."""
     return columns("scenario", "episode")
 
 
@@ -42,7 +42,7 @@ def _of(
 def record_columns(
     task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False
 ) -> tuple[str, ...]:
-    """Return the columns of the records of a task in a kind of world and with a kind of navigation, with or without a filter of commands."""
+    """Return the columns of an episode's record for a task, a world, a navigation, and with or without a filter of commands."""
     return tuple(_of(task, world, navigation, filtered))
 
 

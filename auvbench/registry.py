@@ -57,7 +57,7 @@ class Spec:
 
     @property
     def code(self) -> str:
-        """`module:object` of the part's code; overridden by kinds whose field has another name than `factory`."""
+        """`module:object` of the part's code; a subclass without the field `factory` overrides this property."""
         return self.factory
 
     def fault(self) -> str:
@@ -65,7 +65,7 @@ class Spec:
         return ""
 
     def enter(self) -> None:
-        """Make the further changes that registering the part needs; none by default.
+        """Change what else depends on the registered parts, such as caches; do nothing by default.
 
         Raises:
             ValueError: the part cannot be registered.
@@ -184,13 +184,13 @@ class Kind(Mapping[str, S], Generic[S]):
         holders = [*(["auvbench"] if name in self._lines else []), *(point.package for point in points)]
         if points and len(holders) > 1:
             raise ConfigError(
-                f"{self.key}={short(name)}: {' and '.join(holders)} have one of that name each; uninstall one: pip "
+                f"{self.key}={short(name)}: {' and '.join(holders)} each provide a part of this name; uninstall one of them: pip "
                 f"uninstall {holders[-1]}"
             )
         return points[0] if points else None
 
     def missing(self, name: str, release: str) -> ConfigError:
-        """Return the error of a configuration whose package is not installed in its version."""
+        """Return the error for a configuration whose package is not installed in the recorded version."""
         point = self.find(name)
         now = "is not installed" if point is None else f"{point.release} is installed"
         return ConfigError(
@@ -202,7 +202,7 @@ class Kind(Mapping[str, S], Generic[S]):
 
         Args:
             name: name of one of auvbench's own parts, or of an entry point.
-            release: release that the package of this name must have; None: any.
+            release: release that the part's package must have; None: any.
 
         Raises:
             ConfigError: the package is not installed, has another release, or its spec cannot be used.
@@ -272,7 +272,7 @@ def schema_fault(schema: Any, base: type, word: str = "schema") -> str:
             return ""
     except (OmegaConfBaseException, TypeError, ValueError) as error:
         reason = f" ({describe_error(error)})"
-    return f"has a {word} that is no dataclass below auvbench.plugin.{base.__name__}{reason}"
+    return f"has a {word} that is not a dataclass derived from auvbench.plugin.{base.__name__}{reason}"
 
 
 def resolve(target: str) -> Any:
@@ -299,12 +299,12 @@ def telling(owner_name: str, what: str) -> Iterator[None]:
 
 
 def owner(kind: str, part: Any) -> str:
-    """Return the name in messages of a part of a configuration: `task=circling of auvbench-example==1.0`."""
+    """Return the name of a configuration's part for messages, for example `task=circling of auvbench-example==1.0`."""
     return owned(f"{kind}={part.name}", part)
 
 
 def owned(what: str, part: Any) -> str:
-    """Return `what` for messages, followed by the package of a part of a configuration if it has one."""
+    """Return `what` for messages, followed by the package that a part of a configuration comes from, if any."""
     package = getattr(part, "package", None)
     return f"{what} of {package}" if package else what
 

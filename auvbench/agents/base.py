@@ -37,7 +37,8 @@ class Agent(Protocol):
     * `simulator(config, vehicle, navigation)`: the simulator of its tests, with one vehicle, for an agent whose own loop
       moves the actuators within an agent step; its actions are then only recorded, not applied. `navigation` has the
       vehicle's sensors, None if agents know the truth;
-    * `notes()`: counters by name since the agent's creation; a test's summary has their sums.
+    * `notes()`: counters by name since the agent's creation; a test's summary has the increase of each
+      counter during the test.
     """
 
     def reset(self, episodes: Integers) -> None:
@@ -64,11 +65,11 @@ class Callbacks(Protocol):
         """
 
     def step(self, steps: int, transition: Transition) -> float:
-        """Take one step of 1 / `step.frequency` s with actions (n, n_u), clipped to [-1, 1].
+        """Call this after each step of the environment, with the number of steps so far and the step's result.
 
-        Writes the rows of the ended episodes, reports progress, and tests the policy if
-        `train.evaluate_every` requires it, by the learner's own `reset` and `act`. Returns the time in s that
-        this took from training.
+        Writes the rows of the ended episodes, reports progress, and tests the policy with the learner's own
+        `reset` and `act` if `train.evaluate_every` requires it. Returns the time in s that the test took, 0
+        without a test.
 
         Raises:
             TrainingError: an observation or a reward is not finite.
@@ -95,7 +96,7 @@ class Ring(Protocol):
     n_envs: int
     buffer_size: int  # number of rows
     pos: int  # index of the next row
-    full: bool  # whether the oldest row has been overwritten
+    full: bool  # whether every row has been written at least once
 
 
 @dataclass(slots=True)
@@ -123,7 +124,9 @@ class Components:
             stream = io.BytesIO()
             for key, array in arrays.items():
                 if np.asarray(array).dtype.hasobject:
-                    raise TypeError(f"{name}.{key} has Python objects, which only a pickle could store")
+                    raise TypeError(
+                        f"{name}.{key} has Python objects, which only a pickle could store; use numbers"
+                    )
             np.savez(stream, **arrays)  # type: ignore[arg-type]
             yield f"{name}.npz", stream.getvalue()
         for name, value in self.values.items():
@@ -149,7 +152,7 @@ class Components:
 
 
 class Learner(Agent, Protocol):
-    """An agent that learns. In a test, and in tests during its training, it acts like every agent.
+    """An agent that learns. In tests, also during its training, it acts like every agent.
 
     `reset` and `act` must neither draw from training's random generators nor change training's state: the
     policy must be the same with and without tests during training. Nothing is pickled.
@@ -157,8 +160,8 @@ class Learner(Agent, Protocol):
 
     exact_resume: bool
     """Whether `restore` restores everything, so that an interrupted run ends with the same bits. If False,
-    the learner has no checkpoints, `state` and `restore` are never called, and an interrupted run restarts,
-    which its manifest records.
+    the learner has no checkpoints, and `state` and `restore` are never called. An interrupted run then starts
+    from the beginning, and its manifest records that.
     """
 
     def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:

@@ -28,7 +28,9 @@ def make(config: schema.TrainConfig, vehicle: VehicleModel) -> Agent:
         agent = factory(config, vehicle)
     lacking = [name for name in ("reset", "act") if not callable(getattr(agent, name, None))]
     if lacking:
-        raise AgentError(f"{label}: its result, a {type(agent).__name__}, lacks {' and '.join(lacking)}")
+        raise AgentError(
+            f"{label}: its result, a {type(agent).__name__}, lacks {' and '.join(lacking)}; an agent needs reset and act"
+        )
     kind = PluginLearner if algo.learns else PluginAgent
     return kind(agent, label, len(vehicle.actuators))
 
@@ -57,7 +59,7 @@ class PluginAgent:
         with registry.telling(self._owner, "notes fails"):
             notes = dict(self.inner.notes())
         if not all(isinstance(name, str) and type(number) is int for name, number in notes.items()):
-            raise AgentError(f"{self._owner}: notes must give whole numbers by name")
+            raise AgentError(f"{self._owner}: notes must give a dict of whole numbers by name")
         return notes
 
     def reset(self, episodes: Integers) -> None:
@@ -129,7 +131,7 @@ class PluginLearner(PluginAgent):
         """Return the agent's state.
 
         Raises:
-            AgentError: the agent returns something else.
+            AgentError: `state` of the agent does not return Components.
         """
         state = self.inner.state()
         if not isinstance(state, Components):

@@ -15,7 +15,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 class PolicyFile:
-    """Policy in a run's `model/`; `load` reads it."""
+    """Agent that acts by the ONNX file in a run's `model/`; `load` reads the file."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         algo = config.algo
@@ -36,7 +36,7 @@ class PolicyFile:
         data, card, _ = exported.read(path)
         if sha256(data).hexdigest() != self._sha256:
             raise exported.PolicyError(
-                f"{path}: is not the file that the run was made with (algo.sha256 differs)"
+                f"{path}: is not the file that the run was made with (algo.sha256 differs); restore that file"
             )
         sizes = {"observations": self._spec.size, "actions": self._n_u}
         self.policy = exported.Policy(data, str(path), card=card, **sizes)

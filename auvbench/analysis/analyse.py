@@ -221,7 +221,7 @@ def _by_condition(report: Report, options: Options) -> dict[str, Sequence[Agent]
 
 
 def _adding(report: Report, algorithm: str, protocol: str) -> str:
-    """Return the commands that add an algorithm to a section."""
+    """Return a sentence with the commands that add an algorithm to a section."""
     run = report.runs[0]
     config = run.config
     words = [f"{key}={config.get(f'{key}.name')}" for key in ("task", "vehicle")]

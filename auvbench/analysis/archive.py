@@ -96,13 +96,17 @@ class Archive:
         """Return a JSON value of a run: `config`, `manifest`, `evaluations` or `validation`.
 
         Raises:
-            Damage: the value is not a JSON object.
+            Damage: the text is not valid JSON.
         """
         with named(f"{RUNS}: {column} of {short(run, 60)}"):
             return reading.json_value(str(self._rows.loc[run, column]).encode())
 
     def summaries(self, run: str) -> dict[str, Any]:
-        """Return the summary of each evaluation of a run, by protocol."""
+        """Return the summary of each evaluation of a run, by protocol.
+
+        Raises:
+            Damage: the summaries are not a JSON object.
+        """
         summaries = self.document(run, "evaluations")
         if not isinstance(summaries, dict):
             raise Damage(f"{RUNS}: evaluations of {short(run, 60)} is not a JSON object")

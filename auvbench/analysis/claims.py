@@ -46,7 +46,7 @@ LEARNED = 0.15
 SUCCESS_MARGIN = 0.05
 """claim 3: smallest gain in the success rate that counts"""
 GENERALISES = 0.8
-"""claim 5: a training generalises if the lower limit of its success rate is above this"""
+"""claim 5: success rate above which a training generalises; the claim holds if the lower limit of the best training is above it"""
 WEAK = 0.5
 """claim 6: absolute rank correlation below which two measures count as uncorrelated"""
 FEWEST_AGENTS = 5
@@ -160,8 +160,9 @@ def no_convergence_at_55_hz(e: Evidence) -> list[Part]:
 
 
 def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
-    """Claim 2: of two SAC runs with equal K, the run at the lower frequency converges in fewer steps;
-    permutation test.
+    """Claim 2: of two SAC runs with equal K, the run at the lower frequency converges in fewer steps.
+
+    A permutation test judges the claim (`evidence.trend`).
 
     Two tests must agree. The first judges each run within its own time limit, which favours the run with the
     longer limit. The second judges all runs of a K within the shortest of their limits, which favours the run
@@ -258,7 +259,7 @@ def _first_of_its_kind(agents: Sequence[Agent], levels: tuple[float, float]) -> 
 
 
 def _extremes(agents: Sequence[Agent]) -> tuple[list[tuple[Agent, Agent]], float, float]:
-    """Return pairs of agents (largest K, smallest K) that are equal in all else, the smallest and the largest K.
+    """Return pairs of agents (largest K, smallest K) with equal other settings, then the smallest and the largest K.
 
     If K does not vary, there are no pairs, and both K are NaN.
     """
@@ -295,8 +296,9 @@ def agents_that_did_not_converge_generalise(e: Evidence) -> list[Part]:
     verdict = HOLDS if low > GENERALISES else FAILS if reach == 0 and share < 0.5 else OPEN
     text = amount(Estimate(best, low, high), measure("success_rate"))
     statistic = (
-        f"the best of {counted(len(rates), 'run')} that did not converge succeeds in {text}; {reach} of them above "
-        f"{100 * GENERALISES:g} %, so at most {100 * share:.0f} % of such trainings"
+        f"the best of {counted(len(rates), 'run')} that did not converge succeeds in {text}; {reach} of the {len(rates)} "
+        f"succeed in more than {100 * GENERALISES:g} % of the episodes (upper limit for all trainings that do not converge: "
+        f"{100 * share:.0f} %)"
     )
     ids = tuple(run.run.id for run in judged)
     return [Part(verdict, statistic, f"more {missing}" if verdict == OPEN else "", ids)]
@@ -353,8 +355,9 @@ def _interaction(
 ) -> Part:
     """Return the part that SAC's success changes more favourably than PPO's from the lowest to the highest frequency.
 
-    The number is (SAC high - SAC low) - (PPO high - PPO low), averaged over K. A K is left out if SAC or PPO
-    learned nothing at the low frequency: an agent without success cannot lose any.
+    The number is (SAC high - SAC low) - (PPO high - PPO low), averaged over K. A K is left out if its agents are
+    not evidence (`informative`), or if SAC or PPO learned nothing at the low frequency: an agent without success
+    cannot lose any.
     """
     frequencies = sorted({f for _, f in cells})
     if len(frequencies) < 2:

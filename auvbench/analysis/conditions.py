@@ -133,13 +133,13 @@ class Met:
     """Results of an agent's seeds under one condition; columns are scenarios."""
 
     success: FloatArray
-    """(seeds, E) 1.0 for a successful episode, else 0.0"""
+    """Successes (seeds, E): 1.0 for a successful episode, else 0.0"""
     par1: FloatArray
-    """(seeds, E) steps of each episode; the step limit for a failed episode"""
+    """Steps (seeds, E) of each episode; the step limit for a failed episode"""
     time: tuple[float, float]
-    """step frequency in Hz and limit in steps; two conditions are compared in steps only if both are equal"""
+    """Step frequency in Hz, and step limit; two conditions are compared in steps only if both numbers are equal"""
     measured: FloatArray | None = None
-    """(seeds, E) values of the primary measure; None without such a column"""
+    """Values (seeds, E) of the primary measure; None without such a column"""
 
     def without_seeds(self) -> Met:
         """Return results of no seed (0, E) in the same scenarios."""

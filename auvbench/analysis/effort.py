@@ -35,7 +35,7 @@ def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, 
 
 
 def _most(agent: Agent, key: str) -> Any:
-    """Return the largest value of a number of the tuning (`algo.tuned.<key>`) among the agent's runs; None without any."""
+    """Return the largest `algo.tuned.<key>`, a number on the cost of tuning, among the agent's runs; None if no run has it."""
     values = [run.config.get(f"algo.tuned.{key}") for run in agent.runs]
     return max((value for value in values if isinstance(value, int | float)), default=None)
 

@@ -19,7 +19,7 @@ def disagreement(manifest: Mapping[str, Any], config: Mapping[str, Any]) -> str:
         return f"config.yaml does not belong to the run {manifest['id']}: {wrong}"
     for key, configured in (("seed", config["seed"]), ("algo", config["algo"]["name"])):
         if manifest[key] != configured:
-            return f"manifest.json has the {key} {manifest[key]}, config.yaml {configured}"
+            return f"manifest.json has the {key} {manifest[key]}, but config.yaml has {configured}"
     return ""
 
 
@@ -41,9 +41,9 @@ def check_belongs(manifest: Mapping[str, Any], evaluation: Evaluation) -> None:
     """
     summary, wrong = evaluation.summary, ""
     if summary["run"] != manifest["id"]:
-        wrong = f"it is of the run {summary['run']}"
+        wrong = f"it belongs to the run {summary['run']}"
     elif summary["protocol"] != evaluation.protocol:
-        wrong = f"it is by the protocol {summary['protocol']}"
+        wrong = f"it belongs to the protocol {summary['protocol']}"
     elif summary["model"] != integrity.digests(manifest, "model/"):
         wrong = "the run's model has changed since the test: evaluate again"
     if wrong:

@@ -22,13 +22,13 @@ HOLDS, FAILS, OPEN = "holds", "does not hold", "cannot be said"
 WINDOW = 100
 """number of successive training episodes in a window"""
 SHORT = 0.8
-"""mean duration of a good window's episodes must be below this share of the time limit"""
+"""Upper limit of the mean duration of a good window's episodes, as a share of the time limit"""
 HALF = 0.5
-"""smallest success rate of a good window, since short episodes may be early collisions"""
+"""Smallest success rate of a good window. It is needed because short episodes may be early collisions"""
 PERMUTATIONS = 10_000
 
 Point = tuple[str, float, float]
-"""(stratum, level, value) of a run; levels are compared only within a stratum"""
+"""Stratum, level and value of a run; levels are compared only within a stratum"""
 
 
 def limit_s(run: RunRecord) -> float:
@@ -40,7 +40,7 @@ def limit_s(run: RunRecord) -> float:
 
 
 def good_windows(seconds: FloatArray, success: BoolArray, limit: float) -> BoolArray:
-    """Return (n - `WINDOW` + 1,) whether each window of successive episodes is good; empty for fewer episodes.
+    """Return whether each window of successive episodes is good, (n - `WINDOW` + 1,); empty for fewer episodes.
 
     In a good window, at least `HALF` of the episodes succeed within the limit, and the mean duration, with
     longer durations cut to the limit, is below `SHORT` of the limit.
@@ -67,7 +67,7 @@ class Learning:
     run: RunRecord
     k: float
     frequency: float
-    """Hz"""
+    """Step frequency, Hz"""
     steps: int
     """environment steps of the whole training"""
     seconds: FloatArray  # (n,) duration of each episode
@@ -81,7 +81,7 @@ class Learning:
 
     @property
     def converged(self) -> bool:
-        """Return whether the run converged within its own time limit."""
+        """Return whether the run converged, judged by its own time limit of an episode."""
         return bool(np.isfinite(self.converged_at(self.limit)))
 
     def converged_at(self, limit: float) -> float:
@@ -205,7 +205,10 @@ class Evidence:
         return False
 
     def unattainable(self, runs: Sequence[Learning]) -> list[str]:
-        """Return the missing evidence, as a list: a control that converges within the time limit of each run."""
+        """Return the missing evidence as a list of one text: the time limits within which no control converges.
+
+        The list is empty if a control converges within the time limit of each run.
+        """
         time_limits = sorted({run.limit for run in runs if not self.attainable(run.limit)})
         if not time_limits:
             return []

@@ -162,7 +162,7 @@ class Effect:
     difference: Estimate
     p_value: float
     agree: int
-    """number of trainings of the first level that differ from the second level's typical training in the effect's direction"""
+    """Number of trainings of the first level whose difference from the second level's typical training has the effect's sign"""
     trainings: int
     """number of trainings of the first level"""
     fewest: int

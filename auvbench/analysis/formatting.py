@@ -130,7 +130,7 @@ def difference(estimate: Estimate, m: Measure) -> str:
 
 
 def rounded_difference(estimate: Estimate, m: Measure) -> tuple[str, str]:
-    """Return the size of a difference and its interval without signs: ('28 steps', ' [27, 29]').
+    """Return the size of a difference and its interval, both without the sign of the difference.
 
     >>> from auvbench.analysis.measures import measure
     >>> rounded_difference(Estimate(-28.0, -29.46, -26.5), measure("par1_steps"))

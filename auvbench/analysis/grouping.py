@@ -140,7 +140,7 @@ def _rows(
         Problem(
             name,
             "damaged",
-            f"has other episodes ({len(episodes)}) than the rest ({len(usual)}): evaluate it again",
+            f"was tested in other episodes ({len(episodes)}) than most runs ({len(usual)}): evaluate it again",
         )
         for name, episodes in ids.items()
         if episodes != usual
@@ -285,9 +285,9 @@ class Section:
     """Runs that can be compared with each other."""
 
     title: str
-    """'vehicle rexrov', 'vehicle rexrov, scenarios 1a2b3c4d', 'several sheets, task docking'"""
+    """Title: 'vehicle rexrov', 'vehicle rexrov, scenarios 1a2b3c4d', 'several sheets, task docking'"""
     folder: str
-    """valid and unique folder name"""
+    """Name of the section's folder, valid and unique"""
     vehicle: str
     """vehicle, and the task unless it is the waypoint task: 'rexrov', 'rexrov, task docking'"""
     fingerprint: str
@@ -326,7 +326,7 @@ def _subject(task: str, runs: Sequence[RunRecord]) -> str:
 
 
 def subject_of(run: RunRecord) -> str:
-    """Return vehicle and task of a run; the waypoint task is left out."""
+    """Return a run's subject: 'rexrov, task docking', but only 'rexrov' for the waypoint task."""
     return declared.subject(run.config.get("vehicle.name", "vehicle"), task_of(run))
 
 
@@ -369,7 +369,7 @@ def _other_scenarios(
     episodes = [len(members[0].evaluations[protocol].episodes) for members in (runs, home_runs)]
     message = (
         f"{counted(len(runs), 'run')} of vehicle {cell[0]} met other scenarios (fingerprint {cell[1]}, {episodes[0]} episodes) "
-        f"than {counted(len(home_runs), 'run')} (fingerprint {home[1]}, {episodes[1]} episodes): no table can hold both"
+        f"than {counted(len(home_runs), 'run')} (fingerprint {home[1]}, {episodes[1]} episodes): they cannot share a table"
     )
     config, home_config = runs[0].config, home_runs[0].config
     differing = sorted(
@@ -382,5 +382,5 @@ def _other_scenarios(
     if differing:
         message += f"; they differ in {', '.join(differing[:3])}"
     else:
-        message += f"; auvbench evaluate FOLDER protocol={protocol} tests what is stale again"
+        message += f"; auvbench evaluate FOLDER protocol={protocol} repeats each outdated test"
     return Problem(f"scenarios {cell[1][:8]}", "foreign", message)

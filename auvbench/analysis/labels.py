@@ -170,9 +170,9 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
 def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
     """Return what distinguishes one of several observations, as a short list of blocks.
 
-    Usually this is `unobserved`, and the blocks that the observation lacks and another observation has. It is
-    `observed`, and the blocks that the observation has and another one lacks, if every observation has such a
-    block and this gives lists that are not longer in total.
+    Usually the result is `unobserved` with the blocks that this observation lacks and another one has. The result
+    is `observed` with the blocks that this observation has and another one lacks, if every observation has such a
+    block and these lists are, in total, not longer.
 
     >>> observed("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
     ('unobserved', 'velocity, gravity')
@@ -211,7 +211,7 @@ def usual(keys: Sequence[Key], learners: Sequence[bool]) -> dict[str, Any]:
 
 
 def usual_sentence(keys: Sequence[Key], learners: Sequence[bool]) -> list[str]:
-    """Return a sentence with the usual values, which labels leave out, as a list; empty without usual values."""
+    """Return a list with one sentence on the usual values, which labels leave out; an empty list without usual values."""
     shown = ", ".join(part(name, value) for name, value in usual(keys, learners).items())
     return [f"Learners whose names do not say otherwise: {shown}."] if shown else []
 

@@ -21,9 +21,9 @@ from auvbench.analysis.sources import PublishedRun, RunFolder, RunSource
 from auvbench.config.folders import options
 from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.registry import TASKS
-from auvbench.runs import integrity
+from auvbench.runs import integrity, status
 from auvbench.runs import run_filter as filters
-from auvbench.runs.directory import as_words, folders_of_runs
+from auvbench.runs.directory import RunDirectory, as_words, folders_of_runs
 from auvbench.runs.identity import LATER
 from auvbench.untrusted import reading
 from auvbench.untrusted.columns import LARGEST
@@ -57,8 +57,8 @@ def load(
 
     Args:
         paths: run directories, or folders that contain them.
-        protocol: names of the protocols whose evaluations are read. A complete run without the first protocol
-            is a problem; the others may be absent.
+        protocol: names of the protocols whose evaluations are read. A complete run that was not tested by the
+            first protocol is a problem; tests by the other protocols may be missing.
         where: terms that a run must match, as in `auvbench.runs.run_filter`: ["vehicle=rexrov",
             "reward.k=1,40"].
 
@@ -178,7 +178,9 @@ def _directories(paths: Iterable[str | Path], problems: list[Problem]) -> Iterat
                 resolved.add(real)
                 yield folder
         if not folders:
-            problems.append(Problem(str(path), "missing", "no run here (no folder with a manifest.json)"))
+            problems.append(
+                Problem(str(path), "missing", "the folder contains no run (no folder with a manifest.json)")
+            )
 
 
 def _read_run(directory: Path) -> _Read:
@@ -187,7 +189,10 @@ def _read_run(directory: Path) -> _Read:
             manifest = integrity.read(directory / "manifest.json", integrity.Manifest)
         with named("config.yaml"):
             config = reading.yaml_value(reading.content(directory / "config.yaml"))
-        return _record(RunFolder(directory), manifest, config), []
+        run = _record(RunFolder(directory), manifest, config)
+        if run.state == "running":
+            run = replace(run, state=str(status.of(RunDirectory(directory), manifest).state))
+        return run, []
     except Damage as damage:
         return None, [Problem(str(directory), damage.kind, str(damage))]
 
@@ -214,9 +219,9 @@ def _read_study(folder: Path) -> list[_Read]:
 
 def _record(source: RunSource, manifest: dict[str, Any], config: Any) -> RunRecord:
     if not is_name(manifest["id"]) or not is_plain(manifest["id"]):
-        raise Damage(f"manifest.json has the id {_brief(manifest['id'])}, which is not a valid name")
+        raise Damage(f"manifest.json: id must be a valid file name, got {_brief(manifest['id'])}")
     if source.published and manifest["id"] != source.directory.name:
-        raise Damage(f"manifest.json is of the run {_brief(manifest['id'])}", "foreign")
+        raise Damage(f"manifest.json belongs to the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
     if release := flat.get("task.package"):
         try:  # the installed release of the package describes the metrics, even if the run used another one
@@ -249,19 +254,21 @@ def _flattened(config: Any) -> dict[str, Any]:
     with named("config.yaml"):  # flattening fails for a YAML anchor that contains itself
         flat = filters.flat(config)
     if not is_name(algo := flat.get("algo.name")):
-        raise Damage(f"config.yaml is not a run's configuration (algo.name is {_brief(algo)}, not a name)")
+        raise Damage(
+            f"config.yaml is not a run's configuration (algo.name must be a name; it is {_brief(algo)})"
+        )
     for key, value in flat.items():
         if _is_name_of_a_choice(key) and value is not None and not isinstance(value, str):
-            raise Damage(f"config.yaml has the {short(key, 60)} {_brief(value)}, which is not a name")
+            raise Damage(f"config.yaml: {short(key, 60)} must be a name, got {_brief(value)}")
         if isinstance(value, str) and value and _is_shown(key) and not is_name(value):
             raise Damage(
-                f"config.yaml has the {short(key, 60)} {_brief(value)} ({len(value):,} characters), which "
-                "is not a valid name"
+                f"config.yaml: {short(key, 60)} must be one short line of visible characters, got {_brief(value)} "
+                f"({len(value):,} characters)"
             )
     for key in NUMBERS:
         value = flat.get(key)
         if value is not None and (type(value) not in (int, float) or not abs(value) <= LARGEST):
-            raise Damage(f"config.yaml has the {key} {_brief(value)}, which is not a number")
+            raise Damage(f"config.yaml: {key} must be a number of plausible size, got {_brief(value)}")
     return flat
 
 
@@ -307,7 +314,9 @@ def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
         )
         *duplicates, (counts, problems) = copies
         for copy, _ in duplicates:
-            message = f"the same configuration twice: {counts.directory} is reported, {copy.directory} is not"
+            message = (
+                f"two copies of one run: the report uses {counts.directory} and ignores {copy.directory}"
+            )
             problems = [*problems, Problem(copy.id, "duplicate", message)]
         yield counts, problems
 
@@ -341,4 +350,9 @@ def _why_not(run: RunRecord) -> Problem:
         return Problem(run.id, "failed", f"failed{at}: {error.get('message', 'no message')}")
     steps, total = manifest["steps"], manifest["total_steps"]
     share = f" at {steps:,} of {total:,} steps" if total else ""
-    return Problem(run.id, "unfinished", f"{run.state}{share}: type its command again to finish it")
+    hint = (
+        "report again when it is complete"
+        if run.state == "running"
+        else "repeat its `auvbench train` command to finish it"
+    )
+    return Problem(run.id, "unfinished", f"{run.state}{share}: {hint}")

@@ -21,7 +21,7 @@ UNKNOWN = Metric("unknown", "", "", "", better="higher", low=-math.inf)
 """metric of an unregistered column"""
 
 LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
-"""columns that the task's step limit limits: steps, and times (step limit / frequency)"""
+"""Columns whose values the task's step limit bounds: steps, and times (step limit / frequency)"""
 
 SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
@@ -41,7 +41,7 @@ class Measure:
     """A number per agent: the mean of a value per episode."""
 
     name: str
-    """name: success_rate, collision_rate, timeout_rate, mean_<column>, par1_steps, par2_time_s, ..."""
+    """Name: success_rate, collision_rate, timeout_rate, mean_<column>, par1_steps, par2_time_s, ..."""
     column: str
     """column of episodes.csv, `outcome` for a rate"""
     higher_is_better: bool
@@ -123,7 +123,7 @@ RANKED_AS = {
     "mean_duration_s": "par1_time_s",
     "mean_time_to_goal_s": "par1_time_s",
 }
-"""ranking measures that replace means; quick failures would improve these means, or failures do not count in them"""
+"""Measures that replace a mean in a ranking, by the mean: quick failures would improve the mean, or would not count in it"""
 
 
 def measures() -> dict[str, Measure]:

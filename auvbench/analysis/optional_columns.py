@@ -100,7 +100,7 @@ def add_optimality(ranking: Ranking, agents: Sequence[Agent]) -> Ranking:
     vehicles = {str(run.config.get("vehicle.name") or "") for agent in agents for run in agent.runs}
     name = vehicles.pop()
     if vehicles or not files.is_name(name) or not files.is_name(ranking.protocol):
-        return replace(ranking, no_limit="No limit: the runs do not name one vehicle.")
+        return replace(ranking, no_limit="No limit: all runs must have the same vehicle.")
     # The folder `bounds` next to the runs' experiments, where `auvbench bound` writes.
     parents = {run.directory.absolute().parent.parent for agent in agents for run in agent.runs}
     roots = [parent / files.FOLDER for parent in sorted(parents)[:4]]
@@ -164,7 +164,7 @@ def _none(ranking: Ranking, vehicle: str, limits: files.Limits | None, unusable:
     if limits is not None:
         why = next((line for line in limits.about.left_out if line.startswith(f"{ranking.condition}:")), "")
         return f"No limit under condition {why or ranking.condition}."
-    stale = f" What is there cannot be used: {unusable[0]}." if unusable else ""
+    stale = f" The existing bounds cannot be used: {unusable[0]}." if unusable else ""
     return (
         f"No limit for protocol {ranking.protocol} and {vehicle}: auvbench bound protocol={ranking.protocol} "
         f"vehicle={vehicle} computes it.{stale}"

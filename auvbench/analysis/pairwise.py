@@ -35,7 +35,7 @@ class Tests:
 
     @property
     def resolved(self) -> BoolArray:
-        """Return (n, n) whether two agents differ significantly after Holm's correction."""
+        """Return whether each pair of agents (n, n) differs significantly after Holm's correction."""
         return np.asarray(self.adjusted < 1 - self.confidence)
 
     def verdict(self, i: int, j: int) -> str:
@@ -90,7 +90,7 @@ def rank_intervals(value: FloatArray, resolved: BoolArray) -> list[tuple[int, in
 
     The interval is from 1 + (number of resolved better agents) to n - (number of resolved worse agents). The
     tests of all pairs hold simultaneously, so the intervals do as well (Mogstad, Romano, Shaikh & Wilhelm 2024,
-    Rev. Econ. Stud. 91:476); intervals of bootstrapped ranks do not near ties (Xie, Singh & Zhang 2009). An
+    Rev. Econ. Stud. 91:476); intervals of bootstrapped ranks are wrong near ties (Xie, Singh & Zhang 2009). An
     agent that is not compared may have any rank, which widens the interval of each other agent by one rank.
 
     Args:

@@ -46,14 +46,14 @@ def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
         resolve: difference to resolve in the measure's unit (a rate from 0 to 1).
 
     Raises:
-        ReportError: no agent has several seeds, or the difference of two rates is not between 0 and 0.99.
+        ReportError: no agent has several seeds and episodes, or the difference of two rates is not between 0 and 0.99.
     """
     several = [agent for agent in agents if learns(agent) and len(agent.outcome) > 1]
-    data = [x for x in (m.values(agent) for agent in several) if np.isfinite(x).all()]
+    data = [x for x in (m.values(agent) for agent in several) if x.shape[1] > 1 and np.isfinite(x).all()]
     if not data:
         raise ReportError(
-            "no agent has several training seeds with values of "
-            f"{m.name}, so the spread of trainings is unknown; give it with --sd"
+            f"no agent has several training seeds and several test episodes, all with a value of {m.name}, "
+            "so the spread of trainings is unknown; give it with --sd"
         )
     centre = float(np.median([np.median(x.mean(axis=1)) for x in data]))
     if m.rate:
@@ -72,7 +72,9 @@ def pair_of_rates(centre: float, resolve: float) -> tuple[float, float]:
         ReportError: the difference is not positive, or larger than this range.
     """
     if not 0 < resolve <= MOST - LEAST:
-        raise ReportError(f"a difference of {100 * resolve:g} points: must be more than 0 and at most 99")
+        raise ReportError(
+            f"the difference to resolve must be more than 0 and at most 99 points, got {100 * resolve:g}"
+        )
     low = min(max(centre, LEAST), MOST - resolve)
     return low, low + resolve
 
@@ -83,7 +85,7 @@ class Need:
 
     episodes: int
     alone: dict[float, int | None]
-    """number of seeds by power, for a table of only two agents"""
+    """Number of seeds by power, for a table of only two agents"""
     among: dict[float, int | None]
     """number of seeds by power, for a table in which several agents are compared with one baseline; empty for two agents"""
 

@@ -175,7 +175,7 @@ def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> 
 
 
 def _at_worst(tests: Tests) -> BoolArray:
-    """Return (n,) whether an agent's typical value is the worst possible value, as if every episode failed."""
+    """Return whether each agent's typical value (n,) is the worst possible value, as if every episode failed."""
     worst = tests.typical.worst
     return np.asarray(np.isfinite(worst) & np.isclose(tests.typical.value, worst, rtol=1e-9, atol=0.0))
 
@@ -209,7 +209,9 @@ def find_baseline(agents: Sequence[Agent], name: str, option: str = "") -> Agent
         return matches[0]
     if matches:
         labels = ", ".join(sorted(agent.label for agent in matches))
-        raise ReportError(f"{argument} is {len(matches)} agents; give one of their labels: {labels}")
+        raise ReportError(
+            f"{argument} matches {len(matches)} agents; give the label of one of them: {labels}"
+        )
     hint = closest(name, (agent.label for agent in agents))
     raise ReportError(f"{argument} is not one of the agents; {hint}")
 

@@ -134,12 +134,14 @@ def _check(agents: Sequence[Agent], confidence: float, margin: float | None) -> 
     if not agents:
         raise ReportError("there are no agents to rank")
     if margin is not None and not 0 < margin < np.inf:
-        raise ReportError(f"margin {margin:g} is not a positive number")
+        raise ReportError(f"margin must be a positive number, got {margin:g}")
     if not 0.5 <= confidence < 1:
-        raise ReportError(f"confidence {confidence} is not in [0.5, 1), for example 0.95")
+        raise ReportError(
+            f"confidence must be at least 0.5 and less than 1, for example 0.95, got {confidence}"
+        )
     labels = [agent.label for agent in agents]
     if twice := sorted({label for label in labels if labels.count(label) > 1}):
-        raise ReportError(f"two agents have the label {twice[0]!r}")
+        raise ReportError(f"two agents have the label {twice[0]!r}; each agent must have its own label")
     scenarios = {(agent.fingerprint, agent.outcome.shape[1]) for agent in agents}
     if len(scenarios) > 1:
         listing = ", ".join(f"{fingerprint} ({n} episodes)" for fingerprint, n in sorted(scenarios))
@@ -153,14 +155,14 @@ def _estimates(agents: Sequence[Agent], confidence: float) -> list[dict[str, Est
 
 
 def _oriented(typical: Typical) -> FloatArray:
-    """Return (n,) typical values, signed so that higher is better; an agent without a value is last."""
+    """Return typical values (n,), signed so that higher is better; an agent without a value is last."""
     # Rounded, so that two agents with the same successes are exactly equal in spite of rounding errors of sums.
     values = (typical.measure.sign * typical.value).round(12)
     return np.where(np.isnan(values), -np.inf, values)
 
 
 def _ranks(value: FloatArray, finer: FloatArray) -> NDArray[np.int64]:
-    """Return (n,) the ranks of sorted agents; exactly equal agents share the better rank."""
+    """Return the ranks (n,) of sorted agents; exactly equal agents share the better rank."""
     ranks = np.arange(1, len(value) + 1)
     for i in range(1, len(value)):
         if value[i] == value[i - 1] and finer[i] == finer[i - 1]:
@@ -186,7 +188,11 @@ def _listed(compared: BoolArray) -> list[tuple[int, int]]:
 
 def _without_values(agents: Sequence[Agent], measures: Sequence[Measure]) -> list[Problem]:
     return [
-        Problem(agent.label, "missing", f"has no values of {m.name}: it is last in the ranking, not zero")
+        Problem(
+            agent.label,
+            "missing",
+            f"has no values of {m.name}, so it is last in the ranking; a missing value does not count as 0",
+        )
         for agent in agents
         for m in measures
         if not np.isfinite(m.values(agent)).any()
@@ -214,8 +220,8 @@ def tuned_on_these(agents: Sequence[Agent], protocol: str) -> str:
     single = len(labels) == 1
     return (
         f"{listed(labels, 4)} {'was' if single else 'were'} tuned on the scenarios of this table (protocol {protocol}): "
-        f"{'its settings are' if single else 'their settings are each'} the best of many trials, and partly lucky, so this is no ranking; "
-        "protocol=test has scenarios that no tuning sees."
+        f"{'its settings are' if single else 'their settings are each'} the best of many trials, so the result is "
+        "optimistic (selection bias), and this is not a valid ranking. Use protocol=test, whose scenarios no tuning sees."
     )
 
 

@@ -42,5 +42,5 @@ def read_validation_curve(run: RunRecord) -> pd.DataFrame | None:
         frame = pd.DataFrame({n: [float(row[n]) for row in rows] for n in ("step", "success_rate")})
     rising, possible = frame["step"].is_monotonic_increasing, frame["success_rate"].between(0, 1).all()
     if not (rising and possible and finite(frame.to_numpy())):
-        raise Damage(f"{VALIDATION} has rows that do not belong together, or impossible numbers")
+        raise Damage(f"{VALIDATION} must have rising steps, and success rates from 0 to 1")
     return frame if len(frame) else None

@@ -36,7 +36,7 @@ class Evaluation:
 
     protocol: str
     fingerprint: str
-    """hash of the scenarios; a table never contains rows with different fingerprints"""
+    """Digest of the scenarios and their physics; a table never contains rows with different fingerprints"""
     summary: Mapping[str, Any]
     """content of summary.json"""
     episodes: pd.DataFrame
@@ -99,15 +99,15 @@ class Agent:
     """one run per training seed, in the order of the metrics' rows"""
     fingerprint: str
     outcome: NDArray[np.int8]
-    """(seeds, episodes) indices of `OUTCOMES`; `NO_POLICY` in all episodes of a seed whose training failed"""
+    """Indices (seeds, episodes) of `OUTCOMES`; `NO_POLICY` in all episodes of a seed whose training failed"""
     metrics: Mapping[str, NDArray[np.float64]]
-    """values (seeds, episodes) by column name; NaN in all episodes of a seed whose training failed, except columns of the scenario"""
+    """Values (seeds, episodes) by column name. Except in columns of the scenario, they are NaN for a seed whose training failed"""
     step_limit: float
-    """steps after which a test episode ends"""
+    """Number of steps after which a test episode ends"""
 
     @property
     def success(self) -> NDArray[np.float64]:
-        """Return (seeds, episodes) 1.0 for each successful episode, else 0.0."""
+        """Return the successes (seeds, episodes): 1.0 for a successful episode, else 0.0."""
         return np.asarray(self.outcome == 0, dtype=np.float64)
 
 
@@ -151,7 +151,7 @@ class Row:
     seeds: tuple[int, ...]
     run_ids: tuple[str, ...]
     episodes: int
-    """test episodes per seed"""
+    """Number of test episodes per seed"""
     rank: int
     rank_interval: tuple[int, int]
     """first and last rank that agree with the tests; 1 and the number of rows for an agent that is not compared"""
@@ -164,9 +164,9 @@ class Row:
     budget: tuple[int, ...] = ()
     """distinct budgets of the agent's trainings in environment steps; empty for a controller"""
     succeeded: int = 0
-    """number of the agent's trainings that succeed in at least half of their test episodes"""
+    """Number of the agent's trainings that succeed in at least half of their test episodes"""
     failed_seeds: tuple[int, ...] = ()
-    """members of `seeds` whose training failed; they count as success 0"""
+    """Seeds whose training failed; they count as success 0"""
     knows: tuple[str, ...] = ()
     """knowledge of the agent beyond noisy readings: sheet, model, preview, map, true velocities"""
     trials: int | None = None
@@ -291,7 +291,7 @@ class Condition:
     success_change: Mapping[str, Estimate] = field(default_factory=dict)
     """success under this condition less success under the undisturbed condition, paired by seed and scenario"""
     par1_change: Mapping[str, Estimate] = field(default_factory=dict)
-    """same difference in PAR-1 steps (a failure counts as the limit); absent if the frequency or limit of the two conditions differs"""
+    """Same difference in PAR-1 steps (a failure counts as the limit); absent if frequency or limit differ between the conditions"""
     measured: Mapping[str, Estimate] = field(default_factory=dict)
     """means of the primary measure by label; empty if the measure is a rate or a penalised time"""
 
@@ -301,12 +301,12 @@ class Limit:
     """Best known time to the goal and its proven lower bound: a reference for the agents, without a rank."""
 
     seconds: float
-    """mean over the scenarios of the best known time"""
+    """Mean of the best known time over the scenarios, s"""
     steps: float
     proven_seconds: float
-    """mean over the scenarios of the proven lower bound"""
+    """Mean of the proven lower bound over the scenarios, s"""
     gap: float
-    """median of the ratio of the best known time to the lower bound"""
+    """Median over the scenarios of the best known time divided by the lower bound"""
     episodes: int
 
 
@@ -336,11 +336,11 @@ class Ranking:
     sealed: str = ""
     """note on the files of a sealed protocol and the untested conditions; '' for other protocols"""
     notices: tuple[str, ...] = ()
-    """cautions to print before the table, e.g. unequal training budgets"""
+    """Cautions to print before the table: agents tuned on its scenarios, or agents at the limit of the measure"""
     limit: Limit | None = None
-    """best known times; None if not requested or not available"""
+    """Best known times; None if they are not available (see `no_limit`)"""
     no_limit: str = ""
-    """reason why there is no limit, with the command that computes it"""
+    """Reason why no best known times are available; '' otherwise"""
     task: str = DEFAULT_TASK
     """task of the scenarios"""
 

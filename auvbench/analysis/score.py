@@ -117,7 +117,7 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
 
 
 def _missing(task: OneTask) -> list[str]:
-    """Return a line for each of PID and random that a task lacks, or of which it has several agents."""
+    """Return a line for PID, and one for random, if the task has no agent or several agents of this algorithm."""
     agents = next(iter(task.conditions.values()))
     lines = []
     for name in (ONE, ZERO):

@@ -38,7 +38,7 @@ class Difference:
     trainings: int = 0
     """number of trainings of the learner with fewer trainings; 0 if no agent has several"""
     reliability: Reliability | None = None
-    """reliability of the second agent against the first; if only the first agent has several trainings, of the first"""
+    """Reliability of the second agent against the first; if only the first agent has several trainings, of the first against the second"""
 
     @property
     def better(self) -> int:

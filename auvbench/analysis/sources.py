@@ -262,7 +262,7 @@ def _check_episodes(frame: pd.DataFrame, summary: Mapping[str, Any]) -> None:
     """Check the rows of a test against its summary.
 
     Raises:
-        Damage: an episode that the summary counts is missing or there twice, or a conditional column is
+        Damage: the summary has no conditions, an episode is missing or present twice, or a conditional column is
             missing in only some rows of a condition.
     """
     expected = {c["name"]: c["episodes"] for c in summary["conditions"]}
@@ -317,7 +317,7 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
     path = {name: array.astype(np.float64) for name, array in raw.items()}
     position = path["position"]
     if position.ndim != 2 or position.shape[1] != 3 or len(position) == 0:
-        raise ValueError(f"position_{suffix} has shape {position.shape}, expected (steps + 1, 3)")
+        raise ValueError(f"position_{suffix} must have the shape (steps + 1, 3), got {position.shape}")
     shapes: dict[str, tuple[int, ...]] = {
         "time": (len(position),),
         "waypoint": (3,),
@@ -333,7 +333,7 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
         shapes["others"] = (len(position), *(min(n, MOST_VEHICLES - 1) for n in path["others"].shape[1:2]), 3)
     for name, array in path.items():
         if array.shape != shapes.get(name, array.shape):
-            raise ValueError(f"{name}_{suffix} has shape {array.shape}, expected {shapes[name]}")
+            raise ValueError(f"{name}_{suffix} must have the shape {shapes[name]}, got {array.shape}")
     if not all(finite(values) for values in path.values()):
         raise ValueError(f"episode {episode} has numbers that are not finite")
     x, y, z = path["waypoint"].tolist()

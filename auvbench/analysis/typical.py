@@ -31,11 +31,11 @@ class Typical:
         ends = (np.zeros(len(agents)), np.ones(len(agents))) if m.rate else m.bounds(agents)
         self._least, self._most = ends
         self.worst = self._least if m.higher_is_better else self._most
-        """(n,) worst possible values, as if every episode failed; infinite without a limit"""
+        """Worst possible values (n,), as if every episode failed; infinite without a limit"""
         self.trainings = np.array([sample.n for sample in self._samples])
-        """(n,) number of trainings with a value; 1 for a controller"""
+        """Numbers (n,) of trainings with a value; 1 for a controller"""
         self.value = np.array([float(sample.typical) for sample in self._samples])
-        """(n,) median over trainings; NaN without a value"""
+        """Medians (n,) over trainings; NaN without a value"""
         self._controllers = cache(self._of_controllers)
 
     def gains(self, i: int, baseline: float) -> FloatArray:

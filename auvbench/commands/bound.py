@@ -74,7 +74,7 @@ def _sorted(words: Sequence[str]) -> tuple[Path, list[str], list[str]]:
         group = key.partition(".")[0]
         if group == "task":
             raise UserError(
-                f"{word}: bounds exist only for the waypoint task with the values of its file; leave it out "
+                f"{word}: bounds exist only for the waypoint task with the values of its file; leave this key out "
                 "(docs/bound.md)"
             )
         if group not in KEYS:
@@ -141,8 +141,8 @@ def _summary(limits: Limits) -> str:
         steps, least = np.array([(b.steps, b.least_steps) for b in bounds]).T
         frequency = bounds[0].frequency_hz
         lines.append(
-            f"protocol {limits.about.protocol}, {name}, {limits.about.vehicle}: {len(bounds)} scenarios, best known "
-            f"{steps.mean() / frequency:.2f} s on average ({steps.mean():.1f} steps at {frequency:g} Hz), proven to be at least "
-            f"{least.mean() / frequency:.2f} s; median of best known over proven {np.median(steps / least):.2f}"
+            f"protocol {limits.about.protocol}, {name}, {limits.about.vehicle}: {len(bounds)} scenarios, mean best known time "
+            f"{steps.mean() / frequency:.2f} s ({steps.mean():.1f} steps at {frequency:g} Hz), mean proven lower bound "
+            f"{least.mean() / frequency:.2f} s; median ratio of best known time to lower bound {np.median(steps / least):.2f}"
         )
     return "\n".join(lines)

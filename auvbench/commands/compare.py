@@ -21,7 +21,7 @@ def parser() -> Parser:
         where=True,
         description="Compares two agents side by side: their differences with intervals, paired by test "
         "scenario (for learners, between "
-        "typical trainings); the configuration keys in which they differ; the success rate in training.",
+        "typical trainings); the configuration keys in which they differ; their success rates during training.",
         epilog="examples:\n"
         "  auvbench compare pid mpc --in outputs/quickstart\n"
         "  auvbench compare outputs/default/ppo-bluerov2_2026-k1-f10-s0-f3f211ab outputs/default/ppo-bluerov2_2026-k1-f10-s1-d8c3846d\n"
@@ -39,7 +39,7 @@ def parser() -> Parser:
         dest="folder",
         type=Path,
         default=Path("outputs"),
-        help="folder to look labels up in (default: outputs)",
+        help="folder in which labels are looked up (default: outputs)",
     )
     add("--protocol", default="test", metavar="NAME", help="protocol whose rows are compared (default: test)")
     add("--condition", metavar="NAME", help="test condition within the protocol, e.g. nominal, current=0.5")
@@ -94,19 +94,21 @@ def _notes(differences: Sequence[Difference], confidence: float) -> list[str]:
 
     covers = differences[0].difference.covers if differences else ""
     lines = [
-        f"Each interval holds by itself with {100 * confidence:g} % and covers {covers}; auvbench report compares with one error "
-        "rate for all."
+        f"Each single interval has {100 * confidence:g} % confidence and covers {covers}; auvbench report controls one error rate "
+        "for all its comparisons."
     ]
     trainings = max((difference.trainings for difference in differences), default=0)
     if trainings:
         lines.append(
             "The difference compares typical trainings (half of all trainings are better, half worse); the other columns are means. "
-            "Not behind: trainings that are no worse than the other agent's typical one, on these scenarios."
+            "Not behind: share of trainings that are at least as good as the other agent's typical training, on these scenarios."
         )
     if 1 < trainings < FEWEST:
         lines.append(f"Fewer than {FEWEST} trainings allow no verdict.")
     elif 0 < trainings < (needed := trainings_needed(1, 1 - confidence)):
-        lines.append(f"* fewer than {needed} trainings: holds if trainings cluster around the typical one.")
+        lines.append(
+            f"* fewer than {needed} trainings: valid only if trainings cluster around the typical training."
+        )
     return lines
 
 
@@ -147,7 +149,7 @@ def _settings(pair: Sequence[Agent], changed: Sequence[tuple[str, str, str]]) ->
 
 
 def _curves(pair: Sequence[Agent], out: Path) -> list[Path]:
-    """Plot the success rate in training over steps; return the pictures, or nothing if neither agent learns."""
+    """Plot the success rate in training over steps; return the PNG files, none if neither agent learns."""
     from auvbench.analysis.ranking import rank
     from auvbench.reporting.figures import draw
 

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 EPILOG = """\
 protocols:
   test (default)    500 episodes, seed 123, 10 Hz
-  thesis            the first 200 of them
-  native            each agent at its own frequency
+  thesis            the first 200 episodes of test
+  native            each agent at its training frequency
   frequency_sweep   10, 25, 55 Hz
   robustness        currents, faults, delays, noise, other masses
   transfer          the same policy on other vehicles with the same actuators
@@ -102,7 +102,7 @@ def _sealed(overrides: Sequence[str]) -> Path | None:
 
 
 def _refuse_mixed(overrides: Sequence[str], terms: Sequence[str]) -> None:
-    """Reject keys of runs among the keys of the test, and keys of the test among the terms of `--where`."""
+    """Reject keys of a run's configuration among the overrides of the test, and keys of the test among the terms of `--where`."""
     from auvbench.config.schema import TrainConfig
 
     for word in overrides:
@@ -175,7 +175,7 @@ def _evaluate_all(runs: list[RunDirectory], protocol: Protocol, workers: int, fo
 
 
 def _ready(runs: Sequence[RunDirectory]) -> tuple[list[RunDirectory], list[RunStatus]]:
-    """Return the runs to test (damaged ones too: their test names the damage) and the incomplete runs."""
+    """Return the runs to test and the incomplete runs. A damaged run is tested, since its test reports the damage."""
     from auvbench.runs import status
 
     ready, unfinished = [], []

@@ -99,7 +99,10 @@ def _as_trained(run: RunDirectory) -> str:
 
 
 def _task(task: Mapping[str, Any]) -> list[str]:
-    """Return the overrides that select the policy's task: `task=NAME`, and the keys of the observation that differ from that file."""
+    """Return the overrides that select the task and observation of a policy.
+
+    One override `task=FILE` if a file of the task has the policy's observation, else `task=NAME` and each key that differs.
+    """
     from omegaconf import OmegaConf
 
     from auvbench.config import folders

@@ -38,8 +38,9 @@ def parser() -> Parser:
         metavar="LOG|KEY=VALUE",
         help=f"logs ({READABLE}, or auvbench's own records); vehicle=NAME: sheet of the prior; parameters=A,B: numbers to fit"
         " (default: added mass, damping, net buoyancy, centre of buoyancy, lag, delay); name=NAME of the new sheet;"
-        f" frame=ned for tables with z down; motors=A,-B,...: thrusters in the order of the autopilot's motors, if no frame of it fits; window=SECONDS; replicates=N of the bootstrap; gate=off: also fit axes that"
-        f" look closed loop; output=DIR (default: {OUTPUT}/NAME)",
+        f" frame=ned for tables with z down; motors=A,-B,...: thrusters in the order of the autopilot's motors, if none of its frames fits;"
+        f" window=SECONDS; replicates=N of the bootstrap; gate=off: also fit axes that seem to be controlled in closed loop;"
+        f" output=DIR (default: {OUTPUT}/NAME)",
     )
     return parser
 
@@ -141,8 +142,8 @@ def logs_and_keys(
         parser: parser of the command.
         arguments: words after the command.
         valid: keys that the command accepts.
-        vehicle: how the user types the sheets, for example `vehicle=NAME`, for messages.
-        meaning: end of the message about a missing vehicle, which says what the sheets are for.
+        vehicle: form of the `vehicle` key in messages, for example `vehicle=NAME`.
+        meaning: use of the sheets, with which the message about a missing `vehicle` ends.
 
     Raises:
         UserError: no log, no vehicle, or a wrong word.

@@ -38,7 +38,7 @@ def main(arguments: Sequence[str]) -> int:
     name = target.name
     if not re.fullmatch(r"[a-z][a-z0-9]*([-_][a-z0-9]+)*", name) or name == "auvbench":
         raise UserError(
-            f"init {name}: must be a name of small letters, digits and single hyphens, for example my-study"
+            f"init {name}: must be words of lower-case letters and digits, joined by single hyphens, for example my-study"
         )
     module = name.replace("-", "_")
     if keyword.iskeyword(module) or module in sys.stdlib_module_names or util.find_spec(module) is not None:

@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 
 EPILOG = """\
 examples:
-  auvbench plan --resolve 5 --metric success_rate outputs/thesis   5 points of success, as those trainings differ
-  auvbench plan --sd 0.5 --rates 90,95 --agents 12     without any run: 90 against 95 %, seeds differ by 0.5 logits
+  auvbench plan --resolve 5 --metric success_rate outputs/thesis   resolve 5 percentage points, with the spread of these runs
+  auvbench plan --sd 0.5 --rates 90,95 --agents 12     without runs: 90 % against 95 %, spread of 0.5 logits between seeds
 """
 TARGETS = (0.8, 0.95)
-"""planned powers: probabilities of resolving the difference"""
+"""Statistical powers that the plan shows: probabilities of resolving the difference"""
 REPLICATIONS = 200
 """simulated experiments for each number of seeds"""
 FAILURES = (0.1, 0.05)
 """failure rates of trainings for which the plan gives the number of seeds"""
 
 _Needs = Sequence[tuple[str, "Need"]]
-"""needed seeds, each with the spread between trainings that was assumed: "" for the measured spread, "cautious" for the
-largest spread that the data allow
+"""Needed seeds, each with the assumed spread between trainings: "" for the measured spread, "cautious" for its upper 90 % confidence
+limit
 """
 
 
@@ -84,7 +84,7 @@ def parser() -> Parser:
         "--rates",
         type=_several(number(0.5, 99.5)),
         metavar="A,B",
-        help="the two rates in percent, instead of --resolve around the median rate",
+        help="the two rates to compare, in percent, instead of a difference (--resolve) around the median rate",
     )
     add(
         "--against",
@@ -176,7 +176,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
 
 
 def _controller(agents: Sequence[Agent], against: str | None) -> bool:
-    """Return whether the baseline is a controller: as typed, else as a report of these agents would choose."""
+    """Return whether the baseline is a controller: the typed choice, else the choice of a report of these agents."""
     import numpy as np
 
     from auvbench.analysis.primary import default_baseline
@@ -253,7 +253,7 @@ def _text(needs: _Needs, basis: Basis, agents: int, m: Measure, options: argpars
             f"Trainings of one configuration differ by {basis.spread.sd:.3g}{of} (standard deviation; {trainings} of "
             f"{counted(basis.agents, 'agent')}; with 90 % confidence not more than {most:.3g})."
         )
-        table.append(f"* if trainings differ by {most:.3g}, the most that the data allow (90 %)")
+        table.append(f"* if trainings differ by {most:.3g}, the upper 90 % confidence limit")
     else:
         differ = f"Trainings differ by {basis.spread.sd:.3g}{of} (standard deviation; as typed)."
     percent = 100 * options.confidence
@@ -268,11 +268,11 @@ def _text(needs: _Needs, basis: Basis, agents: int, m: Measure, options: argpars
     )
     notes = [
         f"Simulated with the report's interval of the typical training at {percent:g} % confidence, {REPLICATIONS} experiments for "
-        f"each number of seeds (± 1 seed or a tenth).{corrected}",
-        "Fix the number before you look: a look after each of 5 to 20 seeds, up to the first resolved difference, finds more "
-        "than 5 % false ones (docs/planning.md).",
-        f"This model has no trainings that fail now and then. Seeds without a failure that bound the failure rate with "
-        f"{percent:g} % confidence, {bounds}.",
+        f"each number of seeds (accuracy: ± 1 seed or ± 10 %).{corrected}",
+        "Fix the number of seeds in advance: testing after each of 5 to 20 seeds, until a difference is resolved, finds false "
+        "differences in more than 5 % of cases (docs/planning.md).",
+        f"The simulation has no occasional failures of trainings. Number of seeds, all without failure, that shows with {percent:g} % "
+        f"confidence a failure rate {bounds}.",
     ]
     return "\n".join(
         [f"Training seeds that resolve {name(m)} of {against}: {values}.", differ, "", *table, "", *notes]

@@ -43,7 +43,7 @@ class Bar:
             self._bars.stop()
 
     def move(self, done: int, now: str, line: str = "") -> None:
-        """Show how much is done and the present step; without a bar, print `line`."""
+        """Show the number of finished steps and the present step; without a bar, print `line` about every ten seconds."""
         if self._bars is not None:
             self._bars.update(self._task, completed=done, now=now)
         elif line and time.monotonic() - self._last >= _PLAIN_INTERVAL:
@@ -55,7 +55,7 @@ class Bar:
         self.move(at.steps, str(at), f"{at.steps:,} of {at.total_steps:,} steps, {at}")
 
     def note(self, text: str, *, error: bool = True) -> None:
-        """Print a line above the bar."""
+        """Print a line above the bar; without a bar, print it to stderr, or to stdout if it is not an error."""
         if self._bars is None:
             print(text, file=sys.stderr if error else sys.stdout, flush=True)
         else:

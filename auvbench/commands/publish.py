@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from auvbench.grammar import Parser
 
 PICTURES = "success_over_grid,success_over_conditions,training_success"
-"""figures in addition to the main figure, which every README has"""
+"""default figures in addition to the main figure, which every README has"""
 
 
 def parser() -> Parser:
@@ -39,7 +39,7 @@ def parser() -> Parser:
         "--pictures",
         metavar="NAME,...",
         default=PICTURES,
-        help=f"figures besides the differences from the baseline; '' for no figures; default {PICTURES}",
+        help=f"figures in addition to the differences from the baseline; '' for none; default {PICTURES}",
     )
     add(
         "--paths",
@@ -59,7 +59,7 @@ def parser() -> Parser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Publish the study; return 1 if anything had to be left out. A line names each item that was left out."""
+    """Publish the study, and print a line for each item that had to be left out; return 1 if there is one, else 0."""
     from auvbench.reporting.study import Study, publish
     from auvbench.runs.atomic_io import storage
 
@@ -111,7 +111,7 @@ def _pictures(text: str) -> tuple[str, ...]:
 
 
 def _placeless(word: str) -> str:
-    """Return a word of the command without paths of this machine."""
+    """Return a word of the command. If it is an absolute path, make it relative to the working directory, or keep only its last part."""
     flag, equals, value = word.partition("=")
     if flag.startswith("--") and equals:
         return f"{flag}={_placeless(value)}"

@@ -111,7 +111,7 @@ def parser() -> Parser:
     add(
         "--also",
         metavar="NAME,...",
-        help="further protocols: who is furthest ahead under each condition of all of them; robustness",
+        help="more protocols, for a table of the leading agent under each condition of all protocols, e.g. robustness",
     )
     add("--format", metavar="NAME,...", help=",".join(FORMATS))
     add(
@@ -137,6 +137,6 @@ def parser() -> Parser:
         "--margin",
         type=number(analyses.SMALLEST, 1e12),
         metavar="M",
-        help="smallest difference of interest, in the measure's unit: 2 is 2 points",
+        help="smallest difference of interest, in the measure's unit; for a rate in percentage points",
     )
     return parser

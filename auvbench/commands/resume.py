@@ -19,7 +19,7 @@ _EPILOG = """examples:
   auvbench resume outputs --where algo=ppo                 finish the runs of PPO
   auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6  finish this one
   auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6 train.total_steps=2000000
-                                                           go on to a larger budget, in a run of its own
+                                                           extend it to a larger budget, as a new run
 
 A resumed run ends with the same bits as one that was never interrupted (docs/resume.md).
 """
@@ -87,7 +87,9 @@ def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[Ru
         except AuvbenchError as error:
             problems.append(error)
     if problems and len(runs) > 1:
-        raise RunError(f"{problems[0]} ({len(problems)} of {len(runs)} runs cannot be extended, so none was)")
+        raise RunError(
+            f"{problems[0]} ({len(problems)} of {len(runs)} runs cannot be extended; no run was changed)"
+        )
     if problems:
         raise problems[0]
     targets = []

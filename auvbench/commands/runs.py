@@ -63,7 +63,7 @@ def parser() -> Parser:
         prog="auvbench runs",
         where=True,
         description="Lists runs: state, progress, success over the last 100 training episodes (from 30 episodes on), "
-        "wall time, and the configuration values in which they differ, besides those in their ids.",
+        "wall time, and the configuration values in which they differ, except the values in their ids.",
         epilog="States: pending, running, interrupted (also: killed while running), failed, complete; "
         "--where state=failed,pending selects some. --where also accepts id and experiment.",
     )
@@ -122,7 +122,7 @@ def _tell_deleted(paths: Sequence[str], ids: Sequence[str]) -> None:
 
 
 def _experiments(path: Path) -> list[Path]:
-    """Return the folders that have a history: the path itself, the folder of a run, or subfolders."""
+    """Return those folders with a history, of these: the path, its subfolders and, if the path is a run, the folder above it."""
     candidates = [path, *([path.parent] if (path / "manifest.json").is_file() else [])]
     if path.is_dir():
         candidates += sorted(child for child in path.iterdir() if child.is_dir())
@@ -149,8 +149,7 @@ def _row(run: RunDirectory) -> Row:
     steps, episodes, success = manifest["steps"], manifest.get("episodes", 0), manifest.get("success_rate")
     wall = float(manifest["wall_time_s"])
     if at.state in (State.RUNNING, State.INTERRUPTED):
-        # The manifest is written at the start and at the end; between the two, and after a kill, the progress file is
-        # newer.
+        # The manifest is written at the start and at the end; during the run, and after a kill, the progress file is newer.
         last = progress.read(run.path)
         if last is not None and last.steps >= steps:
             steps, episodes, success = last.steps, last.episodes, last.success_rate

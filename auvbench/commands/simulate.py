@@ -49,7 +49,7 @@ def simulate(config: DictConfig) -> None:
     if settings.thrusters == "off":
         if inputs.command is not None and np.any(command):
             raise ConfigError(
-                "input.command: thrusters=off leaves no thruster to command; give one of the two"
+                "input.command: thrusters=off leaves no thruster to command; leave one of these two keys out"
             )
         vehicle, command = openloop.without_actuators(vehicle), np.zeros(0)
     trajectory = openloop.integrate(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NOTHING = "none"
 WORDS = {"true velocities": "velocities"}
-"""Words of `--knows`, by the name that a report uses"""
+"""Words of `--knows` for what a report names otherwise, by the report's name"""
 
 
 def parser() -> Parser:

@@ -68,7 +68,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
 
     Args:
         run: run directory with a frozen configuration.
-        shown: whether to show a live bar; None: as its configuration says.
+        shown: whether to show a live bar; None: as the configuration says (`train.progress`).
     """
     from auvbench.runs import status
 
@@ -92,7 +92,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
         shown = config.train.progress
     trained = learns(run.config()["algo"])
     steps, total = run_status.manifest["steps"], run_status.manifest["total_steps"]
-    lost = f"{run_status.lost}: its training goes on from its last checkpoint, " if run_status.lost else ""
+    lost = f"{run_status.lost}: training continues from the last checkpoint; " if run_status.lost else ""
     budget = f", {steps:,} of {total:,} steps" if trained else ""
     print(f"{run.path}: {lost}{run_status.state}{budget}", flush=True)
     bar = Bar(total, now="compiling, first episodes") if shown else None

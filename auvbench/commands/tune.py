@@ -46,7 +46,7 @@ def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> No
 
 
 def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str, str]]:
-    """Return the command line for Hydra, the typed ranges by key, and the typed values by key.
+    """Return the command line for Hydra, and the ranges and the values that were typed, by key.
 
     A range of a key such as algo.tau is a dimension of the study. A list of options such as algo=ppo,sac makes several
     studies; it stays in Hydra's command line and needs -m.
@@ -168,7 +168,7 @@ def plan_of(
 
 
 def _refuse_ignored(plan: Plan, arguments: Sequence[str]) -> None:
-    """Raise ConfigError for a typed value without effect: the protocol replaces it, and the agent has no training."""
+    """Raise ConfigError if a typed value has no effect, since the agent is not trained and the protocol sets its own value."""
     from omegaconf import OmegaConf
 
     from auvbench.config.compose import typed

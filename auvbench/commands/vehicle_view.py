@@ -1,4 +1,4 @@
-"""Print the numbers of a vehicle's sheet, and all that follows from them, on the terminal."""
+"""Print the numbers of a vehicle's sheet, and the quantities that follow from them, on the terminal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ YAW = 5
 
 
 def open_console() -> Console:
-    """Return a console for the terminal, or a wide one for a file or a pipe."""
+    """Return a console for the terminal; for a file or a pipe, a console of 140 columns."""
     console = Console(highlight=False)
     if not console.is_terminal:
         console.width = 140  # A file or a pipe has no width: tables must not be folded at 80 characters.
@@ -39,7 +39,7 @@ def new_table(*columns: str, title: str = "") -> Table:
 
 
 def show(vehicle: VehicleModel, quantities: Sequence[Quantity] = ()) -> None:
-    """Print everything about `vehicle` as tables, with the numbers of its sheet."""
+    """Print the quantities that follow from a vehicle's sheet as tables, then the numbers of the sheet and their sources."""
     console = open_console()
     console.print(f"\n[bold]{_text(vehicle.title)}[/bold]  ({_text(vehicle.name)})")
     console.print("Body axes: x forward, y port, z up, from the body origin. SI units.\n")
@@ -91,7 +91,7 @@ def _text(text: str) -> str:
 
 
 _COMPONENTS = {(3,): ("x", "y", "z"), (6,): inspect.AXES}
-"""Names of a list's components, for lists with a range, by the shape of the list."""
+"""Names of a list's components by the list's shape, for lists with a range for each component"""
 
 
 def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
@@ -144,7 +144,9 @@ def _shortened(value: object) -> str:
 def _hull(vehicle: VehicleModel) -> str:
     """Return the description of the spheres that represent the vehicle's shape in collisions with solids."""
     radius, length = vehicle.hull
-    whence = "" if vehicle.own_hull else ", of its inertia and actuators: the sheet has no hull"
+    whence = (
+        "" if vehicle.own_hull else ", estimated from its inertia and actuators, since the sheet has no hull"
+    )
     shape = (
         f"spheres of {radius:.3g} m radius over {length:.3g} m along x"
         if length
@@ -176,7 +178,10 @@ def _hydrostatics(console: Console, vehicle: VehicleModel) -> None:
         ("centre of buoyancy", f"{_vector(vehicle.center_of_buoyancy)} m"),
         ("hull in worlds", _hull(vehicle)),
         ("static trim", attitude),
-        ("shortest time constant", f"{fastest:.3g} s, of damping at full thrust: the longest physics step"),
+        (
+            "shortest time constant",
+            f"{fastest:.3g} s, of damping at full thrust; physics steps are at most this long",
+        ),
     ]
     width = max(len(name) for name, _ in rows)
     for name, text in rows:
@@ -244,8 +249,8 @@ def _directions(rows: list[inspect.Reach], axis: int) -> list[inspect.Reach]:
 def _notes(vehicle: VehicleModel, rows: list[inspect.Reach]) -> list[str]:
     """Return notes on what the table of terminal speeds does not show."""
     notes = [
-        f"{inspect.AXES[row.axis]}: {row.bollard_force:.4g} N and {row.bollard_speed:.3f} m/s {row.direction} where the"
-        " moments are left unbalanced"
+        f"{inspect.AXES[row.axis]}: {row.bollard_force:.4g} N and {row.bollard_speed:.3f} m/s {row.direction} if the thrusters"
+        " need not balance the moments"
         for axis in range(3)
         for row in _directions(rows, axis)
         if row.bollard_force > row.force * 1.001

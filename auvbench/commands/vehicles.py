@@ -15,7 +15,7 @@ def parser() -> Parser:
     parser = Parser(
         prog="auvbench vehicles",
         description="Lists vehicle sheets, or shows what one vehicle's numbers imply: mass matrix, allocation,"
-        " trim, terminal speeds, stability, and what looks odd.",
+        " trim, terminal speeds, stability, and warnings about implausible numbers.",
         epilog="examples: auvbench vehicles | auvbench vehicles bluerov2 | auvbench vehicles my/sheet.yaml"
         " | auvbench vehicles bluerov2 --sheet > conf/vehicle/mine.yaml",
     )

@@ -1,9 +1,9 @@
 """Complete a composed configuration: add types to the values of installed packages, and keys that name the packages.
 
 The YAML files of auvbench start from a schema. A package's `algo/NAME.yaml` has only values and comments; its
-values are typed here, by the schema of its spec. Each group of a package gets the key `package` (name and version of
-the installed package). An agent also gets the key `learns`, and a task with blocks of packages gets the key
-`block_packages`. The keys are part of a run's identity: a run with another version of a package is another run.
+values are typed here, by the schema of its spec. Each group that a package provides gets the key `package` (name and
+version of the installed package). An agent also gets the key `learns`, and a task that observes blocks of packages gets
+the key `block_packages`. These keys are part of a run's identity: a run with another version of a package is another run.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
 
 
 def _complete_blocks(config: DictConfig, frozen: bool) -> None:
-    """Enter the blocks of packages that `task.observation` names, and write their releases to `task.block_packages`.
+    """Register the blocks of packages that `task.observation` names, and write their releases to `task.block_packages`.
 
-    If no block is of a package, remove the key `task.block_packages`.
+    Remove the key `task.block_packages` if no package provides a block.
 
     Raises:
         ConfigError: a block's package is not installed, or `task.block_packages` was typed with other values.
@@ -133,7 +133,7 @@ def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:
     """Add types and packages to the disturbances that are not in `DISTURBANCE`.
 
     Raises:
-        ConfigError: a disturbance has no keys, or its package cannot be used.
+        ConfigError: the value of a disturbance is not a group of keys, or its package cannot be used.
         ConfigKeyError: a disturbance is unknown.
     """
     node = config.get("disturbance")
@@ -161,7 +161,7 @@ def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:
 
 
 def _unknown(name: str, own: Any) -> ConfigKeyError:
-    """Return the error for an unknown disturbance, which `compose.translate` explains.
+    """Return the error for an unknown disturbance; `compose.translate` turns the error into a message.
 
     Args:
         name: key below `disturbance`.
@@ -208,7 +208,7 @@ def _merged(kind: type, key: str, values: dict[str, Any]) -> DictConfig:
 
 
 def releases(config: Any) -> dict[str, str]:
-    """Return the versions of the packages of a configuration (typed or plain) by name, for a manifest."""
+    """Return the version of each package that a configuration (typed or plain) uses, by package name, for a manifest."""
     versions = {}
 
     def value(node: Any, key: str) -> Any:

@@ -112,7 +112,7 @@ class _Schema:
 
 @cache
 def _node(kind: type) -> DictConfig:
-    """Return the node of a schema, not to be changed; cached, since building one is slow."""
+    """Return the node of a schema, which the caller must not change; cached, since building a node is slow."""
     node = OmegaConf.structured(kind)
     if kind is schema.TrainConfig:
         # Keys of disturbances that not every configuration has are checked in `complete`.
@@ -172,7 +172,7 @@ def _strip_defaults(node: Any) -> None:
 
 
 def _interpolations(overrides: Overrides, defaults_list: list[InputDefault], self_added: bool) -> DictConfig:
-    """Return the values that interpolations in a list of defaults may refer to; empty if it has no interpolation.
+    """Return the values that interpolations in a list of defaults may refer to; empty if the list has no interpolation.
 
     Hydra itself computes these values for every file, though few files need them.
     """
@@ -248,15 +248,15 @@ def _loaded(
     own: Path | None,
     state: folders.State,
 ) -> DictConfig:
-    """Return what Hydra loads for a choice of files, with the node `hydra`; not to be changed.
+    """Return the configuration that Hydra loads from the chosen files, with the node `hydra`; the caller must not change it.
 
-    Cached: choosing files takes up to half a second, setting values in a copy a tenth of that time.
+    Cached, since loading the files takes up to half a second, ten times as long as setting values in a copy.
 
     Args:
         entry: see `compose`.
         files: overrides that choose files.
         mode: `MULTIRUN` if axes are allowed, else `RUN`.
-        packages: folders of installed packages, which are searched.
+        packages: folders of installed packages to search; part of the cache key.
         own: the user's folder.
         state: `folders.state` of the user's folder.
     """
@@ -324,15 +324,15 @@ _shared: dict[tuple[str, str], Any] = {}
 def once_for_all_seeds(
     what: str, values: Mapping[str, Any], make: Callable[[], T], put: Callable[[T, dict[str, Any]], T]
 ) -> T:
-    """Return `make` of a run's plain configuration, computed once for all runs that differ only in `OWN`.
+    """Return the result of `make()` for a run; runs whose configurations differ only in the keys `OWN` share one call.
 
     Converting a configuration to typed values takes a tenth of a second, and a study has hundreds of runs.
 
     Args:
         what: name of the result, part of the cache key.
-        values: all values of the run.
-        make: function without side effects.
-        put: function that returns a copy of the result with these values of `OWN`.
+        values: all values of the run's configuration.
+        make: function that computes the result, without side effects.
+        put: function that returns a copy of the shared result with the run's own values of the keys `OWN`.
     """
     own = {name: values.get(name) for name in OWN}
     # Not cached for a configuration with packages: the next call may find another version of a package installed.
@@ -427,12 +427,12 @@ def _option(group: str, choice: str) -> DictConfig:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Request:
-    """What a command line asks for."""
+    """Content of a command line: the jobs, and how to carry them out."""
 
     jobs: list[grids.Job]
     """jobs of the grid, or the only job, each with its overrides"""
     grid: bool
-    """whether the command line asks for a grid: `-m`, or an experiment that sets `hydra.mode: MULTIRUN`"""
+    """whether the runs form a grid: `-m` was typed, or an experiment with `hydra.mode: MULTIRUN` gives several jobs"""
     dry_run: bool
 
     @property
@@ -467,7 +467,9 @@ def read(
             elif parsed.cfg:
                 shown = OmegaConf.to_yaml(complete.complete(grids.single(loader, load, overrides)))
             elif parsed.multirun and not grid:
-                raise ConfigError(f"-m: {entry} takes one value for each key; grids are for auvbench train")
+                raise ConfigError(
+                    f"-m: {entry} takes one value for each key; grids are for auvbench train and tune"
+                )
             else:
                 jobs = grids.compose(loader, load, overrides, parsed.multirun)
                 jobs = [dataclasses.replace(job, config=complete.complete(job.config)) for job in jobs]

@@ -10,7 +10,7 @@ N = TypeVar("N", bound=Node)
 
 
 def copied(node: N, parent: Node | None = None) -> N:
-    """Return a copy of a node and all nodes in it, which shares types, values and the cache of resolvers with the node.
+    """Return a copy of a node and of all nodes below it. The copy shares types, values and the resolver cache with the node.
 
     Args:
         node: configuration of OmegaConf.

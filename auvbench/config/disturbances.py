@@ -1,4 +1,4 @@
-"""Define the schemas of the disturbances that every configuration has, what they need of a simulator, and the specs.
+"""Define the disturbances that every configuration has: schemas, specs, and the simulator capabilities that they need.
 
 Importing this module imports no code of a disturbance.
 """
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from auvbench.config.simulators import Capabilities
 
 CURRENTS = ("none", "steady", "varying", "sheared")
-"""Kinds of current, each including the previous ones: constant in an episode, varying in it, and changing
-with depth.
+"""Kinds of current that a simulator supports, each including the previous ones: none, constant in an episode, varying
+during an episode, and varying with depth
 """
 
 FASTEST_WATER = 10.0
@@ -40,7 +40,7 @@ the commands of actuators
 
 
 class Need(NamedTuple):
-    """One capability that a disturbance needs of a simulator."""
+    """One capability that a simulator must have for a disturbance."""
 
     key: str
     what: str
@@ -71,15 +71,16 @@ class Factor:
         return iter(())
 
     def alters(self) -> Mapping[str, str]:
-        """Return which of READINGS, TIMING and COMMANDS the disturbance changes.
+        """Return which of READINGS, TIMING and COMMANDS the disturbance changes, each with the cause.
 
-        Each has as its value the end of the key that causes the change, for example `.mode=stuck`, or ''.
+        The cause is the text that messages append to `disturbance.NAME`, for example `.mode=stuck`; '' names the whole
+        disturbance.
         """
         return {}
 
 
 def forces(key: str) -> Need:
-    """Return the need of a disturbance that pushes vehicles."""
+    """Return the need for forces on vehicles."""
     return Need(key, "forces on vehicles", lambda can: can.forces)
 
 
@@ -139,8 +140,8 @@ class Current(Factor):
         fastest, factor = max(self.speed, self.speed_high or 0.0), self.profile.factor
         if fastest * abs(factor) > FASTEST_WATER:
             raise ConfigError(
-                f"{key}.profile.factor={factor:.12g}: must keep the current at the bottom, {fastest * abs(factor):g} m/s, "
-                f"within {FASTEST_WATER:g} m/s"
+                f"{key}.profile.factor={factor:.12g}: gives a current of {fastest * abs(factor):g} m/s at the bottom; must give at "
+                f"most {FASTEST_WATER:g} m/s"
             )
 
     def needs(self, key: str) -> Iterator[Need]:
@@ -224,7 +225,7 @@ class Delay(Factor):
 
 @dataclass(kw_only=True)
 class Channels:
-    """One number per sensor reading."""
+    """One number for each of the sensor readings x, y, z and yaw."""
 
     x: float = number(0.0, 1e3)
     y: float = number(0.0, 1e3)
@@ -232,7 +233,7 @@ class Channels:
     yaw: float = number(0.0, 1e3)
 
     def values(self) -> list[float]:
-        """Return the four numbers in order."""
+        """Return the numbers for x, y, z and yaw."""
         return [self.x, self.y, self.z, self.yaw]
 
 
@@ -254,7 +255,7 @@ class Sensor(Factor):
 
 @dataclass(kw_only=True)
 class Scale:
-    """Range of a factor."""
+    """Range of one random factor."""
 
     low: float = number(0.01, 100.0)
     high: float = number(0.01, 100.0)
@@ -305,14 +306,14 @@ class DisturbanceConfig(Factor):
 
 
 def asking(name: str, factor: Factor, what: str) -> AbstractContextManager[None]:
-    """Return a context in which an exception of a package's disturbance names the package."""
+    """Return a context that turns an exception of a package's disturbance into an error that names the package."""
     if isinstance(factor, DisturbanceConfig):
         return telling(owned(f"disturbance.{name}", factor), f"{what} fails")
     return nullcontext()
 
 
 def needs(disturbance: schema.Disturbance) -> Iterator[Need]:
-    """Yield what the active disturbances need of a simulator."""
+    """Yield the capabilities that a simulator must have for the active disturbances."""
     for name, factor in disturbance.active():
         with asking(name, factor, "needs"):
             own = list(factor.needs(f"disturbance.{name}"))
@@ -322,8 +323,8 @@ def needs(disturbance: schema.Disturbance) -> Iterator[Need]:
 def alterations(disturbance: schema.Disturbance) -> Iterator[tuple[str, str, str]]:
     """Yield what the active disturbances change, in three parts.
 
-    The parts are the name of the disturbance, one of READINGS, TIMING and COMMANDS, and the end of the key that causes
-    the change (`Factor.alters`).
+    The parts are the name of the disturbance; READINGS, TIMING or COMMANDS; and the cause of the change (see
+    `Factor.alters`).
     """
     for name, factor in disturbance.active():
         with asking(name, factor, "alters"):
@@ -345,7 +346,7 @@ class DisturbanceSpec(Spec):
     factory: str
     """`module:class`, a subclass of `auvbench.tasks.disturbances.base.Disturbance`."""
     schema: type
-    """Its keys with their types and ranges; in a package, derived from `DisturbanceConfig`."""
+    """Keys of the disturbance with their types and ranges; in a package, derived from `DisturbanceConfig`."""
     added: bool = False
     """Whether runs of earlier versions lack the disturbance's keys. A fingerprint then covers these keys only if the
     disturbance is active.
@@ -353,7 +354,11 @@ class DisturbanceSpec(Spec):
 
     def fault(self) -> str:
         good = self.name.isidentifier() and not iskeyword(self.name) and self.name not in RESERVED
-        return "" if good else "has a name that cannot be a key"
+        return (
+            ""
+            if good
+            else "has an invalid name; must be a Python identifier other than a keyword, name, factors or active"
+        )
 
 
 _CODE = "auvbench.tasks.disturbances"

@@ -35,7 +35,7 @@ def later(declared: Any, default: Any = None) -> Any:
 
 
 def name() -> Any:
-    """Return a field for a part of a path: letters, digits, dots, dashes and underscores."""
+    """Return a field for a name that is part of a path: letters, digits and . _ + -, beginning with a letter or digit."""
     return field(metadata={"name": True})
 
 
@@ -51,7 +51,7 @@ def require(holds: bool, key: str, value: Any, what: str) -> None:
 
 
 def below(low_key: str, low: float, high_key: str, high: float | None, *, strictly: bool = False) -> None:
-    """Raise ConfigError unless `low` is at most `high`, or less than `high` with `strictly`; None is no limit."""
+    """Raise ConfigError unless `low` is at most `high`, or with `strictly` less than `high`; `high=None` is no limit."""
     if high is None or (low < high if strictly else low <= high):
         return
     raise ConfigError(

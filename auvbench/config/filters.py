@@ -1,6 +1,6 @@
 """Define the schemas of the `filter` group and the specs of the filters.
 
-A filter is between the agent's command and the vehicle. Importing this module imports no code of a filter.
+A filter may change the agent's command before the vehicle gets it. Importing this module imports no code of a filter.
 """
 
 from __future__ import annotations

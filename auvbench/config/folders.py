@@ -21,7 +21,7 @@ GROUP = "auvbench.conf"
 
 @cache
 def packages() -> tuple[tuple[str, Path], ...]:
-    """Return release and path of the folders of `auvbench.conf` entry points, without importing a package.
+    """Return the release and path of each folder that an `auvbench.conf` entry point names, without importing a package.
 
     Raises:
         ConfigError: a folder does not exist.
@@ -35,14 +35,14 @@ def packages() -> tuple[tuple[str, Path], ...]:
         if path is None:
             raise ConfigError(
                 f"auvbench.conf: {point.value} of {point.release} is not a folder of an installed package; "
-                f"pip uninstall {point.package}, or install one that has it"
+                f"pip uninstall {point.package}, or install a version that has the folder"
             )
         folders.append((point.release, path))
     return tuple(folders)
 
 
 def state(folder: Path) -> State:
-    """Return path, inode, size and times of each file below a folder; if they are the same, the contents are the same."""
+    """Return path, inode, size and times of each file below a folder; while these do not change, no content has changed."""
     entries = []
     for place, _, names in os.walk(folder):
         for name in names:

@@ -6,7 +6,8 @@ have several grids, for example `{algo: pid}` as well. Rules for each key that i
 * If no grid varies the key, it applies to all jobs; several values make it an axis.
 * Otherwise, the typed values replace the axis in each grid that varies the key. Values that only the axes of other grids
   contain are left out, and a grid without a remaining value is dropped. Grids that do not vary the key stay
-  unchanged: `reward.k=40` selects K = 40 in the grid above, and keeps PID, which has no K, as the baseline.
+  unchanged. For example, `reward.k=40` selects K = 40 in the first grid above. The grid of PID does not vary K, so its
+  job stays as the baseline.
 """
 
 from __future__ import annotations
@@ -44,11 +45,11 @@ class Job:
 
 
 Load = Callable[[tuple[str, ...], RunMode], DictConfig]
-"""Function that returns Hydra's configuration of some overrides, with the node `hydra`; the result must not be changed"""
+"""Function that returns Hydra's configuration for overrides and a run mode, with the node `hydra`; the caller must not change it"""
 
 
 def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], multirun: bool) -> list[Job]:
-    """Return all jobs; one job without `multirun` and without `hydra.mode: MULTIRUN`.
+    """Return all jobs; without `multirun` and `hydra.mode: MULTIRUN`, return a single job.
 
     Raises:
         ConfigError, HydraException, OmegaConfBaseException: any job has a mistake.
@@ -71,7 +72,7 @@ def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], mult
     lines = jobs(narrow(product or [common], typed))
     if not lines:
         raise ConfigError(
-            f"{' '.join(overrides)}: no job of the experiment's grids has these values; leave one out"
+            f"{' '.join(overrides)}: no job of the experiment's grids has all these values; leave one of them out"
         )
 
     def of_job(files: tuple[str, ...], mode: RunMode) -> DictConfig:
@@ -100,7 +101,7 @@ def _refuse_several_grids(load: Load, parsed: Sequence[Override]) -> None:
 
 
 def single(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str]) -> DictConfig:
-    """Return the configuration of one job: set its values in a copy of what `load` returns for its files."""
+    """Return the configuration of one job: load its files with `load`, and set its values in a copy."""
     parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
     # Hydra rejects a list of values.
     values = [item for item in parsed if _sets_a_value(loader, item) and not item.is_sweep_override()]
@@ -144,12 +145,14 @@ def _values(override: Override) -> Axis:
         raise ConfigError(f"{override.input_line}: a grid takes lists of values, e.g. 1,2,3 or range(0,5)")
     values = list(itertools.islice(override.sweep_string_iterator(), MOST_JOBS + 1))
     if len(values) > MOST_JOBS:
-        raise ConfigError(f"{override.input_line}: has more values than the {MOST_JOBS:,} runs of a grid")
+        raise ConfigError(
+            f"{override.input_line}: has more values than the {MOST_JOBS:,} runs that a grid may have"
+        )
     return values
 
 
 def from_config(parser: OverridesParser, node: Any) -> list[Grid]:
-    """Return the grids of `hydra.sweeper.grids`.
+    """Return the grids that a configuration lists, for example in `hydra.sweeper.grids`.
 
     Raises:
         ConfigError: the entry is not a list of mappings from keys to values.
@@ -182,7 +185,7 @@ def _override(key: str, value: str) -> str:
 
 
 def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
-    """Apply the typed values to each grid by the rules in the module's docstring."""
+    """Apply the typed values to the grids by the rules in the module's docstring, and return the remaining grids."""
     varied = {key for grid in grids for key in grid}
     narrowed = []
     for grid in grids or [{}]:

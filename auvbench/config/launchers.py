@@ -15,7 +15,7 @@ from auvbench.registry import LAUNCHERS, Spec
 
 @dataclass(kw_only=True)
 class Launcher:
-    """Keys of every launcher, which says where the runs of a grid are trained; without effect on the results."""
+    """Keys of every launcher. A launcher decides where the runs of a grid are trained; it does not change their results."""
 
     name: str = choice_of(lambda: LAUNCHERS.own)
 

@@ -24,7 +24,7 @@ from auvbench.untrusted.text import short
 SHOWN = 8
 """largest number of keys of a block that a message lists"""
 
-ANALYSIS = "an analysis is declared in the file of an experiment, in ./conf/experiment, before its runs; experiment=NAME takes one"
+ANALYSIS = "an analysis is declared in the file of an experiment; write it into ./conf/experiment/NAME.yaml and type experiment=NAME"
 
 _ABSENT = object()
 
@@ -71,7 +71,9 @@ def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
         return f"{shown}: takes a list, {key}=[{text.partition('=')[2]}]" if as_list else ""
     if override.is_delete():
         return f"{shown}: " + (
-            "there is no such key" if node is _ABSENT else f"a key cannot be removed; {_settable(key, node)}"
+            "there is no such key; leave this word out"
+            if node is _ABSENT
+            else f"a key cannot be removed; {_settable(key, node)}"
         )
     if text.startswith("+") and (options or node is not _ABSENT):
         return f"{shown}: {key} already has a value; type {text.lstrip('+')}"
@@ -85,7 +87,7 @@ def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
         group, _, block = above.partition(".")
         if through is None and block.isidentifier() and folders.options(group):
             option = _at(config, f"{group}.name")
-            return f"{shown}: {group}={option} has no {above}; use another {group}="
+            return f"{shown}: {group}={option} has no {above}; use another {group}=NAME"
         leads = through is not _ABSENT and not isinstance(through, dict | None)
         return f"{shown}: {above} has no keys below it; {_settable(above, through)}" if leads else ""
     return _value(shown, key, override.value(), node)

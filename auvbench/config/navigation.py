@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 TRUTH = "truth"
 NONE = "none"
 READS = "navigation"
-"""Name in `BlockSpec.reads` of a block that only an estimator supplies"""
+"""Entry in `BlockSpec.reads` of blocks that only an estimator can supply"""
 FASTEST = 1000.0
 """highest rate of any sensor, Hz"""
 
@@ -84,7 +84,12 @@ class Dvl:
         what = f"have a rate from 0.1 to {FASTEST:g} Hz for each of the {len(self.altitudes)} entries of {key}altitudes"
         require(paired, f"{key}rates", self.rates, what)
         rising = sorted(self.altitudes) == self.altitudes and self.altitudes[-1] >= self.high
-        require(rising, f"{key}altitudes", self.altitudes, f"rise, up to {key}high={self.high:g} or more")
+        require(
+            rising,
+            f"{key}altitudes",
+            self.altitudes,
+            f"be in rising order, up to {key}high={self.high:g} or more",
+        )
         below(f"{key}low", self.low, f"{key}high", self.high)
         below(f"{key}merit_low", self.merit_low, f"{key}merit_high", self.merit_high)
         below(f"{key}water_near", self.water_near, f"{key}water_far", self.water_far)
@@ -137,8 +142,14 @@ class Usbl:
         key = "sensors.usbl."
         _require_place(f"{key}position", self.position)
         # Only one reading may be under way at a time.
+        most = SOUND / self.reach
+        what = f"be at most {most:.3g} Hz for reach={self.reach:g}, so that each reading arrives before the next ping; or reduce reach"
+        require(self.rate <= most, f"{key}rate", self.rate, what)
         longest = 1.0 / self.rate - self.reach / SOUND
-        what = f"be at most {longest:.3g} s: a reading arrives before the next, which comes after {1.0 / self.rate:.3g} s"
+        what = (
+            f"be at most {longest:.3g} s: the interval between pings, 1/rate = {1.0 / self.rate:.3g} s, "
+            f"less the travel time of sound over reach, {self.reach / SOUND:.3g} s"
+        )
         require(self.delay <= longest, f"{key}delay", self.delay, what)
 
 
@@ -154,7 +165,7 @@ class Gnss:
 
 @dataclass(kw_only=True)
 class Modem:
-    """Ranges from the acoustic messages of a team (noise: the nanomodem of MARUS, as in `config.tasks.formation`)."""
+    """An acoustic modem that measures ranges by a team's messages (noise: nanomodem of MARUS, see `config.tasks.formation`)."""
 
     noise: float = number(1e-3, 100.0)  # m
     beacons: int = number(1, 7)
@@ -220,7 +231,7 @@ class Ekf(Navigation):
 
 @dataclass(kw_only=True)
 class Model:
-    """Velocity through the water that the vehicle's sheet predicts."""
+    """Velocity through the water, as predicted from the vehicle's sheet."""
 
     rate: float = number(0.01, FASTEST)  # Hz
     noise: float = number(1e-4, 10.0)  # m/s
@@ -234,7 +245,7 @@ class Model:
 class EkfModel(Ekf):
     """The extended Kalman filter with the horizontal current as two more states.
 
-    The velocity that the vehicle's sheet predicts is a further reading of the filter.
+    The filter takes the velocity that the vehicle's sheet predicts as one more measurement.
     """
 
     model: Model
@@ -242,7 +253,7 @@ class EkfModel(Ekf):
 
 @dataclass(kw_only=True)
 class DeadReckoning(Navigation):
-    """Dead reckoning: the sum of measured velocities along the measured heading."""
+    """Dead reckoning: the DVL's velocity, rotated by the attitude from gyros and compass, is summed over time."""
 
     start: Start
     needs: ClassVar[tuple[str, ...]] = ("imu", "dvl", "depth", "heading")
@@ -268,7 +279,7 @@ def _require_place(key: str, values: list[float]) -> None:
 
 
 def truth() -> Navigation:
-    """Return the navigation of runs of earlier versions: the truth, without an estimator."""
+    """Return the navigation of runs of earlier versions: the true state, without an estimator."""
     return Navigation(name=TRUTH)
 
 
@@ -278,7 +289,7 @@ def no_sensors() -> Sensors:
 
 
 def is_estimated(config: TrainConfig) -> bool:
-    """Return whether agents see an estimate instead of the truth."""
+    """Return whether agents observe an estimate instead of the true state with `noise`."""
     return bool(config.navigation.name != TRUTH)
 
 
@@ -324,16 +335,18 @@ def check(config: TrainConfig) -> None:
         )
     if getattr(navigation, "dvl_scale", False) and (sensors.dvl is None or sensors.dvl.scale == 0.0):
         raise ConfigError(
-            f"navigation.dvl_scale=true: sensors={sensors.name} has no DVL with a scale; use sensors=dvl_a50, or false"
+            f"navigation.dvl_scale=true: sensors={sensors.name} has no DVL with a scale error to estimate; use sensors=dvl_a50, or "
+            "navigation.dvl_scale=false"
         )
     if sensors.dvl is not None and sensors.dvl.water_track and not isinstance(navigation, EkfModel):
         raise ConfigError(
-            f"sensors.dvl.water_track=true: navigation={navigation.name} does not estimate the current, so that a velocity through the "
-            "water is of no use to it; use navigation=ekf_model, or false"
+            f"sensors.dvl.water_track=true: navigation={navigation.name} does not estimate the current and cannot use velocities "
+            "through the water; use navigation=ekf_model, or sensors.dvl.water_track=false"
         )
     if getattr(navigation, "heading_bias", False) and not {"usbl", "gnss"} & {*sensors.names()}:
         raise ConfigError(
-            f"navigation.heading_bias=true: sensors={sensors.name} has no positions that show it; use sensors=dvl_usbl, or false"
+            f"navigation.heading_bias=true: sensors={sensors.name} measures no positions, without which the bias is unobservable; "
+            "use sensors=dvl_usbl, or navigation.heading_bias=false"
         )
     if isinstance(navigation, EkfModel):
         rate, frequency = navigation.model.rate, config.step.frequency
@@ -341,33 +354,34 @@ def check(config: TrainConfig) -> None:
         require(rate <= frequency * (1.0 + 1e-9), "navigation.model.rate", rate, what)
     if sensors.dvl is not None and not config.world.has_bottom:
         raise ConfigError(
-            f"sensors.dvl: has no bottom in world={config.world.name}; use world=seabed, slope, rough or tank, world=field with "
-            "world.bottom_depth=30, or sensors=bluerov2"
+            f"sensors.dvl: needs a bottom, and world={config.world.name} has none; use world=seabed, slope, rough or tank, world=field "
+            "with world.bottom_depth=30, or sensors=bluerov2"
         )
     _check_rates(config)
 
 
 def _check_alone(config: TrainConfig) -> None:
-    """Refuse a simulator without navigation sensors, and noise, errors or delays that are not of the navigation sensors."""
+    """Refuse a simulator without navigation sensors, and `noise`, errors and delays in addition to those of these sensors."""
     chosen = f"navigation={config.navigation.name}"
     if config.simulator.name != "fossen":
         raise ConfigError(
-            f"{chosen}: simulator={config.simulator.name} does not have the sensors; use simulator=fossen"
+            f"{chosen}: simulator={config.simulator.name} does not simulate navigation sensors; use simulator=fossen"
         )
     noise = config.noise
     for key in ("position", "yaw"):
         if getattr(noise, key).high * noise.scale > 0.0:
             raise ConfigError(
-                f"noise.{key}.high={getattr(noise, key).high:g}: {chosen} has the errors of its sensors; use noise=none, or 0"
+                f"noise.{key}.high={getattr(noise, key).high:g}: must be 0 with {chosen}, whose sensors have their own errors; use "
+                "noise=none"
             )
     disturbance: Any = config.disturbance
     if disturbance.sensor.active:
         raise ConfigError(
-            f"disturbance.sensor: {chosen} has the errors of its sensors; use a disturbance without it"
+            f"disturbance.sensor: must be 0 with {chosen}, whose sensors have their own errors; use a disturbance without sensor errors"
         )
     if disturbance.delay.observation > 0.0:
         raise ConfigError(
-            f"disturbance.delay.observation={disturbance.delay.observation:g}: {chosen} has the delays of its sensors; use 0"
+            f"disturbance.delay.observation={disturbance.delay.observation:g}: must be 0 with {chosen}, whose sensors have their own delays"
         )
 
 
@@ -378,13 +392,13 @@ def _check_messages(modem: Modem, config: TrainConfig) -> None:
         chosen = f"task.messages={task.messages}" if hasattr(task, "messages") else f"task={task.name}"
         raise ConfigError(
             f"sensors.modem: {chosen} has no acoustic messages; use task=formation with task.messages=acoustic, or another "
-            "sensors="
+            "sensors=NAME"
         )
-    what = f"be less than task.vehicles={task.team}: the others take the beacons' ranges"
+    what = f"be less than task.vehicles={task.team}: the other vehicles measure their ranges to the beacons"
     require(modem.beacons < task.team, "sensors.modem.beacons", modem.beacons, what)
     assert config.sensors.imu is not None
     least = 1.0 / task.turn_time
-    what = f"be at least {least:.3g} Hz, so that no two vehicles speak between two samples"
+    what = f"be at least {least:.3g} Hz, so that at most one vehicle sends a message between two samples"
     require(config.sensors.imu.rate >= least, "sensors.imu.rate", config.sensors.imu.rate, what)
 
 
@@ -430,5 +444,6 @@ def _check_blocks(config: TrainConfig) -> None:
             )
         if "task" in reads and is_estimated(config):
             raise ConfigError(
-                f"task.observation: {name} reads the task's own fields, which assume a known own position; use navigation={TRUTH}, or leave it out"
+                f"task.observation: {name} reads fields of the task that are computed from the vehicle's true position; use "
+                f"navigation={TRUTH}, or leave the block out"
             )

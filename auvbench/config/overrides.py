@@ -26,7 +26,7 @@ from auvbench.registry import AGENTS, LAUNCHERS, SIMULATORS
 from auvbench.untrusted.reading import DIGITS, no_yaml
 
 PATHS = ("output", "plot")
-"""Keys that hold a path."""
+"""Keys whose values are paths."""
 
 CHOICES = {"algo.base": "algo/base@algo"}
 """Keys whose values are names of files, with Hydra's name of the key."""
@@ -48,8 +48,8 @@ def read(overrides: Sequence[str]) -> list[str]:
     """Return the overrides in Hydra's grammar.
 
     Raises:
-        ConfigError: an override sets a key of Hydra that has no effect, or has an invisible character or too
-            many digits.
+        ConfigError: an override has no key, removes a key, sets a key of Hydra that has no effect, or has an
+            invisible character or too many digits.
 
     >>> read(["train.total_steps=1e6", "output=Größe", "algo.gamma=0.9"])
     ['train.total_steps=1000000', "output='Größe'", 'algo.gamma=0.9']
@@ -61,7 +61,9 @@ def read(overrides: Sequence[str]) -> list[str]:
         if re.match(r"~\w+(=|$)", override) and key not in ("experiment", "search"):
             raise ConfigError(f"{override}: a key cannot be removed; type {key}=VALUE")
         if re.match(r"~disturbance\.\w+(=|$)", override):
-            raise ConfigError(f"{override}: a disturbance cannot be removed; disturbance=none has none")
+            raise ConfigError(
+                f"{override}: a disturbance cannot be removed; type disturbance=none for no disturbance"
+            )
         if re.match("hydra[./]", key) and not key.startswith(ALLOWED):
             raise ConfigError(
                 f"{override}: has no effect; use output=FOLDER and name=NAME to choose the folder of the "
@@ -69,7 +71,7 @@ def read(overrides: Sequence[str]) -> list[str]:
                 "to choose where they are trained"
             )
         if (digits := max(map(len, re.findall(r"\d+", override)), default=0)) > DIGITS:
-            raise ConfigError(f"{key}: a number has {digits:,} digits; at most {DIGITS} are read")
+            raise ConfigError(f"{key}: a number has {digits:,} digits; must have at most {DIGITS}")
         hidden = next((character for character in override if unicodedata.category(character) == "Cf"), None)
         if hidden is not None:
             raise ConfigError(f"{override}: contains U+{ord(hidden):04X}, an invisible character; remove it")
@@ -111,7 +113,7 @@ def _whole(match: re.Match[str]) -> str:
 
 @cache
 def whole_keys() -> frozenset[str]:
-    """Return the dotted keys whose values must be whole numbers, of all configurations."""
+    """Return the dotted keys, in the configurations of all commands, whose values must be whole numbers."""
     kinds: list[tuple[type, str]] = [
         (root, "") for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation)
     ]
@@ -127,13 +129,16 @@ def whole_keys() -> frozenset[str]:
 
 
 def translate(error: BaseException, compose: Compose, entry: str, overrides: Sequence[str]) -> ConfigError:
-    """Return a one-line error.
+    """Return an error with a one-line message.
 
     Args:
         error: one of `FAULTS`, or any other exception.
-        compose: function that composes the command's configuration from overrides; its keys are suggested.
-        entry: name of the command: train, evaluate, tune.
+        compose: function that composes the command's configuration from overrides, to suggest valid keys.
+        entry: name of the command: train, evaluate, tune or simulate.
         overrides: overrides as typed.
+
+    Raises:
+        KeyboardInterrupt: a Ctrl-C caused the error.
     """
     chain: list[BaseException] = []
     cause: BaseException | None = error
@@ -218,7 +223,7 @@ def _misfit(compose: Compose, overrides: Sequence[str]) -> str:
 
 
 def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[str]) -> str:
-    """Return what is wrong with the first invalid value of several values for a key; '' if each is valid in a grid."""
+    """Return what is wrong with the first invalid value of a key's values; '' if the first eight values are valid in a grid."""
     from auvbench.config.validate import train_config
 
     # Other sweeps are left out, since their products would take long.
@@ -246,7 +251,7 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
     if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark is not None:
         return f"{error.problem_mark.name} {no_yaml(error)}"
     if isinstance(error, RecursionError):
-        return "the defaults lists of the files in conf/ form a circle"
+        return "the defaults lists of the files in conf/ form a circle: a file includes itself through others; remove one entry"
     if isinstance(error, UnicodeDecodeError):
         return f"a file in conf/ is not UTF-8 text: {error.reason} at byte {error.start}"
     group = next(

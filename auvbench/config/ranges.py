@@ -10,11 +10,11 @@ from auvbench.config.fields import below, number
 from auvbench.errors import ConfigError
 
 SOUND = 1500.0
-"""m/s, speed of sound in water"""
+"""Speed of sound in water, m/s"""
 GRADIANS = 400
-"""steps of a full turn of a Ping360"""
+"""Gradians, which are the steps of a Ping360, in a full turn"""
 PREFIX = "range."
-"""prefix of the names of range sensors' blocks; the keys of the block `range.ping1d` are in `task.range.ping1d`"""
+"""Prefix of a range sensor's block name: the sensor of the block `range.ping1d` has its keys in `task.range.ping1d`"""
 
 # Time of one beam of a Ping360: `BEAM_REST + BEAM_PER_METRE * range + BEAM_PER_GRADIAN * step`. Least squares over the six turn times
 # that users measured (Blue Robotics forum, thread 8328: ranges of 2, 20 and 50 m in steps of 1 and 10 gradians).
@@ -142,11 +142,11 @@ NAMES = tuple(field.name for field in fields(Ranges))
 
 
 def key_of(block: str) -> str:
-    """Return the key of a block's sensor in `task.range`; empty for other blocks."""
+    """Return the key below `task.range` of a block's range sensor; '' for a block of another kind."""
     name = block.removeprefix(PREFIX)
     return name if block.startswith(PREFIX) and name in NAMES else ""
 
 
 def oldest(sensor: Pinged) -> float:
-    """Return the limit in s for the age of a reading in an observation; older readings are shown with this age."""
+    """Return the largest age in s that an observation shows; older readings are shown with this age."""
     return 1.0 / sensor.rate + sensor.delay + 1.0

@@ -147,9 +147,7 @@ def _parsed(provider: str, package: str, config_path: str) -> ConfigResult:
 
 
 def _is_ours(path: str, name: str) -> bool:
-    """Return whether a file named like one of `ENTRIES` starts from auvbench's schema; files of other
-    programs are ignored.
-    """
+    """Return whether a file that is named like one of `ENTRIES` starts from auvbench's schema; warn if it does not."""
     try:
         ours = f"{name.removesuffix('.yaml')}_schema".encode() in reading.content(path)
     except (OSError, ValueError):

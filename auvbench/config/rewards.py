@@ -1,6 +1,6 @@
 """Define the schemas of the `reward` group.
 
-Their fields are the parameters of the functions in `tasks.rewards`, by name.
+A function in `tasks.rewards` reads each field as an attribute of its record `p`, for example `p.length`.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ class Tracking(Reward):
 
 @dataclass(kw_only=True)
 class Goal(Tracking):
-    """The reward `tracking` with a further term that grows only near the goal."""
+    """The reward `tracking` with one more term, which grows only near the goal."""
 
     fine: float = later(number(0.0, 1e6), 0.0)
     fine_length: float = later(number(0.0, 1e6, open_low=True), 1.0)  # m
@@ -140,9 +140,9 @@ class RewardSpec(Spec):
     schema: type
     """schema of its configuration; in a package, derived from `RewardConfig`"""
     tasks: tuple[str, ...] = ()
-    """tasks that the reward suits, in addition to the tasks whose spec names it (`TaskSpec.rewards`)"""
+    """tasks that may use the reward, in addition to the tasks whose specs name it (`TaskSpec.rewards`)"""
     sight: str = ""
-    """`module:function(e, v, p, solids, heights)` of a term that is added to the reward in a world with solids; empty: no term"""
+    """`module:function(e, v, p, solids, heights)` of a term that the reward adds in a world with solids; empty: no such term"""
 
     @property
     def code(self) -> str:
@@ -153,7 +153,7 @@ class RewardSpec(Spec):
         keys = {key: hint for key, hint in schema_keys(self.schema).items() if key not in ("name", "package")}
         for key, hint in keys.items():
             if hint not in (int, float):
-                return f"has the parameter {key}, which is not a number: int or float"
+                return f"has the parameter {key}, which is not a number; must be an int or a float"
         return ""
 
 

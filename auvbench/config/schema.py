@@ -1,6 +1,7 @@
-"""Define the schema of the configuration: types and valid ranges, no defaults.
+"""Define the schema of the configuration: types and valid ranges.
 
-Defaults, and the comments that explain them, are only in the YAML files in `conf/`.
+The YAML files in `conf/` have the defaults and the comments that explain them. A default here is for runs of earlier
+versions (`fields.later`), for optional blocks, and for entries of lists.
 `validate.validate_fields` checks a field's range; OmegaConf checks its type while Hydra composes.
 """
 
@@ -47,7 +48,7 @@ class Step:
 
 @dataclass(kw_only=True)
 class Range:
-    """Amplitude of uniform noise."""
+    """Range of the magnitude of uniform noise."""
 
     low: float = number(0.0, 1e6)
     high: float = number(0.0, 1e6)
@@ -70,7 +71,7 @@ class Noise:
 class Disturbance:
     """Disturbances of an episode, with the keys that every configuration has.
 
-    `with_disturbances` adds the keys of further disturbances that a configuration chooses.
+    `with_disturbances` adds the keys of the other disturbances that a configuration chooses.
     """
 
     name: str = name()
@@ -99,7 +100,7 @@ class Disturbance:
 
 @cache
 def with_disturbances(more: tuple[tuple[str, type], ...]) -> type[Disturbance]:
-    """Return the schema of `disturbance` with the keys of further disturbances: pairs of name and schema."""
+    """Return the schema of `disturbance` with the keys of more disturbances, given as pairs of name and schema."""
     # Workers receive pickled values, and pickle cannot find this class in any module.
     pickled = {"__reduce__": lambda self: (_disturbance, (more, vars(self)))}
     return make_dataclass("Disturbance", more, bases=(Disturbance,), kw_only=True, namespace=pickled)
@@ -137,7 +138,7 @@ class Train:
 class Condition:
     """One test condition: changed configuration values for the scenarios of the protocol."""
 
-    # The only default in code: an entry of a list has no YAML file of its own.
+    # An entry of a list has no YAML file of its own, so its default is here.
     name: str = ""
     frequency: float | None = later(number(0.0, 1000.0, open_low=True))
     overrides: list[str] = field(default_factory=list)
@@ -176,7 +177,7 @@ class Analysis:
     protocol: str = later(name(), "test")
     # conditions of the protocol that are reported; the verdicts are about the first one; null: all conditions
     conditions: list[str] | None = None
-    episodes: int | None = later(number(1, 1_000_000))  # episodes of a condition; null: as the protocol says
+    episodes: int | None = later(number(1, 1_000_000))  # episodes per condition; null: the protocol's number
 
 
 @dataclass(kw_only=True)

@@ -24,9 +24,9 @@ class Capabilities:
     """Capabilities of a simulator beyond moving vehicles."""
 
     exact_resume: bool
-    """whether `state_dict` restores the exact state; otherwise a resumed run restarts its present episodes"""
+    """whether `load_state_dict` restores the exact state; otherwise a resumed run starts new episodes"""
     deterministic: bool
-    """whether the same commands give the same bits"""
+    """whether repeated commands give results with the same bits"""
     scales: bool
     """whether each vehicle may have its own factors: `reset(scales=...)`"""
     currents: str
@@ -87,10 +87,10 @@ class SimulatorSpec(Spec):
     schema: type = SimulatorConfig
     """Keys of `simulator` with their types and ranges; in a package, derived from `SimulatorConfig`."""
     full: str = ""
-    """Option, as `key=value`, with which the simulator has all capabilities; empty if no option removes one (`Simulator.limited`)."""
+    """Option, as `key=value`, with which the simulator has all capabilities; empty if no option limits them (`Simulator.limited`)."""
     check: str = ""
-    """`module:function` that takes configuration and vehicle. It raises an error, before a run, if the simulator
-    cannot simulate the vehicle.
+    """`module:function` that takes the simulator's configuration and the vehicle. It is called before a run is created, and
+    raises an error if the simulator cannot simulate the vehicle.
     """
     served: str = ""
     """`module:class` if the vehicles are on a server, which only one test at a time can use. The class has two functions:
@@ -100,7 +100,11 @@ class SimulatorSpec(Spec):
 
     def fault(self) -> str:
         able = isinstance(self.capabilities, Capabilities) and self.capabilities.currents in CURRENTS
-        return "" if able else "has invalid capabilities; make them with auvbench.plugin.Capabilities"
+        return (
+            ""
+            if able
+            else "has invalid capabilities; must be auvbench.plugin.Capabilities with one of the known currents"
+        )
 
 
 fossen = SimulatorSpec(
@@ -146,7 +150,7 @@ def check_world(simulator: Simulator, world: World) -> None:
 
 
 def check_filter(simulator: Simulator, chosen: Filter) -> None:
-    """Raise ConfigError for a filter of commands with a simulator without solids: the filter needs solids as its map."""
+    """Raise ConfigError for a filter of commands, which needs a map of solids, with a simulator without solids."""
     if chosen.acts and not capabilities(simulator).solids:
         able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
         raise ConfigError(
@@ -171,6 +175,6 @@ def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
             if need.able(spec.capabilities) and name != simulator.name
         ]
         raise ConfigError(
-            f"{need.key}: asks for {need.what}, which simulator={simulator.name} does not have here; "
+            f"{need.key}: needs {need.what}, which simulator={simulator.name} does not have as configured; "
             f"use {' or '.join(own + alternatives)}"
         )

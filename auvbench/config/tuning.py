@@ -67,14 +67,14 @@ def refuse_test(protocol: schema.Protocol) -> None:
     if protocol.scenarios != STREAM:
         raise ConfigError(
             f"protocol={protocol.name}: uses the scenarios of a test (protocol.scenarios={protocol.scenarios}); "
-            f"choose settings on other scenarios: protocol=tuning"
+            f"settings must be chosen on validation scenarios: type protocol=tuning"
         )
 
 
 def _check_budget(tune: Tune, config: DictConfig) -> None:
     rungs = tune.rungs
     grow = bool(rungs) and sorted(set(rungs)) == rungs and rungs[0] >= 1
-    require(grow, "tune.rungs", rungs, "be steps of training that grow, e.g. [50000,150000]")
+    require(grow, "tune.rungs", rungs, "be training budgets in steps, in rising order, e.g. [50000,150000]")
     for key in ("seeds", "fresh_seeds"):
         seeds = getattr(tune, key)
         fits = len(set(seeds)) == len(seeds) and all(0 <= seed < 1 << 32 for seed in seeds)
@@ -87,9 +87,9 @@ def _check_budget(tune: Tune, config: DictConfig) -> None:
     schedule = OmegaConf.select(config, "algo.learning_rate_schedule", default="constant")
     if len(tune.rungs) > 1 and tune.pruner != "none" and schedule != "constant":
         raise ConfigError(
-            f"algo.learning_rate_schedule={schedule}: depends on the budget, so a run cannot be extended to "
-            "a larger one; "
-            "with tune.pruner=none every trial trains for the last of tune.rungs at once"
+            f"algo.learning_rate_schedule={schedule}: depends on the budget, so no trial can continue from one "
+            "rung to the next; "
+            "type tune.pruner=none, with which every trial trains for the last of tune.rungs at once"
         )
 
 

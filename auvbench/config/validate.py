@@ -59,7 +59,7 @@ def check_value(key: str, value: Any, rule: Mapping[str, Any]) -> None:
         raise ConfigError(f"{key}={value}: unknown; {closest(str(value), choices)}")
     if "name" in rule and not _NAME.fullmatch(str(value)):
         raise ConfigError(
-            f"{key}={value!r}: must be a plain name (letters, digits, dots, dashes, underscores), since it names a folder"
+            f"{key}={value!r}: must be a plain name (letters, digits, dots, dashes, underscores, +), since it names a folder"
         )
     if "low" in rule:
         low, high, open_low = rule["low"], rule["high"], rule["open_low"]
@@ -174,7 +174,7 @@ def evaluate_protocol(protocol: schema.Protocol) -> None:
         key, name = f"protocol.conditions[{index}]", condition.name
         validate_fields(condition, f"{key}.")
         plain = re.fullmatch(r"[A-Za-z0-9.+=-]+", name)
-        require(bool(plain), f"{key}.name", repr(name), "be letters, digits, dots, dashes, =")
+        require(bool(plain), f"{key}.name", repr(name), "have only letters, digits and . + - =")
         require(names.count(name) == 1, f"{key}.name", name, "be unique")
 
 
@@ -211,8 +211,8 @@ def check_across(config: schema.TrainConfig) -> None:
     navigation.check(config)
     vehicles_free = config.train.evaluate_every == 0 or not simulators.is_served(config.simulator)
     what = (
-        f"be 0 with simulator={config.simulator.name}: a validation during training would take the "
-        "server's vehicles from its episodes"
+        f"be 0 with simulator={config.simulator.name}: a validation during training would interrupt the "
+        "training episodes of the server's vehicles"
     )
     require(vehicles_free, "train.evaluate_every", config.train.evaluate_every, what)
     config.algo.check()
@@ -228,7 +228,7 @@ def _check_team(config: schema.TrainConfig) -> None:
     for part, fits in able.items():
         if not fits:
             raise ConfigError(
-                f"task.vehicles={config.task.team}: {part} has one vehicle in an episode; must be 1, or use another "
+                f"task.vehicles={config.task.team}: {part} allows one vehicle in an episode; type task.vehicles=1, or another "
                 f"{part.partition('=')[0]}"
             )
 

@@ -97,7 +97,7 @@ class Pipeline(Rough):
 
 @dataclass(kw_only=True)
 class BottomFile:
-    """Keys of `world.bottom`, which name the file of a bottom."""
+    """Keys of `world.bottom`: the file of a bottom, its digest and its origin."""
 
     file: str
     sha256: str
@@ -166,7 +166,7 @@ class Field(Solid):
         if self.density > most:
             raise ConfigError(
                 f"world.density={self.density:g}: must be at most {most:.3g} obstacles per m2 with this size and world.gap="
-                f"{self.gap:g}, so that they find room"
+                f"{self.gap:g}, so that all obstacles fit"
             )
 
 

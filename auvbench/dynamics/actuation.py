@@ -42,7 +42,7 @@ FloatArray = NDArray[np.float64]
 
 @inline
 def interpolated(tables: FloatArray, row: int, points: int, position: float) -> float:
-    """Return a row of equally spaced points, interpolated at `position`: 0 is the first point, points - 1 the last."""
+    """Return the value of a row of equally spaced points, interpolated at `position`: 0 is the first point, points - 1 the last."""
     k = max(min(int(position), points - 2), 0)
     left: float = tables[row, k]
     right: float = tables[row, k + 1]
@@ -51,7 +51,7 @@ def interpolated(tables: FloatArray, row: int, points: int, position: float) -> 
 
 @inline
 def polynomial(tables: FloatArray, row: int, points: int, x: float) -> float:
-    """Return the polynomial whose coefficients of x^0, x^1, ... are a row, by Horner's rule."""
+    """Return the value at x of the polynomial whose coefficients of x^0, x^1, ... are a row, by Horner's rule."""
     total: float = tables[row, points - 1]
     for k in range(points - 2, -1, -1):
         total = total * x + tables[row, k]
@@ -91,7 +91,7 @@ def report(
     force: FloatArray,
     power: FloatArray,
 ) -> None:
-    """Write the commanded forces and their electrical power."""
+    """Write each vehicle's commanded forces and its electrical power."""
     middle = 0.5 * (POWER_POINTS - 1)
     for lane in range(min(LANES, force.shape[0] - first)):
         watts = 0.0
@@ -202,7 +202,7 @@ def _outputs(
 
 @inline
 def _scaled_lag(actuator: Record) -> bool:
-    """Return whether a vehicle's factor on lags applies to an actuator: a thruster with a first-order lag."""
+    """Return whether a vehicle's factor on lags applies to an actuator: it applies to thrusters with a first-order lag."""
     return bool(actuator.kind == THRUSTER and actuator.order == 1 and actuator.rate == 0.0)
 
 

@@ -25,14 +25,14 @@ from numba.core.sigutils import normalize_signature
 from numba.extending import intrinsic
 
 INTERPRETED = bool(numba.config.DISABLE_JIT)  # type: ignore[attr-defined]
-"""whether NUMBA_DISABLE_JIT is set, so that Python runs all functions"""
+"""Whether NUMBA_DISABLE_JIT is set, so that Python runs all functions"""
 
 PACKAGE = Path(__file__).parent.parent
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 NO_C: dict[str, Any] = {"no_cfunc_wrapper": True}
-"""Options of numba: no entry point for C, which nothing calls."""
+"""Options of numba that leave out the entry point for C, which nothing calls"""
 INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **NO_C}
 """Options of functions that only compiled functions call."""
 
@@ -138,11 +138,12 @@ def _of_any_stride(kind: Any) -> Any:
 
 
 PATIENCE = 300.0
-"""longest wait in s for another process that compiles the same function"""
+"""Longest wait for another process that compiles the same function, s"""
 
 
 def _compile_alone(dispatcher: Any) -> None:
-    """Make a function that is not in the cache print a line, once in a process, and wait for other processes that compile it.
+    """Before a function that is not in the cache is compiled, print a line, once per process, and wait for a process that compiles
+    it already.
 
     The workers of a command need the same functions at the same time.
     """
@@ -156,7 +157,7 @@ def _compile_alone(dispatcher: Any) -> None:
         announce()
         from filelock import FileLock  # imported late: rarely needed
 
-        # Without the lock (a folder that is read-only or cannot lock, a process that stands still), compile all the same.
+        # If the lock fails (a read-only folder, a file system without locks, a process that hangs), compile without it.
         with suppress(OSError, NotImplementedError):
             index.parent.mkdir(parents=True, exist_ok=True)
             dispatcher._locks.enter_context(

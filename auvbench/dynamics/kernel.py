@@ -52,7 +52,7 @@ FloatArray = NDArray[np.float64]
 PARTS = 6.0, 3.0, 3.0, 6.0
 """1 / b_i of the stages of the classical Runge-Kutta method"""
 AHEAD = 0.5, 0.5, 1.0, 0.0
-"""time from the start of a substep to the next stage, in substeps"""
+"""Time from the start of a substep to the next stage, as a share of the substep"""
 
 
 @inline
@@ -214,8 +214,8 @@ def commanded(
     force: FloatArray,  # (n, n_u) out: N of the thrusters
     power: FloatArray,  # (n,) out: electrical W
 ) -> None:
-    """Write the forces and powers of commands, for simulators in other programs: the same bits as `force` and `power`
-    of `advance`.
+    """Write the static curves' values, the forces and the powers of commands, for simulators in other programs. `force` and
+    `power` have the same bits as the results of `advance`.
     """
     n, n_u = command.shape
     value = np.empty((n_u, LANES))

@@ -20,7 +20,7 @@ LANES = 16
 Record = Any
 """Record of a structured array; the dtypes are below."""
 Rows = NDArray[np.float64]
-"""Field of a block: (..., LANES)."""
+"""Field of a block, (..., LANES)"""
 Pair = tuple[float, float]
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -82,7 +82,7 @@ VEHICLE = record(
 PARAMETER_ROWS = VEHICLE.itemsize // 8
 # How a vehicle differs from its sheet. Factors by axis, unless a field says otherwise.
 CHANGE = record(
-    mass=(),  # the net buoyancy stays
+    mass=(),  # it does not change the net buoyancy
     inertia=(3,),  # about the centre of gravity
     added_mass=(6,),
     linear_damping=(6,),
@@ -126,9 +126,9 @@ ROWS = WORKSPACE.itemsize // 8 // LANES
 THRUSTER, FIN, MASS_SHIFTER, BUOYANCY_ENGINE, DROP_WEIGHT = range(5)
 LINEAR_CURVE, TABLE_CURVE, POLYNOMIAL_CURVE = range(3)
 POWER_TABLE = 0
-"""row of the tables with electrical power over force"""
+"""Index of the table of electrical power over force"""
 POWER_POINTS = 1025
-"""points of the table of electrical power over force; odd, so that force 0 is one of them"""
+"""Number of points of the table of electrical power over force; odd, so that force 0 is one of the points"""
 ACTUATOR = record(
     kind=np.int64,  # THRUSTER, ...
     # Static curve.

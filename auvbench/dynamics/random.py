@@ -10,7 +10,7 @@ key 0      seed, 0 .. 2^32 - 1
 key 1      stream: purpose of the draw (the constants below)
 counter 0  block of four channels: channel // 4
 counter 1  step within the episode
-counter 2  episode: how many resets the environment had
+counter 2  episode: number of the environment's episode, from 0
 counter 3  environment
 =========  ====================================================================
 

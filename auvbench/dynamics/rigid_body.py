@@ -44,9 +44,9 @@ def rigid_body_mass(mass: float, center_of_gravity: ArrayLike, inertia: ArrayLik
     """Return M_RB (6, 6) at the body origin (Fossen 2011, eq. 3.44, with I_b by eq. 3.36).
 
     Args:
-        mass: kg.
+        mass: mass, kg.
         center_of_gravity: r_g (3,), m, in body axes from the body origin.
-        inertia: (3, 3), kg m2, about the centre of gravity; the parallel-axis theorem moves it to the origin.
+        inertia: inertia (3, 3) about the centre of gravity, kg m2; the parallel-axis theorem moves it to the origin.
     """
     S = skew(center_of_gravity)
     M = np.zeros((6, 6))
@@ -72,7 +72,7 @@ def coriolis(M: ArrayLike, nu: ArrayLike) -> FloatArray:
 
 
 def early(M_A: FloatArray, nu: FloatArray) -> FloatArray:
-    """Return the wrench (6,) in N and N m of the plugin of `gz-sim-8.11` less that of `gz-sim-8.12`.
+    """Return the wrench (6,), N and N m, by which the plugin of `gz-sim-8.11` exceeds the plugin of `gz-sim-8.12`.
 
     Args:
         M_A: (6, 6) added mass, kg, kg m, kg m2.

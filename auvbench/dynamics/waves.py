@@ -53,11 +53,11 @@ FloatArray = NDArray[np.float64]
 
 COMPONENTS = 32
 GAMMA = {"jonswap": 3.3, "pierson_moskowitz": 1.0}
-"""peak enhancement of the spectra"""
+"""Peak enhancement of each spectrum"""
 LOWEST, HIGHEST = 0.4, 6.0
-"""band of the components, in peak frequencies: 99.9 % of the energy"""
+"""Band of the components' frequencies, as multiples of the peak frequency; it contains 99.9 % of the energy"""
 DEEPEST = 32.0
-"""k d below which exp(-k d), 1e-14, no longer falls"""
+"""Value of k d from which on exp(-k d) stays constant, at 1e-14"""
 
 # Taylor coefficients of sine, cosine and, about -1/2, the exponential function.
 S3, S5, S7, S9, S11, S13 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(3, 14, 2))
@@ -74,7 +74,7 @@ class Waves:
 
     components: FloatArray  # (m, 3) `layout.COMPONENT`: 1 / wave length in 1/m, frequency in Hz, amplitude of the surface's velocity in m/s
     rays: FloatArray  # (blocks, m, 3, LANES) `layout.RAY`: cosine and sine of the direction, phase at time 0 in turns
-    time: FloatArray  # (n,) s, at the start of the next step
+    time: FloatArray  # (n,) time at the start of the next step, s
 
 
 def still(n: int) -> Waves:
@@ -88,13 +88,13 @@ def on(components: FloatArray, n: int) -> Waves:
 
 
 def density(frequency: FloatArray, height: float, period: float, spectrum: str) -> FloatArray:
-    """Return the spectral density S(w) in m2 s at angular frequencies > 0 in rad/s, up to a factor for JONSWAP.
+    """Return the spectral density S(w) in m2 s at angular frequencies > 0; for JONSWAP, without a constant factor.
 
     JONSWAP (Hasselmann et al. 1973) and, with a peak enhancement of 1, Pierson-Moskowitz (1964), in the form of
-    DNV-RP-C205, section 3.5; Fossen 2021, section 10.2. The factor makes the integral (height / 4)^2.
+    DNV-RP-C205, section 3.5; Fossen 2021, section 10.2. With the constant factor, the integral would be (height / 4)^2.
 
     Args:
-        frequency: rad/s.
+        frequency: angular frequencies, rad/s.
         height: significant height Hs in m.
         period: peak period Tp in s.
         spectrum: a key of `GAMMA`.
@@ -107,7 +107,7 @@ def density(frequency: FloatArray, height: float, period: float, spectrum: str) 
 
 
 def components(height: float, period: float, spectrum: str, gravity: float) -> FloatArray:
-    """Return the components (COMPONENTS, 3) of a sea, as `Waves` has them.
+    """Return the components (COMPONENTS, 3) of a sea, in the form of `Waves.components`.
 
     Each component represents a bin of the spectrum: it has the bin's energy and its variance of the surface's velocity.
     Bins are chosen so that the mean of a bin's share of the energy and its share of the variance is the same for all.
@@ -204,13 +204,13 @@ def pressure_head(
     over time in m2, and its mean frequency in Hz.
 
     Args:
-        components: (m, 3), as `Waves` has them.
-        rays: (m, 3, LANES) of the vehicle's block.
+        components: (m, 3) components of `Waves`.
+        rays: (m, 3, LANES) rays of the vehicle's block.
         lane: lane of the vehicle in the block.
-        time: s.
-        x: m east.
-        y: m north.
-        z: m up; above the mean surface, the pressure head is that at the surface.
+        time: time, s.
+        x: east coordinate, m.
+        y: north coordinate, m.
+        z: height over the mean surface, m; above the surface, the pressure head of the surface applies.
     """
     head, variance, weighted = 0.0, 0.0, 0.0
     for m in range(components.shape[0]):

@@ -1,1 +1,1 @@
-"""Three interfaces to one batch of environments: gymnasium.Env, gymnasium.vector.VectorEnv, SB3's VecEnv."""
+"""Four interfaces to one batch of environments: gymnasium.Env, gymnasium.vector.VectorEnv, SB3's VecEnv and PettingZoo's ParallelEnv."""

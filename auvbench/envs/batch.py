@@ -1,8 +1,8 @@
 """A batch of N environments: simulator, task and disturbances under one step, with automatic reset.
 
-An environment is one vehicle, or a team, whose vehicles are rows one after the other (`tasks.formation`).
+An environment is one vehicle, or a team, whose vehicles are consecutive rows (`tasks.formation`).
 
-The three interfaces (`gym_env`, `vector_env`, `sb3`) only translate the batch to the conventions of other libraries.
+The four interfaces (`gym_env`, `vector_env`, `sb3`, `parallel_env`) only translate the batch to the conventions of other libraries.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class State:
     pose: Floats  # (k, 7) x, y, z, quaternion (w, x, y, z)
     reference: Floats  # (k, 3) the waypoint of the waypoint task
     distance: Floats  # (k,)
-    force: Floats  # (k, n_u) N, of the actuators in the last step
+    force: Floats  # (k, n_u) commanded forces of the actuators in the last step, N
     key: str  # name of the reference in `info`
 
 
@@ -46,13 +46,15 @@ class State:
 class Transition:
     """Result of one step of the batch. The next step overwrites the arrays: copy what you need later."""
 
-    observation: NDArray[np.float32]  # (n, n_obs), of the next episode if an episode ended
+    observation: NDArray[
+        np.float32
+    ]  # (n, n_obs); if an episode ended, with `autoreset`: the first of the next episode
     reward: Floats  # (n,)
-    terminated: Booleans  # (n,) success, collision or out of bounds
-    truncated: Booleans  # (n,) the time is up
-    ended: NDArray[np.int64]  # indices of the episodes that ended
-    final_observation: NDArray[np.float32]  # (len(ended), n_obs) their last observations
-    final_state: State  # state of len(ended) vehicles at the end of their episodes
+    terminated: Booleans  # (n,) collision, out of bounds, or a success that ends the episode
+    truncated: Booleans  # (n,) the time limit is reached
+    ended: NDArray[np.int64]  # (k,) rows whose episodes ended
+    final_observation: NDArray[np.float32]  # (k, n_obs) last observations of these episodes
+    final_state: State  # state of these k vehicles at the end of their episodes
     records: list[Record]  # one record for each ended episode; the vehicles of a team have the same record
 
 
@@ -81,7 +83,7 @@ class Batch:
     ) -> None:
         self.config = config
         self.team = config.task.team
-        """number of vehicles in an environment, which begin and end together"""
+        """Number of vehicles in an environment; they begin and end together"""
         self.n = self.team * int(config.algo.n_envs if n is None else n)
         self.vehicle = sheet.load(config.vehicle)
         self.simulator = make_simulator(config.simulator, self.vehicle, self.n, config.disturbance)
@@ -95,22 +97,22 @@ class Batch:
         )
         self.disturbances = disturbances.make(config, self.vehicle, self.task)
         self.navigation = navigation.make(config, self.vehicle, self.task)
-        """sensors and estimates; None if agents know the truth"""
+        """Sensors and estimates; None if agents know their true motion"""
         self.autoreset = autoreset
         self.restarted: NDArray[np.float32] | None = None
-        """first observations (n, n_obs) of the episodes that `load_state_dict` had to restart"""
+        """First observations (n, n_obs) of the episodes that `load_state_dict` had to restart; None without a restart"""
         self._all = np.arange(self.n, dtype=np.int64)
         self._action: Floats = np.zeros((self.n, len(self.vehicle.actuators)))
         self._none: NDArray[np.int64] = np.empty(0, dtype=np.int64)
         self._over: NDArray[np.bool_] = np.zeros(self.n, dtype=np.bool_)
-        """(n,) whether the end of the episode was reported: without `autoreset` the vehicle moves on, and no further
+        """Whether the end of each episode (n,) was reported. Without `autoreset`, the vehicle moves on, and no further
         end is reported"""
         self._nowhere = self._state(self._none)
         self._unseen = self.task.observation[:0]
 
     @property
     def position_bounds(self) -> Floats:
-        """(3,) m, largest position errors that the observation space admits."""
+        """Largest position errors (3,) within the observation space, m."""
         return self.task.spec.bounds[self.task.spec["position_error"]].astype(np.float64)
 
     @property
@@ -125,7 +127,7 @@ class Batch:
 
     @property
     def state(self) -> State:
-        """Return the present poses, waypoints and distances of all n vehicles; the next step overwrites the arrays."""
+        """Return the present poses, references, distances and forces of all n vehicles; the next step overwrites the arrays."""
         task, simulator = self.task, self.simulator
         distance, force = task.distance, simulator.command_force
         return State(simulator.pose, task.reference, distance, force, task.reference_key)
@@ -168,7 +170,7 @@ class Batch:
             indices: None for all n.
             pose: (k, 7) x, y, z in m, unit quaternion (w, x, y, z) of the start; None: drawn.
             waypoint: (k, 3) x, y, z in m, for tasks with a free goal; None: drawn.
-            distance: (k,) m, distance from the start to which a drawn waypoint is moved.
+            distance: (k,) distance from the start to which the drawn waypoint is moved, m; None: the drawn distance.
 
         Returns:
             Observations (n, n_obs) of all environments; the next step overwrites the array.
@@ -263,7 +265,7 @@ class Batch:
         """Compute a step up to the observation; return how many episodes ended."""
         admit(action, self._action)
         task, simulator = self.task, self.simulator
-        # A subclass, of a plug-in for example, may override any method. Threads would split a team.
+        # A subclass of FossenSimulator, for example of a plug-in, may override any method. Threads would split a team.
         alone = self.n < THREADED or self.team == 1
         if self.disturbances is None and type(simulator) is FossenSimulator and alone:
             if self.n < THREADED:
@@ -272,7 +274,7 @@ class Batch:
             failed = [count for count in counts if count < 0]
             return task.checked(
                 max(failed) if failed else sum(counts)
-            )  # of several failures, the first environment's
+            )  # of several failures, the failure of the first environment
         task.protect(*self._measured(), self._action)
         command = task.add_noise(self._action)
         power = simulator.power
@@ -370,7 +372,7 @@ def load_compiled() -> None:
     batch = Batch(train_config(compose("train", ["algo=pid"], folder=None)), 1)
     batch.reset()
     batch.step(np.zeros_like(batch._action))
-    registry.forget_packages()  # a process looks for installed packages itself
+    registry.forget_packages()  # each forked process looks for installed packages itself
 
 
 def admit(action: Any, clipped: Floats) -> None:
@@ -382,7 +384,7 @@ def admit(action: Any, clipped: Floats) -> None:
     values = np.asarray(action)
     if values.shape != clipped.shape:
         raise ActionError(
-            f"an action of shape {values.shape}: must be {clipped.shape}, environments times actuators"
+            f"an action of shape {values.shape}: must be {clipped.shape}, (environments, actuators)"
         )
     if values.dtype.kind not in "fiub":
         raise ActionError(f"an action of type {values.dtype}: must be numbers")

@@ -31,8 +31,8 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         config: typed configuration, instead of overrides and keywords.
         render_mode: None, `rgb_array` (a picture (352, 832, 3) of the episode so far) or `ansi` (a line).
         conf: folder with your own configuration files, which is searched first.
-        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short forms of the overrides in
-            `settings.KEYS`.
+        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance` and the other keys of
+            `settings.KEYS`: short forms of overrides.
 
     With the same seed and actions, it gives the same floats as environment 0 of `AuvVectorEnv`.
     `auvbench.envs.info` describes `info`.

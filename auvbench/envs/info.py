@@ -1,4 +1,4 @@
-"""Make `info`: all interfaces have the same keys, whose values are numbers or arrays of numbers.
+"""Make `info`: all interfaces have the same keys; the values are numbers or arrays of numbers.
 
 =============  ==================================================================================================
 `pose`         (7,) x, y, z in m, quaternion w, x, y, z: pose without noise; world axes (ENU)
@@ -28,11 +28,11 @@ from auvbench.record import OUTCOMES, Record
 from auvbench.worlds.kinds import KINDS, NOTHING
 
 WHOLE = ("episode", "environment", "outcome", "steps", "hit", "infeasible_steps")
-"""columns of a record that are whole numbers"""
+"""Columns of a record that are whole numbers"""
 
 
 def numbers(record: Record) -> dict[str, int | float]:
-    """Return the record without texts: `outcome` as an index into OUTCOMES, `hit` as an index into KINDS, no other text columns."""
+    """Return a record as numbers: `outcome` as an index into OUTCOMES, `hit` as an index into KINDS, without other text columns."""
     codes: dict[str, Any] = {"outcome": OUTCOMES.index(str(record["outcome"]))}
     if "hit" in record:
         codes["hit"] = KINDS.index(str(record["hit"])) if record["hit"] else NOTHING

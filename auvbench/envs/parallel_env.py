@@ -25,7 +25,7 @@ except ImportError as missing:
 
 Observation = NDArray[np.float32]
 STATE = 19
-"""number of values of each vehicle in `AuvParallelEnv.state`"""
+"""Number of values of each vehicle in `AuvParallelEnv.state`"""
 
 
 def make(
@@ -121,7 +121,7 @@ class AuvParallelEnv(ParallelEnv):  # type: ignore[misc]
             raise ResetNeeded("no episode is under way: call reset() before step()")
         if actions.keys() != set(self.agents):
             raise ActionError(
-                f"actions of {', '.join(actions) or 'no vehicle'}: must be of {', '.join(self.agents)}"
+                f"actions of {', '.join(actions) or 'no vehicle'}: must have an action of {', '.join(self.agents)}"
             )
         shape = (len(self.batch.vehicle.actuators),)
         values = {agent: np.asarray(actions[agent]) for agent in self.agents}

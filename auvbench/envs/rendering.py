@@ -26,9 +26,9 @@ Floats = NDArray[np.float64]
 
 SIZE = (10.4, 4.4)
 DPI = 80
-"""inches and dots per inch: 832 x 352 pixels, even numbers for video codecs"""
+"""Size in inches, and dots per inch: 832 x 352 pixels, even numbers for video codecs"""
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000", "#882255")
-"""colours from Okabe and Ito (2008) without yellow, which is hard to see on white; the last from Tol's muted scheme"""
+"""Colours from Okabe and Ito (2008) without yellow, which is hard to see on white; the last colour is from Tol's muted scheme"""
 PATH = "#0072B2"
 SOLID = "#8a6d3b"
 """colour of solids"""
@@ -83,7 +83,7 @@ class Trail:
     waypoint: Floats  # (3,) m, waypoint or other goal of the task
     dock_yaw: float | None = None  # rad, yaw with which a dock is entered
     outlines: Callable[[Floats, Floats, float], Floats] | None = None
-    """segments of the world inside a box after a time (see `Task.outlines`); None in open water"""
+    """Function that returns the segments of the world inside a box at a time (see `Task.outlines`); None in open water"""
     moves: bool = False
     """whether the world's solids move"""
     position: list[Floats] = field(default_factory=list)  # (3,) m
@@ -118,19 +118,19 @@ def panels(
 
     Args:
         task: task whose tolerance and depth limits are drawn.
-        waypoint: (3,) m.
-        start: (3,) m.
-        low: (3,) m, lowest corner of the visible box.
-        high: (3,) m, highest corner of the visible box.
-        end: s, end of the time axes.
-        farthest: m, end of the axis of distances.
-        force: N, end of the axis of commands.
-        dock_yaw: rad, yaw with which a dock at the waypoint is entered.
-        outlines: (k, 2, 3) m, segments of solids.
+        waypoint: waypoint (3,) or other goal, m.
+        start: start (3,) of the vehicle, m.
+        low: lowest corner (3,) of the visible box, m.
+        high: highest corner (3,) of the visible box, m.
+        end: end of the time axes, s.
+        farthest: end of the axis of distances, m.
+        force: end of the axis of commands, N.
+        dock_yaw: yaw with which a dock at the waypoint is entered, rad.
+        outlines: segments (k, 2, 3) of solids, m.
     """
     from matplotlib.patches import Circle
 
-    # The layout engine does not see the labels of axes in space: the second column keeps them off the next.
+    # The layout engine ignores the labels of the 3-D axes. The narrow second column keeps them off the third column.
     grid = figure.add_gridspec(2, 4, width_ratios=[1.5, 0.15, 1.2, 1.2])
     space: Any = figure.add_subplot(grid[:, 0], projection="3d")
     above, time, command = (figure.add_subplot(place) for place in (grid[:, 2], grid[0, 3], grid[1, 3]))

@@ -25,10 +25,10 @@ def make(
     """Return N environments for Stable-Baselines3's learners.
 
     Args:
-        n_envs: number of environments in the batch; each vehicle of a team is an environment of its own for a learner.
-        seed: seed of all draws, environment i draws from (seed, i); None: the configuration's seed.
+        n_envs: number of environments in the batch; for a learner, each vehicle of a team is a separate environment.
+        seed: seed of all draws; environment i draws from (seed, i). None: the configuration's seed.
         render_mode: see `AuvEnv`.
-        kwargs: overrides, config, conf, task, vehicle, k, frequency, noise, disturbance; see `AuvEnv`.
+        kwargs: `overrides`, `config`, `conf` and the keywords of `settings.KEYS`; see `AuvEnv`.
 
     Raises:
         ConfigError: a setting is wrong.
@@ -75,7 +75,7 @@ class AuvVecEnv(VecEnv):
 
     @property
     def spec(self) -> Any:
-        """Return the specification of the Gymnasium id, with this configuration's limit of steps."""
+        """Return the specification of Gymnasium's id `auvbench.ID`, with this configuration's limit of steps."""
         import auvbench
 
         auvbench.register()
@@ -101,13 +101,13 @@ class AuvVecEnv(VecEnv):
         checked = [settings.check_options(options) for options in self._options]
         names = checked[0].keys()
         if any(options.keys() != names for options in checked):
-            raise ConfigError("options: must be the same for every environment")
+            raise ConfigError("options: must have the same names for every environment")
         rows = {name: [options[name] for options in checked] for name in names}
         bounds = self.batch.position_bounds
         return settings.places(rows, self.num_envs, self.batch.config.task, bounds)
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed the batch: environment i draws from (seed, i)."""
+        """Set the seed for the next `reset`: environment i then draws from (seed, i)."""
         if seed is not None:
             self._seeds = [seed] * self.num_envs
         return self._seeds

@@ -46,7 +46,7 @@ KEYS = {
     "navigation": "navigation",
     "filter": "filter",
 }
-"""Override of each keyword argument of an environment."""
+"""Configuration key of each keyword argument of an environment."""
 
 OPTIONS = ("pose", "waypoint", "distance")
 """Options of `reset`"""
@@ -103,7 +103,7 @@ def split(overrides: Overrides) -> list[str]:
 
 
 def refuse_team(config: schema.TrainConfig) -> None:
-    """Raise ConfigError for a team, in an interface with one vehicle in an episode."""
+    """Raise ConfigError for a team; call it in an interface with one vehicle in an episode."""
     if config.task.team > 1:
         raise ConfigError(
             f"task.vehicles={config.task.team}: this interface has one vehicle in an episode; use auvbench.parallel_env or "
@@ -128,7 +128,7 @@ def _compose(overrides: Sequence[str], folder: Path | None) -> schema.TrainConfi
 
 def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig:
     """Return the configuration with another limit of an episode's steps. None and STEPS, which Gymnasium passes by
-    default, change nothing; -1 removes the limit.
+    default, change nothing; -1 sets the limit to 10 million steps.
 
     Raises:
         ConfigError: the limit is less than 1 but not -1, or too small for the task.
@@ -148,7 +148,7 @@ def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig
 
 
 def folded(seed: Any) -> int:
-    """Return a seed as 32 bits: itself below 2^32, a hash (numpy's SeedSequence) above.
+    """Return a seed of 32 bits: the seed itself below 2^32, otherwise its hash (NumPy's SeedSequence).
 
     Raises:
         ConfigError: the seed is negative or not a whole number.
@@ -191,7 +191,7 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
             (count,) in m, to which the drawn waypoint is moved (tasks with a free goal).
         count: number of environments.
         task: task with the depth limits.
-        bounds: (3,) m, largest position errors of the observation space.
+        bounds: largest position errors (3,) of the observation space, m.
 
     Raises:
         ConfigError: a shape is wrong, a number is not finite or out of range, or both waypoint and distance are
@@ -215,7 +215,7 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
         away = np.abs(waypoint - start).max(0)
         if (away > bounds).any():
             raise ConfigError(
-                f"options['waypoint']: is {_show(away)} m from the start; the observation reaches {_show(bounds)} m"
+                f"options['waypoint']: is {_show(away)} m from the start; must be at most {_show(bounds)} m, the bounds of the observation"
             )
         _within_depths("waypoint", waypoint, task)
     if distance is not None:

@@ -14,7 +14,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def at_once(config: schema.TrainConfig, vehicles: int) -> int:
-    """Return how many of `vehicles` the simulator can have: all, or as many as the ROS 2 server has.
+    """Return how many of `vehicles` the simulator can simulate at once: all, or at most the number of vehicles of its ROS 2 server.
 
     Raises:
         ConfigError: the server does not exist.

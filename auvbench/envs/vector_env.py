@@ -48,11 +48,11 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             step; `info["final_obs"]` then has the last observation, and `info["final_info"]` the info of the end.
             `DISABLED`: by `reset(options={"reset_mask": ...})`.
         max_episode_steps: limit that replaces `task.max_steps`; 1000, which Gymnasium passes by default, changes
-            nothing, and -1 removes the limit.
+            nothing, and -1 sets the limit to 10 million steps.
         render_mode: see `AuvEnv`; `render` returns one picture or line per environment.
         conf: folder with your own configuration files, which is searched first.
-        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance`: short forms of the overrides in
-            `settings.KEYS`.
+        keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance` and the other keys of
+            `settings.KEYS`: short forms of overrides.
 
     With the seed s, environment i draws from (s, i), for any N.
 
@@ -151,7 +151,9 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
     def _reseed(self, seed: int | Sequence[int | None] | None, indices: NDArray[np.int64]) -> None:
         if isinstance(seed, Sequence | np.ndarray):
             if len(seed) != self.num_envs:
-                raise ConfigError(f"seed: {len(seed)} for {self.num_envs} environments; give one for each")
+                raise ConfigError(
+                    f"seed: {len(seed)} seeds for {self.num_envs} environments; give one for each"
+                )
             seeds = [None if s is None else settings.folded(s) for s in seed]
             super().reset(seed=None)
             if not self._seeded:

@@ -77,21 +77,24 @@ def stale(run: RunDirectory, protocol: schema.Protocol) -> str | None:
         current = fingerprint_parts(protocol, played)
     recorded = summary["fingerprint_parts"]
     if recorded["scenarios"] != current["scenarios"]:
-        return "its scenarios differ: the protocol, the vehicle or the code that draws scenarios has changed since"
+        return "its scenarios differ: the protocol, the vehicle or the code that draws scenarios has changed since the test"
     if recorded["outcomes"] != current["outcomes"]:
-        return "the same commands now have other outcomes: the simulator or the task has changed since"
+        return (
+            "the same commands now have other outcomes: the simulator or the task has changed since the test"
+        )
     return ""
 
 
 def refuse_incomplete(run: RunDirectory) -> None:
     """Raise RunError if a run is incomplete."""
     if (state := run.manifest()["state"]) != "complete":
-        raise RunError(f"{run.path}: {state}, not complete; finish it with auvbench train")
+        raise RunError(f"{run.path}: the run is {state}, not complete; finish it with auvbench train")
 
 
 def make_agent(run: RunDirectory, frequency: float, trained: schema.TrainConfig | None = None) -> Agent:
-    """Return a new agent of a run for a test. The agent knows the vehicle of its run, even if the test has a
-    different vehicle.
+    """Return a new agent of a run for a test.
+
+    The agent is made for the run's vehicle, even if the test has a different vehicle.
 
     Args:
         run: complete run.
@@ -103,7 +106,9 @@ def make_agent(run: RunDirectory, frequency: float, trained: schema.TrainConfig 
     agent = agents.make(config, vehicle)
     load = getattr(agent, "load", None)
     if load is not None:
-        _check_model(run, again="trains it again from its last checkpoint" if learns(config.algo) else "")
+        _check_model(
+            run, again="repeats its training from the last checkpoint" if learns(config.algo) else ""
+        )
         load(run.model)
     return agent
 
@@ -113,13 +118,17 @@ def _check_model(run: RunDirectory, again: str) -> None:
 
     Args:
         run: run of the model.
-        again: description of how `auvbench resume` restores lost files, for the error; '' if it cannot.
+        again: what `auvbench resume` does to restore lost files, for the error; '' if it cannot restore them.
 
     Raises:
         RunError: a file is missing or damaged.
     """
     if lost := integrity.lacking(run.path, run.manifest(), "model/"):
-        hint = f"auvbench resume {run.path} {again}" if again else "run its command again to restore it"
+        hint = (
+            f"auvbench resume {run.path} {again}"
+            if again
+            else "repeat the run's auvbench train command to restore the file"
+        )
         raise RunError(f"{run.path}: {lost}; {hint}")
 
 
@@ -172,7 +181,7 @@ def evaluate(
         report: function called when a condition starts or episodes end.
         unless_done: whether to return None if the test is already finished, and to reuse the saved parts of an
             interrupted test (`parts`).
-        roll: function that rolls out each condition, with the same rows as the default, `in_process`.
+        roll: function that rolls out each condition; default: `in_process`. Its rows must be the same.
         conditions: result of `resolve_conditions`, if it is known.
 
     Raises:
@@ -209,7 +218,7 @@ def _locked(run: RunDirectory, protocol: str) -> lock.RunLock:
         raise lock.RunHeldError(
             place,
             error.holder,
-            f"{run.id}: {error.holder} is testing it by {protocol}; skipped",
+            f"{run.id}: skipped, because {error.holder} is testing it by the protocol {protocol}",
         ) from error
     except OSError as error:
         raise RunError(f"{place} cannot be written: {error.strerror or error}") from error

@@ -36,17 +36,17 @@ from auvbench.vehicles.actuators import Actuator
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 LIMIT = 1e-5
-"""usual limit of the difference between an action of the file and of the run. Large weights magnify rounding
+"""Usual limit of the difference between an action of the file and the run's action. Large weights magnify rounding
 errors, so the limit is larger if rounding an observation changes the run's own action by more (`ROUNDINGS`)
 """
 ROUNDINGS = 4.0
-"""limit of the difference, as a multiple of the change from rounding an observation; each layer rounds again"""
+"""Limit of the difference, as a multiple of the change of an action from rounding its observation; each layer rounds again"""
 EPISODES = 64
 CORNERS = 256
 STEPS = 100
-"""steps of each test episode whose observations are compared"""
+"""Number of first steps of each test episode; the actions for their observations are compared"""
 CHECK_STEPS = 32
-"""steps of each validation episode in which `check_policy` observes"""
+"""Number of first steps of each validation episode whose observations `check_policy` uses"""
 TESTED = (
     "name",
     "frequency_hz",
@@ -84,8 +84,8 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
         folder: folder for the files; None: the run's own `exports/`.
 
     Raises:
-        RunError: the run is incomplete or has no network, its files are damaged, or the file's actions
-            differ.
+        RunError: the run is incomplete or has no network, its files are damaged, or the file's actions differ
+            from the run's by more than the limit.
         MissingExtraError: onnx or onnxruntime is not installed.
         TrainingError: the disk is full, read-only or failing.
     """
@@ -127,7 +127,7 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
     return Export(run, target, card_path, count, difference)
 
 
-NO_NETWORK = "{name} cannot be exported: it is not a network that answers each observation by itself"
+NO_NETWORK = "{name} cannot be exported: its policy is not a network that computes each action from only one observation"
 
 
 def why_no_network(name: str, agent: str, learner: bool) -> str:
@@ -253,7 +253,7 @@ def _action(unit: Actuator) -> dict[str, Any]:
 
 
 def _tests(run: RunDirectory, manifest: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the undamaged tests of the run's present model, sorted by name."""
+    """Return the undamaged tests of the run's present model, sorted by the protocol's name."""
     model = integrity.digests(manifest, "model/")
     tests = []
     for path in sorted(run.path.glob("evaluations/*/summary.json")):

@@ -40,7 +40,7 @@ class Result:
     locked: bool = False
     """whether the test failed because another process is testing the run"""
     why: str = ""
-    """reason why the run was tested again"""
+    """Reason why a finished test had to be repeated; '' if there was no finished test, or with `force`"""
 
 
 def evaluate_all(

@@ -1,8 +1,8 @@
 """Save the results of slow conditions during a test, so that an interrupted test does not compute them again.
 
 The part of a condition is a folder next to the test's lock: `evaluations/.<protocol>/parts/<number of the
-condition>`. It is reused if run, model, protocol, scenarios, their outcomes and the versions are the same, and is
-removed when the test is complete.
+condition>`. It is reused if run, model, protocol, scenarios, their outcomes and the code's versions are the same,
+and is removed when the test is complete.
 """
 
 from __future__ import annotations

@@ -55,10 +55,10 @@ def resolve_conditions(protocol: schema.Protocol, config: dict[str, Any]) -> lis
 
     Task, noise and disturbance come from the protocol, not from the run's training. A condition is left out if
     the policy cannot control its vehicle: the vehicle has other actuators than the run's vehicle, or actuators
-    of the same name that act in opposite directions.
+    of the same name that act in opposite directions. A sealed protocol also leaves out conditions with an error.
 
     Raises:
-        ConfigError: an override names an unknown key or a wrong value.
+        ConfigError: an override names an unknown key or a wrong value, or the protocol does not fit the run's task.
     """
     return once_for_all_seeds(
         repr(protocol),
@@ -220,7 +220,7 @@ def _apply(node: DictConfig, key: str, value: str, where: str) -> None:
 
 
 def _of_other_tasks(node: DictConfig, key: str) -> bool:
-    """Return whether an override does not apply to this run, because only other tasks or agents have its key.
+    """Return whether an override has no effect on this run, because only other tasks or agents have its key.
 
     `task.station` only applies to the station-keeping task, and `task.range.ping1d.dropout` only to agents that
     observe this sensor.

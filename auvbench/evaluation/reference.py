@@ -1,6 +1,6 @@
 """Compute digests of reference plays, which reveal changes of physics, task or disturbances.
 
-A reference play is a short simulation of a condition: eight vehicles with a fixed sequence of commands. The
+A reference play is a short simulation of a condition: eight episodes with a fixed sequence of commands. The
 digest covers observations, rewards, states and the task's record columns. Refactoring does not change the
 digest; doubled drag, a changed sign in the reward or a changed precedence of outcomes does.
 
@@ -41,7 +41,7 @@ FREQUENCY = 10.0
 """step frequency in Hz, if the protocol leaves it to each agent"""
 
 PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
-"""start of each vehicle, as a share of the way to the waypoint; the second to last vehicle reaches the waypoint"""
+"""Start of each episode's vehicles, as a share of the way to the waypoint; in the second to last episode, they reach it"""
 
 VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
 """initial velocity in m/s and rad/s, so that damping and Coriolis forces act from the first step"""
@@ -130,7 +130,7 @@ def _observed(task: tasks.Task) -> dict[str, Any]:
 
 
 def _set_out(batch: Batch) -> None:
-    """Place the vehicles: one is about to reach the goal, one to leave the bounds."""
+    """Place and accelerate the vehicles: one is about to reach the goal, and one is about to leave the depth limits."""
     pose, velocity = batch.simulator.pose, batch.simulator.velocity
     waypoint = batch.task.reference
     pose[:, :3] += np.repeat(PLACES, batch.team)[:, None] * (waypoint - pose[:, :3])

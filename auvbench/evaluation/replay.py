@@ -105,7 +105,9 @@ def read_mission(folder: Path, number: int) -> Replay:
         if not isinstance(about, dict) or about.get("format") != FORMAT:
             raise ValueError("mission.json has another format")
         if about.get("schema_version") != SCHEMA_VERSION:
-            raise ValueError(f"mission.json has version {about.get('schema_version')}, not {SCHEMA_VERSION}")
+            raise ValueError(
+                f"mission.json must have version {SCHEMA_VERSION}, got {about.get('schema_version')}"
+            )
         schema = columns.of_mission()
         table = tables.csv(
             reading.content(folder / "episodes.csv", reading.DATA), schema, words=("condition",)

@@ -101,13 +101,13 @@ class Protocol(schema.Protocol):
     sha256: dict[str, str]
     """Digests of the file and of its sheets, by file name"""
     not_tested: list[str]
-    """Conditions and tasks that this version cannot simulate"""
+    """One line for each condition or task that this version cannot simulate, with the reason"""
 
     def refuse_task(self, task: str) -> None:
         """Raise ConfigError unless the protocol tests the task."""
         if task not in self.tasks:
             raise ConfigError(
-                f"protocol {self.name}: tests {', '.join(self.tasks)}, but the run has task {task}"
+                f"protocol {self.name} tests only the tasks {', '.join(self.tasks)}, but the run has task {task}"
             )
 
 
@@ -129,7 +129,7 @@ def read(path: Path) -> Protocol:
         raise ConfigError(f"protocol={path}: {getattr(error, 'strerror', None) or short(error)}") from error
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", content.name) or not is_plain(content.name):
         raise ConfigError(
-            f"protocol={path}: name must be letters, digits, dots and dashes, got {short(content.name, 60)}"
+            f"protocol={path}: name must be letters, digits, dots, dashes, underscores, got {short(content.name, 60)}"
         )
     if content.name in folders.options("protocol"):
         raise ConfigError(
@@ -199,7 +199,9 @@ def _condition(entry: Entry, path: Path, digests: dict[str, str]) -> Condition:
     if len(entry.weak_thrusters) != len(entry.weak_share) or len(set(entry.weak_thrusters)) < len(
         entry.weak_thrusters
     ):
-        raise ValueError("weak_thrusters and weak_share must have the same length, and no thruster twice")
+        raise ValueError(
+            "weak_thrusters and weak_share must have the same length, and weak_thrusters no number twice"
+        )
     if len(entry.payload_at_m) != 3:
         raise ValueError("payload_at_m must be three numbers")
     document = None

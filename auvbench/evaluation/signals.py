@@ -46,7 +46,7 @@ class Signals:
     table: pd.DataFrame
     """T + 1 rows: the start, and the end of each step. Columns without a dot have the same names as in logs for `auvbench identify`."""
     motion: tuple[Panel, ...]
-    """panels of the vehicle's motion, commands, forces and power, and of the current"""
+    """Panels of the vehicle's motion, commands, forces and power, of the reward, and of the current"""
     observed: tuple[Panel, ...]
     """panels of the observation, one per block"""
 

@@ -44,10 +44,11 @@ class Advice:
 
 
 def advise(result: Fit) -> list[Advice]:
-    """Return candidates, the best first: telegraph signals along each axis that the thrusters reach.
+    """Return candidate manoeuvres, the most informative first: telegraph signals along each axis on which the thrusters can push.
 
     Each candidate is simulated with the fitted vehicle, and with the sensors and the lasting errors of the logs. Its Fisher
-    information is added to the inverse of the fit's covariance.
+    information, doubled for the doubled duration, is added to the inverse of the fit's covariance. A vehicle without thrusters, or with
+    other actuators as well, has no candidates.
     """
     vehicle = with_values(result.vehicle, result.numbers)
     if not vehicle.thrusters or vehicle.others:

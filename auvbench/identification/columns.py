@@ -3,7 +3,7 @@
 from auvbench import integrations
 
 READABLE = ", ".join([".csv", *(title for title, _ in integrations.LOGS.values())])
-"""Logs that can be read, apart from auvbench's own records."""
+"""Log formats that can be read, apart from auvbench's own records."""
 DESCRIBED = (
     (("t_s", "t_ms", "t_us"), "time, increasing (one of the three)"),
     (
@@ -16,7 +16,7 @@ DESCRIBED = (
     (("qw", "qx", "qy", "qz"), "or the attitude as a quaternion, body to world"),
     (("u_mps", "v_mps", "w_mps"), "velocity in body axes: forward, port, up"),
     (("p_radps", "q_radps", "r_radps"), "rates in body axes; _degps for degrees"),
-    (("ax_mps2", "ay_mps2", "az_mps2"), "specific force, which is only checked"),
+    (("ax_mps2", "ay_mps2", "az_mps2"), "specific force, used only for checks"),
     (("voltage_V",), "supply of the thrusters"),
 )
 """Groups of columns, and their meaning."""

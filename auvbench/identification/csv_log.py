@@ -157,7 +157,9 @@ def _inputs(table: pd.DataFrame, name: str) -> tuple[str, tuple[str, ...], Float
             " NAME_N for each thruster, or the wrench Fx_N to Mz_Nm"
         )
     if len(present) > 1:
-        raise LogError(f"{name}: has inputs of {len(present)} kinds ({', '.join(present)}); give one kind")
+        raise LogError(
+            f"{name}: has inputs of {len(present)} kinds ({', '.join(present)}); keep the columns of one kind"
+        )
     kind = present[0]
     if kind == "wrench":
         inputs = np.zeros((len(table), 6))

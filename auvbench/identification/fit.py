@@ -28,7 +28,7 @@ BOUND = 4.0
 """Bound of a parameter, in prior standard deviations."""
 CONTRADICTED = 2.0
 """Distance of a parameter from its prior, in prior standard deviations, beyond which the log contradicts the sheet. Such a parameter
-does not go back to its prior, even if the log identifies it poorly: the other parameters would have to compensate for a wrong value."""
+is not reset to its prior, even if the log identifies it poorly: the other parameters would have to compensate for a wrong value."""
 STEPS = 12
 """Largest number of steps of a fit."""
 CONFIDENCE = 0.95
@@ -45,7 +45,7 @@ class Estimate:
     """Lower end of the 95 % interval, in the parameter's unit; `high` is the upper end."""
     high: float
     ratio: float
-    """Posterior over prior standard deviation."""
+    """Posterior standard deviation divided by prior standard deviation."""
     kept: str = ""
     """Reason why the parameter stays at its prior; '' if the log identifies it."""
 
@@ -65,7 +65,7 @@ class Fit:
     covariance: FloatArray
     """(n_p, n_p) covariance of all normalised parameters, computed as if none were kept at its prior."""
     condition: float
-    """Condition number of the Fisher information of the identified parameters, in prior standard deviations."""
+    """Condition number of the identified parameters' Fisher information, in units of their prior standard deviations."""
     blocks: int
     """Number of blocks of the bootstrap."""
     windows: Windows
@@ -109,20 +109,20 @@ def fit(
 
     Args:
         logs: logs of one vehicle.
-        vehicle: vehicle of the prior.
+        vehicle: vehicle whose sheet gives the priors.
         parameters: numbers to fit.
-        length: length of a window in s.
+        length: length of a window in s; None: `window_of`.
         kept: reasons by name for parameters that stay at their prior.
         replicates: number of bootstrap replicates.
         seed: seed of the bootstrap.
-        told: function that gets a line of progress.
+        told: function called with each line of progress.
 
     Raises:
         LogError: the inputs do not fit the vehicle, or no window can be cut.
     """
     if len({log.kind == "wrench" for log in logs}) > 1:
         raise LogError(
-            f"{logs[0].name}: some logs have wrenches and others commands of thrusters; give one kind"
+            f"{logs[0].name}: some logs have wrenches and others commands of thrusters; give only logs of one kind"
         )
     windows = cut(logs, length or window_of(logs))
     if windows.n == 0:
@@ -187,7 +187,7 @@ def information(
 
 
 def _undamped(parameter: Parameter, x: float) -> bool:
-    """Return whether a damping is at its lower bound, where it is practically 0, as in many vehicles."""
+    """Return whether a parameter is a damping at its lower bound, where it is practically 0; many vehicles have such a damping."""
     return "damping" in parameter.name and x <= parameter.range(BOUND)[0] + 1e-3
 
 
@@ -199,7 +199,7 @@ def _estimate(parameter: Parameter, x: float, sd: float, quantile: float, kept: 
 
 
 def _solve(residuals: Residuals, x: FloatArray, free: Sequence[int], tolerance: float = 0.005) -> FloatArray:
-    """Return the normalised parameters after damped Gauss-Newton steps in the free parameters that minimise the loss.
+    """Minimise the loss over the free parameters by damped Gauss-Newton steps; return all normalised parameters (n_p,).
 
     Each step linearises the effect of the windows' first states again, so that parameters and first states converge together. The
     trust regions of `scipy.optimize.least_squares` need three times as many steps here, because a delay starts at its bound.
@@ -254,7 +254,7 @@ def _blocks(windows: Windows) -> IntArray:
 def _sums(residuals: Residuals, x: FloatArray, blocks: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return gradients (blocks, n_p) and Gauss-Newton matrices (blocks, n_p, n_p) of the blocks, without the prior.
 
-    The third result is the change of the gradient (errors, n_p) by one standard deviation of each error of a whole log.
+    The third result (errors, n_p) is the change of the gradient for one standard deviation of each error that all logs share.
     """
     everything = range(x.size)
     J = residuals.jacobian(x, everything)
@@ -274,7 +274,7 @@ def _sums(residuals: Residuals, x: FloatArray, blocks: IntArray) -> tuple[FloatA
 
 
 def _covariance(gradients: FloatArray, matrices: FloatArray, errors: FloatArray) -> FloatArray:
-    """Return the sandwich covariance (n_p, n_p) from the scatter between blocks, the errors of whole logs and the prior."""
+    """Return the sandwich covariance (n_p, n_p) from the scatter between blocks, the errors that all logs share, and the prior."""
     count = len(gradients)
     bread = np.linalg.inv(matrices.sum(axis=0) + np.eye(gradients.shape[1]))
     scatter = gradients - gradients.mean(axis=0)
@@ -305,9 +305,9 @@ def _identified(
     reasons: dict[str, str],
     told: Callable[[str], None],
 ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], float]:
-    """Set the parameters that the logs do not identify back to their prior, one by one, and fit the others again.
+    """Reset each parameter that the logs do not identify to its prior, one at a time; then refit the remaining parameters.
 
-    Adds the reasons to `reasons`. Returns the parameters, the `_sums` of all parameters, and the condition number.
+    Changes `x` and adds the reasons to `reasons`. Returns `x`, the `_sums` of all parameters, and the condition number.
     """
     names = [parameter.name for parameter in residuals.parameters]
     gradients, matrices, errors = _sums(residuals, x, blocks)
@@ -335,7 +335,7 @@ def _identified(
 
 
 def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropped: bool) -> list[int]:
-    """Fit `x` again in place if parameters were dropped or ran to a bound; return the indices of the parameters still free."""
+    """Refit `x` in place if parameters were dropped (reset to their prior) or ran to a bound; return the indices of the free ones."""
     names = [parameter.name for parameter in residuals.parameters]
     while True:
         free = [k for k, name in enumerate(names) if name not in reasons]
@@ -361,8 +361,8 @@ def _at_bound(parameter: Parameter, x: float) -> str:
     if parameter.name.startswith("gain.") and x < 0.0:
         thruster = parameter.name.partition(".")[2]
         return (
-            f"the fit ran to its bound, {parameter.value(-BOUND):.2g}: {thruster} hardly acts as drawn, and the other numbers make up"
-            " for it; correct its gain, position or direction in the sheet"
+            f"the fit ran to its bound, {parameter.value(-BOUND):.2g}: {thruster} hardly pushes as the sheet says, and the other"
+            " parameters compensate; correct its gain, position or direction in the sheet"
         )
     return "the fit ran to its bound"
 
@@ -383,7 +383,7 @@ def _resampled(
 ) -> FloatArray:
     """Return the covariance of bootstrap replicates (Andrews 2002: one Newton step from the fit for each).
 
-    A replicate draws blocks with replacement, the centre of the prior from the prior, and the errors of whole logs.
+    A replicate draws blocks with replacement, the centre of the prior from the prior, and the errors that all logs share.
     """
     generator = np.random.default_rng(seed)
     count, size = gradients.shape

@@ -34,7 +34,7 @@ COARSEST = 0.075
 SMOOTH = 5
 """Number of samples of the moving mean over both signals."""
 EXCITED = 0.02
-"""Share of the largest force from which an axis counts as commanded."""
+"""An axis counts as commanded if its RMS force is at least this share of the largest force."""
 
 
 QUIET = 0.05
@@ -44,7 +44,7 @@ CLOSED, AGAINST, STILL = "closed loop", "against the command", "still"
 _REASONS = {
     CLOSED: "the log is closed loop on this axis",
     AGAINST: "the vehicle moves against the commands on this axis",
-    STILL: "the vehicle neither pushes nor is seen to move along this axis",
+    STILL: "the thrusters were hardly commanded along this axis, and the log shows no motion along it",
 }
 
 
@@ -195,19 +195,20 @@ def warning(verdicts: Sequence[Verdict]) -> str:
     parts = []
     if all(verdict.state in ("not commanded", STILL) for verdict in verdicts):
         parts.append(
-            f"no axis was commanded with more than {100 * EXCITED:.0f} % of its largest force: the logs hardly say more than"
+            f"no axis was commanded with more than {100 * EXCITED:.0f} % of its largest force: the logs show little more than"
             " the buoyancy; record a telegraph signal (auvbench pilot excite)"
         )
     if closed:
         parts.append(
             f"the commands do not lead the motion on {closed}: the log looks closed loop, and these axes stay at the sheet's"
-            f" values; record a telegraph signal without a controller (accepted: {SMALLEST:g} or more at 0 to"
-            f" {1e3 * LATEST:.0f} ms). If no controller ran, give gate=off: a vehicle with far more damping than the sheet's looks the same"
+            f" values; record a telegraph signal without a controller (accepted: correlation of"
+            f" {SMALLEST:g} or more at a lag of 0 to {1e3 * LATEST:.0f} ms). If no controller ran, give gate=off: a vehicle with far"
+            " more damping than in its sheet looks the same"
         )
     if against:
         parts.append(
-            f"the vehicle moves against the commands on {against}, and these axes stay at the sheet's values; a thruster pushes"
-            " the other way than in the sheet (motors=), or the log has other axes (frame=)"
+            f"the vehicle moves against the commands on {against}, and these axes stay at the sheet's values; either a"
+            " thruster pushes opposite to its direction in the sheet (correct motors=), or the log has other axes (correct frame=)"
         )
     return ". ".join(parts)
 

@@ -22,7 +22,7 @@ _NUMBERED = re.compile(r"(?:pwm|motor|servo|thruster|c|m|t)?_?(\d+)", re.IGNOREC
 
 
 def columns(log: Log, vehicle: VehicleModel) -> list[int]:
-    """Return the column of the log for each actuator of a vehicle, by the autopilot's motors, by name or by number.
+    """Return the log's column for each actuator of a vehicle, matched by the autopilot's motors, by name or by number.
 
     Raises:
         LogError: an actuator has no column, or a column has no actuator.
@@ -93,7 +93,7 @@ def quantities(log: Log, vehicle: VehicleModel, voltage: float | None = None) ->
 
 
 def at_voltage(command: FloatArray, voltage: FloatArray | float) -> FloatArray:
-    """Return the thrust (T,) in N of a T200 at commands (T,) in [-1, 1]; the supply (T,) in V is clipped to the table."""
+    """Return the thrust (T,) in N of a T200 at commands (T,) in [-1, 1]; the supply voltage (T,) in V is clipped to the table."""
     supply = np.clip(np.broadcast_to(voltage, command.shape), *VOLTAGES)
     grid = np.arange(VOLTAGES[0], VOLTAGES[1] + 0.1, 2.0)
     table = np.stack([t200_at(float(at))(command) for at in grid])
@@ -105,7 +105,7 @@ def at_voltage(command: FloatArray, voltage: FloatArray | float) -> FloatArray:
 
 
 def has_voltage(vehicle: VehicleModel) -> bool:
-    """Return whether the thrust of a vehicle depends on the supply."""
+    """Return whether the thrust of a vehicle depends on the supply voltage."""
     return any(unit.curve.voltage > 0.0 for unit in vehicle.units)
 
 

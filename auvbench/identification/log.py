@@ -103,7 +103,7 @@ class Log:
     motors: Callable[[VehicleModel], Motors] | None = None
     """Function that returns which thrusters of a vehicle an autopilot's outputs C1, C2, ... drive; None: match by name or number."""
     voltage: FloatArray | None = None
-    """(T,) supply of the thrusters, V."""
+    """(T,) supply voltage of the thrusters, V; None: not measured."""
     segments: tuple[tuple[int, int], ...] = ()
     """First row and one past the last row of each part without a gap."""
     lasting: Lasting | None = None
@@ -258,13 +258,13 @@ def _check_jumps(log: Log) -> None:
 
 
 def _steep(log: Log, index: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return for each step (k - 1,) between rows (k,) whether it is a step of roll or yaw with the bow near the vertical."""
+    """Return for each step (k - 1,) between rows (k,) whether the step is of roll or yaw while the bow is near the vertical."""
     pitch = np.abs(np.nan_to_num(log.measured[rows, 4]))
     return np.asarray((np.maximum(pitch[1:], pitch[:-1]) > STEEP) & (index in (3, 5)))
 
 
 def _check_units(log: Log) -> None:
-    """Raise LogError where attitude, rates or specific force have another unit than their column says."""
+    """Raise LogError if attitude, rates, heave velocity or specific force have a unit or a sign that their column does not say."""
     tilt = np.abs(log.measured[:, 4])
     if np.nanmax(tilt, initial=0.0) > 0.5 * np.pi + 0.02:
         row = int(np.nanargmax(tilt))

@@ -15,7 +15,7 @@ FloatArray = NDArray[np.float64]
 DEPTH = -5.0
 """z in m of a vehicle whose depth was not measured."""
 SPAN = 0.15
-"""Half of the time in s over which a position or an angle gives a velocity; at least one interval between measurements."""
+"""Half of the time span in s from whose positions or angles a velocity is derived; at least one interval between measurements."""
 UNKNOWN = 0.3
 """Standard deviation of a velocity that was neither measured nor derived, m/s and rad/s."""
 
@@ -60,7 +60,7 @@ def of_log(log: Log) -> Motion:
 
 
 def _derive(state: FloatArray, source: list[str], part: slice, values: FloatArray, there: bool) -> None:
-    """Fill velocities or rates that were not measured."""
+    """Fill velocities or rates that were not measured with `values` (T, 3), in place, if their positions or angles were."""
     for column, index in enumerate(range(part.start, part.stop)):
         # A body component counts as known if the same world axis was measured; at small tilt the two axes coincide.
         if not source[index] and there and source[index - 6]:

@@ -1,4 +1,4 @@
-"""Define the numbers of a sheet that a log can determine: names and priors; and return vehicles with other values."""
+"""Define the numbers of a sheet that a log can determine, with their priors, and return vehicles with other values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PER_AXIS = ("added_mass", "linear_damping", "quadratic_damping")
 class Parameter:
     """A number of a sheet with its prior.
 
-    In the fit it is `prior` exp(sd x) where `log` is set, else `prior` + sd x, with x normal.
+    In the fit, its value is prior * exp(sd * x) if `log` is set, else prior + sd * x. The prior of x is the standard normal distribution.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Parameter:
 def known(vehicle: VehicleModel) -> dict[str, Parameter]:
     """Return all parameters of a vehicle by name.
 
-    A number whose prior is a factor is left out if it is zero in the sheet.
+    A number that the fit scales (`log`) is left out if its value in the sheet is not positive.
     """
     found = [
         # A weighing scale gives the mass to a few percent.
@@ -107,7 +107,7 @@ def choose(vehicle: VehicleModel, names: Sequence[str], measured_voltage: bool) 
         measured_voltage: whether the logs have the supply voltage, which is then not a parameter.
 
     Raises:
-        ConfigError: an unknown name, or one whose value in the sheet is zero.
+        ConfigError: a name is unknown, its value in the sheet is zero, or it is the voltage that the logs already have.
     """
     present = known(vehicle)
     groups = {name.partition(".")[0] for name in present}
@@ -142,14 +142,14 @@ def _unknown(vehicle: VehicleModel, name: str, valid: Sequence[str]) -> ConfigEr
         axis = name.partition(".")[2]
         if not axis or axis in AXES:
             return ConfigError(
-                f"parameters={name}: is 0 in the sheet of {vehicle.name}, so that it has no factor; give the sheet a"
-                " value first"
+                f"parameters={name}: is 0 in the sheet of {vehicle.name}, and the fit can only scale it; write a positive"
+                " value into the sheet first"
             )
     return ConfigError(f"parameters={name}: not a number that logs determine; {closest(name, valid)}")
 
 
 def values_of(parameters: Sequence[Parameter], x: FloatArray) -> dict[str, float]:
-    """Return the numbers by name of normalised values (n_p,)."""
+    """Return the parameters' numbers by name, from their normalised values (n_p,)."""
     return {parameter.name: parameter.value(float(at)) for parameter, at in zip(parameters, x, strict=True)}
 
 
@@ -193,7 +193,7 @@ def _unit(unit: Actuator, values: dict[str, float]) -> Actuator:
 
 
 def gains(vehicle: VehicleModel, values: dict[str, float]) -> FloatArray:
-    """Return the factors (n_u,) on the actuators' forces, by the names of `known`."""
+    """Return the factors (n_u,) on the actuators' forces, from thrust and gains in `values` (names as in `known`)."""
     return np.array(
         [values.get("thrust", 1.0) * values.get(f"gain.{unit.name}", 1.0) for unit in vehicle.units]
     )

@@ -47,7 +47,7 @@ def read(paths: Sequence[str], frame: str = "enu", motors: Sequence[str] | None 
 
 
 def _foreign(path: Path) -> Reader | None:
-    """Return the reader of a foreign system's log."""
+    """Return the reader of an integration for a log of another system; None if no integration reads it."""
     for mark, (_, code) in integrations.LOGS.items():
         if (path / mark).is_file() or path.suffix.lower() == mark:
             reader: Reader = resolve(code)

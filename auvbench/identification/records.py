@@ -58,7 +58,7 @@ def read(path: Path) -> list[Log]:
 
 
 def _episodes(names: list[str]) -> list[tuple[str, int]]:
-    """Return condition and number of the episodes whose time an archive has."""
+    """Return condition and number of each episode for which an archive has a time array, given the names of its arrays."""
     matches = (re.fullmatch(r"time_(.+)_(\d{1,9})(?:\.npy)?", name) for name in names)
     return sorted((match[1], int(match[2])) for match in matches if match)
 
@@ -96,7 +96,7 @@ def _log(name: str, digest: str, stored: dict[str, np.ndarray], key: str, actuat
     measured[:, 5] = np.unwrap(yaw)
     names = actuators or tuple(f"thruster{number}" for number in range(1, command.shape[1] + 1))
     if len(names) != command.shape[1]:
-        raise LogError(f"{name}: has commands of {command.shape[1]} actuators, and names of {len(names)}")
+        raise LogError(f"{name}: has commands of {command.shape[1]} actuators, but names of {len(names)}")
     # The last row is the end of the last command.
     inputs = np.vstack([command, command[-1:]])
     return checked(

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from auvbench.identification.log import CHANNELS, Lasting, Log
+from auvbench.identification.motion import UNKNOWN
 from auvbench.identification.parameters import Parameter, values_of
 from auvbench.identification.windows import Predictor, Windows
 
@@ -40,7 +41,7 @@ NOTHING = Lasting(np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0.0, 0.0, 0.
 class Residuals:
     """Residuals of one predictor as a function of normalised parameters.
 
-    The first state of a window is measured with noise, and some logs have lasting errors (`log.Lasting`). Corrections of both
+    The first state of a window is measured with noise, and some logs have lasting errors (`log.Lasting`). Corrections of both errors
     minimise the residuals of the window. The residuals are linear in the corrections, which are therefore computed in closed form
     at each evaluation (Golub and Pereyra, variable projection).
 
@@ -104,7 +105,7 @@ class Residuals:
         if self._has_lasting:
             predicted = predicted + self._bias[:, None]
         error = self.windows.error(predicted)[..., self.channels]
-        # A step of the fit may try a vehicle that no time step resolves.
+        # A step of the fit may try a vehicle whose dynamics are too fast for any time step.
         return np.where(self.there, np.nan_to_num(error, nan=LOST, posinf=LOST, neginf=-LOST), 0.0)
 
     def linearise(self, x: FloatArray) -> None:
@@ -237,7 +238,7 @@ class Residuals:
                 elif index >= 6:
                     size = float(np.std(motion.state[:, index]))
                     derived = motion.spread[index] * noise[index - 6] + 0.3 * size
-                    row[index] = derived if source == "derived" else 0.3
+                    row[index] = derived if source == "derived" else UNKNOWN
         return table[self.windows.log]
 
     @property
@@ -247,7 +248,7 @@ class Residuals:
         return int(self._gain[0].shape[-1])
 
     def project(self, raw: FloatArray, change: bool = False) -> tuple[FloatArray, FloatArray]:
-        """Return residuals (n, m channels) in standard deviations after the correction, and corrections (n, `corrections`).
+        """Return the corrected residuals (n, m * channels) in standard deviations, and the corrections (n, `corrections`).
 
         Args:
             raw: (n, m, channels) as from `raw`.
@@ -293,14 +294,14 @@ class Residuals:
         )
 
     def robust(self, r: FloatArray) -> FloatArray:
-        """Return the weights (rows,) that give the squares of `vector` the gradient of the soft-L1 loss (Charbonnier 1994)."""
+        """Return the weights (rows,) with which a sum of squares of `vector` has the gradient of the soft-L1 loss (Charbonnier 1994)."""
         split = self.there.size
         weights = self.weights()
         weights[:split] /= np.sqrt(1.0 + r[:split] ** 2)
         return weights
 
     def loss(self, x: FloatArray) -> float:
-        """Return half the sum of the soft-L1 loss of the residuals and of the squares of corrections and prior."""
+        """Return half the weighted sum of the residuals' soft-L1 losses and of the squares of corrections and prior."""
         r = self.vector(self.raw(x), x)
         split = self.there.size
         rho = np.concatenate([2.0 * (np.sqrt(1.0 + r[:split] ** 2) - 1.0), r[split:] ** 2])

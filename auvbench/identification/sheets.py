@@ -27,7 +27,7 @@ def identified_sheet(
     """Return the content of the identified vehicle's sheet, after checking it.
 
     Args:
-        base: content of the prior's sheet, without parents.
+        base: content of the prior's sheet, merged with its parents.
         fit: result of the fit.
         name: name of the new vehicle.
         command: command line, for the sheet's source.
@@ -156,7 +156,7 @@ def _components(quantity: dict[str, Any], parts: Mapping[int, tuple[float, float
 
 
 def _source(quantity: dict[str, Any], names: Sequence[str]) -> None:
-    """Add the source of the identified components to the sources of the others."""
+    """Add the source of the identified components to the quantity's sources, and the names of these components to its note."""
     given = quantity["source"]
     others = list(given) if isinstance(given, (list, tuple)) else [given]
     quantity["source"] = [SOURCE, *(source for source in others if source != SOURCE)]
@@ -210,9 +210,9 @@ def _section(fit: Fit, command: str, digests: Sequence[tuple[str, str]]) -> dict
 
 
 def rounded(covariance: NDArray[np.float64]) -> list[list[float]]:
-    """Return a covariance rounded to nine digits, for a sheet.
+    """Return a covariance for a sheet: its diagonal enlarged by 0.01 %, its numbers rounded to nine significant digits.
 
-    A covariance from few bootstrap replicates would get negative eigenvalues with fewer digits, or without the enlarged diagonal.
+    With fewer digits, or without the enlarged diagonal, a covariance from few bootstrap replicates would get negative eigenvalues.
     """
     matrix = 0.5 * (covariance + covariance.T) + 1e-4 * np.diag(np.diag(covariance))
     return [[float(f"{value:.9g}") for value in row] for row in matrix.tolist()]

@@ -65,11 +65,11 @@ class Validation:
     channels: tuple[str, ...]
     """Measured channels."""
     predictions: tuple[Prediction, ...]
-    """Predictions that hold the first state, of constant velocity, then of the sheets."""
+    """Predictions in this order: first state held, constant velocity, then each sheet."""
     remarks: tuple[str, ...] = field(default=())
 
     def skill(self, prediction: Prediction) -> float:
-        """Return the geometric mean, over channels and horizons, of the ratio of an error to the error of holding; lower is better."""
+        """Return the geometric mean over channels and horizons of RMS error / RMS error of holding the first state; lower is better."""
         hold = self.predictions[0].rms()
         ratio = prediction.rms() / np.where(hold > 0.0, hold, np.nan)
         ratio = ratio[np.isfinite(ratio) & (ratio > 0.0)]
@@ -128,7 +128,7 @@ def horizons(logs: Sequence[Log]) -> Windows:
 def validate(
     logs: Sequence[Log], vehicles: Sequence[tuple[str, VehicleModel, Identified | None]], *, seed: int = 0
 ) -> Validation:
-    """Return the errors of holding, of constant velocity and of each sheet on some logs.
+    """Return the errors on some logs of three kinds of predictions: first state held, constant velocity, and each sheet.
 
     Args:
         logs: logs of one vehicle.

@@ -149,7 +149,7 @@ def step_of(logs: Sequence[Log]) -> float:
 
 
 def _pieces(time: FloatArray, rows: IntArray, length: float, stride: float) -> list[IntArray]:
-    """Return the rows of each window of a segment; a window has at least four rows and half the length."""
+    """Return the rows of each window of a segment; a window has at least four rows, and starts at least half its length before the end."""
     pieces = []
     at = float(time[0]) if time.size else 0.0
     while time.size and at < time[-1] - 0.5 * length:
@@ -165,7 +165,7 @@ class Predictor:
 
     Args:
         windows: windows to predict.
-        vehicle: vehicle of the prior.
+        vehicle: vehicle whose sheet gives the numbers that `values` does not have.
 
     Raises:
         LogError: a log's inputs do not fit the vehicle.
@@ -236,7 +236,7 @@ class Predictor:
         padded: int,
         inputs: Sequence[tuple[FloatArray, list[FloatArray]]] = (),
     ) -> FloatArray:
-        """Return the predictions of `many` for sets of numbers that are simulated in one batch of `padded` vehicles for each set.
+        """Return the predictions of `many` for sets of numbers that are simulated in one batch, with `padded` vehicles for each set.
 
         `inputs` are the inputs of each set, in the form of `_inputs`; default: `_inputs` of the set.
         """
@@ -279,7 +279,7 @@ class Predictor:
         return self._sampled(grid, start, lanes)
 
     def _units(self, vehicle: VehicleModel) -> tuple[Actuator, ...]:
-        """Return actuators whose command is their quantity divided by a factor; the inputs contain first-order lags, so these have none."""
+        """Return actuators whose command is their quantity divided by a factor. They have no first-order lag: `_inputs` applies it."""
         if self.by_wrench:
             return ()
         return tuple(
@@ -325,7 +325,7 @@ class Predictor:
         return command, now
 
     def _actuator_states(self, units: Sequence[Actuator], now: list[FloatArray]) -> FloatArray:
-        """Return the states (n, n_states) of actuators with dynamics at the windows' starts: the steady states of the inputs there."""
+        """Return the states (n, n_states) of actuators with dynamics at the windows' starts, in steady state for the inputs there."""
         windows = self.windows
         inputs = np.zeros((windows.n, len(units)))
         for number, values in enumerate(now):
@@ -366,7 +366,7 @@ def _lagged(unit: Actuator) -> bool:
 
 @compiled()
 def _follow(state: FloatArray, keep: FloatArray) -> None:
-    """Replace inputs (T, n_u) by the states of a lag; in each step, shares `keep` (T - 1, n_u) of the distance to the input remain."""
+    """Replace inputs (T, n_u) in place by a lag's states; in each step, the share `keep` (T - 1, n_u) of the distance remains."""
     inputs = state.copy()
     for k in range(keep.shape[0]):
         for a in range(keep.shape[1]):

@@ -1,6 +1,6 @@
 """Register the integrations, which connect auvbench to foreign systems; each has its own folder.
 
-An integration is registered by its specs, as an installed package is. The core works without these folders and the lines below.
+An integration is registered by its specs, as an installed package is. The core works without these folders and the entries below.
 Some integrations use other integrations.
 """
 
@@ -31,8 +31,8 @@ LOGS: dict[str, tuple[str, str]] = {
 }
 """Log formats by the ending of a file, or by the name of a file in the log's folder.
 
-Each value is the format's name in help texts and its reader. A reader takes the path of the log and the names of the thrusters in
-the order of an autopilot's motors.
+Each value is the format's name in help texts and the import path of its reader. A reader takes the path of the log and the names of
+the thrusters in the order of an autopilot's motors.
 """
 USED = (f"{_HERE}.gazebo.bindings", f"{_HERE}.ros2.simulator", f"{_HERE}.ardusub.radio")
 """Modules whose function `used` returns the versions of the foreign programs that this process uses."""

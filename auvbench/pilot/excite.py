@@ -14,33 +14,33 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 NAME = "excite"
-"""word on the command line in place of a controller"""
+"""Word that selects this controller on the command line, in place of a controller's name"""
 SECONDS = 60.0
 """duration for each axis, s"""
 AMPLITUDE = 0.15
-"""share of the largest force along an axis"""
+"""default amplitude, as a share of the largest force along an axis"""
 REACH = 5.0
-"""largest distance from the place of arming, m"""
+"""default of the largest distance from the place of arming, m; the pilot disarms beyond it"""
 FREQUENCY = 20.0
-"""commands per second"""
+"""default rate of commands, Hz"""
 SLOWEST = 5.0
-"""lowest rate of commands in Hz, with which the shortest push has two commands"""
+"""lowest allowed rate of commands, Hz: the shortest push then lasts two commands"""
 
 
 class Excite:
     """Open-loop controller of a pilot: it ignores the observation and pushes along one axis after another.
 
-    A constant heave force balances the net weight (weight less buoyancy) of the sheet.
+    If the thrusters push along heave, a constant heave force balances the sheet's net weight (weight less buoyancy).
 
     Args:
         vehicle: vehicle that the pilot steers.
         axes: axes in the order of the pushes, out of surge, sway, heave, roll, pitch and yaw.
-        amplitude: largest share of the force along an axis, up to 1; pushes have 40 or 100 % of it.
+        amplitude: largest push, as a share of the largest force along an axis, up to 1; each push has 40 or 100 % of it.
         seconds: duration for each axis, s.
-        frequency: rate of the pilot, Hz.
+        frequency: rate of commands, Hz.
 
     Raises:
-        ConfigError: the thrusters do not push along an axis.
+        ConfigError: the thrusters cannot push along one of the axes.
     """
 
     def __init__(

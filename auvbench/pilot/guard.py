@@ -16,15 +16,15 @@ from auvbench.pilot import supervisor
 from auvbench.pilot.supervisor import FIRED, FORWARD, MESSAGE, READY, SENT, WILL
 
 STARTS = 30.0
-"""time in s for the start of a supervisor on a busy machine"""
+"""longest time in s to wait until a supervisor is ready; on a busy machine it starts slowly"""
 HANGS = 2.0
-"""time in s after which a supervisor that did not answer is killed, once the pilot has brought the vehicle to rest"""
+"""time in s that `Guard.close` waits for a lost supervisor to end before killing it; the vehicle is then at rest already"""
 BUFFER = 16_384
-"""bytes buffered for the supervisor: about twelve messages, so that a hanging supervisor is noticed"""
+"""size of the send buffer in bytes: about twelve messages, so that sending to a hanging supervisor soon times out"""
 
 
 class Unsupervised(RunError):
-    """The supervisor has ended, and the pilot must end too.
+    """The supervisor has ended or does not answer, so the pilot must end too.
 
     Attributes:
         fired: whether the supervisor has brought the vehicle to rest, so that the pilot must send no further
@@ -82,7 +82,7 @@ class Guard:
             theirs.close()
 
     def leave_will(self, contents: Sequence[bytes]) -> None:
-        """Set the messages that bring the vehicle to rest; they replace earlier ones."""
+        """Set the will: the messages that bring the vehicle to rest. They replace the previous will."""
         for content in (b"", *contents):
             self._hand(WILL, content)
 
@@ -90,7 +90,7 @@ class Guard:
         """Wait at most `seconds` until the supervisor can send; return whether it can.
 
         Raises:
-            Unsupervised: the supervisor has ended.
+            Unsupervised: the supervisor has ended or does not answer.
         """
         self._hand(FORWARD, b"")
         if not self._ready and select.select([self._socket], [], [], seconds)[0]:
@@ -100,7 +100,7 @@ class Guard:
         return self._ready
 
     def _heard(self) -> bytes:
-        """Return the supervisor's next byte; empty if it has ended or has not sent one."""
+        """Return the supervisor's next byte; b"" if it has ended or has sent no byte."""
         with contextlib.suppress(OSError):
             return self._socket.recv(1)
         return b""
@@ -109,33 +109,33 @@ class Guard:
         """Arm the supervisor: from now on it sends the will if the pilot falls silent.
 
         Raises:
-            Unsupervised: the supervisor has ended.
+            Unsupervised: the supervisor has ended or does not answer.
         """
         self._holds = True
         self._hand(FORWARD, b"")
 
     def release(self) -> None:
-        """Disarm the supervisor: the vehicle is at rest, and the pilot may fall silent or end."""
+        """Disarm the supervisor: the vehicle is at rest, so the pilot may stop sending messages or end."""
         self._holds = False
         if self.lost is None:
             self._hand(FORWARD, b"")
 
     def live(self) -> None:
-        """Tell the supervisor that the pilot is alive.
+        """Tell an armed supervisor that the pilot is alive, if the last message is older than a tenth of `patience`.
 
         Raises:
-            Unsupervised: the supervisor has ended.
+            Unsupervised: the supervisor has ended or does not answer.
         """
         if self._holds and self.lost is None and time.monotonic() - self._handed > 0.1 * self.patience:
             self._hand(FORWARD, b"")
 
     def forward(self, content: bytes) -> bool:
-        """Send a content through the supervisor; return False if the caller must send it.
+        """Send a command through the supervisor; return False if the caller must send the command itself.
 
-        The caller must send if the supervisor has ended and has not brought the vehicle to rest.
+        The caller must send it if the supervisor is lost and has not brought the vehicle to rest.
 
         Raises:
-            Unsupervised: the supervisor has ended; raised only at the first call that notices it.
+            Unsupervised: the supervisor has ended or does not answer; raised only at the first call that notices it.
         """
         if self.lost is not None:
             return self.lost.fired
@@ -158,8 +158,8 @@ class Guard:
         self._socket.settimeout(0.0)
         fired = FIRED in (self._heard(), self._heard())
         if hangs and not fired:
-            # Perhaps it is only late: then it sends its will when it reads the end, should the pilot die before it has brought
-            # the vehicle to rest. Commands that it reads before the end are too old to be sent.
+            # The supervisor may only be late. When it reads the end of the stream, it sends its will; this brings the vehicle to rest
+            # even if the pilot dies first. Commands that the supervisor reads before the end are too old to be sent.
             with contextlib.suppress(OSError):
                 self._socket.shutdown(socket.SHUT_WR)
             text = "the pilot's supervisor does not answer"
@@ -172,13 +172,13 @@ class Guard:
         text = (
             f"the pilot was silent for more than {self.patience:g} s, and its supervisor brought the vehicle to rest"
             if fired
-            else f"{text}, and a pilot does not steer without one"
+            else f"{text}; a pilot does not steer without a supervisor"
         )
         self.lost = Unsupervised(text, fired=fired)
         return self.lost
 
     def close(self) -> None:
-        """Let the supervisor end, and wait for it. It first sends the will, unless `release` was called."""
+        """Let the supervisor end, and wait for it. If it is armed (`hold` without `release`), it first sends the will."""
         self._socket.close()
         try:
             self._process.wait(2 * supervisor.LONGEST if self.lost is None else HANGS)

@@ -21,7 +21,7 @@ _NO_ERROR = (0.0, 0.0, 0.0)
 
 
 def supplied() -> tuple[str, ...]:
-    """Return the blocks that odometry and a goal at rest can supply: blocks of auvbench, and chosen blocks of packages."""
+    """Return the names of the observation blocks that follow from odometry and a goal at rest, plug-in blocks included."""
     return tuple(
         name
         for name in BLOCKS

@@ -1,11 +1,11 @@
-"""Run the loop of a pilot: it steers a vehicle with a controller, and commands zero thrust in doubt.
+"""Run the loop of a pilot: it steers a vehicle with a controller, and commands zero thrust when in doubt.
 
 It starts disarmed, and commands nothing while disarmed. Armed, it steers only with a recent pose within the
 depth limits, a waypoint and a finite action; otherwise it commands zero thrust. Its last command is also zero
 thrust.
 
 Every end has the same order: zero thrust, disarmed, then everything that may fail (the logbook, a closed
-standard output). If the pilot was killed or hangs, its supervisor does this instead (`auvbench.pilot.guard`).
+standard output). If the pilot was killed or hangs, its supervisor commands zero thrust instead (`auvbench.pilot.guard`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from auvbench.vehicles.physical import PhysicalCommands
 Floats = NDArray[np.float64]
 
 RESTS = 3
-"""number of zero commands at the end, since one may be lost"""
+"""number of zero-thrust commands that bring the vehicle to rest: a single one may be lost"""
 TURN = 0.02
 """longest single wait in s; an old pose is noticed at most this much later"""
 
@@ -81,7 +81,7 @@ class Pilot(ABC):
 
     @abstractmethod
     def _command(self, quantities: Floats) -> None:
-        """Send commands (n_u,), N of thrusters."""
+        """Send the physical commands (n_u,) of the actuators; thrusters' commands are forces in N."""
 
     @abstractmethod
     def _take_over(self) -> str:
@@ -89,7 +89,7 @@ class Pilot(ABC):
 
     @abstractmethod
     def _leave(self, was_armed: bool) -> None:
-        """Wait briefly until the last command has arrived, and leave the network."""
+        """Wait briefly for the last command to arrive, then close the connection to the vehicle."""
 
     def _rest(self) -> bool:
         """Command zero thrust several times; return whether the vehicle is known to be at rest."""
@@ -104,7 +104,7 @@ class Pilot(ABC):
             if not self._owes_rest:
                 self.guard.release()
         except BaseException as error:
-            if self.guard.lost is not None:  # nobody else brings the vehicle to rest
+            if self.guard.lost is not None:  # no supervisor brings the vehicle to rest
                 self._rest()
             if not isinstance(error, Unsupervised):
                 raise
@@ -145,7 +145,7 @@ class Pilot(ABC):
         if behind > self.limits.pose_timeout:
             self._clock_went_back()
         elif behind >= 0.0 and stamp:
-            return  # a message that is repeated, or older than the last one, does not make the pose more recent
+            return  # a repeated message, or one older than the last message, does not make the pose more recent
         else:
             age = time.monotonic() - self._received
             # After a long gap between poses, a jump is possible: the vehicle may have moved.
@@ -194,7 +194,7 @@ class Pilot(ABC):
         """Allow the controller to steer; return why it may not, or ''.
 
         Raises:
-            Unsupervised: the supervisor has ended.
+            Unsupervised: the supervisor has ended or does not answer.
         """
         if self.armed:
             return ""
@@ -260,7 +260,8 @@ class Pilot(ABC):
         """Make one step of the controller if it may steer.
 
         Raises:
-            RunError: the controller failed or returned an invalid action; the pilot is then disarmed.
+            RunError: the controller failed or returned an invalid action, and the pilot was disarmed; or the logbook cannot be
+                written.
         """
         if not self.may_steer():
             return
@@ -279,7 +280,7 @@ class Pilot(ABC):
         self._act(self.steering.waypoint)
 
     def may_steer(self) -> bool:
-        """Check pose and depth; return whether the controller may steer."""
+        """Return whether the controller may steer; hold or disarm if a message is too old or a limit is exceeded."""
         if not self.armed:
             return False
         what, age = self._oldest()
@@ -333,7 +334,7 @@ class Pilot(ABC):
         return error if isinstance(error, AuvbenchError) else RunError(f"the controller failed: {reason}")
 
     def run(self, go_on: Callable[[], bool]) -> None:
-        """Serve and steer while `go_on()`; always end with zero thrust.
+        """Handle messages and steer while `go_on()` is True; always end with zero thrust.
 
         Raises:
             AuvbenchError: the controller failed, or the logbook cannot be written.
@@ -345,7 +346,7 @@ class Pilot(ABC):
             self.close("the pilot was ended")
 
     def spin_once(self) -> None:
-        """Serve for a moment, check the pose, and steer if a step is due.
+        """Handle messages for a moment, check the pose, and steer if a step is due.
 
         Raises:
             AuvbenchError: see `run`.
@@ -364,12 +365,12 @@ class Pilot(ABC):
             self.step()
             self._due = self._due + period if now - self._due < period else now + period
             return
-        # In simulated time, the wait for the next step is unknown in seconds of this machine's clock.
+        # In simulated time, it is unknown how long the wait for the next step is by this machine's clock.
         self._receive(TURN if self._sim_time else min(self._due - now, TURN))
         self.may_steer()
 
     def close(self, reason: str) -> None:
-        """Command zero thrust, wait until it arrives, and leave the network."""
+        """Command zero thrust, wait until the command arrives, and close the connection to the vehicle."""
         if self._closed:
             return
         self._closed = True

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 FASTEST = 50.0
-"""largest speed, m/s and rad/s"""
+"""largest speed of a vehicle, and largest component of its velocity, m/s and rad/s"""
 FARTHEST = 1e6
-"""largest distance from the origin, m"""
+"""largest absolute coordinate of a position, m"""
 
 
 def is_possible(pose: Floats, velocity: Floats) -> bool:
@@ -26,7 +26,7 @@ def is_possible(pose: Floats, velocity: Floats) -> bool:
 
 
 def is_jump(before: Floats, after: Floats, seconds: float) -> bool:
-    """Return whether a move from one pose (7,) to another in `seconds` is faster than any vehicle."""
+    """Return whether the move from pose `before` to pose `after` (7,) in `seconds` is faster than any vehicle."""
     return math.dist(before[:3], after[:3]) > FASTEST * seconds
 
 

@@ -1,4 +1,4 @@
-"""Compute actions from states: one controller on its way to one waypoint, or at a station, without a network."""
+"""Compute a controller's actions on the way to a waypoint or at a station. This module contains no network code."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Steering:
 
     controller: Controller
     vehicle: VehicleModel
-    """vehicle that the controller's action is for"""
+    """vehicle that the controller's actions move"""
     frequency: float
     """rate of the controller, Hz"""
     spec: ObservationSpec
@@ -101,14 +101,14 @@ class Steering:
     ended: list[tuple[Mission, str]] = field(default_factory=list, init=False)
     """missions that `write` has not written yet, with the reason of their end"""
     _action: Floats | None = field(default=None, init=False)
-    """action since the last step"""
+    """(n_u,) action of the present step; None before a mission's first action and after `skip_record`"""
 
     def distance(self, pose: Floats) -> float:
-        """Return the distance in m of a pose (7,) from the waypoint; 0 without one."""
+        """Return the distance in m from a pose (7,) to the waypoint; 0 without a waypoint."""
         return 0.0 if self.waypoint is None else math.dist(pose[:3], self.waypoint)
 
     def advance(self, pose: Floats) -> str:
-        """Record the step that ended at `pose` (7,); return the mission's outcome if the step ended it."""
+        """Record the step that ended at `pose` (7,); return the mission's outcome if the step ended the mission, else ''."""
         if self.mission is None or self._action is None:
             return ""
         action = self._action
@@ -130,7 +130,7 @@ class Steering:
         A waypoint must be set.
 
         Raises:
-            RunError: the controller's answer is not an action. Exceptions of the controller are not caught.
+            RunError: the answer of the controller or of the filter is not an action. Exceptions of both are not caught.
         """
         waypoint = self.waypoint
         assert waypoint is not None
@@ -170,7 +170,7 @@ class Steering:
         )
 
     def end(self, reason: str) -> None:
-        """End the present mission; `write` records it if it has a step."""
+        """End the present mission; with a logbook, `write` then records it if it has at least one step."""
         mission, self.mission, self._action = self.mission, None, None
         self._record(mission, reason)
 

@@ -8,7 +8,7 @@ commands that bring the vehicle to rest. The supervisor sends the will in three 
 * The pilot reports that the vehicle is at rest, but its last command came too late to be sent.
 
 Then the supervisor prints a line and ends. It writes no file. It imports only the standard library and the imports of
-the integration's file with the class `Sender`. Neither file may import auvbench, since this file is a program of its own.
+the integration's file with the class `Sender`. Neither file may import auvbench, since the supervisor runs this file as a separate program.
 """
 
 import contextlib
@@ -38,13 +38,13 @@ FIRED = b"f"
 SENT = 3
 """exit code after the will was sent"""
 PAUSE = 0.04
-"""s between two messages of the will"""
+"""time between two messages of the will, s"""
 LONGEST = 5.0
 """time in s in which the supervisor must end after `watch`; then SIGALRM kills it"""
 
 
 class Sender(Protocol):
-    """Network of a vehicle: the class `Sender` in an integration's file, created with the words after the file's name."""
+    """Connection to a vehicle: the class `Sender` in an integration's file. The words after the file's name are its arguments."""
 
     done: str
     """effect of the will as text, for the supervisor's last line"""
@@ -53,10 +53,10 @@ class Sender(Protocol):
         """Return whether the vehicle can receive."""
 
     def send(self, data: bytes) -> None:
-        """Send the content of one message to the vehicle."""
+        """Send one command of the pilot, or of the will, to the vehicle."""
 
     def close(self) -> None:
-        """Wait until all sent data have left this machine, and close the network."""
+        """Wait until all sent data have left this machine, and close the connection."""
 
 
 def watch(control: socket.socket, sender: Sender, will: list[bytes]) -> str:

@@ -5,7 +5,7 @@ raw observations (n, n_obs) in the units of the environment and returns actions 
 and clipping are in the file.
 
 ONNX Runtime reads and runs the file in a separate process, which cannot open files and has limits of memory
-and time (`auvbench/untrusted/sandbox.py`). So the operators in the file do not matter: a file that crashes,
+and time (`auvbench/untrusted/sandbox.py`). Therefore a file may contain any operators: a file that crashes,
 never ends or takes all memory gives a one-line error. The answers are checked: they must have the right
 shape, be the same for the same observation, and be valid actions.
 """
@@ -31,7 +31,7 @@ SCHEMA_VERSION = 1
 """schema version of the card"""
 
 LARGEST, LARGEST_CARD = 16 << 20, 1 << 20
-"""largest network and largest card in bytes"""
+"""Largest size of a network and of a card, bytes"""
 
 MOST = 1000
 """largest number of observations or actions"""
@@ -39,18 +39,18 @@ MOST = 1000
 Floats = NDArray[np.float32]
 
 NETWORK, CARD = "policy.onnx", "policy.json"
-"""Files of a run of `algo=onnx`, in its `model/`."""
+"""Names of the network and the card in the folder `model/` of a run of `algo=onnx`"""
 
 SLACK = 1e-6
-"""amount by which rounding may take an action beyond [-1, 1]; such an action is clipped"""
+"""Largest amount by which an action may exceed [-1, 1], for rounding errors; such an action is clipped"""
 
 ROWS = 64
-"""rows of each forward pass, since matrix products of another shape may round differently, and an answer must
-not depend on the size of the batch
+"""Number of rows of each forward pass. It is fixed, because matrix products of another shape may round differently, and
+an answer must not depend on the size of the batch
 """
 
 
-DIFFERENT = "answers the same observations differently the second time"
+DIFFERENT = "answers the same observations differently the second time; its actions must depend on the observation only"
 
 Lengths = tuple[int | None, ...]
 """lengths of an array's axes; None for an axis of any length"""
@@ -103,7 +103,7 @@ class Card:
     action: tuple[Named, ...]
     file: _File
     document: dict[str, Any] = field(default_factory=dict)
-    """the whole card"""
+    """The whole card, with the entries that auvbench does not read"""
 
     @property
     def observed(self) -> tuple[str, ...]:
@@ -141,7 +141,7 @@ def parse_card(data: bytes, where: str) -> Card | None:
     """Return the card in `data`; None if the JSON describes something else.
 
     Raises:
-        PolicyError: the data are not JSON, have another schema version, or an entry is missing or impossible.
+        PolicyError: the data are not JSON or have another schema version, or an entry is missing or invalid.
     """
     try:
         document = reading.json_value(data)
@@ -152,7 +152,7 @@ def parse_card(data: bytes, where: str) -> Card | None:
     version = document.get("schema_version")
     if version != SCHEMA_VERSION:
         raise PolicyError(
-            f"{where}: schema_version {short(version, 40)}, but this auvbench reads {SCHEMA_VERSION}"
+            f"{where}: schema_version {short(version, 40)}, but this auvbench reads {SCHEMA_VERSION}; export the policy again"
         )
     try:
         card = replace(typed_json.convert(document, Card), document=document)
@@ -189,7 +189,7 @@ class Policy:
         card: card of the file; must have as many names as the network has inputs and outputs.
         rows: rows of each forward pass (see `ROWS`), unless the file fixes them; 1 is fastest for one
             observation.
-        seconds: largest processor time for each answer.
+        seconds: largest processor time for each answer, s.
 
     Raises:
         PolicyError: the file is damaged, has the wrong shape, or its answers depend on more than the
@@ -214,7 +214,7 @@ class Policy:
         self.card = card
         self.sha256 = hashlib.sha256(data).hexdigest()
         self.seconds = 0.0
-        """processor time of the answers in their process, s"""
+        """Processor time of all answers so far, in the process of the policy, s"""
         self.input, self.output = self._opened(data, seconds)
         try:
             _fits("input", self.input, observations, card.observed if card else None)
@@ -222,7 +222,9 @@ class Policy:
             fixed, width = self.input.shape
             width = width or observations or (len(card.observation) if card else None)
             if width is None:
-                raise ValueError(f"its input {self.input} leaves the length of an observation open")
+                raise ValueError(
+                    f"its input {self.input} leaves the length of an observation open; export it with a fixed length"
+                )
             self._rows = fixed or rows
             tried = np.random.default_rng(0).normal(size=(self._rows, width)).astype(self.input.type)
             first, second = self._query(tried), self._query(tried)
@@ -269,7 +271,7 @@ class Policy:
             raise PolicyError(f"{self.where}: {error}") from error
         if action.shape != (len(rows), self.n_actions):
             raise PolicyError(
-                f"{self.where}: answers {len(rows)} observations with an array of shape {action.shape}"
+                f"{self.where}: answers {len(rows)} observations with an array of shape {action.shape}; must be one row of actions for each"
             )
         self._refuse(rows, action)
         return np.clip(action, -1.0, 1.0)
@@ -368,7 +370,7 @@ def _ports(answer: object) -> tuple[Port, ...]:
 def _only(ports: tuple[Port, ...], kind: str, what: str) -> Port:
     if len(ports) != 1:
         listed = ", ".join(map(str, ports[:6])) or "none"
-        raise ValueError(f"has {len(ports)} {kind}s ({listed}); a policy has one, the {what}")
+        raise ValueError(f"has {len(ports)} {kind}s ({listed}); a policy must have one, the {what}")
     return ports[0]
 
 
@@ -398,7 +400,7 @@ def _described(answer: NDArray[Any] | None) -> str:
 def _reason(error: BaseException) -> str:
     text = plain(" ".join(str(error).split())) or type(error).__name__
     hint = (
-        " (its weights are in another file, which is not read: export one file)"
+        " (its weights are in another file, which auvbench does not read: export one file)"
         if "External data" in text
         else ""
     )

@@ -31,7 +31,7 @@ COMPACT = ("condition", "frequency_hz", "episode", "outcome", "steps")
 """first columns of a compact table; the columns of the tasks' primary measures and `ALSO_COMPACT` follow"""
 ALSO_COMPACT = ("final_position_error_m", "energy_J")
 DIGITS = 3
-"""significant digits of the measures in a compact table; rounding errors mostly cancel in means over episodes"""
+"""Significant digits of the measures in a compact table; rounding errors mostly cancel in means over episodes"""
 
 
 def write(
@@ -99,7 +99,7 @@ def write(
 def write_history(runs: Sequence[RunRecord], folder: Path) -> list[str]:
     """Write the histories of the runs' experiments as one file; return a text for each unreadable history.
 
-    Without any history, no file is written.
+    If no history has a line, no file is written.
 
     Raises:
         OSError: the file cannot be written.
@@ -121,7 +121,7 @@ def _row(
 ) -> dict[str, Any]:
     manifest, config = _manifest(run), _config(run)
     if wrong := disagreement(manifest, config):
-        raise ReportError(f"{run.directory}: {wrong}: it was changed meanwhile; publish again")
+        raise ReportError(f"{run.directory}: {wrong}: the run was changed during publishing; publish again")
     return {
         "run": run.id,
         "algo": str(run.config.get("algo.name")),

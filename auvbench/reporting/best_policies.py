@@ -64,7 +64,7 @@ def renew(
         sections: result of `best` for each section, best agents first.
         sources: runs with their weights, by id.
         folder: folder of the study.
-        export: whether to export and remove files; False only lists the existing files.
+        export: whether to export and remove files; if False, the existing files are only listed.
 
     Raises:
         RunError: an output path is a link.
@@ -122,7 +122,7 @@ def _remove(folder: Path, runs: Collection[str]) -> None:
         if file.exists():
             file.unlink()
             exported.card_path(file).unlink(missing_ok=True)
-            print(f"removed {file}: no longer the best of its algorithm")
+            print(f"removed {file}: its policy is no longer the best of its algorithm")
 
 
 def has_policies(folder: Path) -> bool:

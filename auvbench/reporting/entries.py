@@ -76,12 +76,12 @@ class Verified:
 
 
 def pack(entry: Entry, runs: Sequence[RunRecord], folder: Path, target: Path) -> None:
-    """Write an entry's files into a folder, and pack them into an archive.
+    """Pack an entry into an archive: its description, the tables of its runs, and the files of their models.
 
     Args:
         entry: description without its files.
         runs: runs tested by the entry's protocol.
-        folder: empty folder.
+        folder: empty folder, into which the tables are written first.
         target: path of the ZIP file.
 
     Raises:
@@ -123,7 +123,7 @@ def unpack(path: Path, folder: Path) -> Entry:
         entry = read(files.get(FILE, b""), path)
         for name in files:
             if name not in (FILE, VERIFIED, *entry.files):
-                raise ValueError(f"it has the file {short(name, 60)}, which {FILE} does not name")
+                raise ValueError(f"it has the file {short(name, 60)}, but {FILE} does not list this file")
         holder = {integrity.FILES: {name: asdict(item) for name, item in entry.files.items()}}
         for name in entry.files:
             target = child(folder, name)

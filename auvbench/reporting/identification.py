@@ -84,13 +84,17 @@ def parameters_table(fit: Fit) -> Table:
         Heading("unit", words=True),
         Heading("sheet"),
         Heading("logs"),
-        Heading("uncertainty left", "%", hint="standard deviation after the logs over the prior's"),
+        Heading(
+            "uncertainty left",
+            "%",
+            hint="standard deviation after the fit, as a share of the prior's standard deviation",
+        ),
         Heading("", words=True),
     )
     notes = (
         f"95 % intervals from a bootstrap of {fit.blocks} blocks of the logs"
         + ("; so few blocks make them rough" if fit.blocks < 10 else ""),
-        "the uncertainty left includes the uncertainty of the numbers that stay; the sheet has the joint covariance",
+        "the uncertainty left includes the effect of numbers that stay at the sheet's values; the sheet has the joint covariance",
         *(f"{e.parameter.name} stays: {e.kept}" for e in fit.estimates if e.kept),
     )
     return Table(headings, tuple(lines), "numbers of the sheet before and after", notes)
@@ -102,8 +106,8 @@ def _state(estimate: Estimate) -> str:
     if estimate.ratio <= IDENTIFIED:
         return "identified"
     if abs(estimate.x) > CONTRADICTED:
-        return "far from the sheet's, but not precisely known"
-    return "identified, given the numbers that stay"
+        return "far from the sheet's number, but not precisely known"
+    return "identified, if the numbers that stay are right"
 
 
 def excitation_table(fit: Fit, verdicts: Sequence[Verdict]) -> Table:
@@ -136,7 +140,7 @@ def excitation_table(fit: Fit, verdicts: Sequence[Verdict]) -> Table:
         Heading(
             "error after 1 s",
             "% of holding",
-            hint="on these logs; near 100: the sheet lacks what moves the vehicle",
+            hint="on these logs; near 100: the sheet does not model what moves the vehicle",
         ),
         Heading("", words=True),
     )
@@ -189,7 +193,7 @@ def write_identification(
     texts = (
         (advice[0].text,)
         if advice
-        else ("No manoeuvre was simulated: it needs thrusters and no other actuators.",)
+        else ("No manoeuvre was simulated, because this needs a vehicle with only thrusters as actuators.",)
     )
     body = (
         Part("answer", "Numbers", _warned(verdicts), (parameters_table(fit),), _some(embedded, "parameters")),
@@ -200,8 +204,8 @@ def write_identification(
     windows = fit.windows
     methods = (
         f"{windows.n} windows of {windows.length:g} s were predicted with the compiled model, each from its measured first"
-        " state, whose error is estimated with the parameters. The loss is soft L1; the prior of a number is a factor of two"
-        " round the sheet (5 % for the mass, 2 % of the weight for the net buoyancy).",
+        " state, whose error is estimated together with the parameters. The loss is soft L1. The prior allows each number a factor"
+        " of two around the sheet's number (5 % for the mass, 2 % of the weight for the net buoyancy).",
         f"A number is identified if its posterior standard deviation is at most half the prior's. The condition number of the"
         f" information of the identified numbers is {number(fit.condition)}.",
         *(remark for log in fit.logs for remark in log.remarks),
@@ -210,7 +214,7 @@ def write_identification(
         "identification.html",
         ("tables.js",),
         title=f"auvbench identify: {name}",
-        headline=f"{identified} of {len(fit.estimates)} numbers of {fit.vehicle.name} identified from {seconds:.0f} s",
+        headline=f"{identified} of {len(fit.estimates)} numbers of {fit.vehicle.name} identified from {seconds:.0f} s of logs",
         lead=f"Logs: {', '.join(dict.fromkeys(log.name for log in fit.logs))}.",
         parts=body,
         methods=methods,
@@ -238,7 +242,7 @@ def _advice_table(advice: Sequence[Advice]) -> Table:
     headings = (
         Heading("manoeuvre of a minute", words=True),
         Heading("force", "% of the largest"),
-        Heading("standard deviations fall by", "%", hint="geometric mean over the numbers, expected"),
+        Heading("standard deviations fall by", "%", hint="expected value, geometric mean over the numbers"),
     )
     return Table(headings, lines, "manoeuvres, the most informative first")
 
@@ -259,7 +263,7 @@ def _some(embedded: dict[str, page_parts.Embedded], *names: str) -> tuple[page_p
 
 
 def validation_table(result: Validation) -> Table:
-    """Return the errors of all predictors by channel and horizon; a star marks the smallest error of each."""
+    """Return the errors of all predictors by channel and horizon; a star marks the smallest error of a channel and horizon."""
     rms = [prediction.rms() for prediction in result.predictions]
     lines = []
     for channel in result.channels:
@@ -282,8 +286,8 @@ def validation_table(result: Validation) -> Table:
         *(Heading(f"{horizon:g} s") for horizon in HORIZONS),
     )
     notes = (
-        f"Root mean square errors over {result.windows} windows; * is the smallest of a quantity and horizon. A dash: too few"
-        " windows, or measured more rarely.",
+        f"Root mean square errors over {result.windows} windows; * marks the smallest error of a quantity at a time. A dash: too"
+        " few windows have a measurement at this time.",
     )
     return Table(headings, tuple(lines), "errors after each time", notes, lead=2)
 
@@ -309,14 +313,14 @@ def summary_table(result: Validation) -> Table:
     headings = (
         Heading("predicted by", words=True),
         Heading(
-            "error over that of holding",
-            hint="geometric mean over quantities and horizons; below 1 is better",
+            "error relative to holding the value",
+            hint="geometric mean over quantities and times; below 1 is better than holding the value",
         ),
-        Heading("coverage", "%", hint=f"measurements within the {100 * BAND:.0f} % bands"),
+        Heading("coverage", "%", hint=f"share of measurements within the {100 * BAND:.0f} % bands"),
     )
     notes = (
-        f"Bands of {100 * BAND:.0f} % exist for sheets of auvbench identify; on logs like those of the identification they"
-        f" should cover 85 to 95 %.",
+        f"Only sheets from auvbench identify have {100 * BAND:.0f} % bands; on logs like the logs of the identification, the bands"
+        f" should contain 85 to 95 % of the measurements.",
     )
     return Table(headings, tuple(lines), "sheets, the best first", notes)
 
@@ -353,7 +357,7 @@ def write_validation(folder: Path, result: Validation, *, command: str) -> Path:
         ),
         methods=(
             "Each window starts from the state that was measured, or derived from positions and angles around its first row, and"
-            " gets the commands of the log. Holding keeps each value; constant velocity keeps velocity and rates.",
+            " gets the commands of the log. Holding keeps each value constant; constant velocity keeps velocity and rates constant.",
             *result.remarks,
         ),
         command=command,

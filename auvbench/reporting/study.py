@@ -139,9 +139,8 @@ def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
         raise ReportError(f"{folder}: {damage}; remove {RUNS} to publish again") from damage
     if lost:
         raise ReportError(
-            f"{folder} has {counted(len(lost), 'run')} that would be lost, first {lost[0]}; name {folder} "
-            "as well to keep "
-            f"them, publish into another folder, or remove {folder / RUNS}"
+            f"{folder} has {counted(len(lost), 'run')} that would be lost, for example {lost[0]}; to keep them, also name {folder} "
+            f"as a source; otherwise publish into another folder, or remove {folder / RUNS}"
         )
 
 

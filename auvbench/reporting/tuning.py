@@ -69,7 +69,7 @@ def summary(outcome: Outcome) -> list[str]:
     if outcome.best is not None:
         lines.append(
             f"Best in the search: trial {outcome.best.number}, {worth(outcome.results(outcome.best)[-1], outcome.objective)}, on the "
-            "validation scenarios that chose it. The best of many trials is partly lucky."
+            "validation scenarios that chose it. So this value is optimistic (selection bias)."
         )
     counts = Counter(state_of(trial) for trial in outcome.trials)
     states = [f"{count} {state}" for state, count in sorted(counts.items())]
@@ -90,7 +90,7 @@ def at_the_edge(outcome: Outcome) -> str:
     near = [f"{d.key} ({d.text})" for d in outcome.plan.dimensions if d.at_end(params[d.key])]
     if not near:
         return ""
-    return f"At an end of the range: {listed(near, 4)}. A wider range may hold better settings."
+    return f"At an end of the range: {listed(near, 4)}. A wider range may contain better settings."
 
 
 def gain(outcome: Outcome) -> str:
@@ -133,7 +133,7 @@ def evidence(outcome: Outcome) -> str:
     return (
         gain(outcome)
         if outcome.gains
-        else "Not compared with fresh seeds: its result in the search is partly lucky."
+        else "Not compared with fresh seeds: its result in the search is optimistic (selection bias)."
     )
 
 
@@ -162,13 +162,13 @@ def draw(outcome: Outcome, out: Path) -> None:
 def in_units(outcome: Outcome) -> tuple[Study, Measure]:
     """Return an Optuna study of the trials with the values of one measure in the measure's unit, and this measure.
 
-    The measure is the first objective. If it has the same value for more than half of the trials with the best
-    trial's budget, the measure is the second objective, which distinguishes these trials.
+    The measure is the first objective, or the second objective if the first hardly distinguishes the trials: if, of the
+    trials with the best trial's budget, more than half have the same value.
     """
     best = outcome.best
     peers = [trial for trial in outcome.trials if best and trial.last_step == best.last_step]
     tops = [outcome.results(trial)[-1].objective for trial in peers]
-    second = bool(tops) and 2 * tops.count(tops[0]) > len(tops) > 1
+    second = len(tops) > 1 and 2 * max(Counter(tops).values()) > len(tops)
     measure = outcome.objective.then if second else outcome.objective.measure
     study = optuna.create_study(direction="maximize" if measure.higher_is_better else "minimize")
     for trial in sorted(outcome.trials, key=lambda trial: trial.number):

@@ -147,7 +147,8 @@ def compare(
     lines = (
         f"rows: {len(submitted) - len(different)} of {len(submitted)} runs have the same bits",
         f"processor: {cpu}" + ("" if same_cpu else f"; submitted from {short(entry.cpu, 80)}"),
-        f"against PID: {before} as submitted, {after} again; measure {value:.5g} as submitted, {value_again:.5g} again",
+        f"verdict against PID: {before} in the entry, {after} when repeated; "
+        f"measure: {value:.5g} in the entry, {value_again:.5g} when repeated",
     )
     version = provenance.versions()["auvbench"]
     return Outcome(Verified(now(), version, cpu, not different, before, after, ok), lines)

@@ -39,7 +39,10 @@ def if_any(path: Path, content: str) -> list[Path]:
 
 
 def markdown(report: Report, figures: Sequence[Figure], folder: Path, further: Sequence[Table] = ()) -> str:
-    """Return the content of report.md of one section, with further tables; links are relative to `folder`, its location."""
+    """Return the content of report.md of one section, with further tables.
+
+    `folder` is the folder of report.md, to which the links are relative.
+    """
     ranking = report.ranking
     main = next((figure for figure in figures if figure.name == MAIN), None)
     parts = ["# Report", tables.markdown(ranking, figure_in_markdown(main, folder) if main else "").rstrip()]

@@ -37,10 +37,10 @@ FAULTS = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
 
 
 def storage_error(error: OSError, what: str) -> TrainingError:
-    """Return the one-line error for a disk that cannot be read or written.
+    """Return the one-line error for a file or folder that cannot be read or written.
 
     Args:
-        error: error from the system.
+        error: exception of the operating system.
         what: what failed, for example "cannot write the checkpoint of step 1000".
     """
     reason = _REASONS.get(error.errno or 0, f"{error.strerror or error}; repair it")
@@ -125,7 +125,7 @@ def write_atomic(path: Path, data: bytes, *, sync_folder: bool = True) -> None:
 
 
 def create_atomic(path: Path, data: bytes) -> bool:
-    """Create a file unless it exists; return whether this call created it."""
+    """Create a file unless it exists; return False if it existed already."""
     staged = _stage(path, data)
     try:
         os.link(staged, path)
@@ -155,7 +155,7 @@ def _stage(path: Path, data: bytes) -> Path:
 
 
 def replace_folder(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Create or replace a folder: write a new one next to it, fsync, rename; on failure the old folder stays.
+    """Create or replace a folder: write the new one under another name, fsync, rename; on failure the old folder stays.
 
     Args:
         folder: path of the folder; its parents are created.

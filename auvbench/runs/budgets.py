@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 def remarks(configs: Sequence[DictConfig]) -> list[str]:
-    """Return a sentence for each task that published learners did not learn within the budget of a configuration.
+    """Return a sentence for each task with a training budget below `TaskSpec.budget`, with which published learners failed.
 
-    Learners whose action is added to the action of a controller are left out: the controller brings them near the goal.
+    Residual learners are left out, since their controller brings the vehicle near the goal.
     """
     short: dict[str, int] = {}
     for config in configs:
@@ -23,7 +23,7 @@ def remarks(configs: Sequence[DictConfig]) -> list[str]:
         if task in TASKS.own and learns(algo) and "residual" not in algo and steps < TASKS[task].budget:
             short[task] = max(steps, short.get(task, 0))
     return [
-        f"task={task}: {TASKS[task].short_of_budget}; it takes train.total_steps={TASKS[task].budget} or more, and"
-        f" {steps:,} are set"
+        f"task={task}: {TASKS[task].short_of_budget}; type train.total_steps={TASKS[task].budget} or more instead of"
+        f" {steps:,}"
         for task, steps in short.items()
     ]

@@ -1,8 +1,8 @@
 """Store the analysis that an experiment declares before its runs, as a file in the experiment's folder.
 
 `analysis.yaml` is in the folder of the runs and in the folder of a published study. It names the measure,
-baseline, margin, protocol, conditions and every run, in stages: runs that are declared later form their own
-stage with its date. The manifest of each run has the digest of everything that was declared when the run was
+baseline, margin, protocol, conditions and every run. The runs are listed in stages: runs that are declared later form
+a new stage with its own date. The manifest of each run has the digest of everything that was declared when the run was
 created. A report can therefore tell what was declared before the first run. The declaration is not part of a
 run's identity: a run may belong to several analyses.
 
@@ -45,7 +45,7 @@ class Stage:
     declared: Name
     """Time in UTC, ISO 8601"""
     runs: dict[Name, list[Name]]
-    """Ids of runs by `subject`"""
+    """Ids of the runs by vehicle and task (`subject`)"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Declared:
 
     @property
     def digests(self) -> list[str]:
-        """Return the digest after each stage; only one digest if no runs are declared."""
+        """Return the digest after each stage; a single digest if the declaration names no runs."""
         if not self.names_runs:
             return [digest_of({name: getattr(self, name) for name in EARLIER}, 16)]
         base = {name: getattr(self, name) for name in (*EARLIER, *LATER)} | {
@@ -109,7 +109,7 @@ class Declared:
         }
 
     def extends(self, other: Declared) -> bool:
-        """Return whether this declaration equals `other`, possibly with later stages."""
+        """Return whether this declaration equals `other`, or adds later stages to it."""
         return other.digest in self.digests
 
 
@@ -120,7 +120,7 @@ KNOWN = tuple(f.name for f in fields(Declared))
 
 
 def subject(vehicle: object, task: object) -> str:
-    """Return the name of the runs that share a table, e.g. 'rexrov' or 'rexrov, task docking'."""
+    """Return the name of a vehicle and task, whose runs share a table, e.g. 'rexrov' or 'rexrov, task docking'."""
     return str(vehicle) if task == DEFAULT_TASK else f"{vehicle}, task {task}"
 
 
@@ -146,8 +146,8 @@ def _plain(value: Any) -> Any:
 def declare(folder: Path, analysis: Declared, runs: Mapping[str, Sequence[str]], now: str) -> Declared:
     """Declare runs in a folder before they are created; return the declaration with all its stages.
 
-    Runs that the same analysis already declares keep their stage. A different analysis replaces the one in
-    the folder.
+    Runs that the analysis in the folder already declares keep their stage; new runs form a new stage. A different analysis
+    replaces the analysis in the folder.
 
     Args:
         folder: folder of the experiment.

@@ -18,7 +18,7 @@ UNDISTURBED = "nominal"
 
 
 def completed(analysis: schema.Analysis) -> Declared:
-    """Return the declaration of an analysis, without runs; values that the analysis lacks come from its protocol.
+    """Return the declaration of an analysis, without runs; the protocol supplies missing conditions, episodes and the scenario seed.
 
     Raises:
         ConfigError: the protocol or a condition is unknown.

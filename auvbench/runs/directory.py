@@ -61,8 +61,8 @@ class RunDirectory:
 
     @property
     def id(self) -> str:
-        """Return the id in the manifest, since the folder may have been renamed; without a valid manifest,
-        the folder's name.
+        """Return the id in the manifest, since the folder may have been renamed. Without a valid manifest, return the
+        folder's name.
         """
         if not self._id:
             try:
@@ -117,8 +117,8 @@ class RunDirectory:
             raise self._unreadable(self.config_path, "not a mapping")
         if text := identity.first_interpolation(loaded):
             raise RunError(
-                f"{self.config_path}: {text}: a run's configuration is resolved when the run is created, "
-                "so this file was edited; restore it, or remove the run's folder"
+                f"{self.config_path}: {text}: the file was edited, since a run's configuration has no ${{...}}; "
+                "restore the file, or remove the run's folder"
             )
         return loaded
 
@@ -195,10 +195,9 @@ def place(config: Mapping[str, Any]) -> RunDirectory:
 
 
 def freeze(config: Mapping[str, Any], command: str = "", analysis: str | None = None) -> RunDirectory:
-    """Create the directory of a run with its configuration and a pending manifest, or return the existing
-    one.
+    """Create the directory of a run with its configuration and a pending manifest; return an existing one.
 
-    An existing incomplete run takes over the values of the configuration that are not part of its identity.
+    An existing incomplete run takes from the new configuration the values that are not part of its identity.
 
     Args:
         config: resolved configuration.
@@ -241,7 +240,7 @@ def unwritable(path: Path, error: OSError) -> Exception:
 
 
 def _renew(run: RunDirectory, config: Mapping[str, Any]) -> None:
-    """Store a configuration of the same identity in an incomplete run.
+    """Store a new configuration with the same identity in a run, unless the run is complete.
 
     Raises:
         RunError: the run cannot be written.
@@ -285,9 +284,9 @@ def _fresh_manifest(
 
 
 def as_words(runs: Collection[Path], alone: int = 1) -> str:
-    """Return runs as words of a command line: up to `alone` runs by their own folders, more runs by their parent folders.
+    """Return runs as words of a command line: the folders of up to `alone` runs, or the parent folders of more runs.
 
-    If there are more than four folders, they are replaced by their parent folders until at most four remain.
+    More than four folders are replaced by their parent folders, if possible until at most four remain.
 
     Args:
         runs: folders of the runs.

@@ -1,4 +1,4 @@
-"""Save details of an error that do not fit into its one line."""
+"""Save the details of an error, such as its traceback, that do not fit into the error's one-line message."""
 
 from __future__ import annotations
 
@@ -37,6 +37,6 @@ def is_foreign(error: BaseException) -> bool:
 
 
 def naming_traceback(error: BaseException) -> str:
-    """Return the error's text; for an error of an installed package, save the traceback and add its file name."""
+    """Return the error's text; for an error of an installed package, save the traceback and append the path of the saved file."""
     path = save("".join(traceback.format_exception(error))) if is_foreign(error) else None
     return f"{error}; traceback: {path}" if path else str(error)

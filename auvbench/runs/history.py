@@ -58,7 +58,7 @@ class Line:
 
 
 def append(folder: Path, line: Line) -> None:
-    """Append a line to the history of an experiment; on failure, warn."""
+    """Append a line to the history of an experiment; warn if the line cannot be written."""
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
         descriptor = os.open(folder / FILE, flags, 0o644)
@@ -123,7 +123,7 @@ def deleted(lines: Iterable[Line], existing: Collection[str]) -> set[str]:
 
 
 def summary(lines: Collection[Line], existing: Collection[str]) -> str:
-    """Return the number of trainings and tests, and how many of them belong to runs that are not in `existing`.
+    """Return a text with the numbers of trainings and tests, in total and of runs that are not in `existing`.
 
     >>> lines = [Line("2026", "running", "a"), Line("2026", "tested", "a"), Line("2026", "tested", "b")]
     >>> summary(lines, ["a"])

@@ -91,8 +91,8 @@ LATER: dict[str, Any] = {
     **{f"algo.residual.{base}": None for base in BASES},
     **{f"algo.residual.{base}.heading_integral_time": None for base in ("pid", "alos")},
 }
-"""Keys that were added later, with the value that changes nothing. A key with this value is left out of the
-hash, so that older runs keep their ids.
+"""Keys that later versions added, each with the value that keeps the behaviour of earlier versions. A key with this value
+is left out of the hash, so that older runs keep their ids.
 """
 
 REPLACED = {"task.time_limit": "task.max_steps", "algo.horizon_s": "algo.gamma"}
@@ -149,7 +149,7 @@ def digest(config: Mapping[str, Any]) -> str:
 
 
 def digest_of(value: Any, digits: int) -> str:
-    """Return the first hexadecimal digits of the SHA-256 of a plain value, written as canonical JSON."""
+    """Return the first `digits` hexadecimal digits of the SHA-256 of a plain value's canonical JSON."""
     canonical = json.dumps(_numbers(value), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(canonical.encode()).hexdigest()[:digits]
 
@@ -166,7 +166,7 @@ def _numbers(node: Any) -> Any:
 
 
 DEFAULT_VEHICLE = "bluerov2"
-"""vehicle that an id does not name: the default of conf/train.yaml when ids were defined"""
+"""Vehicle that ids leave out: the default of conf/train.yaml when ids were introduced"""
 
 DEFAULT_TASK = "waypoint"
 
@@ -182,7 +182,7 @@ def run_id(config: Mapping[str, Any]) -> str:
 
 
 def _names(config: Mapping[str, Any]) -> list[str]:
-    """Return vehicle and task unless they are the default ones, in characters that a folder's name allows."""
+    """Return the names of vehicle and task that an id contains: only names other than the defaults, in plain characters."""
     names = []
     for group, usual in (("vehicle", DEFAULT_VEHICLE), ("task", DEFAULT_TASK)):
         node = config.get(group)

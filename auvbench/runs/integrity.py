@@ -65,7 +65,7 @@ def sealed(value: Mapping[str, Any]) -> dict[str, Any]:
 def replace_sealed(
     folder: Path, name: str, holder: Mapping[str, Any], files: Mapping[str, bytes]
 ) -> dict[str, Entry]:
-    """Create or replace a folder with files and with a sealed JSON file, which records their digests; return the records.
+    """Create or replace a folder with files and a sealed JSON file that records their digests; return the entries by file name.
 
     Args:
         folder: path of the folder.
@@ -247,7 +247,7 @@ class Manifest:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """One condition of a test. A reader of the summary compares its rates and means with the test's rows."""
+    """One condition of a test. Its rates and means have no fields here, since readers compute them from the test's rows."""
 
     name: Name
     episodes: Annotated[int, Range(1)]
@@ -258,7 +258,7 @@ class Condition:
 
 @dataclass(frozen=True, slots=True)
 class Inference:
-    """Processor time per action."""
+    """Median processor time per action in ms, and the processor."""
 
     median_ms: Seconds
     cpu: str

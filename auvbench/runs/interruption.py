@@ -42,7 +42,7 @@ def die_with_parent(parent: int) -> None:
 
 
 def prefer_in_memory_shortage() -> None:
-    """Ask the kernel to kill this process first when memory runs out, before its parent."""
+    """Ask the kernel to kill this process rather than its parent when memory runs out (Linux only)."""
     try:
         Path("/proc/self/oom_score_adj").write_text("500", encoding="ascii")
     except OSError:  # Not Linux, or not allowed: the kernel's own choice remains.
@@ -62,8 +62,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupted(KeyboardInterrupt):
-    """The process was asked to exit; a later command continues from what was saved. Exit code 128 + signal
-    (130, 143).
+    """A signal asked the process to exit. Exit code 128 + signal (130, 143).
 
     Derived from KeyboardInterrupt, so that no `except Exception`, in auvbench or a library, mistakes it for
     an error.

@@ -169,13 +169,13 @@ def acquire(run: str | Path, *, job: str | None = None) -> RunLock:
 
 
 def verify(run: str | Path, every: float = 0.0) -> None:
-    """Verify the lock that this process took, as `RunLock.verify` does; do nothing if it took none."""
+    """Call `RunLock.verify` for the lock of this process on a run; do nothing if this process has no lock on it."""
     if (own := _mine.get(Path(run).absolute())) is not None:
         own.verify(every)
 
 
 def current(run: str | Path) -> Holder | None:
-    """Return the holder that holder.json names, alive or dead; None without that file."""
+    """Return the holder that holder.json names, alive or dead, or an unknown one if the file is damaged; None without the file."""
     path = _holder_path(Path(run))
     try:
         holder = typed_json.read(path, Holder, 1 << 16)
@@ -189,7 +189,7 @@ def current(run: str | Path) -> Holder | None:
 
 
 def living_holder(run: str | Path) -> Holder | None:
-    """Return the process that holds the run; None if it is free."""
+    """Return the process that holds the lock of a run; None if no process holds it."""
     run = Path(run)
     holder = current(run)
     if holder is None or _is_locked(run / FOLDER / LOCK):

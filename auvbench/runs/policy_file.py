@@ -1,4 +1,4 @@
-"""Copy the policy file of `algo=onnx` into a run.
+"""Check the policy file of `algo=onnx`, and copy it into a run.
 
 The file is checked before the run is created (`with_policy`), and then copied into the run (`keep`). The run's identity
 contains the file's SHA-256 (`algo.sha256`), not its path.
@@ -122,8 +122,8 @@ def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicl
         )
         trained = short(str(card.document["task"].get("name", DEFAULT_TASK)), 40)
         raise ConfigError(
-            f"task={config.task.name}: the card of {where} says that it observes {what}, for task={trained} "
-            "(task.observation lists the blocks)"
+            f"task={config.task.name}: the card of {where} says that the policy observes {what}; type the task and the blocks of "
+            f"its training, task={trained} (task.observation lists the blocks)"
         )
     if card.task.position_frame != config.task.position_frame:
         raise ConfigError(
@@ -138,7 +138,7 @@ def _compare(card: exported.Card, where: str, config: schema.TrainConfig, vehicl
 
 
 def _label(name: str) -> str:
-    """Return the characters of a card's or file's name that a folder's name may contain.
+    """Return the name of a card or file in the characters that a folder's name may contain.
 
     >>> _label("my policy (3).best")
     'my-policy-3-.best'

@@ -134,7 +134,7 @@ class Pool:
         Args:
             function: function that a worker calls with a job's arguments.
             jobs: arguments by key; `str(key)` names the job to the user.
-            what: one word for a job, for messages.
+            what: word for a job in messages, e.g. "run".
 
         Raises:
             Exception: any exception of `function`; jobs that have not begun are dropped.

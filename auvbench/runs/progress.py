@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class EpisodeLog:
-    """CSV file to which rows are appended with full precision; it contains only complete rows.
+    """CSV file to which rows are appended with full precision; after `flush` it contains only complete rows.
 
     Args:
         columns: columns of the records.
@@ -55,7 +55,7 @@ class EpisodeLog:
         self._file.write(text.getvalue().encode())
 
     def flush(self) -> None:
-        """Flush all rows to the system."""
+        """Write all buffered rows to the file."""
         self._file.flush()
 
     def abandon(self) -> None:
@@ -76,7 +76,7 @@ TELLING = 30
 
 
 def telling(rate: float | None, episodes: int) -> float | None:
-    """Return the success rate if it comes from enough episodes, else None."""
+    """Return the success rate if it comes from at least `TELLING` episodes, else None."""
     return rate if episodes >= TELLING else None
 
 
@@ -179,7 +179,7 @@ Watch = Callable[[Progress], None]
 
 
 class Reporter:
-    """Counter of steps and episodes that reports them at most once a second; it never changes a run's result.
+    """Counter of steps and episodes, which reports the progress of a run at most once a second. It never changes a run's result.
 
     Args:
         path: path of `progress.json`.
@@ -207,7 +207,7 @@ class Reporter:
         return sum(self._outcomes) / len(self._outcomes) if self._outcomes else None
 
     def state_dict(self) -> dict[str, NDArray[Any]]:
-        """Return what a resumed run needs to report the same numbers."""
+        """Return the number of episodes, and the last outcomes and returns, so that a resumed run reports the same numbers."""
         return {
             "episodes": np.asarray(self.episodes),
             "outcomes": np.asarray(self._outcomes, dtype=np.bool_),
@@ -220,7 +220,7 @@ class Reporter:
         self._returns = deque((float(value) for value in state["returns"]), maxlen=WINDOW)
 
     def step(self, steps: int, *, force: bool = False) -> None:
-        """Count steps; report if a second has passed since the last report."""
+        """Report the progress after `steps` environment steps if a second has passed since the last report, or with `force`."""
         moment = time.monotonic()
         if self._first_step is None:
             self._first_step, self._started = steps, moment

@@ -26,8 +26,8 @@ PACKAGES = (
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of Python, of the packages that affect the result, and of the foreign programs that this
-    process uses.
+    """Return the versions of Python, of the packages that affect the result, and of the external simulators and autopilots
+    that this process uses.
     """
     # Look only at modules that are already loaded, so that no client is imported for this.
     loaded = [module for module in map(sys.modules.get, integrations.USED) if module is not None]
@@ -47,7 +47,7 @@ def _packages() -> dict[str, str]:
 
 @cache
 def git() -> dict[str, Any]:
-    """Return the commit of the checkout that auvbench runs from, and whether it was changed; None outside a
+    """Return the commit of the checkout that auvbench runs from, and whether the checkout was changed; both None outside a
     checkout.
     """
     root = Path(__file__).resolve().parents[2]

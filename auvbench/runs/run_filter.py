@@ -63,7 +63,7 @@ def parse(terms: Iterable[str]) -> tuple[Term, ...]:
 def select(
     items: Sequence[Item], terms: Sequence[Term], facts: Callable[[Item], Mapping[str, Any]]
 ) -> list[Item]:
-    """Return the items that match all terms, in their order.
+    """Return the items that match all terms; their order does not change.
 
     Args:
         items: runs in any form.
@@ -71,7 +71,7 @@ def select(
         facts: function that returns an item's values by dotted key (see `flat`).
 
     Raises:
-        UserError: no item has the key or the value, or no item is left.
+        UserError: no item has the key or the value of a term, or no item matches all terms.
     """
     rows = [dict(facts(item)) for item in items]
     indices = list(range(len(items)))

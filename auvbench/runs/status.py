@@ -33,17 +33,18 @@ class RunStatus:
     holder: lock.Holder | None = None
     """process that works on the run"""
     lost: str = ""
-    """missing or damaged file of a complete run's model; '' if the model is intact"""
+    """missing or damaged model file of a run whose manifest says complete; '' if the model is intact"""
 
 
-def of(run: RunDirectory, *, deep: bool = False) -> RunStatus:
+def of(run: RunDirectory, manifest: dict[str, Any] | None = None, *, deep: bool = False) -> RunStatus:
     """Return the present status of a run.
 
     Args:
         run: the run directory.
+        manifest: the run's manifest, if it was read already.
         deep: compare the digests of a complete run's model files, not only their sizes.
     """
-    manifest = run.manifest()
+    manifest = run.manifest() if manifest is None else manifest
     state = State(manifest["state"])
     lost = lost_model(run, manifest, deep=deep) if state is State.COMPLETE else ""
     if state is State.COMPLETE and not lost:

@@ -1,4 +1,4 @@
-"""Tell what a grid would do, and what it would cost, without doing it.
+"""Show which runs a grid would start or resume, and what they would cost, without starting them.
 
 The cost is an estimate from complete runs of the same algorithm, task and number of environments in the output folder.
 """
@@ -45,7 +45,7 @@ class Todo:
 
     run: RunDirectory
     like: Like | None
-    """kind of the run for estimates of its cost; None for an agent that does not learn"""
+    """kind of the run, by which its cost is estimated; None for an agent that does not learn"""
     steps: int
     """remaining environment steps"""
 
@@ -125,7 +125,7 @@ def _estimates(todo: Sequence[Todo], output: Path) -> list[str]:
     for like, entries in learning.items():
         what = f"{like[0]} on {like[1]}"
         if like not in costs:
-            lines.append(f"{what}: cost unknown; it is known once one of its runs is complete")
+            lines.append(f"{what}: cost unknown until one such run is complete")
             continue
         n_runs += len(costs[like])
         seconds += median(cost.seconds_per_step for cost in costs[like]) * sum(e.steps for e in entries)
@@ -139,7 +139,7 @@ def _estimates(todo: Sequence[Todo], output: Path) -> list[str]:
 
 
 def _script(backend: Backend, runs: Sequence[RunDirectory]) -> list[str]:
-    """Return a title and the batch script of the first run, or of the first array of runs; [] for a backend without scripts."""
+    """Return a title and the batch script of the first run or array of runs; [] without runs or for a backend without scripts."""
     write = getattr(backend, "script", None)
     if write is None or not runs:
         return []

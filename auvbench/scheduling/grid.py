@@ -1,4 +1,4 @@
-"""Turn composed configurations into finished runs: check all runs, write all to disk, then start the first run."""
+"""Turn composed configurations into finished runs: check all runs, create all run directories, then carry out the runs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Action(Enum):
-    """What a sweep does with a run, in the order of the summary. Each value has the words for the run's state and for the action."""
+    """Action of a sweep for a run, in the order of the summary. Each value has the words for the run's state and for the action."""
 
     SKIP = "complete", "skipped"
     RESUME = "partial", "resumed"
@@ -69,7 +69,7 @@ class Step:
 def step_of(
     run: RunDirectory, backend: Backend, check: Callable[[RunDirectory], object] = lambda run: None
 ) -> Step:
-    """Return the action of a sweep for an existing run, with its detail."""
+    """Return a sweep's action for an existing run, with the detail that the summary shows."""
     try:
         check(run)
         present = status.of(run, deep=True)
@@ -125,7 +125,7 @@ def sweep(
         runs: frozen run directories without duplicates.
         backend: backend that carries them out.
         console: console for the tables; standard output by default.
-        check: function that examines a run more closely than its manifest; raises RunError for a damaged run.
+        check: function that is called with each run before its status is read, and raises RunError for a damaged run.
 
     Raises:
         SubmitError: the backend refuses a run although no other run is active.
@@ -155,7 +155,7 @@ def sweep(
 
 
 def summarise(result: Result, console: Console) -> None:
-    """Print the counts, then each run that needs attention."""
+    """Print the number of runs with each outcome, then each failed, interrupted or locked run."""
     counts = {outcome: result.of(outcome) for outcome in Outcome}
     text = ", ".join(f"{len(runs)} {outcome}" for outcome, runs in counts.items() if runs)
     total = len(result.outcomes)
@@ -179,7 +179,7 @@ def carry_out(
         console: console for the tables; standard output by default.
 
     Raises:
-        ConfigError, VehicleError, MissingExtraError: a job cannot run; nothing is written then.
+        ConfigError, VehicleError, MissingExtraError: a job cannot run; nothing was written.
         RunError: a run's directory has a different configuration, or cannot be written.
     """
     # Imported late: `auvbench resume` of complete runs does not need it.

@@ -77,7 +77,7 @@ class LocalJob:
 
 
 class LocalBackend:
-    """Backend with `workers` worker processes on this machine; 0: one worker per core."""
+    """Backend with up to `workers` simultaneous worker processes on this machine; 0: one worker per core."""
 
     def __init__(self, workers: int = 0, *, target: str = TARGET, preload: Sequence[str] = LEARNERS) -> None:
         self.limit: int | None = workers or interruption.cores()
@@ -85,7 +85,7 @@ class LocalBackend:
         self.preload = preload
         self._jobs: list[LocalJob] = []
         self._server: threading.Thread | None = None
-        """Thread that ends when the fork server has imported its modules; the main thread can handle signals meanwhile."""
+        """Thread that waits until the fork server has imported its modules, so that the main thread can handle signals"""
 
     def submit(self, run: Path) -> LocalJob:
         if self._server is None or any(job.poll().lost for job in self._jobs):

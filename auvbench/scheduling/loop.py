@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class SubmitError(UserError):
-    """The backend refused a run; the message is the backend's."""
+    """The backend refused a run; the message comes from the backend."""
 
 
 class Phase(StrEnum):
@@ -38,7 +38,7 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Status:
-    """A backend's knowledge about a job."""
+    """Status of a job, as far as the backend knows it."""
 
     phase: Phase
     code: int | None = None  # exit code of an ended job, negative for a signal, None if unknown
@@ -72,7 +72,7 @@ class Job(Protocol):
 
     @property
     def mark(self) -> str | None:
-        """Return the name by which the run's lock identifies the job while its worker holds the lock, e.g. `slurm:17`.
+        """Return the job's name in the run's lock file while the job's worker holds the lock, e.g. `slurm:17`.
 
         None for a backend whose jobs have no such name.
         """
@@ -84,7 +84,7 @@ class Job(Protocol):
         """Ask the worker to save and exit; with `force`, kill it. An ended job is not affected."""
 
     def __str__(self) -> str:
-        """Return the job's place as text: `pid 4711`, `slurm job 17`."""
+        """Return the job's identity as text: `pid 4711`, `slurm job 17`."""
 
 
 class Backend(Protocol):
@@ -104,7 +104,7 @@ class Backend(Protocol):
         """Return the queued or running job that an earlier sweep started for this run; None without such a job."""
 
     def wait(self, seconds: float) -> None:
-        """Return after some seconds, or earlier if a job may have changed."""
+        """Return after `seconds`, or earlier if the status of a job may have changed."""
 
     def close(self) -> None:
         """Stop what the backend itself started; jobs of an external cluster continue."""
@@ -266,8 +266,8 @@ class Loop:
             self._settle(run, Outcome.NOT_STARTED, "")
         self.waiting.clear()
         if self.active:
-            verb = "are killed" if force else "save and leave; once more kills them"
-            self.view.say(f"interrupted: the {len(self.active)} running {verb}")
+            verb = "are killed" if force else "save and exit; a second signal kills them"
+            self.view.say(f"interrupted: the {len(self.active)} active runs {verb}")
         for job, run in list(self.active.items()):
             job.cancel(force=force)
             if force and job.mark is not None:  # a cluster may take minutes to report that the job has ended
@@ -301,7 +301,7 @@ def judge(run: RunDirectory, job: Job, status: Status, *, cancelled: bool) -> tu
         return Outcome.INTERRUPTED, f"saved at step {manifest['steps']}"
     if state == "interrupted" and status.code is None:
         return Outcome.INTERRUPTED, status.describe()
-    message = status.describe() if status.code != 0 else "ended without an error and without being complete"
+    message = status.describe() if status.code != 0 else "ended with exit code 0, but the run is not complete"
     if status.code is not None and status.code >= 0:
         message = f"{message}; {run.train / 'log.txt'} may say why"
     try:

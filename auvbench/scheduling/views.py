@@ -90,15 +90,15 @@ class View:
             self.live.stop()
 
     def shown(self) -> Group:
-        """Return the summary above the bars; what does not fit is cut off at the bottom."""
+        """Return the summary and the bars below it; lines that do not fit are cut off at the bottom."""
         return Group(*self.summary(), self.bars)
 
     def say(self, text: str) -> None:
-        """Print a line, above the bars if there are any."""
+        """Print a line; with bars, above them."""
         self.console.print(text, highlight=False, markup=False, soft_wrap=True)
 
     def event(self, text: str) -> None:
-        """Print a line with the time of day; on a terminal the bars show it instead."""
+        """Print a line with the time of day if there are no live bars, which show the event themselves."""
         if self.live is None:
             self.say(f"{datetime.now().astimezone():%H:%M:%S} {text}")
 
@@ -133,7 +133,7 @@ class View:
             self.event(text)
 
     def refresh(self) -> None:
-        """Show the progress of active runs about once a second; without bars, print it once a minute."""
+        """Show the progress of active runs about once a second in the bars; without live bars, print it once a minute."""
         if (now := time.monotonic()) < self._next_read:
             return
         self._next_read = now + READ_EVERY

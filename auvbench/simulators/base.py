@@ -88,11 +88,11 @@ class VehicleBatch:
     """Common arrays of the simulators in this process (`Simulator`), and their substeps.
 
     Attributes in addition to `Simulator`'s:
-        current: (n, 8) velocity of the current at the top (3), difference to the bottom (3), z of the top,
+        current: (n, 8) velocity of the current at the top (3), its change from top to bottom (3), z of the top,
             1 / thickness. `set_current` writes it.
-        external_wrench: (n, 6) N and N m in body axes at the body origin, added to the actuators' wrench; it acts
-            until it is changed.
-        scales: (n, 6) as given to `reset`.
+        external_wrench: (n, 6) force (N) and moment (N m) at the body origin, body axes, added to the actuators'
+            wrench; it acts until it is changed.
+        scales: (n, 6) last scales that `reset` was given.
 
     Raises:
         ConfigError: a number is out of range.
@@ -120,7 +120,7 @@ class VehicleBatch:
 
     def substeps(self, duration: float) -> int:
         """Return the number of equal substeps for `duration` seconds."""
-        # The margin keeps 1/25 s at four substeps of .01 s despite the quotient's rounding.
+        # The margin absorbs rounding: 1/25 s must give four substeps of 0.01 s.
         return max(1, math.ceil(duration / self.max_step - 1e-9))
 
     def _place(self, indices: IntArray, pose: ArrayLike, velocity: ArrayLike) -> None:

@@ -37,11 +37,11 @@ _STATE = (
     "scales",
 )
 DURATIONS = 64
-"""number of step durations for which exact discretisations of the actuators are kept"""
+"""Number of step durations for which exact discretisations of the actuators are stored"""
 
 
 THREADED = 1024
-"""smallest number of vehicles for which a second thread pays (docs/performance.md)"""
+"""Smallest number of vehicles for which a second thread is faster (docs/performance.md)"""
 
 T = TypeVar("T")
 
@@ -80,8 +80,8 @@ class FossenSimulator(VehicleBatch):
             False,
         )
         self._plans: dict[float, tuple[int, float, NDArray[Any]]] = {}
-        """by duration of a step in s: substeps, their length in s, and the actuators' discretisation for half
-        a substep
+        """Number of substeps, their length in s, and the actuators' discretisation for half a substep, by duration of a
+        step in s
         """
         self._n_blocks = -(-n // layout.LANES)
         shares = np.linspace(0, self._n_blocks, (threads if n >= THREADED else 1) + 1).astype(int).tolist()
@@ -96,12 +96,12 @@ class FossenSimulator(VehicleBatch):
         self._parameters = np.repeat(rows.T, layout.LANES, axis=1).reshape(1, -1)
         self._scaled = False
         self.changes: NDArray[Any] | None = None
-        """(n,) records of `layout.CHANGE`; None: all vehicles equal the sheet, apart from their scales."""
+        """Changes (n,) of the vehicles, records of `layout.CHANGE`; None: all vehicles equal the sheet, apart from their scales"""
 
     def load_bodies(self, vehicles: Sequence[VehicleModel]) -> None:
         """Divide the blocks into equal groups, and give each group the masses, damping and buoyancy of one of `vehicles`.
 
-        The actuators do not change. Scales of `reset` are not used afterwards.
+        The actuators do not change. Afterwards, `reset` must not be given scales, and `set_vehicles` must not be called.
 
         Args:
             vehicles: one vehicle for each group; their number divides the number of blocks.

@@ -1,4 +1,4 @@
-"""Check simulators of installed packages: their methods and arrays, and the arrays again after each step and reset."""
+"""Check simulators of installed packages: methods and arrays when a simulator is made, the arrays also after each step and reset."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def checked(made: Any, who: str) -> Simulator:
         who: name of the simulator and its package, for messages.
 
     Raises:
-        AgentError: a method, an array or the capabilities are missing or of another kind.
+        AgentError: a method or an attribute is missing, or an array has a wrong type or shape.
     """
     can = getattr(made, "capabilities", None)
     needed = (*_METHODS, *(f"set_{name}" for name in ("waves", "vehicles") if getattr(can, name, False)))
@@ -39,7 +39,9 @@ def checked(made: Any, who: str) -> Simulator:
         name for name in ("vehicle", "n", "capabilities", "actuators", *_ARRAYS) if not hasattr(made, name)
     ]
     if lacking:
-        raise AgentError(f"{who}: its result, a {type(made).__name__}, lacks {', '.join(lacking)}")
+        raise AgentError(
+            f"{who}: its factory returned a {type(made).__name__}, which lacks {', '.join(lacking)}"
+        )
     for name, shape in shapes(made).items():
         value = getattr(made, name)
         if not isinstance(value, np.ndarray) or value.shape != shape or value.dtype != np.float64:
@@ -74,4 +76,4 @@ def _refuse_infinite(made: Any, who: str, what: str) -> None:
         value = getattr(made, name).reshape(made.n, -1)
         if not (finite := np.isfinite(value).all(axis=1)).all():
             row = int(np.argmin(finite))
-            raise AgentError(f"{who}: {what} gives {name} of vehicle {row} a number that is not finite")
+            raise AgentError(f"{who}: {what} writes a number that is not finite into {name} of vehicle {row}")

@@ -86,7 +86,7 @@ def integrate(
     Args:
         vehicle: vehicle to integrate.
         duration: duration, s.
-        sample: time in s between samples, which are hit exactly.
+        sample: time between samples, s; steps end exactly at the samples.
         wrench: (6,) force and moment on the body at its origin, N and N m.
         command: (n_u,) commands in [-1, 1]; None: zeros.
         pose: (7,) x y z qw qx qy qz, body to world; None: the origin, axes aligned.

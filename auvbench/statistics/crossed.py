@@ -48,7 +48,7 @@ MIXED = "test episodes, and training seeds where there are several"
 
 
 def covers(seeds: FloatArray) -> str:
-    """Return the name of the uncertainty that an interval covers, for agents with these numbers of seeds."""
+    """Return which uncertainty an interval covers, as text, from the agents' numbers of seeds."""
     if seeds.min() > 1:
         return SEEDS_AND_EPISODES
     return MIXED if seeds.max() > 1 else EPISODES_ONLY
@@ -100,7 +100,7 @@ def crossed(
     Args:
         data: an array (S_i, E) per agent; the columns are the same E scenarios for all agents.
         rate: whether the values are 0 or 1.
-        paired: whether to compute the covariances between agents, which `means` does not need; NaN if not.
+        paired: whether to compute the covariances between agents; if not, they are NaN. `means` does not need them.
         bounds: smallest and largest possible value, each for all agents or (n,); ignored for a rate.
 
     Raises:
@@ -108,7 +108,7 @@ def crossed(
     """
     if len({x.shape[1] for x in data}) > 1:
         raise ValueError(
-            f"the agents have different numbers of scenarios: {sorted({x.shape[1] for x in data})}"
+            f"all agents must have the same number of scenarios, got {sorted({x.shape[1] for x in data})}"
         )
     n, E = len(data), data[0].shape[1]
     columns = np.full((n, E), np.nan)
@@ -186,7 +186,7 @@ def within(
 
 
 def limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the interval of each agent's rate or mean, q standard errors wide to each side; q is (n,) or (n, m)."""
+    """Return the lower and the upper limit of each agent's rate or mean, q standard errors away; q is (n,) or (n, m)."""
     shape = (-1,) + (1,) * (q.ndim - 1)
     mean, variance = table.mean.reshape(shape), table.variance.reshape(shape)
     if not table.rate:

@@ -19,13 +19,13 @@ from auvbench.statistics.intervals import Estimate, FloatArray, quantile
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pairs:
-    """Differences of all pairs of n agents, as (n, n) arrays: agent of the row less agent of the column."""
+    """Differences of all pairs of n agents, as (n, n) arrays: the row's agent minus the column's agent."""
 
     difference: FloatArray
     low: FloatArray
     high: FloatArray
     p: FloatArray
-    """two-sided p-values of the hypothesis of equal means, from the paired t-test; for rates, use `mcnemar` instead"""
+    """Two-sided p-values of the paired t-test of equal means; for rates, use `mcnemar` instead"""
 
     def estimate(self, i: int, j: int, confidence: float) -> Estimate:
         """Return the difference of agent i and agent j as an `Estimate`."""
@@ -103,7 +103,7 @@ def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
 
 
 def holm(p: ArrayLike) -> FloatArray:
-    """Return step-down adjusted p-values (Holm 1979, Scand. J. Stat. 6:65); NaN, a missing test, stays NaN.
+    """Return step-down adjusted p-values (Holm 1979, Scand. J. Stat. 6:65); NaN marks a missing test and stays NaN.
 
     >>> holm([0.01, 0.04, 0.03, 0.005]).tolist()
     [0.03, 0.06, 0.06, 0.02]

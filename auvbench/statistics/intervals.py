@@ -19,9 +19,7 @@ class Estimate:
     high: float
     confidence: float = 0.95
     covers: str = "test episodes"
-    """source of the interval's uncertainty: 'test episodes' (one training seed), or 'training seeds and test
-    episodes'
-    """
+    """Source of the interval's uncertainty: `EPISODES_ONLY`, `SEEDS_AND_EPISODES` or `MIXED` of `crossed`; 'agents' for a correlation"""
 
 
 FloatArray = NDArray[np.float64]
@@ -36,7 +34,7 @@ def quantile(confidence: float, df: ArrayLike = np.inf) -> FloatArray:
     distribution.
     """
     if not 0 < confidence < 1:
-        raise ValueError(f"confidence {confidence} is not between 0 and 1")
+        raise ValueError(f"confidence must be between 0 and 1, got {confidence}")
     upper = 0.5 + confidence / 2
     df = np.asarray(df, dtype=np.float64)
     finite = np.where(np.isfinite(df), df, 1.0)
@@ -134,7 +132,7 @@ def limits(successes: float, n: float, alpha: float) -> tuple[float, float]:
 
 
 def trials_that_bound(rate: float, confidence: float = 0.95) -> int:
-    """Return the number of trials, all without failure, that shows a failure rate below `rate`.
+    """Return the smallest number of trials that, if none fails, shows a failure rate below `rate`.
 
     This is the exact form of the "rule of three": about 3 / rate trials at 95 % confidence.
 

@@ -1,4 +1,4 @@
-"""Compute how many seeds and episodes resolve a difference, by simulation with the test of a report.
+"""Compute how many seeds and episodes resolve a difference, by simulating the statistical test of a report.
 
 Each replication draws test results of two agents whose true values differ by the difference to resolve. The
 model of trainings comes from existing runs (`spread_of_rates`, `spread_of_means`) or from the command line.
@@ -102,7 +102,8 @@ class SeedSpread:
     df: float
     """degrees of freedom: number of seeds less one, summed over agents"""
     variances: tuple[tuple[float, float, int], ...] = ()
-    """per agent: variance between seeds, its part due to the random outcomes of episodes, degrees of freedom; empty for means"""
+    """Three numbers per agent: the variance between seeds, the part of it that comes from the random outcomes of episodes, and the
+    degrees of freedom; empty for means"""
 
     def upper(self, confidence: float = 0.9) -> float:
         """Return the upper confidence limit of the standard deviation, if trainings are normally distributed.
@@ -136,7 +137,7 @@ def _profiled(variances: Sequence[tuple[float, float, int]], q: float) -> float:
 
 
 def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
-    """Return the standard deviations between seeds, in logits, and between scenarios, in probits.
+    """Return the spread between seeds, in logits, and the standard deviation between scenarios, in probits.
 
     Seeds: the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)) of x successes in E episodes, less
     its part due to the random outcomes of episodes, 1/(x + 1/2) + 1/(E - x + 1/2). Agents are weighted by how
@@ -144,7 +145,7 @@ def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
     never failed has almost no weight. Agents with one seed do not contribute.
 
     Scenarios: the standard deviation, from 0 to 10, at which the rates of the model's scenarios have the
-    observed variance. It is 1 if no agent has a rate between 2 and 98 %.
+    observed variance. It is 1 if no agent with several seeds and several episodes has a rate between 2 and 98 %.
 
     Args:
         data: successes (S_i, E) of each agent, 0 or 1.
@@ -193,13 +194,15 @@ def _scenario_sd(shares: Sequence[tuple[float, float]]) -> float:
 
 
 def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, float]:
-    """Return the standard deviations between seeds, between scenarios and of the residuals, pooled over agents.
+    """Return the spread between seeds and the standard deviations between scenarios and of the residuals.
+
+    The three are pooled over agents. Agents with one seed, one episode or a missing value do not contribute.
 
     Args:
         data: values (S_i, E) of each agent, in the measure's unit.
 
     Raises:
-        ValueError: no agent has several seeds, several episodes and all values.
+        ValueError: no agent has several seeds, several episodes and a value for each episode.
     """
     seeds, scenarios, residuals, df = 0.0, 0.0, 0.0, 0
     for x in data:
@@ -213,7 +216,7 @@ def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, floa
         residuals += (S - 1) * S * E * residual
         df += S - 1
     if not df:
-        raise ValueError("no agent has several seeds")
+        raise ValueError("no agent has several seeds, several episodes and a value for each episode")
     deviations = [float(np.sqrt(max(part / df, 0.0))) for part in (seeds, scenarios, residuals)]
     return SeedSpread(deviations[0], df), deviations[1], deviations[2]
 
@@ -229,8 +232,8 @@ def simulated_power(
     replications: int = 200,
     seed: int = 0,
 ) -> FloatArray:
-    """Return the power at each level (len(levels),): the share of comparisons that find the difference with
-    the right sign.
+    """Return the power (len(levels),) at each level: the share of comparisons that find the difference with the
+    right sign.
 
     For a rate against a controller, either value may be the learner's. Both cases are simulated, and the lower
     power is returned.
@@ -263,8 +266,9 @@ def simulated_power(
 
 
 def seeds_needed(tried: Callable[[int], float], target: float, most: int = MOST_SEEDS) -> int | None:
-    """Return the smallest number of seeds, from 2 to `most`, at which the power reaches the target; None if
-    none does.
+    """Return the smallest number of seeds, from 2 to `most`, at which the power reaches the target.
+
+    Return None if no number reaches it.
 
     The search doubles the number of seeds, then bisects. It assumes that power rises with the number of seeds.
 
@@ -312,10 +316,10 @@ def trainings_that_decide(
         level: error rate of the interval.
         margin: margin of equivalence: an interval within it decides, too; NaN without one.
         power: required share of decided comparisons.
-        above: number of existing trainings, with which the comparison is open.
+        above: number of existing trainings, which leave the comparison open.
 
     Returns:
-        A number larger than `above`; None if more than `MOST_SEEDS` trainings are needed.
+        A number larger than `above` and at least `typical.FEWEST`; None if more than `MOST_SEEDS` trainings are needed.
     """
 
     def decided(S: int) -> float:

@@ -16,18 +16,18 @@ from auvbench.statistics.intervals import FloatArray, limits
 
 @dataclass(frozen=True, slots=True)
 class Reliability:
-    """Share of trainings that are not behind the baseline by more than the margin on the scenarios of the test."""
+    """Reliability of an agent on the test's scenarios: a training is behind if it loses to the baseline by more than the margin."""
 
     count: int
-    """number of trainings that are not behind"""
+    """Number of trainings that are not behind"""
     trainings: int
     low: float
-    """lower two-sided limit of the share of all trainings that are not behind; `high` is the upper one"""
+    """Lower limit of the two-sided interval of the share of all trainings that are not behind; `high` is its upper limit"""
     high: float
     excluded: float
-    """upper one-sided limit of the share of trainings that are behind"""
+    """Upper one-sided limit of the share of trainings that are behind"""
     mean_turns: float | None
-    """share of completely failing trainings at which the mean would lose the verdict; None if unknown"""
+    """Share of completely failing trainings at which the mean would lose the verdict; None if unknown"""
 
 
 def reliability(

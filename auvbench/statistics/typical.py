@@ -83,10 +83,11 @@ def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatA
     than r of n on one side) <= level / 2. Only a few confidences are possible (10 values: 99.8, 97.9, 89.1 %),
     so the limits are interpolated towards the next inner values, linearly in the level.
 
-    With fewer values than `trainings_needed`, the interval is the whole range of the values, widened at each
-    end by c = level^(-1/(n-1)) / 2 - 1 times the range. This is valid if the distribution of trainings has a
-    single peak, at the median. All n values are on one side of the median with probability 2 (1/2)^n; then the
-    nearest value is more than c ranges away from the median with probability at most (1 + c)^-(n-1).
+    With 2 to `FEWEST` - 1 values the limits are infinite. With more values, but fewer than `trainings_needed`,
+    the interval is the whole range of the values, widened at each end by c = level^(-1/(n-1)) / 2 - 1 times the
+    range. This is valid if the distribution of trainings has a single peak, at the median. All n values are on
+    one side of the median with probability 2 (1/2)^n; then the nearest value is more than c ranges away from the
+    median with probability at most (1 + c)^-(n-1).
 
     Args:
         values: (..., n), one per training; n = 1 is a controller, whose value is exact.
@@ -139,7 +140,7 @@ def middle_half(x: FloatArray) -> FloatArray:
 
 
 def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
-    """Return the standard error (...) over scenarios of the mean of differences (..., E).
+    """Return the standard error (...) over scenarios of the mean of differences (..., E); NaN for means over one scenario.
 
     For rates, two scenarios are added: one with the difference 1, and one with -1 (Bonett & Price 2012, J.
     Educ. Behav. Stat. 37:479). Otherwise E scenarios without a difference would have no error.

@@ -1,8 +1,7 @@
-"""Define a task: N episodes with start states, references, rewards, ends and records.
+"""Base class of tasks: N episodes with their start states, references, rewards, outcomes and records.
 
-Each task's file declares functions of one episode, `draw` and `step`, and the task's fields, parameters and metrics.
-This module has everything else: command noise, readings, observations, records, resets, and the state for an exact
-resume.
+The file of a task declares functions of one episode, `draw` and `step`, and the task's fields, parameters and metrics.
+This module does the rest: command noise, readings, observations, records, resets, and the state for an exact resume.
 """
 
 from __future__ import annotations
@@ -51,9 +50,11 @@ _TAKEN = (
     "shown",
     "_filtered",
 )
-"""attributes of every task that `Task._take` creates"""
+"""Attributes of every task that `Task._take` creates; a pickled task does not contain them"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
-"""Methods that `installed.guard` replaces if a package has the task or the reward. If a package has a block, it replaces `observe`."""
+"""Methods that `installed.guard` replaces if a package provides the task or the reward. If a package provides a block, it replaces
+`observe`.
+"""
 
 
 class Task:
@@ -66,10 +67,10 @@ class Task:
     """
 
     draw: ClassVar[Callable[..., float]]
-    """`draw(e, p, stream) -> yaw`: begins the episode e. It writes the reference and `e.start`, and returns the yaw at
-    the start. Before the call, the task's own fields of e are 0"""
+    """`draw(e, p, stream) -> yaw`: begins the episode e. It writes the reference and `e.start`, and returns the start
+    yaw in rad. Before the call, the task's own fields of e are 0"""
     step: ClassVar[Callable[..., int]]
-    """`step(e, v, p) -> outcome`: adds a step to the episode's fields, and returns the outcome or GOES_ON.
+    """`step(e, v, p) -> outcome`: updates the episode's fields after a step, and returns the outcome or GOES_ON.
     Before the call, `e.distance` and, if the reference has its own yaw, `e.yaw_error` are up to date"""
     refer: ClassVar[Callable[..., None]]
     """`refer(e, v, p)`, optional: moves the reference; called before `step`"""
@@ -84,18 +85,18 @@ class Task:
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
     """fields of an episode in addition to `records.EPISODE`: (name, type) or (name, type, shape)"""
     transient: ClassVar[tuple[str, ...]] = ()
-    """fields that each step writes before it reads them"""
+    """Fields that each step writes before it reads them, so that digests and checkpoints of version 2 leave them out"""
     taken: ClassVar[tuple[str, ...]] = ()
-    """Attributes that the `_take` of a subclass creates in addition"""
+    """Further attributes that the `_take` of a subclass creates"""
     success_ends: ClassVar[bool] = True
     """whether success ends the episode; if not, success is a property of the whole episode, which then times out"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
-    """columns of a record that a fingerprint covers (`evaluation.reference`); empty: all columns of the task. With
+    """Columns of a record that a fingerprint covers (`evaluation.reference`); empty: all columns of the task. With
     declared columns a new metric does not change the fingerprints of published results."""
     reference_blocks: ClassVar[tuple[str, ...]] = ()
-    """blocks of an observation that a fingerprint covers; empty: all blocks of the task"""
+    """Blocks of an observation that a fingerprint covers; empty: all blocks of the task"""
     reference_key: ClassVar[str] = "reference"
-    """name of the reference in `info`"""
+    """Name of the reference in `info`"""
     hidden: ClassVar[bool] = False
     """Whether agents never know the true reference: the task writes the vehicle's estimate of the reference into `believed`, even if the
     vehicle knows its pose"""
@@ -123,20 +124,20 @@ class Task:
         self.spec: ObservationSpec = bounded_spec(config, vehicle)
         """Specification of the observation"""
         self.reach = start_bounds(config, vehicle)
-        """(3,) m, largest position errors at the start of an episode"""
+        """Largest position errors (3,) at the start of an episode, m"""
         self.limits = _limits(config)
         """Values that replace the errors of a failed episode, by the names that `Metric.failed` uses"""
         self.reads_velocity = reads(config.task, "velocity")
-        """whether the observation contains more of the vehicle's state than its pose"""
+        """Whether a block of the observation reads the vehicle's velocity"""
         self._names = names = tasks.blocks(config.task)
         self.block_owners = {name: owner_of_block(name, config.task) for name in config.task.block_packages}
-        """Names for messages of the blocks that packages have, by block; `installed` checks the numbers that these blocks write"""
+        """Name in messages of each block that a package provides, by block; `installed` checks the numbers that these blocks write"""
         codes = [spec.name for spec in loops.observed(names)]
         self._codes = np.array([codes.index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
         shared, owner_name = _shared(config), owner("task", config.task)
         self.sensors = ranges.make(config, n, shared)
-        """range sensors; None without any"""
+        """Range sensors; None if the task has none"""
         self.parameters = records.one_row(self.own_parameters(config.task), shared, owner_name)
         """(1,) parameters of the task"""
         records.check_names(config.reward, owner("reward", config.reward))
@@ -144,7 +145,7 @@ class Task:
         self.prices = records.one_row(prices, shared, owner("reward", config.reward))
         """(1,) parameters of the reward"""
         self.duration = float(self.parameters[0].duration)
-        """duration of an agent step, simulated s"""
+        """Duration of an agent step, s of simulated time"""
         self.world = worlds.make(config, vehicle, n)
         """World with the solids in the water; None in open water"""
         self.filter = filters.make(config, vehicle, self.spec, n)
@@ -152,16 +153,16 @@ class Task:
         self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
         """fields of an episode in addition to `records.EPISODE`"""
         self.episodes = records.table(n, self.own_fields, owner_name)
-        """(n,) record of each episode"""
+        """Records (n,) of the episodes"""
         points = config.task.preview.points if isinstance(config.task, tasks.Tracked) else 0
         self.preview: Floats = np.zeros((n, points, 3))
-        """(n, points, 3) m, future positions of the references"""
+        """Future positions (n, points, 3) of the references, m"""
         self.navigation_name = config.navigation.name
         estimated = is_estimated(config) or self.hidden
         self.believed: Any = (
             records.table(n, (*self.own_fields, *records.BELIEF), owner_name) if estimated else None
         )
-        """(n,) episodes as an estimator believes them to be; observations read them. None: observations read the true episodes"""
+        """Episodes (n,) as the estimator believes them to be; observations read them. None: observations read the true episodes"""
         self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))
         self.estimated: Callable[[int], dict[str, float]] | None = None
         """Function that returns the columns that the estimator of environment i adds to the record"""
@@ -171,7 +172,7 @@ class Task:
         self.reseed(seed)
         self.previous: Floats = np.zeros((n, n_u))
         self.offset: Floats = np.zeros((n, 4))
-        """errors of the position (m) and yaw (rad) readings: bias, drift, noise (see disturbances)"""
+        """Errors (n, 4) of the position (m) and yaw (rad) readings, which disturbances write"""
         self.reward: Floats = np.zeros(n)
         self.command: Floats = np.zeros((n, n_u))
         self.observation = np.zeros((n, self.spec.size), dtype=np.float32)
@@ -183,14 +184,14 @@ class Task:
         """Store the loops that call the task's functions and reward, and views of the arrays for these loops."""
         self._interpreted = interpreted
         self.rows = records.common(self.episodes)
-        """(n,) view of the episodes with the fields that every task has, for functions that are compiled once for all tasks"""
+        """View (n,) of the episodes with the fields that every task has, for functions that are compiled once for all tasks"""
         self._common = records.common_row(self.parameters)
         self.outcome: Integers = self.episodes.outcome
-        """(n,) -1 during an episode, else an index into OUTCOMES"""
+        """Outcomes (n,): indices into OUTCOMES; -1 during an episode"""
         self.reference: Floats = self.episodes.reference
-        """(n, 3) m, present reference positions; the waypoint in the waypoint task"""
+        """Present reference positions (n, 3), m; in the waypoint task the waypoints"""
         self.distance: Floats = self.episodes.distance
-        """(n,) m, present distances to the references"""
+        """Present distances (n,) to the references, m"""
         optional = [name for name in ("refer", "look", "preview_row", "relocate") if hasattr(self, name)]
         named = {name: getattr(type(self), name) for name in ("draw", "step", *optional)}
         if self.world and self._sight:
@@ -230,8 +231,8 @@ class Task:
         """Arguments that the filter takes from the task"""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the attributes that `__setstate__` creates: NumPy would copy a view as a separate array, which no
-        longer follows the episodes.
+        """Return the state without the attributes that `__setstate__` creates: NumPy would copy a view as a separate
+        array, which no longer follows the episodes.
         """
         return {
             name: value
@@ -275,7 +276,7 @@ class Task:
         self.episodes.episode[indices] = -1
 
     def assign(self, episodes: Integers, environment: int = 0) -> None:
-        """Give environment i, a vehicle or a team, the scenario of episode `episodes[i]` at its next reset (for test protocols)."""
+        """Let each team (or each environment without teams) begin episode `episodes[i]` of `environment` at its next reset."""
         self.episodes.episode = np.repeat(episodes, self.team) - 1
         self.episodes.environment = environment + VEHICLE * (self._all % self.team)
 
@@ -337,7 +338,7 @@ class Task:
     def protect(
         self, pose: Floats, velocity: Floats, action: Floats, start: int = 0, stop: int | None = None
     ) -> None:
-        """Let the filter, if the task has one, change actions (n, n_u) in [-1, 1], given measured poses and velocities."""
+        """Let the filter, if any, change the actions (n, n_u) in [-1, 1] in place, given measured poses and velocities."""
         if self.filter is not None:
             stop = self.n if stop is None else stop
             self.filter.act(pose, velocity, action, self.observation, self._filtered, start, stop)
@@ -358,7 +359,7 @@ class Task:
         start: int = 0,
         stop: int | None = None,
     ) -> int:
-        """Compute rewards and outcomes after one agent step; return the number that `checked` takes."""
+        """Compute rewards and outcomes after one agent step; return the result of `step_rows`, which `checked` evaluates."""
         stop = self.n if stop is None else stop
         return self.step_rows(start, stop, pose, velocity, action, self.previous, force, power)
 
@@ -501,7 +502,7 @@ class Task:
         """Return the fields of `episodes` that a checkpoint of version 2 stores as columns of floats."""
         has_goal = TASKS[self.name].has_goal
         names = records.columns(self.episodes.dtype, TASKS[self.name].has_yaw, has_goal)
-        # The shortest way is an observation and not part of the scenario: agents that do not see it have the same scenarios.
+        # The shortest way is only observed. It is left out, so that agents with and without this block have the same scenarios.
         shown = [name for name, *_ in self.world.way] if self.world else []
         return [name for name in names if name not in (*self.transient, *shown)]
 
@@ -521,7 +522,7 @@ class TrackingTask(Task):
         return super().misplaced(i)
 
     def errors(self, i: int, failed: float) -> dict[str, float]:
-        """Return the root mean squares of position and yaw errors, and start and goal.
+        """Return columns of a record: the RMS position and yaw errors, and the coordinates of start and goal.
 
         Args:
             i: index of the environment.

@@ -22,10 +22,10 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 SIGMAS = 6.0
-"""Number of standard deviations of a normal error for which the observation's bounds leave room"""
+"""Number of standard deviations of a normal error that the bounds of the observation include"""
 
 LONGEST = 1e6
-"""m, bound if the vehicle has no damping"""
+"""Largest bound of a position error, m; it applies if the vehicle has no damping along an axis"""
 
 
 def bounded_spec(config: schema.TrainConfig, vehicle: VehicleModel) -> ObservationSpec:
@@ -34,7 +34,7 @@ def bounded_spec(config: schema.TrainConfig, vehicle: VehicleModel) -> Observati
 
 
 def position_bounds(config: schema.TrainConfig, vehicle: VehicleModel) -> Floats:
-    """Return the largest position errors (3,) in m, including the errors of the readings."""
+    """Return the largest position errors (3,) in whole m, rounded up, including the errors of the readings."""
     seconds = step_limit(config.task, config.step.frequency) / config.step.frequency
     return np.asarray(
         np.ceil(np.minimum(_true_bounds(config, vehicle, seconds) + _misreading(config, seconds), LONGEST))
@@ -54,10 +54,9 @@ def _true_bounds(config: schema.TrainConfig, vehicle: VehicleModel, seconds: flo
 
 
 def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
-    """Return a speed over ground in m/s that no vehicle exceeds for long. It is the sum of two speeds. The speed
-    through the water has the components that all thrusters and the net buoyancy could reach along each body axis, for
-    the drawn vehicle with the most thrust and the least damping. The other speed is the water's. The result is
-    infinite if an axis has no damping.
+    """Return a speed over ground in m/s that no vehicle exceeds for long: speed through the water plus speed of the water.
+    Along each body axis, the speed through the water is the terminal speed under full thrust and net buoyancy, for the
+    drawn vehicle with the most thrust and the least damping. The result is infinite if an axis has no damping.
     """
     drawn = disturbance.randomisation
     vehicle = extreme(vehicle, disturbance, -1.0)

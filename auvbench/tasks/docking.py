@@ -54,7 +54,7 @@ def seen_from_dock(e: Record, position: Vector) -> tuple[float, float]:
 
 @row
 def lead(e: Record, position: Vector, distance: float, angle: float, p: Record) -> None:
-    """Write the reference for a vehicle at a position, and `e.detour`, the distance in m from the reference to the dock.
+    """Write the reference for a vehicle at a position, and `e.detour`, the length in m of the way from the reference to the dock.
 
     `distance` (m) and `angle` (rad) are the result of `seen_from_dock` for this position.
     """
@@ -62,7 +62,7 @@ def lead(e: Record, position: Vector, distance: float, angle: float, p: Record) 
     yaw, cone = e.reference_yaw, p.cone
     ax, ay = -math.cos(yaw), -math.sin(yaw)
     along = distance * math.cos(angle)
-    # Unit vector from the axis to the vehicle; to starboard where it is on the axis.
+    # Vector from the axis to the vehicle, which `aside` normalises; to starboard if the vehicle is on the axis.
     lx, ly, lz = x - dock_x - along * ax, y - dock_y - along * ay, z - dock_z
     length = math.sqrt(lx * lx + ly * ly + lz * lz)
     if length < 1e-6:

@@ -29,7 +29,7 @@ COLUMNS = (
     "goal_y_m",
     "goal_z_m",
 )
-"""columns of a record; each task adds its own columns"""
+"""Columns of a record that the fingerprints of all these tasks cover; each task adds its own columns"""
 
 BLOCKS = (
     "yaw_error",

@@ -62,7 +62,7 @@ from auvbench.tasks.trajectory_tracking import (
 )
 
 SOON = 1e-9
-"""s, tolerance for times that rounding puts on the wrong side of a step"""
+"""Tolerance for times that rounding puts on the wrong side of a step, s"""
 AVERAGED = (
     *("reward", "initial_distance", "distance", "deviation", "deviation_squared", "command_norm"),
     *("energy", "path", "change"),
@@ -83,7 +83,7 @@ def bend(e: Record, s: float, axis: int) -> float:
 
 @row
 def lead(e: Record, time: float) -> tuple[float, float, float]:
-    """Set the reference to the leader's at a time in s; return the cosine and sine of the leader's course, and its yaw rate (rad/s)."""
+    """Set the reference to the leader's at `time` s; return the cosine and sine of the leader's course, and its yaw rate (rad/s)."""
     follow(e, time)
     vx, vy, _ = triple(e.reference_velocity)
     s, squared = e.rate * time, max(vx * vx + vy * vy, 1e-12)
@@ -165,7 +165,9 @@ def step(e: Record, v: Vehicle, p: Record) -> int:
 
 @compiled("dynamics", ".")
 def meet(first: int, stop: int, pose: Floats, episodes: Any, preview: Floats, parameters: Any) -> None:
-    """Update references, distances and outcomes of the teams in rows first .. stop - 1 after a step that `e.steps` does not count yet."""
+    """Update references, previews, separations and outcomes of the teams in rows first .. stop - 1, before `e.steps` counts the new
+    step.
+    """
     p = parameters[0]
     n, pose, preview = p.vehicles, borrowed(pose), borrowed(preview)
     for start in range(first, stop, n):
@@ -252,7 +254,7 @@ def exchange(
         offset: (n, 4) errors of the readings.
         true: (n,) episodes with the true positions.
         episodes: (n,) episodes, as the vehicles believe them to be.
-        parameters: (1,)
+        parameters: (1,) parameters of the task.
         stream: flag of the random streams.
     """
     p = parameters[0]

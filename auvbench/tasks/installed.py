@@ -23,7 +23,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int, seed: int, **stream: bool) -> Task:
-    """Return N episodes of a task if an installed package has the task, the reward or a block of the observation.
+    """Return N episodes of a task whose class, reward or blocks of the observation come from an installed package.
 
     Raises:
         AgentError: the task or the reward cannot be created.
@@ -47,15 +47,15 @@ def _class(name: str, owner: str) -> Callable[..., Task]:
     with registry.telling(owner, "cannot be imported"):
         kind = base.factory(name)
     if not (isinstance(kind, type) and issubclass(kind, Task)):
-        raise AgentError(f"{owner}: its factory is not a class below auvbench.tasks.base.Task")
+        raise AgentError(f"{owner}: its factory is not a subclass of auvbench.tasks.base.Task")
     for needed in ("draw", "step"):
         if not callable(getattr(kind, needed, None)):
-            raise AgentError(f"{owner}: {kind.__name__} lacks {needed}, a function of one episode")
+            raise AgentError(f"{owner}: {kind.__name__} must define {needed}, a function of one episode")
     return kind
 
 
 def guard(task: Task) -> None:
-    """From now on check the results of packages' functions: of the task, its reward and its blocks."""
+    """From now on, check the results of functions from packages: those of the task, its reward and its blocks."""
     if task.owners:
         _guard_functions(task, *task.owners)
     if task.block_owners:
@@ -88,7 +88,7 @@ def _guard_functions(task: Task, task_owner: str, reward_owner: str) -> None:
             ended = step_rows(start, stop, *motion)
         pose, rows, span = motion[0], np.arange(start, stop), slice(start, stop)
         if not np.isfinite(pose[span]).all():
-            return ended  # the simulation is to blame
+            return ended  # `Task.checked` raises the error: the simulation caused it
         _refuse(task, reward_owner, rows, np.isfinite(task.reward[span]), "the reward is not finite")
         check_finite(rows, "step")
         outcome = task.outcome[span]
@@ -120,7 +120,7 @@ def _guard_functions(task: Task, task_owner: str, reward_owner: str) -> None:
 
 
 def _guard_blocks(task: Task) -> None:
-    """From now on check the numbers that packages' blocks write."""
+    """From now on, check the numbers that packages' blocks write."""
     observe, bounds = task.observe, task.spec.bounds
 
     def checked_observe(
@@ -130,11 +130,11 @@ def _guard_blocks(task: Task) -> None:
             observations = observe(pose, velocity, indices, seats)
         rows = np.arange(task.n) if indices is None else indices
         motion = np.concatenate([pose[rows], velocity[rows]], axis=1)
-        moving = np.isfinite(motion).all(axis=1)  # otherwise the simulation is to blame
+        moving = np.isfinite(motion).all(axis=1)  # otherwise the simulation caused the error
         for name, owner in task.block_owners.items():
             columns = task.spec[name]
             written, most = observations[rows, columns], bounds[columns]
-            good = (np.abs(written) <= most) | ~moving[:, None]  # NaN is not
+            good = (np.abs(written) <= most) | ~moving[:, None]  # False for NaN
             if not good.all():
                 row, column = np.argwhere(~good)[0]
                 what = f"write gives {task.spec.blocks[name].labels[column]}={written[row, column]:g}"
@@ -162,7 +162,7 @@ def telling(owner: str, what: str) -> Iterator[None]:
 def _finite_check(task: Task, owner: str) -> Callable[[Integers, str], None]:
     """Return a function that checks that the fields of episodes are finite after a package's function wrote them."""
     e, kind = task.episodes, task.episodes.dtype
-    # All numbers of an episode at once, for speed: records are aligned, so that each is a whole number of words.
+    # All numbers of an episode at once, for speed: a record is aligned, so that its size is a whole number of words.
     words = np.ndarray((task.n, kind.itemsize // 8), np.float64, e)
     floats = [
         kind.fields[name][1] // 8 + word

@@ -150,7 +150,7 @@ _SENSED = {
     "owned": "solids, heights = borrowed(solids), borrowed(heights)",
     "scene": "seen = scene(solids[i], counts[i], heights, e.steps * p.duration, seats[i], stream)",
 }
-"""lines of the loop that observes with range sensors"""
+"""Lines of the observing loop that range sensors need"""
 
 _OF_EVERY_TASK: Functions = {
     **{f.__name__: f for f in (rows.begin, rows.start, rows.vehicle, rows.measure, rows.finish)},
@@ -166,7 +166,7 @@ _IN_WORLD = {
     "touch": "touch(e, v, p, solids[i], heights, hull[0])",
     "collide": "e.outcome = COLLISION if e.contact > 0 else e.outcome",
 }
-"""lines of the loop over steps in a world with solids"""
+"""Lines of the stepping loop that a world with solids needs"""
 
 
 class Loops(NamedTuple):
@@ -280,7 +280,9 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
             continue
         namespace = own
         if spec.name not in BLOCKS.own:
-            lines.append("    out[:] = nan")  # so that checks find a number that the block does not write
+            lines.append(
+                "    out[:] = nan"
+            )  # so that the checks notice a number that the block does not write
             module = spec.write.__globals__
             replacements = (
                 {} if module is vars(blocks) else {id(vars(blocks)[name]): own[name] for name in own}

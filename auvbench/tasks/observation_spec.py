@@ -1,4 +1,4 @@
-"""Define the observation of a task, and the forces that it needs from a vehicle.
+"""Define the observation of a task, and check that a vehicle has the thrust that a task needs.
 
 This module imports no compiled code, since ROS 2 pilots and the check of a run import it.
 """
@@ -29,7 +29,7 @@ def observation_spec(
         task: task with the names of the blocks (`observation`) and the frame of the position error
             (`position_frame`).
         actuators: names of the vehicle's actuators.
-        position_bounds: (3,) m, largest position errors.
+        position_bounds: largest position errors (3,), m.
     """
     setting = _setting(task, actuators, tuple(position_bounds))
     newest = [_described(name, setting, task) for name in tasks.blocks(task)]
@@ -54,7 +54,7 @@ def owner_of_block(name: str, task: tasks.Task) -> str:
 
 
 def _described(name: str, setting: Setting, task: tasks.Task) -> Block:
-    """Return labels, unit and bounds of a block; check them if the block is a package's.
+    """Return labels, unit and bounds of a block; check them if the block comes from a package.
 
     Raises:
         AgentError: the description of a package's block is invalid.
@@ -66,7 +66,9 @@ def _described(name: str, setting: Setting, task: tasks.Task) -> Block:
     with telling(owner, "describe fails"):
         block: Any = BLOCKS[name].describe(setting)
         if not isinstance(block, Block) or block.name != name:
-            raise AgentError(f"{owner}: describe must return an auvbench.plugin.Block of that name")
+            raise AgentError(
+                f"{owner}: describe must return an auvbench.plugin.Block with the name of this block"
+            )
         labels, bounds = block.labels, np.asarray(block.bounds, dtype=np.float64)
         if not labels or len(set(labels)) < len(labels) or not all(_labels(name, label) for label in labels):
             raise AgentError(f"{owner}: its labels must be different names that begin with {name}")

@@ -38,9 +38,9 @@ from auvbench.tasks.rows import (
 
 MOST_POINTS = 16
 DEPTH_MARGIN = 5.0
-"""m, distance from a depth limit at which a path turns back"""
+"""Distance from a depth limit at which a path turns back, m"""
 SAMPLES = 16
-"""number of points per segment of the path from which the closest point is searched"""
+"""Number of points per segment of the path among which the closest point is searched"""
 
 
 @row
@@ -228,7 +228,7 @@ class PathFollowingTask(TrackingTask):
         return np.array(self.episodes[i].points[self._last()])
 
     def line(self, i: int) -> Floats:
-        from scipy.interpolate import CubicHermiteSpline  # a quarter of a second
+        from scipy.interpolate import CubicHermiteSpline  # this import takes a quarter of a second
 
         points = np.array(self.episodes[i].points[: self._last() + 1])
         # The slopes of Catmull and Rom are central differences, and differences at the ends.

@@ -23,7 +23,7 @@ from auvbench.errors import AgentError
 Floats = NDArray[np.float64]
 Fields = Sequence[tuple[Any, ...]]
 Record = Any
-"""a record of a structured array: `e`, an episode, or `p`, parameters"""
+"""Record of a structured array: an episode `e`, or parameters `p`"""
 
 _SUMS: Fields = (
     ("reference", "f8", (3,)),  # m, present reference position
@@ -41,7 +41,7 @@ _SUMS: Fields = (
     ("depth_margin", "f8"),  # m, smallest distance to a depth limit so far
     ("position", "f8", (3,)),  # m, at the previous step
 )
-"""fields of every task; sums are over the steps of the episode"""
+"""Fields of every task; sums are over the steps of the episode"""
 _YAW: Fields = (
     ("reference_yaw", "f8"),  # rad
     ("reference_velocity", "f8", (3,)),  # m/s, world axes
@@ -57,14 +57,14 @@ BELIEF: Fields = (
 )
 """Further fields of a believed episode, which blocks of the estimate read"""
 LOST = 1000.0
-"""m, position error from which an estimate counts as diverged; the observation's bounds leave room for it"""
+"""Position error from which an estimate counts as diverged, m; the bounds of the observation include it"""
 _GOAL: Fields = (("goal", "f8", (3,)),)
 """Field of tasks that offer the block `goal_error`: position of the goal, m"""
 _COUNTERS: Fields = (
     ("steps", "i8"),
     ("episode", "i8"),
     ("environment", "i8"),
-    ("outcome", "i8"),  # -1 under way, else an index into record.OUTCOMES
+    ("outcome", "i8"),  # -1 during the episode, otherwise an index into record.OUTCOMES
     ("seed", "i8"),  # seed of the episode's draws, 0 .. 2^32 - 1
 )
 _STEP: Fields = (
@@ -185,12 +185,12 @@ def state(n: int, fields: Fields, owner: str) -> Any:
 
 
 def one_row(own: Mapping[str, Any], shared: Mapping[str, float], owner: str) -> Any:
-    """Return parameters (1,): the parameters of every task, then the task's or the reward's own.
+    """Return parameters (1,): the parameters of every task, then the own parameters of a task, reward, disturbance, sensor or estimator.
 
     Args:
         own: numbers or sequences of numbers by name.
         shared: numbers by the names of `PARAMETERS`.
-        owner: name of the task or reward for messages.
+        owner: name of the owner of the parameters, for messages.
 
     Raises:
         AgentError: a parameter has a wrong name, or is not a number.
@@ -291,7 +291,9 @@ def _table(n: int, fields: Fields, owner: str) -> Any:
     for name in names:
         # numba refuses any attribute `view`.
         if not str(name).isidentifier() or str(name).startswith("_") or name == "view":
-            raise AgentError(f"{owner}: {name} cannot be the name of a field; choose another one")
+            raise AgentError(
+                f"{owner}: {name} cannot be the name of a field; use a Python name other than view that does not begin with _"
+            )
         if names.count(name) > 1:
             raise AgentError(f"{owner}: the field {name} occurs twice")
     try:

@@ -1,8 +1,8 @@
-"""Compute the reward of one step; `config.rewards` has the parameters, docs/task.md the formulas and sources.
+"""Compute the reward of one step. `config.rewards` has the parameters, and docs/task.md has the formulas and sources.
 
 A reward is a function of `e`, the episode after the step (`e.outcome` is GOES_ON if it continues), `v`, the vehicle,
-and `p`, the parameters with the names of the reward's schema. A reward may have a second function (`sights`), which sees the solids of a
-world; its value is added to the reward.
+and `p`, the parameters with the names of the reward's schema. A reward may have a second function (`sights`), which gets the solids of
+a world; its value is added to the reward.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def function_of(reward: rewards.Reward) -> Callable[..., float]:
 
 
 def sight_of(reward: rewards.Reward) -> Callable[..., float] | None:
-    """Return the function that computes what solids add to a reward; None if the reward does not depend on solids."""
+    """Return the function of a reward's term that depends on solids; None if the reward does not depend on solids."""
     named = REWARDS[reward.name].sight
     return resolve(named) if named else None
 
@@ -58,7 +58,7 @@ def thesis(e: Record, v: Vehicle, p: Record) -> float:
 
 @row
 def exponential(e: Record, v: Vehicle, p: Record) -> float:
-    """Return a reward that depends only on the distance."""
+    """Return a reward that depends only on the distance to go, or `p.failure` after a failure."""
     return float(p.failure if failed(e) else p.k * math.exp(-p.rate * e.to_go))
 
 

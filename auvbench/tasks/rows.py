@@ -34,10 +34,10 @@ OUT_OF_BOUNDS = 3
 GOES_ON = -1
 
 VEHICLE = 1 << 24
-"""Step of the counter `environment` from one vehicle of a team to the next."""
+"""Increment of the counter `environment` from one vehicle of a team to the next"""
 
 SHALLOWEST = 1.0
-"""m, smallest distance of a drawn start from a depth limit, unless the centre of the draw is closer"""
+"""Smallest distance of a drawn start from a depth limit, m, unless the centre of the draw is closer"""
 
 _TWO_PI = 2.0 * math.pi
 
@@ -249,7 +249,7 @@ def add_errors(e: Record) -> None:
 
 @row
 def begin(e: Record) -> None:
-    """Clear the fields of an episode."""
+    """Reset the outcome, the number of steps and the sums of an episode."""
     e.steps = 0
     e.outcome = GOES_ON
     e.reward_sum = 0.0
@@ -285,7 +285,7 @@ def start(e: Record, heading: float, p: Record, pose: Floats) -> None:
 
 @row
 def measure(e: Record, v: Vehicle) -> None:
-    """Write the distance from the reference."""
+    """Write the distance from the reference, the distance after the previous step, and the distance to go."""
     e.last_distance = e.distance
     e.distance = between(triple(e.reference), v.position)
     e.to_go = e.distance + e.detour
@@ -306,7 +306,7 @@ def turn_to(e: Record, v: Vehicle) -> None:
 
 @row
 def finish(e: Record, v: Vehicle, reward: float, p: Record) -> None:
-    """Add a step to the sums."""
+    """Add a step to the sums; store its action and position for the next step."""
     norm_squared = 0.0
     change_squared = 0.0
     for j in range(v.action.shape[0]):
@@ -345,7 +345,7 @@ def add_command_noise(
     stream: int,
     command: Floats,
 ) -> None:
-    """Compute command = action + noise, clipped to [-1, 1]; `scale` (n_u,) turns the noise's unit into the action's."""
+    """Compute command = action + noise, clipped to [-1, 1]; `scale` (n_u,) converts the unit of the noise to the action's."""
     p = parameters[0]
     n_u = action.shape[1]
     low, high, both_signs = p.command_noise_low, p.command_noise_high, p.both_signs > 0

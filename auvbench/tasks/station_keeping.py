@@ -64,7 +64,7 @@ class StationKeepingTask(TrackingTask):
     step = staticmethod(step)
     fields = (
         ("held", "f8"),  # steps within the tolerances in the last `hold_time`
-        ("last_outside", "f8"),  # the last step outside them
+        ("last_outside", "f8"),  # last step outside the tolerances
     )
     reference_columns = (*fingerprint.COLUMNS, "position_error_rms_m", "yaw_error_rms_rad", "settling_time_s")
     reference_blocks = fingerprint.BLOCKS

@@ -33,7 +33,7 @@ from auvbench.tasks.rows import (
 from auvbench.worlds.casting import range_below
 
 DEEPEST = 1e4
-"""m, altitude if the vehicle has no bottom below it"""
+"""Altitude if the vehicle has no bottom below it, m"""
 
 
 @row
@@ -64,7 +64,7 @@ def refer(e: Record, v: Vehicle, p: Record) -> None:
 
 @row
 def look(e: Record, v: Vehicle, p: Record, solids: Any, heights: Any) -> None:
-    """Measure the altitude error, and write its size to `e.detour`, which rewards read."""
+    """Measure the altitude error; write its magnitude to `e.detour`, which rewards read."""
     time = e.steps * p.duration
     e.altitude_error = range_below(solids[: e.solids], heights, time, v.position, DEEPEST) - p.altitude
     e.detour = abs(e.altitude_error)
@@ -94,7 +94,7 @@ class TerrainTask(TrackingTask):
     step = staticmethod(step)
     relocate = staticmethod(relocate)
     fields = (
-        ("altitude_error", "f8"),  # m, altitude less the asked one
+        ("altitude_error", "f8"),  # m, altitude minus the altitude to hold
         ("altitude_squared_sum", "f8"),  # m^2
     )
     reference_columns = (*fingerprint.COLUMNS, "yaw_error_rms_rad", "altitude_error_rms_m")

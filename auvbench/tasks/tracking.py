@@ -98,7 +98,7 @@ def draw(e: Record, p: Record, stream: int) -> float:
     turned, u, v, w = drawn(e, stream, 0)
     _, _, _, bearing = drawn(e, stream, 1)
     e.angle = 2.0 * math.pi * bearing
-    # A start on the circle round the true target would show the target's place.
+    # A start on the circle round the true target would reveal the target's position.
     (x, y, z), (east, north) = triple(e.reference), prior_errors(e, p, stream)
     circle(e, 0.0, p, (x + east, y + north, z), triple(e.reference_velocity))
     start_in_ball(e, p.start_radius, p, u, v, w)
@@ -140,7 +140,7 @@ def begin_estimate(b: Record, p: Record, target: Vector, east: float, north: flo
 
 @row
 def predict(b: Record, dt: float, q: float) -> None:
-    """Move an estimate by a time in s: x' = F x, P' = F P F^T + Q, with an acceleration of spectral density q in m^2/s^3."""
+    """Predict an estimate `dt` s ahead: x' = F x, P' = F P F^T + Q, with an acceleration of spectral density q in m^2/s^3."""
     P = b.covariance
     for axis in range(2):
         b.estimate[axis] += b.estimate[axis + 2] * dt
@@ -170,10 +170,10 @@ def correct(b: Record, here: Vector, distance: float, late: float, variance: flo
 
     Args:
         b: believed episode with the estimate.
-        here: m, position of the vehicle, which hears the ping now.
-        distance: m, range to the target's position at the sending.
-        late: s since the sending.
-        variance: m^2, of the range.
+        here: position of the vehicle, which hears the ping now, m.
+        distance: range to the target's position at the time of sending, m.
+        late: time since sending, s.
+        variance: variance of the range, m^2.
     """
     x, y, z = here
     P = b.covariance
@@ -203,7 +203,7 @@ def correct(b: Record, here: Vector, distance: float, late: float, variance: flo
 
 @row
 def remember(b: Record, k: int, here: Vector, distance: float, sent: float) -> None:
-    """Store ping k, which the vehicle heard at `here` (m): its range in m and the time in s when it was sent."""
+    """Store ping k, which the vehicle heard at `here` (m), with its range in m and its sending time in s."""
     x, y, z = here
     b.pings[k, 0], b.pings[k, 1], b.pings[k, 2] = x, y, b.depth - z
     b.pings[k, 3], b.pings[k, 4] = distance, sent
@@ -221,7 +221,7 @@ def stay_within(b: Record, here: Vector, most: float) -> None:
 
 @row
 def measured_place(e: Record, p: Record, pose: Floats, offset: Floats, stream: int) -> Vector:
-    """Return the position in m as the observation shows it: measured pose, plus the errors of its reading, plus noise."""
+    """Return the position in m that the observation shows: measured position plus the errors of its reading plus noise."""
     here = add(triple(pose), triple(offset))
     if p.position_noise_high > 0.0:
         ux, uy, uz, _ = uniform4(e.seed, SENSOR | stream, 0, e.steps, e.episode, e.environment)
@@ -284,7 +284,7 @@ def listen(
         offset: (n, 4) errors of the readings.
         true: (n,) episodes with the true positions.
         believed: (n,) episodes as the vehicles believe them to be.
-        parameters: (1,)
+        parameters: (1,) parameters of the task.
         stream: flag of the random streams.
     """
     p = parameters[0]

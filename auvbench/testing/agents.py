@@ -1,4 +1,4 @@
-"""Check agents; check agents that learn also for their training."""
+"""Check agents, and also the training of agents that learn."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Make = Callable[[], base.Agent]
 
 @dataclass
 class Flight:
-    """Observations and actions of an agent in the test's scenarios."""
+    """Observations and actions of an agent in test scenarios."""
 
     config: schema.TrainConfig
     observations: list[NDArray[np.float32]]  # (n, n_obs) per step
@@ -51,7 +51,7 @@ def fly(config: schema.TrainConfig, agent: base.Agent) -> Flight:
     """Steer `EPISODES` vehicles for `STEPS` steps and check each action.
 
     Raises:
-        ConformanceError: an action is not finite or out of range.
+        ConformanceError: actions are not (n, n_u) numbers in [-1, 1], or `act` changes the observations.
     """
     batch = Batch(config, EPISODES, test=True, autoreset=True)
     batch.task.assign(np.arange(EPISODES))
@@ -63,7 +63,7 @@ def fly(config: schema.TrainConfig, agent: base.Agent) -> Flight:
         action = agent.act(observation)
         if fault := action_fault(action, EPISODES, len(batch.vehicle.actuators)):
             raise ConformanceError(f"step {step}: {fault}")
-        same(observation, original, f"step {step}: act changes the observations that it is given")
+        same(observation, original, f"step {step}: act must not change its observations")
         flight.observations.append(original)
         flight.actions.append(np.array(action))
         observation = batch.step(np.asarray(action)).observation.copy()
@@ -71,20 +71,20 @@ def fly(config: schema.TrainConfig, agent: base.Agent) -> Flight:
 
 
 def replay(flight: Flight, agent: base.Agent, rows: Sequence[int], what: str) -> None:
-    """Show an agent some episodes of a flight again.
+    """Give an agent the observations of some of a flight's episodes again, and compare its actions.
 
     Raises:
-        ConformanceError: the agent acts differently.
+        ConformanceError: the actions differ from the flight's.
     """
     chosen = np.asarray(rows)
     agent.reset(chosen.copy())
     for step, (observations, done) in enumerate(zip(flight.observations, flight.actions, strict=True)):
         action = np.asarray(agent.act(observations[chosen]))
-        same(action, done[chosen], f"{what}: step {step}: its actions")
+        same(action, done[chosen], f"{what}: step {step}: its actions must be the same")
 
 
 def actions_are_in_range(config: schema.TrainConfig, make: Make) -> None:
-    """Check that actions are (n, n_u) numbers in [-1, 1], and that observations are not changed."""
+    """Check that actions are (n, n_u) numbers in [-1, 1], and that `act` does not change the observations."""
     fly(config, make())
 
 
@@ -161,7 +161,9 @@ def _compare(first_run: RunDirectory, second_run: RunDirectory, what: str) -> No
     first, second = files(first_run), files(second_run)
     wrong = [name for name in {**first, **second} if first.get(name) != second.get(name)]
     if wrong:
-        raise ConformanceError(f"{what} ends with other bits: {', '.join(sorted(wrong))}")
+        raise ConformanceError(
+            f"{what} must write the same bits as the first training; different files: {', '.join(sorted(wrong))}"
+        )
 
 
 def training_is_deterministic(trainings: Trainings) -> None:
@@ -181,8 +183,8 @@ def tests_on_the_way_change_nothing(trainings: Trainings) -> None:
 
 
 def nothing_is_pickled(trainings: Trainings) -> None:
-    """Check that the model loads without unpickling in a process that has not trained, and that no file is a
-    pickle.
+    """Check that the model loads without unpickling anything that could run code, and that no file of the model or
+    the checkpoints is a pickle.
     """
     run = trainings.whole()
     saved = sorted(path for path in run.model.rglob("*") if path.is_file())
@@ -194,19 +196,19 @@ def nothing_is_pickled(trainings: Trainings) -> None:
         if path.is_file() and draws.is_pickle(path.read_bytes())
     ]
     if pickles:
-        raise ConformanceError(f"{pickles[0]} is a pickle: such a file from another person could run code")
+        raise ConformanceError(f"{pickles[0]} is a pickle, which could run code; save plain arrays instead")
     with draws.no_unpickling("load"):
         make_agent(run, float(run.config()["step"]["frequency"]))
 
 
 @contextmanager
 def stopped_at(step: int) -> Iterator[None]:
-    """Stop trainings inside this context with an error at a step."""
+    """Stop each training inside this context with an error when it reaches this step of the environment."""
     ordinary = Session.step
 
     def strike(self: Session, steps: int, transition: Any) -> float:
         if steps >= step:
-            raise RuntimeError("struck down to see how it goes on")
+            raise RuntimeError("stopped by the conformance check, which then resumes the training")
         return ordinary(self, steps, transition)
 
     Session.step = strike  # type: ignore[method-assign]
@@ -217,8 +219,9 @@ def stopped_at(step: int) -> Iterator[None]:
 
 
 def a_stopped_training_ends_as_it_says(trainings: Trainings) -> None:
-    """Check that with `exact_resume` an interrupted training ends with the same bits, and that without it the
-    training restarts.
+    """Check that an interrupted training ends with the same bits as an uninterrupted one.
+
+    With `exact_resume` it continues from a checkpoint; without it, the training restarts.
     """
     whole = trainings.whole()
     total = whole.manifest()["total_steps"]
@@ -229,7 +232,9 @@ def a_stopped_training_ends_as_it_says(trainings: Trainings) -> None:
     except TrainingError:
         pass
     else:
-        raise ConformanceError(f"learn ends without a step of the environment after step {3 * total // 4}")
+        raise ConformanceError(
+            f"learn ended before step {3 * total // 4}; it must train for the whole budget"
+        )
     draws.reseed_generators(5)
     saved = struck.checkpoints.is_dir() and any(path.name.isdigit() for path in struck.checkpoints.iterdir())
     execute(struck)
@@ -237,10 +242,12 @@ def a_stopped_training_ends_as_it_says(trainings: Trainings) -> None:
     exact = base.learner_of(*_config_and_vehicle(trainings.overrides)).exact_resume
     if exact and not saved:
         raise ConformanceError(
-            f"learn never called callbacks.checkpoint before step {3 * total // 4} of {total}"
+            f"exact_resume requires checkpoints; learn did not call callbacks.checkpoint before step {3 * total // 4} of {total}"
         )
     if not exact and not manifest.get("started_over"):
-        raise ConformanceError("it does not resume exactly, and its manifest has no started_over")
+        raise ConformanceError(
+            "without exact_resume the training must restart, but its manifest has no started_over"
+        )
     _compare(whole, struck, "a training that was stopped")
 
 
@@ -250,7 +257,7 @@ LEARNER_CHECKS: tuple[Callable[[Trainings], None], ...] = (
     nothing_is_pickled,
     a_stopped_training_ends_as_it_says,
 )
-"""Further checks of an agent that learns."""
+"""Additional checks of every agent that learns."""
 
 
 def _config_and_vehicle(overrides: Sequence[str]) -> tuple[schema.TrainConfig, Any]:
@@ -267,8 +274,8 @@ def check_agent(
 
     Args:
         overrides: arguments of `auvbench train`: the agent, `algo=NAME`, and other overrides.
-        steps: budget of the trainings of a learner; there are four of them. It must be long enough for
-            several calls of `callbacks.checkpoint`.
+        steps: budget of each of a learner's four trainings. It must be long enough for several calls of
+            `callbacks.checkpoint`.
         only: one of `AGENT_CHECKS` or `LEARNER_CHECKS`; default: all.
 
     Raises:

@@ -20,7 +20,7 @@ N, STEPS = 5, 20
 """Number of parallel episodes, and number of steps, of a check"""
 
 ROUNDING = 1e-6
-"""largest relative difference between compiled and interpreted numbers, which are rounded to 32 bits"""
+"""Relative and absolute tolerance between the numbers of the compiled and the Python form, which are rounded to 32 bits"""
 
 
 def play(batch: Batch, first: int = 0) -> NDArray[np.float32]:
@@ -55,7 +55,7 @@ def its_numbers_are_finite_and_within_bounds(config: schema.TrainConfig) -> None
 
 
 def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
-    """Check that an episode gives the same numbers in any batch, and that they come from no global generator."""
+    """Check that an episode gives the same numbers in any batch, and that no number is drawn from a global generator."""
     reseed_generators(1)
     with untouched("observing"):
         together = play(Batch(config, N, seed=3))
@@ -74,7 +74,7 @@ def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
         raise ConformanceError(f"run as Python: {error}") from error
     if not np.allclose(plain, compiled, rtol=ROUNDING, atol=ROUNDING):
         raise ConformanceError(
-            f"compiled and as Python its numbers differ by up to {np.abs(plain - compiled).max():.3g}"
+            f"its numbers must be the same compiled and as Python; they differ by up to {np.abs(plain - compiled).max():.3g}"
         )
 
 
@@ -99,7 +99,10 @@ def it_changes_nothing_that_it_reads(config: schema.TrainConfig) -> None:
 
 
 def a_pilot_observes_it(config: schema.TrainConfig) -> None:
-    """Check that a pilot observes finite numbers within the bounds; skip blocks that need more than a pilot can supply."""
+    """Check that a pilot observes finite numbers within the bounds.
+
+    Skip observations with a history or with a block that a pilot cannot supply.
+    """
     batch = Batch(config, 1, seed=3)
     spec, task = batch.task.spec, batch.task
     if not set(tasks.blocks(config.task)) <= set(observation.supplied()) or config.task.history > 1:

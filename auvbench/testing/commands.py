@@ -22,7 +22,7 @@ LONGEST = 100
 
 
 def called(*words: str) -> tuple[int, str, str]:
-    """Return exit code, output and errors of `auvbench WORDS` in an empty folder, which must stay empty."""
+    """Return exit code, standard output and standard error of `auvbench WORDS`, called in an empty folder, which must stay empty."""
     out, err, before = io.StringIO(), io.StringIO(), os.getcwd()
     with tempfile.TemporaryDirectory(prefix="auvbench-testing-") as folder:
         os.chdir(folder)
@@ -38,7 +38,7 @@ def called(*words: str) -> tuple[int, str, str]:
 
 
 def its_title_is_one_line(name: str) -> None:
-    """Check that the title is a line of `auvbench --help`."""
+    """Check that the title fits one line of `auvbench --help`."""
     title = COMMANDS.choose(name).title
     if not title.strip() or "\n" in title or len(title) > LONGEST:
         raise ConformanceError(f"its title {title!r} must be one line of at most {LONGEST} characters")
@@ -48,7 +48,9 @@ def its_help_ends_well(name: str) -> None:
     """Check that `--help` prints something, writes no file, and ends with exit code 0."""
     code, out, err = called(name, "--help")
     if code != 0 or not out.strip():
-        raise ConformanceError(f"auvbench {name} --help ends with exit code {code}: {(err or out)[:200]!r}")
+        raise ConformanceError(
+            f"auvbench {name} --help must print help and end with exit code 0, not {code}: {(err or out)[:200]!r}"
+        )
 
 
 def an_unknown_option_is_one_line(name: str) -> None:
@@ -56,7 +58,9 @@ def an_unknown_option_is_one_line(name: str) -> None:
     option = "--no-such-option"
     code, _, err = called(name, option)
     if code != 2 or err.count("\n") != 1:
-        raise ConformanceError(f"auvbench {name} {option} ends with exit code {code} and {err[:200]!r}")
+        raise ConformanceError(
+            f"auvbench {name} {option} must end with exit code 2 and one line of error, not {code} and {err[:200]!r}"
+        )
 
 
 def importing_it_does_nothing(name: str) -> None:

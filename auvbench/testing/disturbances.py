@@ -35,7 +35,9 @@ def it_changes_the_motion_or_the_readings(config: schema.TrainConfig) -> None:
         batch.reset()
         observations.append(play(batch, range(STEPS))[0]["observation"])
     if np.array_equal(observations[0], observations[1]):
-        raise ConformanceError(f"{STEPS} steps have the same observations without the disturbance")
+        raise ConformanceError(
+            f"in {STEPS} steps the observations are the same with and without the disturbance; it must change them"
+        )
 
 
 def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
@@ -51,7 +53,7 @@ def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
     same(
         observations(4)[:, 0],
         observations(7, 2, 4)[:, 2],
-        "the observations of episode 4 by itself and in a batch",
+        "the observations of episode 4 must be the same alone and in a batch",
     )
 
 
@@ -68,20 +70,24 @@ def its_water_stays_within_its_bound(config: schema.TrainConfig) -> None:
     for velocity in (rows["velocity"], rows["velocity"] + rows["change"]):
         speed = float(np.linalg.norm(velocity, axis=1).max())
         if speed > most * (1.0 + 1e-9):
-            raise ConformanceError(f"a current of {speed:g} m/s; water_speed says at most {most:g} m/s")
+            raise ConformanceError(
+                f"the current's speed is {speed:g} m/s; water_speed allows at most {most:g} m/s"
+            )
 
 
 def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
     """Check that the functions of one episode, run as Python, access only existing fields and indices."""
     batch = Batch(config, 2, seed=3)
     if batch.disturbances is None:
-        raise ConformanceError("the configuration has no active disturbance")
+        raise ConformanceError(
+            "the configuration has no active disturbance; choose one with disturbance=NAME"
+        )
     batch.disturbances.interpret()
     try:
         batch.reset()
         play(batch, range(3))
     except (AgentError, IndexError) as error:
-        raise ConformanceError(f"{error}; `fields` declares what an episode remembers") from error
+        raise ConformanceError(f"{error}; `fields` must declare each value that an episode stores") from error
 
 
 DISTURBANCE_CHECKS: tuple[Callable[[schema.TrainConfig], None], ...] = (

@@ -96,7 +96,9 @@ def untouched(what: str) -> Iterator[None]:
     after = generators()
     for name in before:
         if before[name] != after[name]:
-            raise ConformanceError(f"{what} draws from the process's generator of {name}; use one of its own")
+            raise ConformanceError(
+                f"{what} must not draw from the global generator of {name}; use a separate generator"
+            )
 
 
 _watching: list[str] = []
@@ -123,7 +125,9 @@ def no_unpickling(what: str) -> Iterator[None]:
     finally:
         _watching.clear()
     if heard:
-        raise ConformanceError(f"{what} unpickles {heard[0]}: such a file from another person could run code")
+        raise ConformanceError(
+            f"{what} unpickles {heard[0]}, and a pickle could run code; load plain arrays instead"
+        )
 
 
 def is_pickle(data: bytes) -> bool:

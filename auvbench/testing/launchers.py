@@ -49,13 +49,13 @@ class Launches:
 
 
 def until_ended(place: Backend, job: Job) -> Status:
-    """Wait for the end of a job."""
+    """Wait until a job has ended, and return its status."""
     end = time.monotonic() + WAIT
     while time.monotonic() < end:
         if (status := job.poll()).ended:
             return status
         place.wait(0.1)
-    raise ConformanceError(f"{job} has not ended after {WAIT:g} s: {job.poll().phase}")
+    raise ConformanceError(f"{job} has not ended after {WAIT:g} s; its phase is {job.poll().phase}")
 
 
 def it_carries_runs_out(launches: Launches) -> None:
@@ -65,11 +65,13 @@ def it_carries_runs_out(launches: Launches) -> None:
     for run in runs:
         job = place.submit(run.path)
         if Path(job.run) != run.path:
-            raise ConformanceError(f"submit({run.path}) returns a job of the run {job.run}")
+            raise ConformanceError(
+                f"submit({run.path}) returns a job of the run {job.run}; it must be a job of the submitted run"
+            )
         status = until_ended(place, job)
         if status.code not in (0, None) or run.manifest()["state"] != "complete":
             raise ConformanceError(
-                f"a run ends as {run.manifest()['state']}, and its job {status.describe()}; it must be complete"
+                f"a run's state is {run.manifest()['state']}, and its job {status.describe()}; the state must be complete"
             )
 
 
@@ -79,7 +81,9 @@ def it_reports_a_run_that_fails(launches: Launches) -> None:
     (launches.folder / "empty").mkdir()
     status = until_ended(place, place.submit(launches.folder / "empty"))
     if status.code == 0:
-        raise ConformanceError("a job whose worker finds no run ends with exit code 0")
+        raise ConformanceError(
+            "the job of a folder without a run ended with exit code 0; the code must not be 0"
+        )
 
 
 def an_ended_job_stays_as_it_is(launches: Launches) -> None:
@@ -91,9 +95,9 @@ def an_ended_job_stays_as_it_is(launches: Launches) -> None:
     job.cancel()
     job.cancel(force=True)
     if job.poll() != status:
-        raise ConformanceError(f"after cancel an ended job is {job.poll()}; it was {status}")
+        raise ConformanceError(f"cancel must not change an ended job; it is {job.poll()} and was {status}")
     if run.manifest()["state"] != "complete":
-        raise ConformanceError("cancel changes a run that has ended")
+        raise ConformanceError("cancel must not change a run that has ended")
     if (adopted := place.adopt(run.path)) is not None:
         raise ConformanceError(f"adopt returns {adopted} for a run that has ended; it must return None")
 

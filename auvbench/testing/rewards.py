@@ -24,7 +24,7 @@ N, STEPS = 5, 30
 
 
 def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
-    """Check that a step gives the same finite reward in any batch, and that it comes from no global generator."""
+    """Check that a step gives the same finite reward in any batch, and that no reward is drawn from a global generator."""
     reseed_generators(1)
     together = Batch(config, N, seed=3)
     together.reset()
@@ -42,7 +42,7 @@ def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
 
 
 def it_pays_every_end(config: schema.TrainConfig) -> None:
-    """Check that each end of an episode, at and far from the reference, has a finite reward."""
+    """Check that the reward is finite in each step, whether or not it ends the episode, at and far from the reference."""
     for batch, pay in _plain(config):
         e = batch.task.episodes[0]
         for distance in (0.0, 1e-9, float(e.distance), 1e4):
@@ -51,8 +51,10 @@ def it_pays_every_end(config: schema.TrainConfig) -> None:
                 e.outcome = OUTCOMES.index(outcome) if outcome else rows.GOES_ON
                 paid = pay()
                 if not np.isfinite(paid):
-                    end = f"a step that ends by {outcome}" if outcome else "a step on the way"
-                    raise ConformanceError(f"{end}, {distance:g} m from the reference, gives {paid}")
+                    end = f"a step that ends the episode by {outcome}" if outcome else "a step on the way"
+                    raise ConformanceError(
+                        f"{end}, {distance:g} m from the reference, gives the reward {paid}; it must be finite"
+                    )
 
 
 def it_changes_nothing_that_it_reads(config: schema.TrainConfig) -> None:
@@ -85,7 +87,7 @@ def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
             by_compiled, by_python = (batch.step(action).reward.copy() for batch in (compiled, plain))
             if not np.allclose(by_compiled, by_python, rtol=1e-9, atol=1e-9):
                 raise ConformanceError(
-                    f"compiled it gives {by_compiled.tolist()}, as Python {by_python.tolist()}, in step {step}"
+                    f"rewards must be the same compiled ({by_compiled.tolist()}) and as Python ({by_python.tolist()}): step {step}"
                 )
     except (AgentError, IndexError) as error:
         raise ConformanceError(f"run as Python: {error}") from error

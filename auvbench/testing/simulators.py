@@ -22,7 +22,7 @@ N, STEPS, DURATION = 3, 12, 0.1
 """Number of vehicles, number of steps of a check, and duration of a step in s"""
 
 Make = Callable[[int], Simulator]
-"""Function that returns a simulator with a number of vehicles"""
+"""Function that returns a new simulator with the given number of vehicles"""
 
 STATE = ("pose", "velocity", "command_force", "power")
 
@@ -82,7 +82,7 @@ def reset_puts_vehicles_where_it_says(make: Make) -> None:
         raise ConformanceError(f"reset to {pose[0]} leaves the vehicle at {simulator.pose[1]}")
     if np.abs(simulator.velocity[1]).max() > 1e-9:
         raise ConformanceError(f"reset at rest leaves the vehicle a velocity of {simulator.velocity[1]}")
-    same(simulator.pose[[0, 2]], other_poses, "reset of vehicle 1 moves others")
+    same(simulator.pose[[0, 2]], other_poses, "reset of vehicle 1 must not move the other vehicles")
 
 
 def motion_does_not_depend_on_the_batch(make: Make) -> None:
@@ -95,7 +95,7 @@ def motion_does_not_depend_on_the_batch(make: Make) -> None:
     single = fly(simulator_of_one, first=1)
     if simulator.capabilities.deterministic:
         second = {name: values[:, 1:2] for name, values in together.items()}
-        compare(second, single, "alone instead of among three")
+        compare(second, single, "a vehicle alone and among three")
 
 
 def nothing_outlives_a_reset(make: Make) -> None:
@@ -124,14 +124,14 @@ def motion_is_deterministic(make: Make) -> None:
 
 
 def commands_are_clipped(make: Make) -> None:
-    """Check that a command beyond [-1, 1] has the same force as a command of 1."""
+    """Check that a command above 1 gives the same force as a command of 1."""
     forces = []
     for size in (1.0, 3.0):
         simulator = make(1)
         start(simulator)
         simulator.step(np.full((1, len(simulator.vehicle.actuators)), size), DURATION)
         forces.append(np.array(simulator.command_force))
-    same(forces[0], forces[1], "commands of 1 and of 3")
+    same(forces[0], forces[1], "commands of 1 and 3 must give the same force")
 
 
 def its_state_comes_back(make: Make) -> None:
@@ -143,7 +143,7 @@ def its_state_comes_back(make: Make) -> None:
     objects = [name for name, value in state.items() if value.dtype.hasobject]
     if objects:
         raise ConformanceError(
-            f"state_dict: {objects[0]} holds Python objects, which only a pickle could store"
+            f"state_dict: {objects[0]} contains Python objects; it must contain plain arrays, which can be stored without a pickle"
         )
     if not simulator.capabilities.exact_resume:
         return
@@ -155,8 +155,8 @@ def its_state_comes_back(make: Make) -> None:
     compare(went_on, fly(other, ahead), "from its state_dict on")
 
 
-def it_can_what_it_says(make: Make) -> None:
-    """Check that currents and scales change the motion, if `capabilities` has them."""
+def it_does_what_it_declares(make: Make) -> None:
+    """Check that currents and scales change the motion, if `capabilities` declares them."""
     can = make(1).capabilities
     moved = []
     for current in (0.0, 0.5) if can.currents != "none" else ():
@@ -168,7 +168,7 @@ def it_can_what_it_says(make: Make) -> None:
         moved.append(float(simulator.pose[0, 0]))
     if moved and not moved[1] > moved[0] + 1e-3:
         raise ConformanceError(
-            f"a current of 0.5 m/s carries a drifting vehicle {moved[1] - moved[0]:.3g} m in {STEPS * DURATION:g} s"
+            f"a current of 0.5 m/s must carry a vehicle along; it moves {moved[1] - moved[0]:.3g} m in {STEPS * DURATION:g} s"
         )
     if can.scales:
         speeds = []
@@ -178,7 +178,9 @@ def it_can_what_it_says(make: Make) -> None:
             simulator.step(np.full((1, len(simulator.vehicle.actuators)), 0.5), DURATION)
             speeds.append(np.array(simulator.velocity))
         if np.array_equal(speeds[0], speeds[1]):
-            raise ConformanceError("a vehicle of one and a half times the mass moves as one of the sheet's")
+            raise ConformanceError(
+                "a vehicle with scales of 1.5 for mass and inertia moves as one without; scales must change the motion"
+            )
 
 
 SIMULATOR_CHECKS: tuple[Callable[[Make], None], ...] = (
@@ -189,7 +191,7 @@ SIMULATOR_CHECKS: tuple[Callable[[Make], None], ...] = (
     motion_is_deterministic,
     commands_are_clipped,
     its_state_comes_back,
-    it_can_what_it_says,
+    it_does_what_it_declares,
 )
 """The checks of every simulator."""
 

@@ -24,7 +24,7 @@ N, STEPS = 5, 40
 
 
 def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[Any]], list[dict[str, Any]]]:
-    """Step a batch; return observations and rewards (steps, n, ...), and the records of the episodes that ended."""
+    """Step a batch; return observations, rewards and ends (steps, n, ...), and the records of the episodes that ended."""
     series: dict[str, list[NDArray[Any]]] = {
         "observation": [],
         "reward": [],
@@ -82,10 +82,12 @@ def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
         return np.concatenate([batch.task.scenario()[0], batch.simulator.pose[0]])
 
     if not np.array_equal(start(), start()):
-        raise ConformanceError("the same seed and episode give two starts")
+        raise ConformanceError("the same seed and episode must give the same start, but two starts differ")
     for other in (start(seed=4), start(episode=5), start(test=True), start(validation=True)):
         if np.array_equal(start(), other):
-            raise ConformanceError("another seed, episode or stream gives the same start")
+            raise ConformanceError(
+                "another seed, episode or stream must give another start, but gives the same"
+            )
 
 
 def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
@@ -98,20 +100,24 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
     batch.reset()
     results, records = play(batch, range(limit))
     if len(records) < N:
-        raise ConformanceError(f"only {len(records)} of {N} episodes have ended after {limit} steps")
+        raise ConformanceError(
+            f"only {len(records)} of {N} episodes have ended by their time limit of {limit} steps"
+        )
     for name in ("observation", "reward"):
         if not np.isfinite(results[name]).all():
             raise ConformanceError(f"{name}: not finite everywhere")
     if (np.abs(results["observation"]) > batch.task.spec.bounds).any():
-        raise ConformanceError("an observation lies outside the bounds that its specification names")
+        raise ConformanceError("an observation is outside the bounds that its specification declares")
     ranges = {metric.name: (metric.low, metric.high) for metric in metrics.registered()}
     outcomes = TASKS[batch.task.name].outcomes
     for record in records:
         if tuple(record) != schema.columns_of(batch.config):
-            raise ConformanceError(f"a record has the columns {', '.join(record)}")
+            raise ConformanceError(
+                f"a record must have the task's declared columns in their order, but has {', '.join(record)}"
+            )
         if record["outcome"] not in outcomes or record["outcome"] not in OUTCOMES:
             raise ConformanceError(
-                f"an episode ended by {record['outcome']}; the task declares {', '.join(outcomes)}"
+                f"an episode ended with the outcome {record['outcome']}; the task declares {', '.join(outcomes)}"
             )
         for name, value in record.items():
             if isinstance(value, str) or name in ("episode", "environment"):
@@ -145,7 +151,7 @@ def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
         for row in range(2):
             task.own_metrics(row)
     except (AgentError, IndexError) as error:
-        raise ConformanceError(f"{error}; `fields` declares what an episode remembers") from error
+        raise ConformanceError(f"{error}; `fields` must declare each value that an episode stores") from error
 
 
 TASK_CHECKS: tuple[Callable[[schema.TrainConfig], None], ...] = (

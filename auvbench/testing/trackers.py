@@ -27,7 +27,7 @@ def _config() -> dict[str, Any]:
 
 
 def it_logs_a_training(service: Service) -> None:
-    """Check that a log opens, takes numbers (also NaN), and ends, without a draw from a global generator."""
+    """Check that a log opens, accepts numbers (also NaN) and closes, without a draw from a global generator."""
     with untouched("logging"):
         with failing("prepare"):
             service.prepare("conformance")
@@ -41,10 +41,13 @@ def it_logs_a_training(service: Service) -> None:
 
 
 def an_attempt_continues_the_log_of_an_earlier_one(service: Service) -> None:
-    """Check that a log with the same key opens again after a failure, and takes an earlier step than its last step."""
+    """Check that a log opens again with the same key after a failure, and then accepts a step before the last logged step."""
     with failing("prepare"):
         service.prepare("conformance")
-    for step, error in ((10, RuntimeError("struck down to see how it goes on")), (5, None)):
+    for step, error in (
+        (10, RuntimeError("stopped by the conformance check, which then resumes the log")),
+        (5, None),
+    ):
         with failing("start, close, and start with the same key"):
             log = service.start(KEY, _config(), "ppo-first")
             log.write(SCALARS, step)

@@ -1,6 +1,6 @@
 """Log scalars of runs and ranked tables to Weights & Biases or MLflow, with their own clients.
 
-Logging changes neither a run's id nor its bits. The clients' environment variables set server, project and
+Logging changes neither a run's id nor its results. The clients' environment variables set server, project and
 mode (docs/tracking.md).
 """
 
@@ -21,7 +21,7 @@ LOCAL = "tensorboard"
 
 
 class Tracker(Protocol):
-    """Open log of a run at a tracking service."""
+    """A run's log at a tracking service, which is open until `close`."""
 
     def write(self, scalars: Mapping[str, float], step: int) -> None:
         """Add scalars by name at an environment step."""
@@ -31,11 +31,12 @@ class Tracker(Protocol):
 
 
 class Service(Protocol):
-    """Functions of a tracker's module. The user sees one line of any exception that they raise."""
+    """Functions that the module of a tracker must define. If one raises, the user sees the first line of the exception."""
 
     def prepare(self, experiment: str) -> None:
-        """Do everything that parallel runs cannot do, once before the first run of a grid; `experiment` is the
-        `name` of the runs.
+        """Create what parallel runs cannot create themselves; called once, before the first run of a grid.
+
+        `experiment` is the `name` of the runs.
         """
 
     def start(self, key: str, config: Mapping[str, Any], name: str) -> Tracker:
@@ -47,8 +48,8 @@ class Service(Protocol):
 
 @functools.cache
 def prepare(service: str, experiment: str) -> None:
-    """Do everything that parallel runs cannot do, once before the first run of a grid: import the client, and
-    create MLflow's experiment.
+    """Import the client and create MLflow's experiment, once before the first run of a grid, because parallel runs
+    cannot.
 
     Args:
         service: value of `train.log`.
@@ -135,20 +136,22 @@ def _client(service: str, option: str) -> Service:
         raise MissingExtraError(service, extra=spec.extra, purpose=f"logging to {service}") from error
     lacking = [name for name in ("prepare", "start", "table") if not callable(getattr(module, name, None))]
     if lacking:
-        raise ConfigError(f"{option}: {spec.code} lacks {', '.join(lacking)} (auvbench.tracking.Service)")
+        raise ConfigError(
+            f"{option}: {spec.code} must define {', '.join(lacking)} (see auvbench.tracking.Service)"
+        )
     return module
 
 
 @contextmanager
 def _refusals(option: str) -> Iterator[None]:
-    """Turn an exception of a client into one line that names the option."""
+    """Turn an exception of a client into a `ConfigError` of one line that names the option."""
     try:
         yield
     except AuvbenchError:
         raise
     except Exception as error:
         raise ConfigError(
-            f"{option}: {_first_line(error)}; docs/tracking.md names the client's settings"
+            f"{option}: {_first_line(error)}; docs/tracking.md lists the client's settings"
         ) from error
 
 

@@ -30,18 +30,18 @@ from auvbench.training import worker
 from auvbench.vehicles import sheet
 
 TRIED = 16
-"""Number of episodes that are drawn in a world to check it before a run is created"""
+"""Number of episodes that are drawn in a world with solids to check the world before a run is created"""
 
 
 def check_runnable(config: schema.TrainConfig) -> None:
-    """Create the controller of a checked configuration (or of its residual), and load its simulator.
+    """Check, before a run is created, that vehicle, filter, disturbances, world, simulator and agent work together.
 
-    Learners are not created: they work with every vehicle and take seconds to build. ROS 2 servers are not
-    contacted, since they may start later.
+    The controller (also the controller of a residual learner) is created. Learners are not created: they work with every
+    vehicle and take seconds to build. ROS 2 servers are not contacted, since they may start later.
 
     Raises:
         ConfigError: the vehicle cannot do the task or lacks the failing actuator, the controller cannot steer
-            it, the learner cannot learn the task, Gazebo is not installed, or a start or a goal is not in the water of its world.
+            it, the learner cannot learn the task, Gazebo is not installed, or a start or a goal is inside a solid.
         VehicleError: Gazebo cannot simulate the vehicle.
         MissingExtraError: the controller, or train.log, needs a package that is not installed.
     """
@@ -66,11 +66,12 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
     """Train a run to completion, from its last checkpoint on, and return its manifest.
 
     A complete run does not change, unless its model was lost or damaged: training then continues from the
-    last checkpoint. Ctrl-C and SIGTERM save and exit; a second one exits at once.
+    last checkpoint. On Ctrl-C or SIGTERM, the run saves and stops; a second signal stops it at once.
 
     Raises:
         TrainingError: the run failed; the manifest has the error.
-        KeyboardInterrupt: the run was interrupted; the manifest has the state `interrupted`.
+        KeyboardInterrupt: a signal stopped the run; the manifest has the state `interrupted`, or `complete` if the signal came
+            too late.
     """
     manifest = run.manifest()
     if status.finished(run, manifest):

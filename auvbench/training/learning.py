@@ -68,7 +68,7 @@ class Session:
 
         Raises:
             TrainingError: an observation or a reward is not finite.
-            Interrupted: the run was asked to stop, and the next checkpoint is too far away.
+            Interrupted: a signal asked the run to stop, and the learner cannot save or reaches its next checkpoint too late.
         """
         self.steps = steps
         check_step(transition.observation, transition.reward, steps)
@@ -95,7 +95,7 @@ class Session:
         """See `Callbacks.checkpoint`.
 
         Raises:
-            Interrupted: the run was asked to stop, and is saved.
+            Interrupted: a signal asked the run to stop; a learner with exact resume is saved first.
         """
         self.steps = steps
         lock.verify(self.run.path, every=1.0)
@@ -116,7 +116,7 @@ class Session:
         returned.
 
         Raises:
-            TrainingError: the learner returned before the budget was used up.
+            TrainingError: the learner returned before it had used up the budget.
         """
         if self.steps < self.total_steps:
             raise TrainingError(
@@ -132,7 +132,7 @@ class Session:
     def _checkpoint_note(self) -> str:
         if self.learner.exact_resume:
             return f"the last checkpoint is of step {self.checkpointer.saved_step:,}"
-        return "which this learner cannot continue from: it begins anew"
+        return "and this learner cannot resume: the same command starts its training from the beginning"
 
     def _leave(self, what: str) -> None:
         assert self.stop.signal is not None
@@ -142,7 +142,7 @@ class Session:
 
 
 def reached(steps: int, reporter: Reporter) -> dict[str, Any]:
-    """Return the manifest entries of a training at its present step."""
+    """Return the manifest entries for the progress of a training: steps, episodes and success rate."""
     return {"steps": steps, "episodes": reporter.episodes, "success_rate": reporter.success_rate}
 
 
@@ -181,12 +181,13 @@ def learn(
         run: frozen directory of the run.
         config: typed configuration of the run.
         watch: function called with each report of progress.
-        stop: request; once set, the run saves and stops.
+        stop: request to save and stop; a signal sets it.
         note: function called after each checkpoint with entries for the manifest.
 
     Raises:
-        TrainingError: a number is NaN, or the disk is full, read-only or failing.
-        Interrupted: `stop` was set; a checkpoint is written.
+        TrainingError: an observation or a reward is not finite, the learner ended too early, or the disk is full, read-only or
+            failing.
+        Interrupted: `stop` was set. A learner with exact resume then has a checkpoint, unless the next one took too long.
     """
     begun = time.monotonic()
     # Durations of the phases of earlier attempts that managed to write the manifest.
@@ -281,8 +282,8 @@ def learn(
 def _tell_what_is_lost(run: RunDirectory, step: int | None, exact: bool, learner: Learner) -> None:
     """Record in the manifest what a resumed attempt cannot restore.
 
-    `episodes_begun_again` lists the steps at which the simulator could not be restored; `started_over` lists
-    the steps that a learner without exact resume had reached.
+    `episodes_begun_again` lists the steps at which the run resumed with new episodes, since the simulator cannot restore its
+    state. `started_over` lists the steps that a learner without exact resume had reached before it started over.
     """
     manifest = run.manifest()
     if step is not None and not exact:
@@ -293,7 +294,7 @@ def _tell_what_is_lost(run: RunDirectory, step: int | None, exact: bool, learner
 
 
 def _model(learner: Learner) -> dict[str, bytes]:
-    """Return the files of a trained learner, by name."""
+    """Return the content of the files that a trained learner saves, by name."""
     with tempfile.TemporaryDirectory(prefix="auvbench-model-") as folder:
         learner.save(Path(folder))
         return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}

@@ -1,10 +1,10 @@
 """Test a run on validation scenarios during training: `train/validation.csv`, one row every
 `train.evaluate_every` steps.
 
-Each test uses the present policy, deterministic and with frozen statistics, on the scenarios of
-`conf/protocol/validation.yaml`. These scenarios have their own stream, so that early stopping and the choice
-of a policy see no test scenario. The tests draw from no generator that training uses: the trained weights
-have the same bits with and without them.
+Each test applies the present policy, deterministic and with frozen normalisation statistics, to the scenarios of
+`conf/protocol/validation.yaml`. These scenarios have their own stream of random numbers, so that early stopping and the
+choice of a policy use no test scenario. The tests draw from no generator that training uses: the trained weights
+have the same bits with and without these tests.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def columns(task: str) -> tuple[str, ...]:
 
 
 def _means(task: str) -> list[str]:
-    """Return the record columns whose means are written: times, and the task's primary measure."""
+    """Return the record columns whose means are written: steps, duration and, if it is a column, the task's primary measure."""
     primary = TASKS[task].primary.removeprefix("mean_")
     return ["steps", "duration_s", *([primary] if primary in record_columns(task) else [])]
 
@@ -51,7 +51,7 @@ class Validator:
         every: environment steps between two tests.
         path: path of the CSV file.
         keep: number of bytes to keep when a run continues; None starts a new file.
-        show: function called with the rates by name and the step, for other displays.
+        show: function called after each test with the rates by name and the step, for example to log them.
 
     Attributes:
         spent: wall time in s of the tests in this process.
@@ -79,16 +79,18 @@ class Validator:
         self._log.flush()
 
     def is_due(self, steps: int, n: int) -> bool:
-        """Return whether the last step of n environments, which ended at `steps` environment steps, passed a
-        multiple of the interval.
+        """Return whether the last step of n environments passed a multiple of the interval.
+
+        Args:
+            steps: environment steps after this step.
+            n: number of environments, each of which has added one step.
         """
         return steps // self._every > (steps - n) // self._every
 
     def is_owed(self, steps: int, n: int) -> bool:
-        """Return whether the policy at the end of a training must still be tested.
+        """Return whether the policy at the end of a training, after `steps` steps of n environments, must still be tested.
 
-        This is so if the budget is not a multiple of the interval, also in a run that continues from its last
-        checkpoint.
+        It must if the last step passed no multiple of the interval, and this process has not tested the policy at this step.
         """
         return steps % self._every >= n and self._tested != steps
 

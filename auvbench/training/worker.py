@@ -111,7 +111,7 @@ def _resolve(target: str) -> Target:
 
 
 def _interrupted(run: RunDirectory) -> None:
-    """Record an interruption in the manifest if the training loop could not."""
+    """Record an interruption in the manifest if the training loop has not recorded it."""
     with contextlib.suppress(OSError):
         if run.manifest()["state"] in ("pending", "running"):
             run.update_manifest(state="interrupted", ended=now())
@@ -152,7 +152,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("run", type=Path, help="a frozen run directory")
     parser.add_argument("--target", default=TARGET, help="module:function that carries out the run")
     parser.add_argument("--log", action="store_true", help="append output to the run's train/log.txt")
-    parser.add_argument("--parent", type=int, help="pid of the process with which this one must end")
+    parser.add_argument(
+        "--parent", type=int, help="pid of the parent process; the worker is killed when it ends"
+    )
     options = parser.parse_args(arguments)
     if options.parent is not None:
         interruption.die_with_parent(options.parent)

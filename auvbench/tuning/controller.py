@@ -98,9 +98,9 @@ def worth(score: Score, objective: Objective) -> str:
 
 
 AT_ONCE = 8
-"""number of simultaneous runs on a cluster with a queue, unless launcher.workers sets it"""
+"""Number of simultaneous runs with a backend that has no limit, such as a cluster with a queue"""
 HELD_FOR = 60.0
-"""s to wait for a run that is still locked by a worker of an earlier, killed controller"""
+"""Time in s to wait for a run that is still locked, for example by a worker of an earlier, killed controller"""
 TRIES = 3
 """Largest number of starts of a run whose worker dies"""
 
@@ -140,7 +140,7 @@ class Controller(Loop):
         return super().goes_on() or bool(self.locked)
 
     def _begin(self) -> bool:
-        """Begin the next step of the search, or the runs with fresh seeds; return whether anything was begun."""
+        """Begin the next step of the search or, after the search, the runs with fresh seeds; return whether anything was begun."""
         step = self.search.next()
         if step is not None:
             self._begin_step(step)
@@ -168,7 +168,7 @@ class Controller(Loop):
         self._enter(prepared, done, failed)
 
     def _begin_confirmation(self) -> bool:
-        """Train the best and the untuned settings with seeds outside the search."""
+        """Begin the trainings of the best and the untuned settings with fresh seeds; return False if there are none to begin."""
         best = self.search.best
         if best is None or not self.plan.tune.fresh_seeds:
             return False
@@ -223,7 +223,7 @@ class Controller(Loop):
             self._stop(f"{run.path}: {outcome}{f' ({message})' if message else ''}")
 
     def _failed(self, run: RunDirectory, message: str) -> None:
-        """Fail the trial if its settings caused the error; restart a dead worker; stop for any other error."""
+        """Fail the trial if its settings caused the error; restart a run whose worker died; stop the study for any other error."""
         error = run.manifest()["error"] or {}
         self.started[run.path] = self.started.get(run.path, 0) + 1
         if _is_divergence(str(error.get("type")), str(error.get("message"))):
@@ -237,7 +237,7 @@ class Controller(Loop):
             self._stop(f"{run.path}: {message}")
 
     def _stop(self, why: str) -> None:
-        """Start no further runs; active runs continue to their end."""
+        """Stop the study: start no more runs, but let active runs continue to their end."""
         if not self.stopped:
             self.stopped = why
             self.view.say(f"stopped: {why}")
@@ -256,10 +256,11 @@ class Controller(Loop):
                 self._stop(f"{path} is locked by {holder}")
 
     def carry_out(self) -> Result:
-        """Carry out the study until it is complete or a signal arrives.
+        """Run the study until it is complete or a signal arrives, and return its result.
 
         Raises:
-            TrainingError: a run failed for a reason other than its settings.
+            TrainingError: a run failed for a reason other than its settings, ended without a result, or stayed locked longer than
+                `HELD_FOR`.
         """
         result = self.drive()
         if self.stopped:

@@ -39,7 +39,7 @@ DIGEST = "digest"
 
 
 class Journal(BaseJournalBackend):
-    """Journal file with one writer, the holder of the study's lock.
+    """Journal of a study: a file of operations, which only the process with the study's lock may write.
 
     Raises:
         RunError: a line is damaged, or the file cannot be read.
@@ -176,7 +176,7 @@ class StudyFolder:
         return lock.acquire(place)
 
     def write(self, plan: Plan) -> None:
-        """Write the plan. When a study continues, the plan has the numbers of trials and fresh seeds of the new command."""
+        """Write the plan. When a study continues, the new command may have changed the number of trials and the fresh seeds."""
         with storage(f"cannot write {self.plan_path}"):
             write_json(self.plan_path, asdict(plan))
 
@@ -230,7 +230,7 @@ def refuse_change(folder: StudyFolder, stored: Plan, typed: Plan) -> None:
 
 
 def _values(plan: Plan, searched: Mapping[str, str]) -> dict[str, Any]:
-    """Return the values that define a study, by key; a searched key has its range instead of the base's value."""
+    """Return the values that define a study, by key; a searched key has its range instead of a value."""
     values = flat(
         {
             "seed": plan.seed,

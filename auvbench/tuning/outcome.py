@@ -29,7 +29,7 @@ from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.search import ERROR, Trials, open_study
 
 FEWEST_TRIALS = 10
-"""smallest number of complete trials with different scores for importances"""
+"""Number of different scores of complete trials that the importances of the keys need at least"""
 
 _STATES = {TrialState.COMPLETE: "done", TrialState.PRUNED: "pruned", TrialState.RUNNING: "running"}
 
@@ -42,7 +42,7 @@ class Gain:
     tuned: Estimate
     untuned: Estimate
     difference: Estimate
-    """tuned less untuned; for learners, the difference of typical trainings, without limits below five trainings"""
+    """tuned less untuned; for learners, the difference of typical trainings, with infinite limits below five trainings"""
     trainings: int = 0
     """number of trainings with tuned and with untuned settings; 0 for a controller"""
     reliability: Reliability | None = None
@@ -72,7 +72,7 @@ class Outcome(Trials):
 
     @property
     def steps(self) -> int:
-        """Return the environment steps of all trainings in the search."""
+        """Return the environment steps of the search's trainings, up to the last rung that each trial has completed."""
         seeds = len(self.plan.tune.seeds) if self.plan.learns else 0
         return seeds * sum(trial.last_step or 0 for trial in self.trials)
 
@@ -84,7 +84,7 @@ class Outcome(Trials):
 
     @property
     def complete(self) -> int:
-        """Return the number of trials with the whole budget."""
+        """Return the number of trials that have completed the largest budget."""
         return sum(trial.state is TrialState.COMPLETE for trial in self.trials)
 
     @property
@@ -96,7 +96,7 @@ class Outcome(Trials):
 
     @cached_property
     def importances(self) -> Mapping[str, float]:
-        """Return each key's share of the importance; empty for few trials."""
+        """Return each key's share of the importance; empty with fewer than `FEWEST_TRIALS` different scores."""
         values = {trial.value for trial in self.trials if trial.state is TrialState.COMPLETE}
         if len(values) < FEWEST_TRIALS:
             return {}
@@ -104,7 +104,7 @@ class Outcome(Trials):
 
 
 def state_of(trial: FrozenTrial) -> str:
-    """Return done, pruned, failed or running."""
+    """Return the state of a trial as a word: done, pruned, failed or running."""
     return "failed" if ERROR in trial.user_attrs else _STATES.get(trial.state, "failed")
 
 

@@ -66,7 +66,7 @@ def carry_out(run: RunDirectory) -> dict[str, Any]:
 
     Raises:
         TrainingError, KeyboardInterrupt: see `execute`.
-        RunError: see `test`; the training is complete then.
+        RunError: the test failed (see `test`); the training is complete.
     """
     manifest = execute(run)
     begun = time.process_time()

@@ -1,4 +1,4 @@
-"""Search settings with an Optuna study whose trials climb rungs.
+"""Search settings with an Optuna study whose trials climb rungs, which are growing training budgets.
 
 The search decides what to train next; it trains nothing itself.
 """
@@ -59,12 +59,12 @@ class Score:
         return Estimate(self.objective, self.low, self.high)
 
     def plain(self) -> list[float | None]:
-        """Return the score in the journal's form, since JSON has no NaN."""
+        """Return the score as a list for the journal, with None for NaN and infinity, which JSON lacks."""
         return [value if math.isfinite(value) else None for value in astuple(self)]
 
 
 def of_plain(plain: Any) -> Score:
-    """Return the score from the journal's form.
+    """Return the score from a list of the journal (`Score.plain`).
 
     Raises:
         TypeError, ValueError: the value is not a score.
@@ -93,8 +93,10 @@ class Objective:
         return Score(score, estimate.value, estimate.low, estimate.high, then)
 
     def _joined(self, agent: Agent, value: float, then: float) -> float:
-        """Return one number that ranks by both measures: the second measure changes a rate by less than one
-        episode does, so that it decides only between equal rates.
+        """Return one number that ranks by both measures.
+
+        If the first measure is a rate, the second one changes the number by less than one episode would, so that it decides
+        only between equal rates. Otherwise the second measure has no effect.
         """
         score = self.measure.sign * value
         if not self.measure.rate or not math.isfinite(then):
@@ -136,25 +138,25 @@ def tested(runs: Sequence[RunDirectory], protocol: str) -> Agent:
 
 
 def interval(agent: Agent, measure: Measure) -> Estimate:
-    """Return the measure with its 95 % interval."""
+    """Return the measure's estimate for an agent, with its 95 % interval."""
     table = crossed([measure.values(agent)], rate=measure.rate, paired=False, bounds=measure.bounds([agent]))
     return means(table)[0]
 
 
 ERROR = "error"
-"""trial attribute with the reason why its settings failed"""
+"""Trial attribute with the reason why the trial's settings failed"""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A trial to train up to a rung."""
+    """One step of a search: to train a trial up to a rung."""
 
     trial: int
     rung: int
 
 
 def open_study(plan: Plan, path: Path) -> Study:
-    """Return the Optuna study in a journal; start it if the journal is new.
+    """Return the Optuna study in a journal; create the study if the journal is empty.
 
     Raises:
         RunError: the journal is damaged, or belongs to another study.
@@ -251,7 +253,7 @@ class Trials:
         """Return a trial's scores by rung.
 
         Raises:
-            TypeError, ValueError: the journal has something else.
+            TypeError, ValueError: the journal has a value that is not a score.
         """
         reached = self.plan.budgets[: len(trial.intermediate_values)]
         return [of_plain(trial.user_attrs.get(f"result {budget}")) for budget in reached]

@@ -48,11 +48,11 @@ class Dimension:
         return tuple(str(choice) for choice in choices)
 
     def plain(self, value: Value) -> Any:
-        """Return the configuration value of a parameter."""
+        """Return the configuration value that a parameter stands for."""
         return copy.deepcopy(self.values[self.choices.index(str(value))]) if self.choices else value
 
     def parameter(self, value: Any) -> Value | None:
-        """Return the parameter of a configuration value; None outside of the range."""
+        """Return the parameter that stands for a configuration value; None for a value outside of the range."""
         if self.choices:
             return self.choices[self.values.index(value)] if value in self.values else None
         return value if isinstance(value, int | float) and self.distribution._contains(value) else None
@@ -64,7 +64,7 @@ class Dimension:
         return (self.distribution.low, self.distribution.high)
 
     def at_end(self, value: Value) -> bool:
-        """Return whether a number is within 2 % of the range from one of its ends."""
+        """Return whether a parameter is nearer to an end of its range than 2 % of the range, on a log scale if the range is logarithmic."""
         distribution = self.distribution
         if isinstance(distribution, CategoricalDistribution) or distribution.single():
             return False
@@ -152,7 +152,7 @@ def _numbers(
 ) -> FloatDistribution | IntDistribution:
     low, high = float(start), float(end)
     if not math.isfinite(low) or not math.isfinite(high) or low > high:
-        raise ValueError("empty; the first end must be below the second")
+        raise ValueError("empty; the ends must be finite, and the first must not exceed the second")
     if unknown := sorted(tags - {"log"}):
         raise ValueError(f"unknown tag {unknown[0]!r}; valid: log")
     if tags and (low <= 0 or step not in (None, 1)):
@@ -184,7 +184,7 @@ def validate_space(
 
 
 def of_preset(algo: Mapping[str, Any], dimensions: Sequence[Dimension]) -> dict[str, Value]:
-    """Return the parameters of the dimensions for the plain values of `algo`; leave out values outside of their range."""
+    """Return the parameters of a trial with the preset's values of `algo`; leave out values outside of their range."""
     values = flat(algo, GROUP)
     found = {d.key: d.parameter(values[d.key]) for d in dimensions}
     return {key: value for key, value in found.items() if value is not None}

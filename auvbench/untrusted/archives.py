@@ -69,7 +69,7 @@ def weights(data: bytes) -> dict[str, Any]:
     import torch
 
     if (declared := sum(_sizes(data))) > len(data):  # torch does not compress
-        raise ValueError(f"it would unpack to {declared:,} bytes, more than it has")
+        raise ValueError(f"it would unpack to {declared:,} bytes, more than the size of the file")
     try:
         loaded = torch.load(io.BytesIO(data), map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises exceptions of all kinds, pickle's among them

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 LARGEST = 1e30
-"""largest measured number; measured values are far smaller, and squares of larger numbers would overflow a float"""
+"""Largest magnitude of a number in a table; measured values are far smaller, and the square of a much larger one would overflow"""
 WHOLE = 2.0**53
 """largest whole number that a float64 holds exactly"""
 
@@ -110,7 +110,7 @@ TRAJECTORIES: Schema = {
 
 
 def checked(table: pd.DataFrame, schema: Schema) -> pd.DataFrame:
-    """Return the columns of a table that are in its schema; whole numbers without gaps as int64.
+    """Return the columns of a table that are in its schema, with columns of whole numbers without gaps as int64.
 
     Raises:
         ValueError: a column is missing, occurs twice, or has a value of a wrong type or range; the message is one line.
@@ -168,7 +168,7 @@ def _impossible(numbers: np.ndarray, column: Column) -> bool:
 
 
 def _texts(name: str, values: pd.Series, column: Column) -> pd.Series:
-    """Return a column of texts."""
+    """Return the checked texts of a column."""
     import pandas as pd
 
     different = values.cat.categories if isinstance(values.dtype, pd.CategoricalDtype) else values.unique()

@@ -86,7 +86,7 @@ def refuse_links(run: Path | str) -> None:
                 raise RunError(f"{entry.path}: is neither a file nor a folder; remove it")
             elif status.st_nlink > 1 and Path(entry.path).parent.name == GROWING:
                 raise RunError(
-                    f"{entry.path}: has a second name (a hard link), and the other file would grow too; "
+                    f"{entry.path}: is a hard link: a resumed run appends to this file, so the file under its second name would change too; "
                     f"make it a copy: cp {entry.path} COPY && mv COPY {entry.path}"
                 )
 

@@ -34,7 +34,7 @@ import numpy as np
 HEADER = 4 * 1024**2
 """largest size in bytes of a description of arrays"""
 ARRAY = 32 * 1024**2
-"""largest size in bytes of an array of an .npz; the positions of an episode have about ten thousand"""
+"""Largest size in bytes of an array of an .npz; the positions of an episode take about ten thousand bytes"""
 SMALL = 64 * 1024
 """total size of arrays in bytes below which a message is sent in one piece"""
 DTYPES: dict[str, Any] = {
@@ -43,7 +43,7 @@ DTYPES: dict[str, Any] = {
 }
 """Types of arrays, by NumPy's names"""
 ENDED, KILL = b"E", b"K"
-"""Letters that ask the server to end a child: its channel is closed and it should exit, or it is killed at once"""
+"""Letters that ask the server to end a child: ENDED waits for the exit of a child whose channel is closed, KILL kills it at once"""
 LENGTH, PID = struct.Struct("<Q"), struct.Struct("<i")
 
 Arrays = dict[str, "np.ndarray[Any, Any]"]
@@ -152,7 +152,7 @@ def table(channel: socket.socket, data: bytes, columns: list[str] | None, most: 
         if not (pa.types.is_string(field.type) or _is_number(field.type)):
             raise ValueError(f"column {field.name[:40]} has the type {str(field.type)[:40]}")
     if len(set(schema.names)) < len(schema):
-        raise ValueError("it has two columns of one name")
+        raise ValueError("it has two columns of the same name")
     # A long text may be in every row: as a dictionary it is in memory only once.
     file = parquet.ParquetFile(
         pa.BufferReader(data),

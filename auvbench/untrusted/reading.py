@@ -60,7 +60,7 @@ def content(path: Path | str, limit: int = DOCUMENT) -> bytes:
         data = file.read() if status.st_size <= limit else b""
     if len(data) > limit or status.st_size > limit:
         size = f"{limit // 1024**2} MiB" if limit >= 1024**2 else f"{limit} bytes"
-        raise ValueError(f"it has more than {size}, the most that is read")
+        raise ValueError(f"it has more than {size}, the largest size that auvbench reads")
     return data
 
 
@@ -68,7 +68,7 @@ def json_value(data: bytes | str, *, whole: int = WHOLE) -> Any:
     """Return a JSON value of limited depth, without NaN, infinities and impossibly large numbers.
 
     Args:
-        data: text.
+        data: JSON text.
         whole: largest valid whole number; the state of a random generator needs 128 bits.
 
     Raises:
@@ -161,7 +161,7 @@ def _check_events(data: bytes) -> None:
             aliases += 1
             if anchored:
                 raise ValueError(
-                    f"*{event.anchor} is inside an element that has an anchor itself; write it out"
+                    f"*{event.anchor} is inside an element that has an anchor itself; replace it by the values that it stands for"
                 )
         text = event.value if isinstance(event, yaml.ScalarEvent) and not event.style else ""
         if len(text) > DIGITS and text.lstrip("+-").replace("_", "").isdecimal():

@@ -45,9 +45,9 @@ TABLE, PATHS, POLICY = b"T", b"A", b"P"
 MEMORY = 1024**3
 """largest number of bytes that a child may allocate or send"""
 SECONDS = 60
-"""processor time in s for a file, and for each answer of a policy"""
+"""Limit of processor time in s for a file, and for each answer of a policy"""
 PATIENCE = 5
-"""limit of a child's wall time over its limit of processor time; above 1, since the machine may be busy"""
+"""Ratio of a child's wall-time limit to its processor-time limit; above 1, since the machine may be busy"""
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"), "1"
 )
@@ -71,7 +71,7 @@ class Child:
         options: options of the job.
 
     Raises:
-        ValueError: the process has ended; the message is one line.
+        ValueError: the process cannot be started or has ended; the message is one line.
     """
 
     def __init__(self, job: bytes, data: bytes, *, seconds: int | None = None, **options: Any) -> None:
@@ -249,7 +249,7 @@ _starting = threading.Lock()
 
 
 def _fork(job: bytes) -> tuple[socket.socket, int, _Server]:
-    """Return a new child of the server; start the server if it is not running.
+    """Return the connection to a new child, its pid and its server; start the server if it is not running.
 
     Raises:
         ValueError: a process cannot be started.

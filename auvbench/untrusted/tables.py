@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FILE = 256 * 1024**2
-"""largest file in bytes; an unpacked table has at most `sandbox.MEMORY`"""
+"""Largest table file in bytes; an unpacked table may have up to `sandbox.MEMORY` bytes"""
 COLUMNS = 1000
 """largest number of columns of a table"""
 TEXTS = 1_000_000
@@ -23,7 +23,7 @@ MISSING = ("", "nan", "NaN", "NA", "N/A", "null", "NULL", "None")
 
 
 def csv(data: bytes, only: Collection[str] | None = None, words: Collection[str] = ()) -> pd.DataFrame:
-    """Return a table, or only its columns `only`; the columns `words` stay text.
+    """Return a table of comma-separated values, or only its columns `only`; the columns `words` stay text.
 
     Raises:
         ValueError: the data are not a table.

@@ -94,7 +94,7 @@ def present() -> None:
 
 
 def forgiving() -> None:
-    """Replace characters that the terminal's encoding lacks by question marks."""
+    """Let the standard streams print a question mark for a character that their encoding lacks."""
     for stream in (sys.stdout, sys.stderr):
         if getattr(stream, "errors", None) == "strict" and hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="replace")

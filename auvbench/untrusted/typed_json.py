@@ -103,7 +103,7 @@ def _convert(kind: Any, value: Any, where: str) -> Any:
 
 
 def _fits(kind: Any, origin: Any, arguments: tuple[Any, ...], value: Any) -> bool:
-    """Return whether a value is of a kind, without checking its content."""
+    """Return whether a value has the type `kind`, without checking the entries of a list or an object."""
     if kind is Any:
         return True
     if kind is str:

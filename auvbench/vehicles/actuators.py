@@ -23,7 +23,7 @@ FloatArray = NDArray[np.float64]
 
 CURVES = ("linear", "t200", "t200_16v", "polynomial", "rotor")
 VOLTAGES = (10.0, 20.0)
-"""Smallest and largest supply of the T200's tables, V"""
+"""Smallest and largest supply voltage of the T200's tables, V"""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -31,25 +31,25 @@ class Actuator:
     """One actuator of a vehicle, in body FLU."""
 
     kind: ClassVar[str]
-    """`type` in a sheet"""
+    """Value of the key `type` in a sheet"""
     code: ClassVar[int]
-    """number of the kind in the compiled functions"""
+    """Number of the kind in the compiled functions"""
     output: ClassVar[str]
-    """unit of the curve's values"""
+    """Unit of the curve's values"""
 
     name: str
     curve: Curve
     lag: Lag = field(default_factory=Lag.none)
     position: FloatArray
-    """(3,) position in m from the body origin"""
+    """Position (3,) from the body origin, m"""
     direction: FloatArray = field(default_factory=lambda: np.zeros(3))
-    """(3,) unit vector: direction of force for a positive command, hinge (positive angles by the right-hand
+    """Unit vector (3,): direction of the force for a positive command, hinge (positive angles by the right-hand
     rule), or axis of motion
     """
     rate: float = 0.0
-    """largest change per second of a rate-limited actuator; 0: unlimited"""
+    """Largest change of the output per second, for a rate-limited actuator; 0: unlimited"""
     resting: FloatArray | None = None
-    """state at rest, if it differs from the curve's value at command 0"""
+    """State at rest, if it does not follow from the curve's value at command 0"""
 
     @classmethod
     def read(cls, document: Document, at: Keys, turn: FloatArray) -> list[Actuator]:
@@ -78,7 +78,7 @@ class Actuator:
         return np.zeros_like(np.asarray(force, dtype=np.float64))
 
     def coefficients(self, density: float, gravity: float) -> dict[str, float]:
-        """Return the fields of `dynamics.layout.ACTUATOR` that only this kind has; density in kg/m3, gravity in m/s2."""
+        """Return this kind's values of further fields of `dynamics.layout.ACTUATOR`; density in kg/m3, gravity in m/s2."""
         return {}
 
     def warnings(self) -> list[str]:
@@ -95,7 +95,7 @@ class Thruster(Actuator):
     output = "N"
 
     rotor_constant: float = 0.0
-    """constant k rho D^4 in N s2, in F = k rho D^4 n|n|; 0 if the curve gives newtons"""
+    """Constant k rho D^4 of F = k rho D^4 n|n|, N s2; 0 if the curve gives newtons"""
     power: Power = field(default_factory=Power)
 
     @classmethod
@@ -114,7 +114,7 @@ class Thruster(Actuator):
             )
         keys = [key for key in aim if key in section]
         if len(keys) != 1:
-            document.fail(at, f"give exactly one of {', '.join(aim)}, which say where the thrusters push")
+            document.fail(at, f"give exactly one of {', '.join(aim)}: the direction of each thruster's force")
         placed = _placed(document, at, keys[0], "thrusters")
         gains = _gains(document, at, [name for name, _, _ in placed]) if "gain" in section else {}
         return [
@@ -227,7 +227,7 @@ class MassShifter(Actuator):
         document.section(at, ("type", "mass", "position", "axis", "limits", "rate"))
         axis = document.quantity((*at, "axis"), "1", ((3,),))
         if abs(np.linalg.norm(axis) - 1.0) > 1e-3:
-            document.fail((*at, "axis", "value"), "an axis is a unit vector")
+            document.fail((*at, "axis", "value"), "an axis must be a unit vector")
         shifter = cls(
             name=at[-1],
             curve=Curve("linear", _limits(document, (*at, "limits"), cls.output)),
@@ -296,7 +296,7 @@ class DropWeight(Actuator):
 KINDS: dict[str, type[Actuator]] = {
     cls.kind: cls for cls in (Thruster, Fin, MassShifter, BuoyancyEngine, DropWeight)
 }
-"""classes by the `type` of a sheet"""
+"""Class of each `type` of actuator in a sheet"""
 
 
 def read_actuators(document: Document, turn: FloatArray) -> tuple[Actuator, ...]:
@@ -311,7 +311,7 @@ def read_actuators(document: Document, turn: FloatArray) -> tuple[Actuator, ...]
     names = [unit.name for unit in units]
     for name in names:
         if names.count(name) > 1:
-            document.fail(("actuators",), f"two actuators are called {name!r}")
+            document.fail(("actuators",), f"two actuators are called {name!r}; each needs its own name")
     return tuple(units)
 
 
@@ -320,7 +320,7 @@ def _placed(document: Document, at: Keys, aim: str, what: str) -> list[tuple[str
     positions = _vectors(document, (*at, "positions"), "m")
     directions = _directions(document, at, aim)
     if set(positions) != set(directions):
-        document.fail((*at, aim), f"does not name the same {what} as 'positions'")
+        document.fail((*at, aim), f"must name the same {what} as 'positions'")
     return [(name, position, directions[name]) for name, position in positions.items()]
 
 
@@ -355,7 +355,7 @@ def _directions(document: Document, at: Keys, key: str) -> dict[str, FloatArray]
     for name, vector in vectors.items():
         length = float(np.linalg.norm(vector))
         if abs(length - 1.0) > 1e-3:
-            what = "a hinge is a unit vector" if key == "hinges" else "a direction is a unit vector"
+            what = "a hinge must be a unit vector" if key == "hinges" else "a direction must be a unit vector"
             document.fail((*where, "value", name), f"{what}; this one has length {length:g}")
     return vectors
 
@@ -394,7 +394,9 @@ def _thrust_curve(document: Document, at: Keys) -> tuple[Curve, float]:
         ends = np.polynomial.polynomial.polyval(np.array([-1.0, 1.0]), coefficients)
         return Curve("polynomial", (float(ends[0]), float(ends[1])), coefficients=coefficients), 0.0
     if "limits" not in document.mapping(at):
-        document.fail(at, "thruster without limits: key 'limits' must give the command at -1 and at +1")
+        document.fail(
+            at, "thruster without limits: key 'limits' must give the curve's values at the commands -1 and +1"
+        )
     if kind == "rotor":
         section = document.section(at, ("kind", "limits"), ("constant", "thrust_coefficient", "diameter"))
         if "constant" in section:
@@ -427,7 +429,10 @@ def _lag(document: Document, at: Keys, section: Mapping[str, Any]) -> Lag:
         if not 1 <= order <= 3 or numerator.size > order or denominator[0] == 0.0:
             document.fail(where, "expected a strictly proper transfer function of order 1 to 3")
         if np.max(np.roots(denominator).real) >= 0.0:
-            document.fail((*where, "denominator"), "the transfer function is unstable")
+            document.fail(
+                (*where, "denominator"),
+                "the transfer function is unstable; its poles must have negative real parts",
+            )
         gain = numerator[-1] / denominator[-1]
         if abs(gain - 1.0) > 1e-9:
             document.fail(where, f"the static gain is {gain:g}: it must be 1")

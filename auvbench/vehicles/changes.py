@@ -31,13 +31,13 @@ class Changes:
     scale: Mapping[str, float] = field(default_factory=dict)
     """Factors by the names in `SCALES`; buoyancy changes with the mass, so that the net buoyancy stays"""
     net_buoyancy: float | None = None
-    """Buoyancy less weight, N"""
+    """Buoyancy less weight, N; None: unchanged"""
     payload: float = 0.0
     """Mass in kg of a payload, a point without volume"""
     payload_at: Sequence[float] = (0.0, 0.0, 0.0)
     """Position of the payload in body FLU, m"""
     lag: float | None = None
-    """Time constant of every thruster's first-order lag, s"""
+    """Time constant of every thruster's first-order lag, s; None: the sheet's lags"""
     shares: Mapping[int, float] = field(default_factory=dict)
     """Remaining share of thrust, by the thruster's number from 1"""
 
@@ -54,7 +54,7 @@ def changed(values: Mapping[str, Any], changes: Changes) -> dict[str, Any]:
         changes: changes to apply.
 
     Raises:
-        VehicleError: the sheet is wrong, lacks a thruster, or becomes impossible by a change.
+        VehicleError: the sheet is invalid, has no such thruster, or a change makes it invalid.
     """
     if not changes:
         return dict(values)

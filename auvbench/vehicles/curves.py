@@ -23,7 +23,7 @@ class Curve:
     table: FloatArray = field(default_factory=lambda: np.zeros(0))  # values at equally spaced commands
     coefficients: FloatArray = field(default_factory=lambda: np.zeros(0))  # coefficients of a^0, a^1, ...
     neutral: float = 0.0  # value at command 0 of a linear curve
-    voltage: float = 0.0  # supply of a T200's table, V; 0: the curve does not depend on it
+    voltage: float = 0.0  # supply voltage of a T200's table, V; 0: the curve does not depend on it
 
     @property
     def code(self) -> int:
@@ -62,7 +62,7 @@ class Curve:
     def inverse(self, value: ArrayLike) -> FloatArray:
         """Return a command (...) for `value`, clipped to the range of the curve's monotone part.
 
-        Inside a dead band it is the middle of the band, 0.
+        For a value of 0 inside a dead band, the command is the middle of the band, 0.
         """
         value = np.asarray(value, dtype=np.float64)
         if self.kind == "linear":
@@ -91,7 +91,7 @@ def _monotone(curve: Curve) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lag:
-    """Linear dynamics y = G(s) u with unit static gain, as x' = A x + B u, y = C x (controllable form)."""
+    """Linear dynamics y = G(s) u with static gain 1, as x' = A x + B u, y = C x (controllable form)."""
 
     A: FloatArray  # (order, order), 1/s
     B: FloatArray  # (order,)
@@ -207,7 +207,7 @@ def t200_power() -> tuple[float, FloatArray]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Power:
-    """Electrical power from force: scale * P_T200(force / force_scale) (see `docs/physics.md`)."""
+    """Electrical power of a thruster in W: power_scale * P_T200(force / force_scale), with the measured curve of the T200 (`docs/physics.md`)."""
 
     force_scale: float = 1.0
     power_scale: float = 1.0

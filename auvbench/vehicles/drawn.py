@@ -23,7 +23,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 REACH = 3.0
-"""Distance from the estimate, in standard deviations, to which the draw of a number is clipped."""
+"""Largest distance of a drawn number from its estimate, in standard deviations; draws beyond it are clipped"""
 PLACES: dict[str, int] = {
     name: place
     for place, name in enumerate(
@@ -61,9 +61,9 @@ class DrawnVehicles:
     vehicle: VehicleModel
     identified: Identified
     root: FloatArray
-    """(n_p, n_p) `Identified.root`, multiplied by the spread."""
+    """`Identified.root` (n_p, n_p), multiplied by the spread"""
     reach: FloatArray
-    """(n_p,) largest difference of a normalised value from its estimate."""
+    """Largest difference (n_p,) of a normalised value from its estimate"""
 
     @classmethod
     def of(cls, vehicle: VehicleModel, identified: Identified, spread: float) -> DrawnVehicles:
@@ -133,7 +133,7 @@ class DrawnVehicles:
 
 
 def held(vehicle: VehicleModel) -> tuple[str, ...]:
-    """Return the parameters that stay at their estimates: the delay, and the lag or the voltage if the sheet's thrusters have none."""
+    """Return the parameters that stay at their estimates: the delay, and lag and voltage unless the sheet's thrusters depend on them."""
     thrusters = [unit for _, unit in vehicle.thrusters]
     lagged = all(unit.lag.order == 1 and unit.rate == 0.0 for unit in thrusters)
     supplied = any(unit.curve.voltage > 0.0 for unit in thrusters)

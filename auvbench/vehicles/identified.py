@@ -37,7 +37,7 @@ class Identified:
     """90 % quantile of the absolute prediction error on the logs, by channel and horizon in s."""
 
     def values(self, x: FloatArray) -> FloatArray:
-        """Return the numbers (..., n_p) of normalised values (..., n_p)."""
+        """Return the physical values (..., n_p) of the parameters for normalised values (..., n_p)."""
         return np.where(self.logarithmic, self.prior * np.exp(self.sd * x), self.prior + self.sd * x)
 
     def root(self, held: Collection[str] = ()) -> FloatArray:
@@ -58,7 +58,7 @@ class Identified:
         return L
 
     def draws(self, count: int, generator: np.random.Generator) -> list[dict[str, float]]:
-        """Return vehicles drawn from the joint distribution: numbers by the parameters' names."""
+        """Return vehicles drawn from the joint distribution: physical values by the parameters' names."""
         x = generator.multivariate_normal(self.fitted, self.covariance, size=count, method="eigh")
         values = self.values(x)
         delay = np.array([name == "delay" for name in self.parameters])
@@ -83,7 +83,7 @@ def of(document: Document) -> Identified | None:
     fitted = document.numbers((*AT, "fitted"), document.get((*AT, "fitted")), ((n,),))
     flags = document.get((*AT, "logarithmic"))
     if not isinstance(flags, list) or len(flags) != n or not all(isinstance(flag, bool) for flag in flags):
-        document.fail((*AT, "logarithmic"), f"expected a list of {n} truth values")
+        document.fail((*AT, "logarithmic"), f"expected a list of {n} values, each true or false")
     covariance = document.numbers((*AT, "covariance"), document.get((*AT, "covariance")), ((n, n),))
     if np.max(np.abs(covariance - covariance.T)) > 1e-6 or np.linalg.eigvalsh(covariance)[0] < -1e-6:
         document.fail((*AT, "covariance"), "must be symmetric without negative eigenvalues")
@@ -104,11 +104,11 @@ def _errors(document: Document) -> dict[str, dict[float, float]]:
     at = (*AT, "errors")
     table: Any = document.get(at)
     if not isinstance(table, Mapping):
-        document.fail(at, f"expected channels with horizons, got {table!r}")
+        document.fail(at, f"expected a mapping of channels to their horizons, got {table!r}")
     errors: dict[str, dict[float, float]] = {}
     for channel, row in table.items():
         if not isinstance(row, Mapping):
-            document.fail((*at, str(channel)), f"expected horizons with errors, got {row!r}")
+            document.fail((*at, str(channel)), f"expected a mapping of horizons to their errors, got {row!r}")
         keys = [_horizon(document, str(channel), str(key)) for key in row]
         values = document.numbers((*at, str(channel)), list(row.values()), ((len(row),),))
         errors[str(channel)] = {float(key): float(value) for key, value in zip(keys, values, strict=True)}

@@ -1,7 +1,7 @@
-"""Derive properties from a vehicle's numbers without simulating: trim, reach, speed, stability, and odd
-values.
+"""Derive properties from a vehicle's numbers without simulating: trim, forces and speeds of the thrusters, time
+constants and stability.
 
-All results are closed forms or linear algebra on a `VehicleModel`; the simulator is not used.
+The results come from formulas, linear algebra and linear programmes; the simulator is not used.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ DIRECTIONS = (
     ("bow down", "bow up"),
     ("to port", "to starboard"),
 )
-"""Names of + and - along each axis in FLU."""
+"""Names of the positive and the negative direction of each axis in FLU"""
 
 _PRIORITY = (0, 1, 2, 5, 3, 4)
 """Order in which axes count as independently actuated: a vehicle with too few thrusters lacks roll or pitch first."""
@@ -47,7 +47,7 @@ def rank(vehicle: VehicleModel) -> int:
 
 
 def independent_axes(vehicle: VehicleModel) -> tuple[int, ...]:
-    """Return the axes that the thrusters command independently of each other, in ascending order."""
+    """Return the indices of the axes that the thrusters command independently of each other, in ascending order."""
     axes: list[int] = []
     for axis in _PRIORITY:
         if np.linalg.matrix_rank(vehicle.allocation[[*axes, axis]]) > len(axes):
@@ -92,7 +92,7 @@ def heel(vehicle: VehicleModel, moment: float) -> float | None:
 
 
 def largest_force(vehicle: VehicleModel, axis: int, sign: float, *, moments: bool = True) -> float:
-    """Return the largest force or moment of the thrusters along one axis alone, N or N m.
+    """Return the largest force (N) or moment (N m) of the thrusters along one axis only.
 
     The other axes get zero, except those that the thrusters cannot command independently: a BlueROV2 cannot
     surge without a pitching moment. Without `moments`, only the other two forces must be zero, as on a

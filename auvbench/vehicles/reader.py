@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # a composed configuration needs no arrays
     FloatArray = NDArray[np.float64]
 
 LARGEST = 1e15
-"""largest number in any unit of a sheet; products of such numbers are still finite"""
+"""Largest number in a sheet, in any unit; products of such numbers are still finite"""
 
 Keys = tuple[str, ...]
 
@@ -126,7 +126,7 @@ def _parse(entry: Traversable, label: str) -> dict[str, Any]:
     except ValueError as error:
         raise VehicleError(f"{label}: not valid YAML: {error}") from None
     if not isinstance(content, dict):
-        raise VehicleError(f"{label}: a vehicle sheet is a mapping of keys")
+        raise VehicleError(f"{label}: a vehicle sheet must be a mapping of keys")
     return content
 
 
@@ -146,10 +146,10 @@ class Quantity:
 
     path: Keys
     value: Any
-    """a number, a list, a mapping of names to vectors, or the kind of a curve"""
+    """A number, a list, a mapping of names to vectors, or the kind of a curve"""
     unit: str
     range: Any
-    """lowest and highest value, each with the shape of `value`; None if the sheet has no range"""
+    """Lowest and highest value, each with the shape of `value`; None if the sheet has no range"""
     sources: tuple[str, ...]
     note: str
 
@@ -180,16 +180,16 @@ class Document:
 
     data: dict[str, Any]
     label: str
-    """name of the file, or of the vehicle of a composed configuration"""
+    """Name of the file, or of the vehicle of a composed configuration"""
     used: set[str] = field(default_factory=set)
-    """sources that a quantity has named"""
+    """Sources that a quantity has named"""
 
     def fail(self, path: Keys, rule: str) -> NoReturn:
         """Raise a `VehicleError` that names `path` and the rule."""
         raise VehicleError(": ".join([self.label, *([".".join(path)] if path else []), rule]))
 
     def section(self, path: Keys, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, Any]:
-        """Return the mapping at `path`. It must have all `required` keys, may have `optional` keys, and no
+        """Return the mapping at `path`. It must have all `required` keys, may have `optional` keys, and must have no
         other key.
         """
         node = self.mapping(path)
@@ -268,17 +268,17 @@ class Document:
         if not isinstance(node, Mapping):
             self.fail(path, f"expected value, unit and source, got {node!r}")
         if "source" not in node:
-            self.fail(path, "every number names its source: key 'source' is missing")
+            self.fail(path, "key 'source' is missing: every number must name its source")
         self.section(path, ("value", "source"), ("unit", "note", *optional))
         if str(node.get("unit", "1")) != unit:
             self.fail(
-                (*path, "unit"), f"{node.get('unit')!r} is not the unit of this quantity: it is in {unit!r}"
+                (*path, "unit"), f"{node.get('unit')!r} is not the unit of this quantity; must be {unit!r}"
             )
         self.source((*path, "source"))
         return node["value"]
 
     def source(self, path: Keys) -> None:
-        """Check that every source named at `path` is listed in `sources`."""
+        """Check that every source named at `path` is listed in `sources`, and mark it as used."""
         named = self.get(path)
         listed = self.mapping(("sources",))
         for key in named if isinstance(named, (list, tuple)) else [named]:

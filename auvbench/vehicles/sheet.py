@@ -26,19 +26,19 @@ _MENDABLE = 0.1
 Identification leaves a far smaller asymmetry (rexrov: 1e-6), and a typing error causes a far larger one.
 """
 SHORTEST = 1e-5
-"""smallest allowed shortest time constant in s; real vehicles have some milliseconds (docs/physics.md)"""
+"""Smallest value that is allowed for a vehicle's shortest time constant, s; real vehicles have some milliseconds (docs/physics.md)"""
 
 
 DEFAULT = "bluerov2_2026"
-"""default vehicle of commands"""
+"""Default sheet of `auvbench pilot`; the same vehicle as in conf/train.yaml"""
 
 
 def load(source: str | Path | Mapping[str, Any]) -> VehicleModel:
     """Return the vehicle that a sheet describes.
 
     Args:
-        source: content of a sheet as a mapping, path of a YAML file, or name of a sheet that comes with
-            auvbench.
+        source: content of a sheet as a mapping, path of a YAML file, or name of a known sheet
+            (`reader.sheets`).
 
     Raises:
         VehicleError: the sheet breaks a rule; the message names file, key and rule.
@@ -231,7 +231,8 @@ def _check_mass(document: Document, M_RB: FloatArray, M_A: FloatArray) -> None:
     smallest = float(np.linalg.eigvalsh(M_RB + M_A)[0])
     if smallest <= 0.0:
         document.fail(
-            ("rigid_body",), f"M_RB + M_A is not positive definite (smallest eigenvalue {smallest:g})"
+            ("rigid_body",),
+            f"M_RB + M_A is not positive definite (smallest eigenvalue {smallest:g}); correct mass, inertia or added mass",
         )
 
 
@@ -274,7 +275,7 @@ def _check_allocation(document: Document, vehicle: VehicleModel) -> None:
 
 
 def refuse_stiff_vehicle(name: str, shortest: float) -> None:
-    """Raise VehicleError for a vehicle whose damping is so fast that the physics step would have to be tiny.
+    """Raise VehicleError for a vehicle whose damping acts so fast that the physics step would have to be tiny.
 
     Args:
         name: name of the vehicle, for the message.

@@ -13,15 +13,15 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 SHORT, LONG = 0.4, 3.0
-"""Shortest and longest time in s that a telegraph signal stays at one level."""
+"""Shortest and longest time for which a telegraph signal stays at one level, s"""
 NEUTRAL = 0.5
-"""Time in s without a command at the start."""
+"""Time without a command at the start of a signal, s"""
 INTERVAL = 0.02
-"""Time in s between two rows of inputs."""
+"""Time between two rows of commands, s"""
 
 
 def direction(vehicle: VehicleModel, axis: str) -> FloatArray:
-    """Return the largest forces (n_u,) in N that push along one axis only, as far as the thrusters can: one thruster is at its limit."""
+    """Return thruster forces (n_u,) in N that push along one axis only, if the thrusters can do so, with one thruster at its limit."""
     B = vehicle.allocation
     wanted = np.zeros(6)
     wanted[AXES.index(axis)] = 1.0
@@ -42,12 +42,12 @@ def telegraph(
     *,
     lift: float = 0.0,
 ) -> FloatArray:
-    """Return commands (T, n_u) every `INTERVAL` s of random levels for one axis after another.
+    """Return commands (T, n_u), one row every `INTERVAL` s: random levels of force along one axis after another.
 
     Args:
         vehicle: vehicle that flies the signal.
         axes: axes in their order; each gets the same share of the time.
-        duration: s.
+        duration: duration of the signal, s.
         amplitude: largest share of the force along an axis, up to 1.
         generator: source of the times and levels.
         lift: constant force along heave in N, if the thrusters push along it.
@@ -58,7 +58,7 @@ def telegraph(
     for number, axis in enumerate(axes):
         push = direction(vehicle, axis)
         at, sign = number * share, 1.0
-        if number == 0:  # A log starts at rest, so that what came before it is known.
+        if number == 0:  # A log starts at rest, so that the state at its start is known.
             at = min(round(NEUTRAL / INTERVAL), rows // 2)
         while at < (number + 1) * share:
             hold = max(1, round(float(generator.uniform(SHORT, LONG)) / INTERVAL))

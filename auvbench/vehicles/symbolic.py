@@ -47,8 +47,8 @@ def require() -> Any:
 
 
 class Direct:
-    """A CasADi function of dense arrays, called without CasADi's conversion of arguments and results, which takes longer than a
-    small function.
+    """A CasADi function of dense arrays, called without CasADi's conversion of arguments and results. The conversion takes
+    longer than the evaluation of a small function.
 
     A call returns new arrays. Only one thread may call it at a time.
     """
@@ -80,13 +80,13 @@ class SymbolicModel:
     n_x: int
     n_u: int
     derivative: Any
-    """Function (state (n_x), input (n_u), current (3)) -> d state / dt (n_x)"""
+    """Function (state (n_x), input (n_u), current (3)) -> time derivative of the state (n_x)"""
     input_limits: FloatArray
-    """(n_u, 2) limits of the inputs, N"""
+    """Limits (n_u, 2) of the inputs, N"""
     rest: FloatArray
-    """(n_x - 13,) states of the actuators after a long time at command 0"""
+    """States (n_x - 13,) of the actuators after a long time at command 0"""
     longest_step: float
-    """longest step in s: twice the shortest time constant of the body (`vehicles.inspect`) and of the lags;
+    """Longest step, s: twice the shortest time constant of the body (`vehicles.inspect`) and of the lags;
     RK4 is stable up to 2.8 time constants
     """
 

@@ -44,11 +44,11 @@ def _buoyancy_warnings(vehicle: VehicleModel) -> list[str]:
     trim = static_trim(vehicle)
     if not trim.determined:
         texts.append(
-            "no restoring moment: weight and buoyancy act at the same point, nothing brings it level"
+            "no restoring moment: weight and buoyancy act at the same point, so that nothing levels the vehicle"
         )
     elif max(abs(trim.roll), abs(trim.pitch)) > np.pi / 2:
         texts.append(
-            "upright is unstable: the centre of gravity lies above the centre of buoyancy, it turns over"
+            "upright is unstable: the centre of gravity is above the centre of buoyancy, so that the vehicle turns over"
         )
     elif max(abs(trim.roll), abs(trim.pitch)) > np.radians(1.0):
         texts.append(
@@ -70,7 +70,7 @@ def _actuation_warnings(vehicle: VehicleModel) -> list[str]:
         names = _and([AXES[axis] for axis in missing])
         verb = "is" if len(missing) == 1 else "are"
         text = f"rank {len(own)}: {names} {verb} not independently actuated by the thrusters"
-        text += f"; besides them act {', '.join(names_of_others)}" if names_of_others else ""
+        text += f"; {', '.join(names_of_others)} act as well" if names_of_others else ""
         texts.append(text)
     # actuators of one kind mostly share their curve, so its warning is printed once
     first: dict[str, str] = {}
@@ -98,7 +98,7 @@ def _stability_warnings(vehicle: VehicleModel) -> list[str]:
         )
     for axis in range(6):
         if vehicle.linear_damping[axis] == 0.0 and vehicle.quadratic_damping[axis] == 0.0:
-            texts.append(f"no damping in {AXES[axis]}: what moves there never stops by itself")
+            texts.append(f"no damping in {AXES[axis]}: a motion along this axis never stops by itself")
     return texts
 
 

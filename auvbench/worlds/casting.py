@@ -36,7 +36,7 @@ Integers = NDArray[np.int64]
 
 @inline
 def passes(v: Vector, direction: Vector, reach: float, longest: float) -> bool:
-    """Return whether a ray passes by a sphere of radius `reach`; v is from its centre to the origin of the ray."""
+    """Return whether a ray misses a sphere of radius `reach`; v points from the sphere's centre to the origin of the ray."""
     ahead = -dot(v, direction)
     if ahead < -reach or ahead - reach > longest:
         return True
@@ -99,11 +99,11 @@ def first_hit(
 
     Args:
         solids: (n,) records of SOLID.
-        heights: (m,) m, of all terrain.
-        time: s, for solids that move.
-        origin: m, world axes.
+        heights: heights (m,) of all terrain, m.
+        time: time, s, from which the positions of moving solids follow.
+        origin: origin of the ray, m, world axes.
         direction: direction of length 1.
-        longest: m, finite.
+        longest: largest distance, m; must be finite.
     """
     nearest, index = longest, NOTHING
     for k in range(solids.shape[0]):
@@ -132,14 +132,14 @@ def nearest_along(
 
     Args:
         solids: (n,) records of SOLID.
-        heights: (m,) m, of all terrain.
-        time: s, for solids that move.
-        origin: m, world axes.
+        heights: heights (m,) of all terrain, m.
+        time: time, s, from which the positions of moving solids follow.
+        origin: origin of the rays, m, world axes.
         rotation: rotation from the rays' axes to world axes.
         rays: (k, 3) directions of length 1; rays first .. stop - 1 are used.
         first: index of the first ray.
         stop: index after the last ray.
-        longest: m, finite.
+        longest: largest distance, m; must be finite.
     """
     nearest = longest
     for k in range(first, stop):

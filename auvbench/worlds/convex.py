@@ -21,7 +21,7 @@ from auvbench.dynamics.vectors import add, dot, scale
 MISS = (math.inf, -math.inf)
 EVERYWHERE = (-math.inf, math.inf)
 PARALLEL = 1e-30
-"""squared sine of the angle between a ray and an axis below which they are parallel"""
+"""Squared sine of the angle between a ray and an axis below which both count as parallel"""
 
 Signed = tuple[float, Vector]
 """Signed distance in m, and its gradient."""

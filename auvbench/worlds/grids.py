@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 
 ENDINGS = (".npz", ".csv")
 COORDINATES, HEIGHTS = ("x_m", "y_m"), {"z_m": 1.0, "depth_m": -1.0}
-"""names of arrays or columns: of coordinates, and of heights with the factor to z"""
+"""Names of arrays or columns: coordinates, and heights with the factor that converts them to z"""
 MOST = 1 << 20
-"""largest number of points"""
+"""Largest number of points of a grid"""
 LEAST = 4
-"""smallest number of points along each side"""
+"""Smallest number of points along each side of a grid"""
 FINEST, COARSEST = 0.1, 100.0
-"""smallest and largest distance in m between points; a finer grid is probably in degrees"""
+"""Smallest and largest distance between points, m; a finer grid is probably in degrees"""
 DEEPEST = 11_000.0
-"""largest depth in m; no sea is deeper"""
+"""Largest depth, m; no sea is deeper"""
 UNEVEN = 0.01
-"""largest error of a coordinate, as a share of the spacing; files have rounded coordinates"""
+"""Largest error of a coordinate, as a share of the spacing; files have rounded coordinates"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +113,7 @@ def _grid(found: Mapping[str, NDArray[Any]], is_table: bool, digest: str) -> Gri
         row, column = np.argwhere(~np.isfinite(z))[0]
         holes = int((~np.isfinite(z)).sum())
         raise ValueError(
-            f"has {holes:,} holes, the first at x={x[column]:g}, y={y[row]:g} m; fill them or cut them off"
+            f"has points without a height ({holes:,}), the first at x={x[column]:g}, y={y[row]:g} m; fill them or cut them off"
         )
     spacing = _spacing(x, y)
     z = z * HEIGHTS[heights[0]]
@@ -123,7 +123,7 @@ def _grid(found: Mapping[str, NDArray[Any]], is_table: bool, digest: str) -> Gri
 
 def _numbers(values: NDArray[Any], name: str) -> Floats:
     if values.dtype.kind not in "iuf":
-        raise ValueError(f"has a {name} that is not of numbers")
+        raise ValueError(f"has a {name} that is not numeric; must be numbers")
     return np.asarray(values, dtype=np.float64)
 
 
@@ -169,7 +169,7 @@ def _spacing(x: Floats, y: Floats) -> float:
 
 
 def _check_heights(z: Floats, name: str) -> None:
-    """Reject heights whose axis or unit must be wrong; z (rows, columns) is up."""
+    """Raise ValueError for heights whose sign or unit must be wrong; z (rows, columns) is positive up."""
     if z.max() > 0.0 and z.mean() > 0.0:
         other = "depth_m" if name == "z_m" else "z_m"
         up = "z_m is up from the surface" if name == "z_m" else "depth_m is down from the surface"

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Solids = NDArray[Any]
-"""(n,) records of `solids.SOLID`"""
+"""Array (n,) of records of `solids.SOLID`"""
 
 SPHERE, CAPSULE, CYLINDER, BOX, PLANE, TERRAIN = range(6)
 KINDS = ("sphere", "capsule", "cylinder", "box", "plane", "bottom")
 """names of the kinds"""
 NOTHING = -1
-"""index where no solid is near enough"""
+"""Index that stands for no solid"""

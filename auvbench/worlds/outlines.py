@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, PLANE, SPHERE, TERRAIN, Floats, Solids
 
 ROOM = 5.0
-"""smallest margin in m that a picture shows around an episode"""
+"""Smallest margin around an episode in a picture, m"""
 Segments = NDArray[np.float64]
-"""(k, 2, 3) m: the two ends of k segments"""
+"""Ends (k, 2, 3) of k segments, m"""
 
 SIDES = 16
 """number of segments of a circle"""
@@ -26,10 +26,10 @@ def outlines(solids: Solids, heights: Floats, low: Floats, high: Floats, time: f
     """Return the segments (k, 2, 3) in m of solids inside a box; a moving solid also has a line from its position at time 0.
 
     Args:
-        heights: m, of all height fields (see `solids.terrain`).
-        low: (3,) m, lowest corner of the box.
-        high: (3,) m, highest corner of the box.
-        time: s.
+        heights: heights of all height fields (see `solids.terrain`), m.
+        low: lowest corner (3,) of the box, m.
+        high: highest corner (3,) of the box, m.
+        time: time at which moving solids are drawn, s.
     """
     now = solids.copy()
     now["position"] += time * solids["velocity"]
@@ -120,7 +120,7 @@ def _box(solid: Any, low: Floats, high: Floats) -> Segments:
 
 
 def _plane(solid: Any, low: Floats, high: Floats) -> Segments:
-    """Return a grid of lines on a plane, across the box."""
+    """Return a grid of lines on a plane, drawn from `low` to `high`."""
     _, _, normal = _axes(solid)
     # The coordinate along the axis nearest to the normal follows from the two others.
     k = int(np.abs(normal).argmax())

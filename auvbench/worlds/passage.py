@@ -48,7 +48,7 @@ def scatter(
 
     Args:
         key: key of the draws.
-        attempt: number of the attempt with this key.
+        attempt: number of the attempt with this key; each attempt draws other discs.
         count: number of discs.
         arena: distance from start to goal and margin on all sides, m.
         radii: smallest and largest radius, m.
@@ -117,7 +117,7 @@ def search(
     The length is infinite without a way. The start and the cells that were not reached have -1.
 
     Args:
-        room: (rows columns,) distance of each cell from the obstacles, m.
+        room: (rows * columns,) distance of each cell from the obstacles, m.
         rows: number of rows of the map.
         columns: number of columns of the map.
         start: index of the cell of the start.

@@ -19,11 +19,11 @@ from auvbench.worlds.passage import CELL, grid_of, place_of, search
 from auvbench.worlds.solids import triple
 
 MARGIN = 0.5
-"""distance in m between the vehicle and solids on a way; if no way keeps it, half of it is tried, then 0"""
+"""Distance between the vehicle and solids on a way, m. If no way keeps this distance, half of it is tried, then 0"""
 CORNERS = 64
 """Largest number of points of a way"""
 LEVEL = 0.5
-"""largest distance in m between the depths at which a way is checked"""
+"""Largest distance between the depths at which a way is checked, m"""
 
 
 @njit(nogil=True)
@@ -69,11 +69,11 @@ def route(
 
     Args:
         solids: (n,) records of SOLID, which do not move.
-        heights: (m,) m, of all terrain.
-        start: m.
-        goal: m.
+        heights: heights (m,) of all terrain, m.
+        start: first point of the way, m.
+        goal: last point of the way, m.
         radius: radius of the vehicle, m.
-        side: width in m of the map beyond start and goal, and to each side of the line between them.
+        side: width of the map beyond start and goal, and to each side of the line between them, m.
         out: array to write to; a way with more corners than fit counts as no way.
     """
     (x, y, z), (to_x, to_y, to_z) = start, goal

@@ -40,7 +40,7 @@ SOLID = record(
 
 STILL = (0.0, 0.0, 0.0)
 NO_HEIGHTS: Floats = np.zeros(1)
-"""heights of a world without terrain"""
+"""Heights array of a world without terrain"""
 
 
 def sphere(centre: ArrayLike, radius: float, velocity: ArrayLike = STILL) -> Solids:
@@ -94,10 +94,10 @@ def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0
     """Return a height field (1,): two triangles for each cell of a regular grid, which repeats beyond its edges.
 
     Args:
-        heights: (rows, columns) m, over the corner; columns run along its x axis.
-        spacing: m between vertices.
-        corner: (3,) m, of vertex (0, 0) at height 0.
-        yaw: rad, of its x axis from east.
+        heights: heights (rows, columns) over the corner, m; each row runs along the field's x axis.
+        spacing: distance between vertices, m.
+        corner: position (3,) of vertex (0, 0) at height 0, m.
+        yaw: angle of the field's x axis from east, rad.
         first: index of its vertex (0, 0) in the array of heights, to which the caller adds `heights.ravel()`.
     """
     east, north = np.roll(heights, -1, 1), np.roll(heights, -1, 0)
@@ -194,7 +194,7 @@ def to_solid(s: Record, v: Vector) -> Vector:
 
 @inline
 def to_world(s: Record, v: Vector) -> Vector:
-    """Return a vector of a solid's own axes in world axes."""
+    """Return a vector, given in a solid's own axes, in world axes."""
     x, y, z = v
     level = add(scale(x, triple(s.along_x)), scale(y, triple(s.along_y)))
     return add(level, scale(z, triple(s.along_z)))

@@ -18,7 +18,7 @@ Corners = tuple[float, float, float, float]
 """Heights of the corners of a cell in m: lower left, lower right, upper left, upper right."""
 
 MARGIN = 1e-6
-"""distance in m above the highest and below the lowest point within which a ray is followed"""
+"""Distance above the highest and below the lowest point within which a ray is followed, m"""
 
 
 @inline
@@ -66,7 +66,7 @@ def terrain_range(s: Record, heights: Floats, o: Vector, d: Vector, longest: flo
     """Return the distance in m along a ray to the ground, from either side; infinity if it exceeds `longest`, which must be finite.
 
     The ray goes from cell to cell (Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", Eurographics 1987). Its
-    height over a triangle is linear, so that its sign at the ends of each part says whether it crosses the ground.
+    height over a triangle is linear, so that the signs at both ends of each part show whether the ray crosses the ground.
     """
     (x, y, z), (dx, dy, dz) = o, d
     u, v, du, dv = x / s.spacing, y / s.spacing, dx / s.spacing, dy / s.spacing

@@ -175,7 +175,7 @@ def _outside(found: dict[str, bytes]) -> None:
     ("change", "said"),
     [
         (lambda f: f.pop("entry.json"), "entry.json is missing"),
-        (lambda f: f.update({"../evil": b"x"}), "which entry.json does not name"),
+        (lambda f: f.update({"../evil": b"x"}), "but entry.json does not list"),
         (
             _outside,
             "is not a valid name of a file below",

@@ -104,7 +104,7 @@ def test_three_at_once_test_each_run_once(runs: list[RunDirectory], tmp_path: Pa
         # Who comes second names whom it leaves the run to, or finds it done.
         assert code in (0, 1)
         if code:
-            assert "is testing it by test; skipped" in error
+            assert "is testing it by the protocol test" in error
     tested = sum(out.count(": success ") for _, out, _ in said)
     assert tested == len(runs)
     protocol = compose("evaluate", ["protocol.episodes=20", "protocol.trajectories=0"])

@@ -73,7 +73,7 @@ def test_train_brings_it_back_with_the_same_bits(
     assert cli.main(command(run)) == 0
     out = capsys.readouterr().out
     assert message in out
-    assert "its training goes on from its last checkpoint" in out
+    assert "training continues from the last checkpoint" in out
     assert bits(run.path) == bits(trained(CASE).path)
     assert cli.main(command(run)) == 0
     assert "complete already" in capsys.readouterr().out

@@ -163,7 +163,7 @@ def unconfirmed(bridge):
     bridge.vehicle.ignores_disarming = True
     bridge.pilot.disarm("the test")
     assert bridge.said[-2:] == [
-        "ArduSub has not said that it is disarmed; it is told again",
+        "ArduSub has not confirmed that it is disarmed; the order is repeated",
         "disarmed: the test",
     ]
     assert bridge.vehicle.armed
@@ -177,7 +177,7 @@ def test_a_vehicle_that_does_not_disarm_is_told_again(bridge):
     bridge.pilot.spin_once()
     assert not bridge.vehicle.armed
     assert bridge.pilot.guard._process.poll() is None
-    told = len([text for text in bridge.said if "told again" in text])
+    told = len([text for text in bridge.said if "the order is repeated" in text])
     assert told == 1
     bridge.fly()
 
@@ -421,7 +421,7 @@ def test_another_frame(capsys):
     with ArduSub(port, "bluerov2_heavy"):
         line = refused(capsys, "--mavlink", f"udp:127.0.0.1:{port}")
     assert (
-        "--vehicle bluerov2_2026: has the frame vectored (FRAME_CONFIG 1), and ArduSub has FRAME_CONFIG 2"
+        "--vehicle bluerov2_2026: has the frame vectored (FRAME_CONFIG 1), but ArduSub has FRAME_CONFIG 2"
         in line
     )
 
@@ -542,7 +542,7 @@ def test_the_real_ardusub_is_steered_to_a_waypoint(tmp_path):
                 pilot.says("waypoint reached")
                 pilot.send(signal.SIGINT)
                 assert pilot.ends() == 0, pilot.output
-                assert "has not said that it is disarmed" not in pilot.output
+                assert "has not confirmed that it is disarmed" not in pilot.output
             finally:
                 pilot.stop()
                 program.kill()

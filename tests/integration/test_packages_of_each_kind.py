@@ -222,7 +222,7 @@ def test_a_simulator_s_package_is_part_of_a_run_s_identity(site: Site) -> None:
         (("simulator.drfit=1",), "simulator.drfit: unknown key; did you mean simulator.drift?"),
         (
             ("disturbance=current",),
-            "asks for a steady current, which simulator=still does not have here; use",
+            "needs a steady current, which simulator=still does not have as configured; use",
         ),
         (("simulator=stil",), "did you mean 'still'?"),
     ],
@@ -239,7 +239,7 @@ def test_what_is_typed_wrong_of_a_simulator_is_one_line(
     ("change", "message"),
     [
         (("SimulatorSpec(\"still\", \"still:make\", CAN", "SimulatorSpec(\"still\", \"still:make\", 3"), "has invalid capabilities"),
-        (("CAN, StillConfig)", "CAN, int)"), "has a schema that is no dataclass below auvbench.plugin.SimulatorConfig"),
+        (("CAN, StillConfig)", "CAN, int)"), "has a schema that is not a dataclass derived from auvbench.plugin.SimulatorConfig"),
         (("SPEC = SimulatorSpec(", "SPEC = dict(a="), "cannot be imported"),
     ],
 )  # fmt: skip
@@ -256,12 +256,12 @@ def test_what_a_simulator_declares_wrong_is_one_line(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("self.pose[:, 0] += ", "self.pose[1, 0] = float('nan') * "), "step gives pose of vehicle 1 a number that is not finite"),
+        (("self.pose[:, 0] += ", "self.pose[1, 0] = float('nan') * "), "step writes a number that is not finite into pose of vehicle 1"),
         (("self.drift = drift\n", "self.power = [0.0]\n"), "power is list; it must be float64 (2,)"),
         (("self.drift = drift\n", "self.pose = self.pose[:, :3]\n"), "pose is float64 (2, 3); it must be float64 (2, 7)"),
         (("self.pose[:, 0] += ", "self.nothing += "), "step fails: AttributeError"),
         (("return Still(", "return dict("), "cannot be made: TypeError"),
-        (("return Still(vehicle, n, settings.drift)", "return 3"), "a int, lacks reset"),
+        (("return Still(vehicle, n, settings.drift)", "return 3"), "a int, which lacks reset"),
     ],
 )  # fmt: skip
 def test_what_a_simulator_computes_wrong_is_named(site: Site, change: tuple[str, str], message: str) -> None:
@@ -329,9 +329,11 @@ def test_a_disturbance_that_keeps_its_contract_and_one_that_does_not(site: Site)
         ("d.phase, _", "d.phase[3], _"),
         ("d.phase)", "d.phase[3])"),
     )
-    with pytest.raises(ConformanceError, match="`fields` declares"):
+    with pytest.raises(ConformanceError, match="`fields` must declare"):
         check_disturbance("disturbance=surge", "noise=none", only=its_functions_stay_within_their_arrays)
-    with pytest.raises(ConformanceError, match="the same observations without the disturbance"):
+    with pytest.raises(
+        ConformanceError, match="the observations are the same with and without the disturbance"
+    ):
         check_disturbance(
             "disturbance=surge", "disturbance.surge.force=0", only=it_changes_the_motion_or_the_readings
         )
@@ -369,7 +371,7 @@ def test_a_disturbance_s_package_is_part_of_a_run_s_identity(site: Site) -> None
         (("disturbance.surge=3",), "disturbance.surge"),
         (("disturbance=none", "+disturbance.surge.force=3"), "disturbance.surge.period: a value is missing"),
         (("disturbance=none", "+disturbance.surges.force=3"), "disturbance.surges.force: unknown key"),
-        (("simulator=ros2",), "disturbance.surge: asks for forces on vehicles, which simulator=ros2 does not have here"),
+        (("simulator=ros2",), "disturbance.surge: needs forces on vehicles, which simulator=ros2 does not have as configured"),
         (("disturbance=surg",), "did you mean 'surge'?"),
     ],
 )  # fmt: skip
@@ -384,16 +386,16 @@ def test_what_is_typed_wrong_of_a_disturbance_is_one_line(
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (("surge:Surge", "surge:draw"), "surge:draw is no class below"),
+        (("surge:Surge", "surge:draw"), "surge:draw is not a subclass of"),
         (("math.sin(2.0", "math.sqrt(-1.0) + math.sin(2.0"), "push writes forces that are not finite, in environment 0"),
         (("d.phase, _, _, _ =", "d.phase = math.inf\n    _, _, _, _ ="), "draw writes phase that are not finite"),
         (("+ d.phase)", "+ d.phaze)"), "push fails: KeyError: 'phaze'"),
         (('(("phase", "f8"),)', '(("e phase", "f8"),)'), "e phase cannot be the name of a field"),
         (("    period: float", "    duration: float = 1.0\n    period: float"), "its key duration has the name of a parameter of every task"),
         (("    push = static", "    longest = 0.0\n    push = static"), "longest is 0.0; it must be a float of at least 0.0001 s"),
-        (("        yield forces(key)", "        return []"), "has push, so its needs must yield auvbench.plugin.forces(key)"),
+        (("        yield forces(key)", "        return []"), "has push, so the needs of its schema must yield auvbench.plugin.forces(key)"),
         (("return self.force > 0.0", "return self.forze"), "active fails: AttributeError"),
-        (("    draw = static", "    def water_speed(settings, vehicle):\n        return 3\n    draw = static"), "water_speed is 3.0; it must be 2 finite numbers"),
+        (("    draw = static", "    def water_speed(settings, vehicle):\n        return 3\n    draw = static"), "water_speed returned 3.0; it must return 2 finite numbers"),
     ],
 )  # fmt: skip
 def test_what_a_disturbance_computes_wrong_is_named(
@@ -470,12 +472,12 @@ def test_a_tracker_without_its_functions(site: Site, capsys: pytest.CaptureFixtu
         points={"auvbench.trackers": {"filelog": "filelog:SPEC"}},
     )
     tracking.prepare.cache_clear()
-    assert "train.log=filelog: filelog lacks table" in refused(
+    assert "train.log=filelog: filelog must define table" in refused(
         capsys, "train", "algo=pid", "train.log=filelog"
     )
     synthetic.write_experiment(site.folder / "study")
     words = ["report", str(site.folder / "study"), "--log", "filelog", "--no-figures"]
-    assert "auvbench: --log filelog: filelog lacks table" in refused(capsys, *words)
+    assert "auvbench: --log filelog: filelog must define table" in refused(capsys, *words)
 
 
 def test_a_command(site: Site, capsys: pytest.CaptureFixture[str]) -> None:

@@ -101,7 +101,7 @@ def test_without_its_supervisor_a_pilot_disarms_and_ends(bridge, number):
     os.kill(bridge.pilot.guard._process.pid, number)
     # Only how soon a hanging supervisor is noticed; a busy machine may let the pilot itself fall silent for longer.
     bridge.pilot.guard._socket.settimeout(0.5)
-    with pytest.raises(Unsupervised, match="a pilot does not steer without one"):
+    with pytest.raises(Unsupervised, match="a pilot does not steer without a supervisor"):
         bridge.pilot.run(lambda: setattr(bridge.clock, "now", bridge.clock.now + 0.05) is None)
     until(lambda: at_rest(bridge.vehicle))
 

@@ -119,6 +119,6 @@ def test_a_test_has_the_same_rows_as_in_process(two_vehicles, algo, task, tmp_pa
 def test_more_vehicles_than_the_server_has(two_vehicles):
     config = train_config(compose("train", list(configs.ORIGINAL), folder=None))
     with pytest.raises(
-        ConfigError, match="3 vehicles are needed at once, the server has 2: start it with --vehicles 3"
+        ConfigError, match="3 vehicles are needed at once, but the server has 2: start it with --vehicles 3"
     ):
         Batch(dataclasses.replace(config, simulator=SETTINGS), 3)

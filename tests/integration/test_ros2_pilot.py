@@ -405,7 +405,7 @@ def test_a_policy_from_a_file_commands_what_it_answers(domain, clock, tmp_path):
 def test_without_its_supervisor_a_pilot_commands_zero_thrust_and_ends(steering):
     pilot = steering.pilot
     os.kill(pilot.guard._process.pid, signal.SIGKILL)
-    with pytest.raises(Unsupervised, match="a pilot does not steer without one"):
+    with pytest.raises(Unsupervised, match="a pilot does not steer without a supervisor"):
         steering.until(lambda: False)
     with contextlib.suppress(Unsupervised):
         pilot.close("the pilot was ended")

@@ -84,7 +84,7 @@ def test_rows_do_not_depend_on_the_size_of_a_batch() -> None:
         (["task=waypoint", "task.vehicles=3"], "task.vehicles"),
         ([*WORDS, "task.vehicles=9"], "task.vehicles=9: must be at least 1 and at most 8"),
         ([*WORDS, "task.vehicles=3", "task.slots=[[0,0,0],[0,1,0]]"], "task.vehicles=3: must be at most 2"),
-        ([*WORDS, "simulator=ros2"], "task.vehicles=3: simulator=ros2 has one vehicle in an episode"),
+        ([*WORDS, "simulator=ros2"], "task.vehicles=3: simulator=ros2 allows one vehicle in an episode"),
         ([*WORDS, "algo=alos"], "task=formation does not have"),
         ([*WORDS, "algo=apf"], "apf"),
     ],

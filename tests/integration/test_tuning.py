@@ -115,7 +115,7 @@ def test_a_report_on_the_scenarios_of_the_search_says_that_it_is_no_ranking(
         )
         said = "tuned on the scenarios of this table" in capsys.readouterr().out
         assert said == (protocol == "validation")
-        assert ("no ranking" in (Path("outputs/default/report/report.md")).read_text()) == said
+        assert ("not a valid ranking" in (Path("outputs/default/report/report.md")).read_text()) == said
 
 
 @pytest.mark.slow
@@ -202,7 +202,7 @@ def test_no_protocol_of_a_test_is_accepted(
     protocol: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert tune(tmp_path, *PID, f"protocol={protocol}") == 2
-    assert "choose settings on other scenarios" in capsys.readouterr().err
+    assert "settings must be chosen on validation scenarios" in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.json"))
 
 

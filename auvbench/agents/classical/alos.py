@@ -1,4 +1,4 @@
-"""Guide a vehicle along a path by adaptive line of sight (ALOS), over the PID autopilot.
+"""Guide a vehicle along a path by adaptive line of sight (ALOS); the PID autopilot is the inner loop.
 
     psi_d   = pi_h - beta_hat  - atan(y_e / Delta_h),   beta_hat'  = gamma_h Delta_h / sqrt(Delta_h^2 + y_e^2) Proj(y_e)
     theta_d = pi_v + alpha_hat + atan(z_e / Delta_v),   alpha_hat' = gamma_v Delta_v / sqrt(Delta_v^2 + z_e^2) Proj(z_e)
@@ -11,10 +11,10 @@ projection follows the paper; in the source its share c is always 1, so that an 
 limit.
 
 In the source, azimuths are clockwise from north, y_e is to starboard and z_e downwards. Here azimuths are
-counter-clockwise and y_e is to port, which mirrors the two sides of the first line; z_e stays positive below
-the path.
+counter-clockwise and y_e is to port, which mirrors both sides of the first equation; z_e stays positive
+below the path.
 
-Thrusters give no sway: with sway a vehicle would resist a current by force, and there would be no crab angle.
+Thrusters give no sway force: with one, a vehicle would resist a current by force, and there would be no crab angle.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ BEYOND = 0.001
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSController | FinALOSController:
-    """Return ALOS for a vehicle: over thrusters, or over propeller and fins.
+    """Return the ALOS controller for a vehicle: with thrusters, or with propeller and fins.
 
     Raises:
         ConfigError: the task has no path, or the observation lacks the path's direction.
@@ -69,7 +69,7 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSControl
 
 
 class Guidance(Estimator):
-    """Readings of N vehicles, and the guidance law with its learned angles."""
+    """Estimator of N vehicles' motion, with the guidance law and its learned angles."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         assert isinstance(config.algo, ALOS)
@@ -89,8 +89,8 @@ class Guidance(Estimator):
         return {**super().memory(), "crab": self.crab, "attack": self.attack}
 
     def steer(self) -> tuple[Floats, Floats]:
-        """Return yaw error (n,) and flight-path angle (n,) in rad from the readings, and learn from the
-        readings.
+        """Return yaw error (n,) and flight-path angle (n,) in rad from the latest readings, and update the
+        learned angles.
 
         The azimuth of the path less the yaw is the yaw error that the task observes.
         """
@@ -132,8 +132,8 @@ class Guidance(Estimator):
 
 
 def projected(estimate: Floats, error: Floats, limit: float) -> Floats:
-    """Return the error (n,) that updates an estimate (n,); outwards it fades to 0 between limit and limit +
-    BEYOND.
+    """Return the error (n,) that updates an estimate (n,). Where it would increase an estimate beyond `limit`, it
+    fades to 0 at `limit` + BEYOND.
     """
     c = np.minimum(1.0, (estimate**2 - limit**2) / ((limit + BEYOND) ** 2 - limit**2))
     outwards = (np.abs(estimate) > limit) & (estimate * error > 0.0)

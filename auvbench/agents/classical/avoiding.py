@@ -1,4 +1,4 @@
-"""Read the block `solids` for controllers that plan, and price plans that come near to them."""
+"""Read the observation block `solids` for controllers that plan, and price plans that come near to solids."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from auvbench.worlds.routes import CORNERS, route
 from auvbench.worlds.solids import NO_HEIGHTS, SOLID, reach_of
 
 NEARNESS = record(
-    clearance=(),  # m, below which a plan pays
-    weight=(),  # 1/m, price per metre below it
+    clearance=(),  # m, clearance below which a plan has a price
+    weight=(),  # 1/m, price per metre of missing clearance
     contact=(),  # price of a contact
 )
 """Prices of small clearances at a node"""
@@ -44,10 +44,10 @@ class Avoidance:
         assert isinstance(config.world, Solid)
         self.columns = columns
         self.hull: Floats = hull_of(config.world, vehicle).view(np.ndarray).view(np.float64)
-        """record of HULL, seen as floats"""
+        """record of HULL, viewed as floats"""
 
     def solids(self, reading: Floats, position: Floats, yaw: float) -> Floats:
-        """Return the solids (k, size) of an observation, records of SOLID seen as floats.
+        """Return the solids (k, size) of an observation, records of SOLID viewed as floats.
 
         Args:
             reading: (n_obs,) observation.
@@ -67,14 +67,14 @@ class Avoidance:
         return solids.view(np.float64).reshape(len(rows), SOLID.itemsize // 8)
 
     def way(self, solids: Floats, position: Floats, goal: Floats, lengths: Floats) -> Floats:
-        """Return points (n, 3) in m of the shortest way past solids, `lengths` (n,) m along the way from its start. If no way leads to the
-        goal, return points of the straight line.
+        """Return the points (n, 3) in m at `lengths` (n,) along the shortest way past solids. If no way leads to the goal, return points
+        of the straight line to it.
 
         Args:
             solids: (k, size), see `solids`.
             position: (3,) m, start of the way.
             goal: (3,) m.
-            lengths: (n,) m, rising.
+            lengths: (n,) distances from the start along the way, m, rising.
         """
         hull, corners = self.hull.view(HULL)[0], np.empty((CORNERS, 3))
         start, end = ((float(x), float(y), float(z)) for x, y, z in (position, goal))
@@ -109,7 +109,7 @@ class Avoidance:
 @compiled("dynamics", "worlds", "tasks/worlds")
 def price(
     pose: Floats,  # (n, 7)
-    # Records seen as floats: numba compares the types of records anew in each call.
+    # Records viewed as floats: numba compares the types of records again in each call.
     solids: Any,  # (k, size) records of SOLID
     hull: Floats,  # record of HULL
     prices: Floats,  # record of NEARNESS

@@ -1,8 +1,8 @@
 """Provide guidance, allocation and limits for the thruster controllers; each adds its own control law.
 
 Guidance: the velocity of the reference, if the task observes it, plus a velocity towards the reference:
-`cruise_speed` when far and `approach` x distance when near. It is reduced if the thrusters could not overcome
-the drag. The bow turns to the task's yaw (in the waypoint task, to the waypoint), and turns along
+`cruise_speed` when far and `approach` x distance when near. The sum is reduced if the thrusters could not
+overcome the drag. The bow turns to the task's yaw (in the waypoint task, to the waypoint), and turns along
 with a moving reference. The control law computes a wrench from the missing velocity. Allocation: the
 pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation), scaled down as a whole if a thruster
 would saturate, so that the wrench keeps its direction.
@@ -10,7 +10,8 @@ would saturate, so that the wrench keeps its direction.
 The controllers get the same observations as learners (see `Estimator`). If the task observes gravity and
 angular velocity and the thrusters span roll and pitch, the thrusters keep the vehicle level: at speed, the
 Munk moment may exceed the restoring moment. Otherwise no moment is commanded. If thrust causes a moment (the
-BlueROV2's thrusters are below its origin), it is kept below a share of the largest restoring moment.
+BlueROV2's thrusters are below its origin), thrust is limited so that the moment stays below a share of the
+largest restoring moment.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ Floats = NDArray[np.float64]
 
 HEAVE, ROLL, PITCH, YAW = 2, 3, 4, 5
 CONTROLLED = [0, 1, 2, YAW]
-"""Axes that every vehicle of these controllers can be pushed along or turned about."""
+"""Axes on which the thrusters of every vehicle of these controllers act: surge, sway, heave and yaw."""
 
-# Share of the thrust for steady motion; the rest is for control.
+# Largest share of the thrust that steady motion may take; the rest is for control.
 CRUISE_SHARE = 0.85
 # Largest share of the restoring moment that thrust may use: a heel of about 27 degrees.
 RIGHTING_SHARE = 0.45
@@ -44,7 +45,7 @@ LEVELLING = 2.5
 
 
 class Estimator:
-    """Readings and velocities of N vehicles.
+    """Latest readings of N vehicles, and velocities from them.
 
     Yaw is the bearing of the waypoint less the yaw error. Velocities are observed if the task observes them;
     otherwise they are differences of readings through a first-order low-pass filter, discretised exactly.
@@ -75,11 +76,11 @@ class Estimator:
         self.first: NDArray[np.bool_] = np.ones(n, dtype=np.bool_)
         """(n,) whether the row has had no reading yet"""
         self.error: Floats = np.zeros((n, 3))
-        """(n, 3) vector to the waypoint, m, world axes; with `body_frame`, axes of the body at the start"""
+        """(n, 3) vector to the waypoint in m, world axes; with `body_frame`, level axes with the vehicle's yaw"""
         self.yaw: Floats = np.zeros(n)
         self.yaw_error: Floats = np.zeros(n)
         self.velocity: Floats = np.zeros((n, 3))
-        """(n, 3) velocity in m/s, in the axes of `error`"""
+        """(n, 3) velocity in m/s, in the axes of `error`; if the task observes it, in body axes"""
         self.yaw_rate: Floats = np.zeros(n)
         self.turning: Floats = np.zeros(n)
         """(n,) yaw rate of a moving reference, rad/s"""

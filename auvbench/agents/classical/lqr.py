@@ -1,7 +1,8 @@
 """Control by a linear-quadratic regulator about the cruise state, with integral action.
 
-The state is the missing velocity (u, v, w), the yaw error, the yaw rate and the integral of the missing
-velocity. The input is what the wrench (X, Y, Z, N) adds to the drag at the commanded velocity. The plant is
+The state is the velocity error (u, v, w), the yaw error, the yaw rate and the integral of the velocity error.
+An error is the actual value less the commanded value. The input is what the wrench (X, Y, Z, N) adds to the
+drag at the commanded velocity. The plant is
 the sheet's M nu' + C(nu) nu + D(nu) nu = tau, linearised at `cruise_speed` ahead (Fossen 2021, chapter 16);
 the gain solves the discrete algebraic Riccati equation for the agent's step. Guidance, allocation and limits
 are in `cascade.py`.
@@ -56,8 +57,8 @@ class LQRController(Cascade):
 
 
 def lqr_gain(vehicle: VehicleModel, gains: LQR, dt: float) -> Floats:
-    """Return the gain (4, 8): wrench (X, Y, Z, N) in N, N m from (missing u, v, w; yaw error; yaw rate;
-    integrals of the missing velocity).
+    """Return the gain (4, 8): minus the gain times the state is the wrench (X, Y, Z, N) in N and N m. The state is
+    the errors of u, v and w, the yaw error, the yaw rate, and the integrals of the velocity errors.
     """
     A, B = cruise_plant(vehicle, gains.cruise_speed)
     n, m = B.shape

@@ -49,7 +49,7 @@ Floats = NDArray[np.float64]
 # states would double the time of a solve.
 PROMPT = 0.25
 CRUISE = 0.7
-"""share of the largest speed at which plans follow a way among solids"""
+"""speed at which plans follow a way among solids, as a share of the largest speed"""
 PLANNED = ("X", "U", "depth", "applied")
 """arrays that a plan carries from step to step"""
 
@@ -69,7 +69,7 @@ class MPCController(Planner):
         self.program = Program(symbolic(without_lags(vehicle)) if prompt else model, algo, self.avoidance)
         times = self.program.interval * np.arange(1, self.program.N + 1)
         self.lengths: Floats = np.asarray(CRUISE * algo.effort * largest_speed(vehicle) * times)
-        """(N,) m, lengths along the way past solids at which the targets of the nodes are"""
+        """(N,) distance in m of each node's target along the way past solids, from the way's start"""
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:

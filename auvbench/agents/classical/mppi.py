@@ -98,7 +98,7 @@ class MPPIController(Planner):
         self.actuators[i] = lags.actuators[0]
 
     def _aims(self, i: int, reading: Floats) -> Floats:
-        """Return the targets of row i's vehicle at the nodes, (NODES, 7), records of `sampling.AIM` seen as floats."""
+        """Return the targets of row i's vehicle at the nodes, (NODES, 7), records of `sampling.AIM` viewed as floats."""
         observer = self.observer
         aims = np.zeros(NODES, AIM)
         if self._way is None:

@@ -1,9 +1,9 @@
 """Estimate the state for model-based controllers, by an extended Kalman filter over the vehicle's equations.
 
 The observation has the noisy position error and yaw error and the previous action. The filter predicts with
-the sheet's equations and the commanded forces, and corrects with the two readings. So it estimates what no
-learner observes: roll, pitch, velocities, and a current that is constant in the world (without it,
-predictions would be wrong while the water moves). If the task observes velocities or gravity, these are
+the sheet's equations and the commanded forces, and corrects with the two readings. So it estimates
+what the observation need not contain: roll, pitch, velocities, and a current that is constant in the world
+(without a current, predictions would be wrong while the water moves). If the task observes velocities or gravity, these are
 additional readings. Positions are relative to the reference, or to the goal if the task observes it: a dock
 does not move, but the reference of docking does. The gain follows the estimated state (Sola 2017, "Quaternion
 kinematics for the error-state Kalman filter", section 5; covariance in Joseph's form): drag grows with speed, and a
@@ -158,7 +158,7 @@ class Observer:
     def _begin_covariance(self, i: int) -> None:
         """Set the covariance of row i after its first reading of position and yaw."""
         position, yaw = self._noise
-        # In the body frame the first yaw defines the axes: it has no error.
+        # In the body frame, the first yaw defines the axes, so the yaw has no error.
         turn = 0.0 if self.body_frame else yaw
         spread = (
             [position] * 3 + [FIRST["tilt"]] * 2 + [turn] + [FIRST["velocity"]] * 6 + [FIRST["current"]] * 3
@@ -194,8 +194,8 @@ class Observer:
         self.current[i] += correction[12:]
 
     def _poses(self, x: Floats, R: Floats, position: Floats, yaw: float) -> tuple[Floats, Floats, Floats]:
-        """Return innovation, slope (m, 15) and noise (m, m) of the readings of position and yaw: m = 3 in the body
-        frame, whose readings have no yaw, else 4.
+        """Return innovation (m,), Jacobian (m, 15) and noise covariance (m, m) of the readings of position and yaw.
+        m is 3 in the body frame, whose readings do not contain the yaw, else 4.
         """
         far, turn = self._noise
         # How a small rotation in body axes changes the yaw; not defined where the vehicle points up or down.
@@ -225,8 +225,8 @@ class Observer:
 
 
 def prediction(model: SymbolicModel, duration: float, substeps: int) -> Direct:
-    """Return the function (state, input, current) -> (state after `duration` s, slope (15, 15) of its errors
-    with respect to the errors before).
+    """Return the function (state, input, current) -> (state after `duration` s, Jacobian (15, 15) of the
+    errors after the step with respect to the errors before it).
     """
     ca = require()
     x, u, c = ca.SX.sym("x", model.n_x), ca.SX.sym("u", model.n_u), ca.SX.sym("c", 3)
@@ -281,6 +281,6 @@ def _rotated(q: Floats, rotation: Floats) -> Floats:
 
 
 def _deviation(span: schema.Range, config: schema.TrainConfig) -> float:
-    """Return the standard deviation of uniform noise with magnitudes in [low, high] and random sign."""
+    """Return the standard deviation of uniform noise with magnitudes in [low, high] and random sign; at least `SMALLEST_NOISE`."""
     low, high = span.low * config.noise.scale, span.high * config.noise.scale
     return max(float(np.sqrt((low * low + low * high + high * high) / 3.0)), SMALLEST_NOISE)

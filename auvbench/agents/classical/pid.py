@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 
 HOLDING = np.radians(30.0)  # largest yaw error at which the integral of the heading grows
 STEERED = 2.0
-"""rad/s, smallest bandwidth of the heading if a guidance by way or sonar turns the bow: with 0.6 rad/s, the moment of a cross current keeps
-a BlueROV2 up to 60 degrees off its course"""
+"""Smallest bandwidth of the heading loop in rad/s if guidance by a way or a sonar turns the bow: with 0.6 rad/s, the moment of a cross
+current keeps a BlueROV2 up to 60 degrees off its course"""
 STEEPEST = np.radians(35.0)  # largest commanded flight-path angle
 RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
 TURNING_RADIUS = 14.0  # turning radius in m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
@@ -37,7 +37,7 @@ LEAD_GAIN = 0.35  # rad of elevator per rad of commanded flight-path angle
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDController | FinController:
-    """Return the PID baseline for a vehicle: by thrusters, or by propeller and fins."""
+    """Return the PID baseline for a vehicle: with thrusters, or with propeller and fins."""
     fins = any(isinstance(unit, Fin) for unit in vehicle.units)
     return FinController(config, vehicle) if fins else PIDController(config, vehicle)
 
@@ -92,11 +92,11 @@ class FinController:
 
     Line-of-sight guidance (Fossen 2021, section 12.3): the rudder turns the bow towards the waypoint, the
     elevator sets a flight-path angle towards its depth. If the waypoint is within the turning circle, the
-    vehicle first moves on until it can reach it. On a path it aims at the point of the tangent that is
-    `TURNING_RADIUS` ahead, at the path's speed.
+    vehicle first moves on until it can reach it. On a path, it aims at the point of the tangent that is
+    `TURNING_RADIUS` ahead, and keeps the path's speed.
 
-    Signs come from the sheet: at forward speed, a fin behind the origin turned about +z moves the bow to
-    starboard, and about +y raises it.
+    Signs come from the sheet: at forward speed, a fin behind the origin that turns about +z moves the bow to
+    starboard; a fin that turns about +y raises the bow.
 
     Raises:
         ConfigError: integral action of the heading is configured.

@@ -1,4 +1,4 @@
-"""Share the loop of the controllers that improve a plan for each vehicle at each step."""
+"""Implement the loop that the planning controllers (MPC, MPPI) share: improve a plan for each vehicle at each step."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Planner:
         row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
 
     Raises:
-        ConfigError: the vehicle has other actuators than thrusters, or only a range sensor shows the obstacles.
+        ConfigError: the vehicle has other actuators than thrusters, or the task shows obstacles only by a range sensor.
         MissingExtraError: CasADi, which the filter needs, is not installed.
     """
 
@@ -49,7 +49,7 @@ class Planner:
         self.turns = TASKS[config.task.name].has_yaw
         self.room = room(config.task)
         self.planned = self.failed = self.late = 0
-        """steps, plans that were not improved, and steps that took longer than the agent's step, since the creation"""
+        """counters since the creation: steps, plans that were not improved, and steps that took longer than the agent's step"""
 
     def reset(self, episodes: Integers) -> None:
         self.observer.reset(len(episodes))
@@ -88,8 +88,8 @@ def refuse_ranges(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
     unread = [block for block in blocks if block.startswith("range.")]
     if unread and not {"solids", "way"} & set(blocks):
         raise ConfigError(
-            f"algo={config.algo.name}: does not read {unread[0]} of task={config.task.name}; it sees solids only by the "
-            "blocks solids and way: task=transit_solids, task=transit_map"
+            f"algo={config.algo.name}: does not read {unread[0]} of task={config.task.name}; it reads solids only from "
+            "the blocks solids and way; use task=transit_solids or task=transit_map"
         )
 
 

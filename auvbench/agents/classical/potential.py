@@ -1,4 +1,4 @@
-"""Steer by an artificial potential field on what a sonar shows, over the PID autopilot.
+"""Steer by an artificial potential field around a sonar's echoes; the PID autopilot is the inner loop.
 
     F = F_goal + sum over nearest echoes of  repulsion (1 / rho - 1 / influence) / rho^2  away from the echo,   rho < influence
 
@@ -30,29 +30,29 @@ Floats = NDArray[np.float64]
 SECTORS = 12
 """Number of sectors round the vehicle; the nearest echo of each sector repels the vehicle"""
 TOUCHING = 0.05
-"""m, smallest rho: the force is finite at contact"""
+"""Smallest rho in m, so that the force is finite at contact"""
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PotentialController:
     """Return the controller.
 
     Raises:
-        ConfigError: the task has no goal to steer to, no sonar looks ahead, or the vehicle steers by fins.
+        ConfigError: the reference has its own yaw, no observed sonar looks ahead, or the vehicle steers by fins.
     """
     name = config.algo.name
     if TASKS[config.task.name].has_yaw:
         able = " or ".join(f"task={task}" for task, spec in TASKS.items() if not spec.has_yaw)
         raise ConfigError(
-            f"algo={name}: steers to a point, and task={config.task.name} moves a reference; use {able}"
+            f"algo={name}: steers to a point, but task={config.task.name} has a reference with its own yaw; use {able}"
         )
     if sonar_of(config) is None:
         raise ConfigError(
-            f"algo={name}: needs a sonar that looks ahead, and task.observation has {', '.join(blocks(config.task))}; add "
+            f"algo={name}: needs a sonar that looks ahead, but task.observation has only {', '.join(blocks(config.task))}; add "
             "range.multibeam, range.ideal or range.ping360"
         )
     if any(isinstance(unit, Fin) for unit in vehicle.units):
         raise ConfigError(
-            f"algo={name}: needs thrusters, and vehicle={vehicle.name} steers by fins; use algo=pid"
+            f"algo={name}: needs thrusters, but vehicle={vehicle.name} steers by fins; use algo=pid"
         )
     return PotentialController(config, vehicle)
 

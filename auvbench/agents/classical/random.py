@@ -1,4 +1,4 @@
-"""Act randomly, uniform in [-1, 1]: the floor of every table."""
+"""Act randomly, uniform in [-1, 1]: the lowest baseline of every table."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def _draw(seed: int, step: int, episodes: Integers, action: NDArray[np.float64])
 
 
 class RandomAgent:
-    """Agent whose actions in episode e at step t are drawn from (seed, e, t), so that they are the same at
-    any batch size.
+    """Agent whose actions in episode e at step t are drawn from (seed, e, t), so that they are the same
+    for every batch size.
     """
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:

@@ -1,6 +1,6 @@
 """Guide vehicles along a known way, round obstacles that a sonar shows, or at an altitude that an echo sounder shows.
 
-The controllers of `cascade` use this guidance if the task observes a way or such a sensor. They know the sensor's configuration.
+The controllers of `cascade` use this guidance if the task observes a way or such a sensor. The guidance knows the sensor's configuration.
 """
 
 from __future__ import annotations
@@ -22,33 +22,33 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MARGIN = 0.45
-"""m, margin on each side of the vehicle in a way between echoes"""
+"""Margin on each side of the vehicle in a way between echoes, m"""
 LOOK_AHEAD = 6.0
-"""m, length over which a way must be free"""
+"""Length over which a way must be free, m"""
 TURNS = np.radians(np.arange(-90.0, 91.0, 5.0))
-"""rad, directions among which a vehicle chooses"""
+"""Directions among which a vehicle chooses, rad from the bow"""
 KEEPING = 0.3
-"""Cost of a change of direction by 1 rad, in rad of detour"""
+"""Cost of changing the direction by 1 rad, in rad of deviation from the goal's bearing"""
 NEAR = 1.0
-"""m, horizontal distance to the goal below which the way does not become steeper"""
+"""Horizontal distance to the goal below which the way does not become steeper, m"""
 FASTEST = 0.6
-"""m/s, largest speed: above it, a BlueROV2 raises its bow, and its sonar does not look ahead"""
+"""Largest speed in m/s: above it, a BlueROV2 raises its bow, and its sonar does not look ahead"""
 STOPPING = 0.5
-"""1/s, largest speed towards an echo, divided by the free distance"""
+"""Largest speed towards an echo divided by the free distance, 1/s"""
 SCANS, BETWEEN = 6, 0.8
-"""Number of scans that are stored, and s between them. Near obstacles need stored echoes, because a beam passes over or under them"""
+"""Number of stored scans, and time between them in s. A beam passes over or under near obstacles, so these need stored echoes"""
 LEVEL = np.radians(12.0)
-"""rad, largest elevation of rays that look ahead"""
+"""Largest elevation of rays that look ahead, rad"""
 
 FAR = 1e6
-"""m, coordinates of a missing echo"""
+"""Each coordinate of a missing echo in m: too far away to block a way"""
 
 CLIMB = 0.8
-"""1/s, bandwidth of the altitude loop"""
+"""Bandwidth of the altitude loop, 1/s"""
 FASTEST_CLIMB = 0.5
-"""m/s, largest vertical speed"""
+"""Largest vertical speed, m/s"""
 GLITCH = 1.0
-"""m, largest jump of a distance that is accepted"""
+"""Largest accepted jump of a distance, m"""
 PATIENCE = 8
 """Number of rejected distances in a row after which a jump is accepted"""
 SURE = 0.5
@@ -75,7 +75,7 @@ def sonar_of(config: schema.TrainConfig) -> str | None:
 
 
 def rays_of(key: str, sensor: Any) -> tuple[Floats, Integers]:
-    """Return azimuths (k,) in rad, counter-clockwise from the bow, and columns (k,) of those numbers of a sonar's block that look ahead."""
+    """Return azimuths (k,) in rad, counter-clockwise from the bow, and columns (k,) in the sonar's block, of the rays that look ahead."""
     if key == "multibeam":
         return sensor.yaw - middles(sensor.horizontal, sensor.beams), np.arange(sensor.beams)
     if key == "ping360":
@@ -218,7 +218,7 @@ class FreeWayGuidance:
 
 
 class AltitudeGuidance:
-    """Hold an altitude by an echo sounder, like ArduSub's SURFTRAK: reject glitches, and add the vertical motion since a measurement."""
+    """Hold an altitude by an echo sounder, like ArduSub's SURFTRAK: reject glitches, and add the vertical motion since the measurement."""
 
     turns = False
 
@@ -228,9 +228,9 @@ class AltitudeGuidance:
 
     def reset(self, n: int) -> None:
         self.held: Floats = np.full(n, np.inf)
-        """(n,) m, last accepted distance; infinite: none yet"""
+        """(n,) last accepted distance in m; infinite before the first one"""
         self.doubts = np.zeros(n, dtype=np.int64)
-        """(n,) number of distances that were rejected since then"""
+        """(n,) number of distances rejected since the last accepted one"""
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that are carried from step to step."""

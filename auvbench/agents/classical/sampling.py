@@ -30,19 +30,19 @@ NODES = 24
 SAMPLES = 0x81
 """Random stream of the noise, in addition to the streams in dynamics/random.py; `random.py` uses 0x80"""
 LONGEST_SUBSTEP = 0.1
-"""s, longest substep of the model, with which RK4 is accurate to a centimetre over the horizon"""
+"""Longest substep of the model in s; with it, RK4 is accurate to a centimetre over the horizon"""
 STABLE = 2.0
 """Longest substep as a multiple of the vehicle's shortest time constant; RK4 is stable up to 2.78"""
 POINTS = 513
 """Number of points in the tables of commands by thrust"""
 SERVED = 0.99
-"""Share of a wrench along one axis that thrusters must be able to give, for the axis to get its own noise"""
+"""An axis gets its own noise only if the thrusters can give at least this share of a wrench along only this axis"""
 DEPTH_PRICE = 1e3
 """cost per m beyond the depth limits"""
 YAW_WEIGHT = 1.0
-"""m2 per rad2: cost of a yaw error if the task has its own yaw"""
+"""Weight of the squared yaw error in m2/rad2, if the task has its own yaw"""
 TILT_WEIGHT = 5.0
-"""m2 per squared sine of the tilt: cost of roll and pitch if the task has its own yaw"""
+"""Weight of the squared sine of the tilt in m2 (the cost of roll and pitch), if the task has its own yaw"""
 
 PRICES = record(
     position=(),  # weight of the distance in m, squared below 1 m
@@ -129,7 +129,7 @@ def charge(
     force: Floats,  # (n, n_u) N, of the last command
     shares: Floats,  # (n_u,) 1/N, of the thrusters' ranges
     before: Floats,  # (n, n_u) in and out: force as a share of the range
-    # Seen as floats: numba compares the types of records anew in each call.
+    # Viewed as floats: numba compares the types of records again in each call.
     aims: Floats,  # record of AIM
     weights: Floats,  # record of PRICES
     cost: Floats,  # (n,) in and out
@@ -247,7 +247,7 @@ class Sampler:
         Args:
             plan: changed in place.
             state: (13,) pose and velocity at the start.
-            actuators: (n_actuator_states,) at the start.
+            actuators: (n_actuator_states,) states of the actuators at the start.
             current: (3,) m/s, world axes.
             applied: (n_u,) N, force of the last step.
             aims: (NODES, 7) records of AIM.

@@ -20,14 +20,14 @@ Floats = NDArray[np.float64]
 BLOCKS = (1, 1, 1, 1, 2, 2, 4, 4)
 # Cost per m beyond the depth limits.
 DEPTH_PRICE = 1e3
-# s; the prediction is second-order in it
+# Longest substep of the prediction, s; the integration is of second order.
 LONGEST_SUBSTEP = 0.125
 # Largest gap between the nodes of a plan and the states that its thrusts lead to (m, m/s, rad/s); beyond it
-# the linearisation is not valid, and the plan is simulated anew.
+# the linearisation is not valid, and the plan is simulated again.
 LARGEST_GAP = 2.0
-# m^2 per rad^2: cost of a yaw error if the task has its own yaw.
+# Weight of the squared yaw error in m2/rad2, if the task has its own yaw.
 YAW_WEIGHT = 1.0
-# m^2 per squared sine of the tilt: cost of roll and pitch if the task has its own yaw.
+# Weight of the squared sine of the tilt in m2 (the cost of roll and pitch), if the task has its own yaw.
 TILT_WEIGHT = 5.0
 
 
@@ -40,7 +40,7 @@ class Plan:
         self.depth: Floats = np.array([-np.inf, np.inf])
         """allowed range of z, in m above the waypoint"""
         self.applied: Floats = np.zeros(U.shape[0])
-        """thrust that acts while the plan is computed"""
+        """(n_u,) thrust in N that acts while the plan is computed"""
         self.reference: Floats = np.zeros((U.shape[1], 3))
         """(N, 3) future positions of the reference at the nodes, m"""
         self.yaw: float | None = None
@@ -114,7 +114,7 @@ class Program:
     def improve(self, plan: Plan, state: Floats, current: Floats) -> bool:
         """Improve a plan by one iteration from an estimated state (n_x,).
 
-        Return False if the solver failed: then the thrusts are unchanged, and the next call simulates the plan anew.
+        Return False if the solver failed: then the thrusts are unchanged, and the next call simulates the plan again.
         """
         solved = self._iterate(plan, state, current)
         if not solved:

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 Floats = NDArray[np.float32]
 
 LEAST_SCALE = 1e-3
-"""least standard deviation by which inputs and outputs are divided"""
+"""smallest scale by which inputs and changes are divided"""
 BOUND_WEIGHT = 0.01
 """weight of the distance between the bounds of the variance in the loss (Chua et al. 2018, appendix A.1)"""
 

@@ -98,7 +98,7 @@ def moved(states: Tensor, dt: float) -> tuple[Tensor, Tensor]:
 
 
 def followed(aim: Tensor, states: Tensor, dt: float) -> Tensor:
-    """Return position error in m and yaw error in rad (4,) after a step, of a reference that stands still.
+    """Return the position error in m and the yaw error in rad (4,) after a step, relative to a reference that stands still.
 
     Args:
         aim: (4,) errors before the step.
@@ -112,7 +112,7 @@ def followed(aim: Tensor, states: Tensor, dt: float) -> Tensor:
 
 
 class Returns:
-    """The task's own reward of predicted motions, summed with a discount.
+    """Discounted sum of the task's own reward along predicted motions.
 
     Raises:
         ConfigError: the reward is not a function of the observation, or the task does not observe the numbers that the reward needs.
@@ -170,7 +170,9 @@ class Returns:
         return reward.mul(p.k)
 
     def _summed(self, reward: Tensor, distance: Tensor) -> Tensor:
-        """Return the discounted sums (members, n) up to the end of the episode; the last reward counts `terminal_weight` times."""
+        """Return the discounted sums (members, n) up to the end of the episode. If the plan does not end the episode, its last reward
+        counts `terminal_weight` times.
+        """
         p = self._reward
         factor = p.k if p.name in ("tracking", "goal") else 1.0
         over = torch.zeros_like(reward, dtype=torch.bool)
@@ -195,7 +197,7 @@ def require_known(config: schema.TrainConfig) -> None:
     """Refuse a task or a reward that cannot be computed from the predicted observation.
 
     Raises:
-        ConfigError: names the key, its value and what is possible.
+        ConfigError: the message names the key, its value and the possible values.
     """
     name = config.task.name
     if name not in TASKS_KNOWN:

@@ -1,7 +1,7 @@
 """Write a trained policy as an ONNX file: observations scaled and clipped, the network, actions clipped.
 
-PyTorch's exporter records the deterministic action, so any policy can be exported whose action is a function
-of only the observation. Scaling is done in float64, as in the policy itself, so that the network gets the
+PyTorch's exporter records the deterministic action, so any policy whose action depends only on the present
+observation can be exported. Scaling is done in float64, as in the policy itself, so that the network gets the
 same bits.
 """
 

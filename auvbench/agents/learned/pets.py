@@ -44,7 +44,7 @@ FIRST_ITERATIONS = 4
 SPREAD = 0.7
 """standard deviation of random actions"""
 FIT, EXPLORE, TRAIN, TEST = range(4)
-"""streams of draws"""
+"""random streams: bootstrap and batches of the fit, random actions, plans in training, plans in tests"""
 
 
 def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
@@ -67,7 +67,7 @@ def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
 
 
 class Transitions:
-    """Memory of transitions, a ring (`agents.base.Ring`)."""
+    """Ring buffer of transitions (`agents.base.Ring`)."""
 
     def __init__(self, rows: int, n_envs: int, n_obs: int, n_u: int) -> None:
         self.n_envs, self.buffer_size = n_envs, rows
@@ -373,6 +373,6 @@ class PETSLearner:
 
 
 def _passed(before: int, steps: int, algo: Any) -> bool:
-    """Return whether a step passed a time to fit: the end of the random actions, or a multiple of `fit_every` after it."""
+    """Return whether a fit is due: the step passed the end of the random actions, or a multiple of `fit_every` after it."""
     start, every = algo.learning_starts, algo.fit_every
     return bool(before < start or (steps - start) // every > (before - start) // every)

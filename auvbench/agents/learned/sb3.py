@@ -151,8 +151,8 @@ class SB3Learner:
         state.restore(self.model, components, self._restarted())
 
     def _restarted(self) -> Observations | None:
-        """Return the first observations, as the algorithm sees them, of episodes that a resumed run had to
-        restart.
+        """Return the first observations (n, d), as the algorithm sees them, if a resumed run had to restart its
+        episodes; else None.
         """
         return None if self._environment is None else self._environment.restarted
 

@@ -37,7 +37,7 @@ _GENERATORS = "generators"
 
 
 def capture(model: BaseAlgorithm) -> Components:
-    """Return everything of a learner except the replay buffer, which is stored incrementally."""
+    """Return the state of a learner, except the environments and the replay buffer, which checkpoints store separately."""
     components = Components()
     components.tensors.update(_networks(model))
     components.arrays["learner"] = _learner_arrays(model)
@@ -66,7 +66,7 @@ def restore(
     values = components.values["learner"]
     if values["class"] != type(model).__name__:
         raise RunError(
-            f"the checkpoint is of a {values['class']} and the run trains a {type(model).__name__}"
+            f"the checkpoint is of a {values['class']}, but the run trains a {type(model).__name__}"
         )
     try:
         _restore_networks(model, components.tensors)
@@ -117,7 +117,7 @@ def _begin_episodes(model: BaseAlgorithm, observation: NDArray[np.float32]) -> N
 
 
 def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
-    """Return SB3's own list of what `save` would store: policy with targets, optimizers, entropy coefficient."""
+    """Return the tensors that SB3's `save` stores: the policy with its target networks, the entropy coefficient, and the optimizers."""
     names, variables = model._get_torch_save_params()
     policy = {
         "modules": {

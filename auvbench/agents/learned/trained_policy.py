@@ -129,7 +129,7 @@ class FrozenPolicy:
         self._forward.reset(len(episodes))
 
     def network(self) -> Network | None:
-        """Return the network of `act`; None for a policy with a state."""
+        """Return the policy's network with the scaling of its observations; None for a policy with a state (LSTM)."""
         if type(self._forward) is not Forward:
             return None
         return self.policy, (self._mean, self._scale, self._clip) if self._normalise else None
@@ -200,7 +200,9 @@ def _policy(config: schema.TrainConfig, vehicle: VehicleModel) -> BasePolicy:
 
 
 class NoOptimizer:
-    """Stand-in for the optimizer of a policy that is only tested: a process's first real optimizer imports torch._dynamo for a second."""
+    """Stand-in for the optimizer of a policy that is only tested. The first real optimizer in a process imports torch._dynamo, which takes
+    a second.
+    """
 
     def __init__(self, *_: object, **__: object) -> None:
         pass

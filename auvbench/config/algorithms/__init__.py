@@ -80,7 +80,7 @@ class AgentSpec(Spec):
     algorithm: str = ""
     """`module:class` of the Stable-Baselines3 algorithm; empty for a controller."""
     exportable: bool = False
-    """Whether a feed-forward network maps each observation to the action, so that ONNX can hold the policy."""
+    """Whether a feed-forward network maps each observation to the action, so that an ONNX file can contain the policy."""
     knows: tuple[str, ...] = ()
     """What the agent knows in addition to the observation: `sheet` (the vehicle's data) or `model` (a
     simulation of it).
@@ -92,7 +92,7 @@ class AgentSpec(Spec):
     teams: bool = True
     """Whether the agent can steer several vehicles in one episode."""
     pilots: bool = False
-    """Whether `auvbench pilot` can use the agent, a controller that needs only NumPy and SciPy. Only for auvbench's own agents."""
+    """Whether `auvbench pilot` can use the agent: a controller whose code needs only NumPy and SciPy. Only for auvbench's own agents."""
     program: bool = False
     """Whether the agent starts a program on this machine, which is not allowed in an entry (`auvbench submit`)."""
     settled: str = ""
@@ -101,8 +101,8 @@ class AgentSpec(Spec):
     """
     check: str = ""
     """`module:function` that takes configuration and vehicle and raises an error if the agent cannot steer the vehicle.
-    It is called when a run begins. For a learner, it is also called before the run is created, so it must not start a
-    program. Only for auvbench's own agents.
+    For a controller, it is called when the run begins. For a learner, it is called before the run is created, so it must
+    not start a program. Only for auvbench's own agents.
     """
 
     @classmethod

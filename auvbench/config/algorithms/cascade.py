@@ -1,4 +1,4 @@
-"""Define the keys of the controllers that steer by velocity."""
+"""Define the keys of the cascade controllers (PID, LQR, SMC, ADRC)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from auvbench.config.schema import number
 
 @dataclass(kw_only=True)
 class Cascade(Algorithm):
-    """Keys of the controllers that steer by velocity."""
+    """Keys of the cascade controllers: an outer guidance loop sets a velocity, and an inner loop controls it."""
 
     cruise_speed: float = number(0.0, 100.0, open_low=True)  # m/s
     approach: float = number(0.0, 100.0, open_low=True)  # 1/s

@@ -1,4 +1,4 @@
-"""Define the agent `onnx`, which acts by the policy in an ONNX file: its schema and its spec."""
+"""Define the agent `onnx`, whose policy is read from an ONNX file: its schema and its spec."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Define the agent that acts at random: its schema and its spec."""
+"""Define the agent with random actions: its schema and its spec."""
 
 from __future__ import annotations
 

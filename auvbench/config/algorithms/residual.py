@@ -21,7 +21,7 @@ BASES = ("pid", "lqr", "smc", "mpc", "mppi", "alos")
 
 @dataclass(kw_only=True)
 class Residual:
-    """Keys of the controller to whose action a learner adds its action; all other controllers are null."""
+    """Keys of the controller whose action the learner corrects by adding its own; the other controllers are null."""
 
     share: float = number(0.0, 2.0, open_low=True)
     pid: PID | None = None
@@ -35,7 +35,7 @@ class Residual:
         """Check that exactly one controller is set.
 
         Raises:
-            ConfigError: no controller or several controllers are set, or its values are of another agent.
+            ConfigError: no controller or several controllers are set, or a controller's values belong to another agent.
         """
         names = list(self.bases)
         require(len(names) == 1, "algo.residual", " and ".join(names) or "{}", "have exactly one controller")

@@ -36,7 +36,7 @@ class OnPolicy(Network):
 
     @property
     def rollout(self) -> int:
-        """Return the number of samples between two updates."""
+        """Return the number of environment steps between two updates of the policy."""
         return self.n_steps * self.n_envs
 
     def check(self) -> None:
@@ -92,7 +92,7 @@ class OffPolicy(Network):
     def check(self) -> None:
         super().check()
         steps, size, n = self.gradient_steps, self.buffer_size, self.n_envs
-        every = "be at least 1, or -1 for as many as environment steps"
+        every = "be at least 1, or -1 for one gradient step per environment step"
         require(steps != 0, "algo.gradient_steps", steps, every)
         require(size >= n, "algo.buffer_size", size, f"be at least algo.n_envs={n}")
         fits = self.updates == "sb3" or self.activation == "relu"

@@ -25,7 +25,7 @@ MISSING: Any = "???"
 """OmegaConf's mark of a missing value (`omegaconf.MISSING`), written out so that OmegaConf is not imported"""
 THESIS_BLOCKS = ("yaw_error", "position_error", "previous_action")
 STATE = ("velocity", "angular_velocity", "gravity", "depth_margin")
-"""blocks that every task supplies, besides THESIS_BLOCKS"""
+"""blocks that every task supplies, in addition to THESIS_BLOCKS"""
 ERRORS = ("yaw_error", "position_error", "velocity_error", *STATE, "previous_action")
 """blocks of a task whose reference has a velocity"""
 
@@ -76,7 +76,7 @@ class Task:
         """
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        """Return the largest distances to the reference in m, along the axes of `position_frame`.
+        """Return the largest position error in m that can occur along each axis of `position_frame`.
 
         Args:
             speed: largest speed over ground, m/s.
@@ -137,7 +137,7 @@ class TaskSpec(Spec):
     outcomes: tuple[str, ...]
     """outcomes of its episodes, names in `record.OUTCOMES`"""
     rewards: tuple[str, ...]
-    """rewards that suit the task"""
+    """rewards that the task may use, in addition to the rewards that name the task (`RewardSpec.tasks`)"""
     needs_thrusters: bool = True
     """whether the task needs a vehicle with thrust along each axis and about the vertical"""
     has_yaw: bool = True
@@ -145,7 +145,7 @@ class TaskSpec(Spec):
     schema: type | None = None
     """schema of its configuration; in a package, derived from `TaskConfig`"""
     failures: tuple[str, ...] = ("collision", "out_of_bounds")
-    """outcomes of a failed episode, in which every error counts as its bound (`Metric.failed`)"""
+    """outcomes that count as failures; a failed episode gets the worst value in each error metric (`Metric.failed`)"""
     goal: str = "goal"
     """Name of the final reference in sentences and pictures"""
     reached: str = ""
@@ -157,11 +157,11 @@ class TaskSpec(Spec):
     path: bool = False
     """whether the reference is a path, on which the reference point advances with the vehicle"""
     holds: bool = False
-    """whether the vehicle is to stay at the reference until the time is up"""
+    """whether the vehicle must stay at the reference until the time limit"""
     bottom: bool = False
     """whether the task needs a world with a bottom"""
     at_rest: bool = False
-    """whether the reference is one pose at rest, which a pilot takes from /goal_pose"""
+    """whether the reference is a single fixed pose, which a pilot takes from /goal_pose"""
     budget: int = 0
     """number of environment steps below which published learners did not learn the task; 0: unknown"""
     short_of_budget: str = ""
@@ -187,11 +187,13 @@ class TaskSpec(Spec):
         for metric in self.metrics:
             column = isinstance(metric, Metric) and metric.kind in ("episode", "scenario")
             if not column or not re.fullmatch(r"[a-z]\w*", metric.name) or not metric.low < metric.high:
-                return f"declares {short(repr(metric))} as a metric; make it by auvbench.plugin.column"
+                return (
+                    f"declares {short(repr(metric))} as a metric; must be a result of auvbench.plugin.column"
+                )
             if metric.after not in (places := [general.name for general in metrics.METRICS]):
                 return f"places the metric {metric.name} after {short(repr(metric.after))}; {closest(metric.after, places)}"
         if self.free_goal and not self.fixed_start:
-            return "has a free goal without a fixed start"
+            return "has a free goal without a fixed start; set fixed_start=True too"
         own = tuple(metric.measure for metric in self.metrics if metric.better)
         ranks = (*record.measure_names(), *own)
         if self.primary not in ranks:
@@ -262,7 +264,7 @@ def _check_sensor(task: Task, name: str) -> None:
 
 
 def _check_reads(task: Task, name: str) -> None:
-    """Refuse a package's block that reads what the task does not have."""
+    """Refuse a package's block that reads data which the task does not have."""
     spec, reads = TASKS[task.name], BLOCKS[name].reads
     own = spec.blocks
     points = task.preview.points if isinstance(task, Tracked) and "preview" in own else 0
@@ -292,7 +294,7 @@ def check_solids(task: Task, world: World) -> None:
     """
     if TASKS[task.name].bottom and not world.has_bottom:
         raise ConfigError(
-            f"task={task.name}: has no bottom in world={world.name}; use world=rough, seabed, slope or tank"
+            f"task={task.name}: needs a bottom, and world={world.name} has none; use world=rough, seabed, slope or tank"
         )
     if world.solid:
         return

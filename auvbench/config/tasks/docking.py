@@ -64,7 +64,7 @@ SPEC = TaskSpec(
             "final_yaw_error_rad",
             "rad",
             "final yaw error",
-            "at the end; a failed episode counts as pi",
+            "yaw error at the end; a failed episode counts as pi",
             high=math.pi,
             failed="high",
         ),

@@ -18,7 +18,7 @@ from auvbench.metrics import column
 MOST = 8
 """largest number of vehicles in a team"""
 HEADER, PER_BYTE, OVERHEAD = 0.105, 0.0125, 16
-"""time of a message's header in s, time per byte in s, and further bytes of each message: the acoustic nanomodem of MARUS
+"""Time of a message's header in s, time per byte in s, and overhead of each message in bytes: the acoustic nanomodem of MARUS
 (Loncar et al., "MARUS - a marine robotics simulator", OCEANS 2022)
 """
 
@@ -48,12 +48,12 @@ class Formation(TrajectoryTracking):
 
     @property
     def transmission(self) -> float:
-        """Time in s that a message takes to be sent."""
+        """Time in s in which a vehicle sends a message."""
         return HEADER + PER_BYTE * (self.message_bytes + OVERHEAD)
 
     @property
     def turn_time(self) -> float:
-        """Time in s between the messages of two vehicles: a vehicle speaks after all vehicles have received the message before."""
+        """Time in s between two messages: a vehicle sends only after all vehicles have received the previous message."""
         longest = max(math.dist(a, b) for a in self.places for b in self.places) + 2.0 * self.bounds
         return self.transmission + longest / SOUND
 
@@ -61,7 +61,9 @@ class Formation(TrajectoryTracking):
         super().check()
         for slot in self.slots:
             good = isinstance(slot, list) and len(slot) == 3 and all(map(_is_number, slot))
-            feasible.refuse(not good, "slots", self, "be a list of three finite numbers [x, y, z] each")
+            feasible.refuse(
+                not good, "slots", self, "be a list of slots, each of them three finite numbers [x, y, z]"
+            )
         if self.vehicles > len(self.slots):
             raise ConfigError(
                 f"task.vehicles={self.vehicles}: must be at most {len(self.slots)}, the number of task.slots"
@@ -73,8 +75,8 @@ class Formation(TrajectoryTracking):
         nearest = min((math.dist(a, b) for a, b in itertools.combinations(self.places, 2)), default=math.inf)
         if nearest <= 2.0 * (self.radius + self.start_radius):
             raise ConfigError(
-                f"task.spacing={self.spacing:g}: puts two slots {nearest:g} m apart; must be more than "
-                f"{2.0 * (self.radius + self.start_radius):g} m, twice task.radius and task.start_radius"
+                f"task.spacing={self.spacing:g}: puts two slots {nearest:g} m apart; their distance must be more than "
+                f"{2.0 * (self.radius + self.start_radius):g} m, twice the sum of task.radius and task.start_radius"
             )
 
     def check_length(self, frequency: float) -> None:
@@ -87,7 +89,7 @@ class Formation(TrajectoryTracking):
         if self.messages == "acoustic" and self.vehicles > 1 and frequency < least:
             raise ConfigError(
                 f"step.frequency={frequency:g}: must be at least {least:.3g} Hz with task.vehicles={self.vehicles}, so that "
-                "no vehicle speaks twice in a step"
+                "no vehicle sends two messages in a step"
             )
 
 
@@ -110,7 +112,7 @@ SPEC = TaskSpec(
             "m",
             "RMS formation error",
             "root mean square of the errors of the relative positions, over all pairs of vehicles and steps; a failed episode "
-            "counts as the bounds, and one vehicle has 0",
+            "counts as the bounds; 0 for a single vehicle",
             failed="bounds",
         ),
         column(
@@ -125,7 +127,7 @@ SPEC = TaskSpec(
             "separation_min_m",
             "m",
             "smallest separation",
-            "smallest distance between two vehicles; one vehicle has 0",
+            "smallest distance between two vehicles; 0 for a single vehicle",
             "higher",
         ),
         column(
@@ -139,7 +141,7 @@ SPEC = TaskSpec(
             "message_age_s",
             "s",
             "age of messages",
-            "mean age of what a vehicle last heard from each other one; one vehicle has 0",
+            "mean age of the last message from each of the other vehicles; 0 for a single vehicle",
         ),
     ),
 )

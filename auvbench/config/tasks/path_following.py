@@ -12,7 +12,7 @@ from auvbench.errors import ConfigError
 from auvbench.metrics import POINTS, column
 
 SHALLOWEST = 1.0
-"""distance in m between a path and the depth limits"""
+"""smallest distance in m between a path and the depth limits"""
 
 
 @dataclass(kw_only=True)
@@ -45,7 +45,7 @@ class PathFollowing(Tracked):
 
     @property
     def overshoot(self) -> float:
-        """Return the largest height in m of the path above (or depth below) the two points that enclose it.
+        """Return the largest distance in m by which the path rises above, or sinks below, the depths of two neighbouring points.
 
         A cubic Hermite curve leaves the range between its two ends by at most a quarter of the larger slope at the ends. In
         a Catmull-Rom curve, the slope at a point is the mean of the two rises next to it.
@@ -79,7 +79,7 @@ SPEC = TaskSpec(
             "completion",
             "",
             "completion",
-            "share of the path that lies behind",
+            "share of the path that the vehicle has covered",
             "higher",
             high=1.0,
         ),
@@ -87,8 +87,8 @@ SPEC = TaskSpec(
             "speed_error_m_per_s",
             "m/s",
             "speed error",
-            "mean of the absolute difference of the speed along the path from the speed asked for; a failed episode counts "
-            "at least as a vehicle at rest",
+            "mean absolute difference between the speed along the path and task.speed; a failed episode counts at least as a "
+            "vehicle at rest",
             counts_failures=True,
         ),
     ),

@@ -46,7 +46,7 @@ SPEC = TaskSpec(
             "altitude_error_rms_m",
             "m",
             "RMS altitude error",
-            "after task.settling; a failed episode counts as the bounds",
+            "root mean square after task.settling; a failed episode counts as the bounds",
             failed="bounds",
         ),
     ),

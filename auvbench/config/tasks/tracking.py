@@ -13,7 +13,7 @@ from auvbench.config.tasks.trajectory_tracking import TrajectoryTracking
 from auvbench.metrics import column
 
 PRIOR_SDS = 2.5
-"""largest error of the target's believed place at the start, in standard deviations (`task.prior`)"""
+"""Largest error of the target's estimated position at the start, in standard deviations (`task.prior`)"""
 
 
 @dataclass(kw_only=True)
@@ -32,14 +32,15 @@ class TargetTracking(TrajectoryTracking):
 
     @property
     def transmission(self) -> float:
-        """Time in s that a ping takes to be sent."""
+        """Time in s in which the target sends a ping."""
         return HEADER + PER_BYTE * (self.message_bytes + OVERHEAD)
 
     @property
     def agility(self) -> float:
-        """Spectral density of the target's acceleration in m^2/s^3, as the estimator assumes it.
+        """Spectral density of the target's acceleration that the estimator assumes, m^2/s^3.
 
-        It is the square of the largest centripetal acceleration, times the time in which the reference moves by `orbit`.
+        It is the square of the target's largest centripetal acceleration, times the time in which the reference travels
+        the distance `orbit`.
         """
         return (self.speed_high**2 / self.size_low) ** 2 * self.orbit / self.orbit_speed
 
@@ -49,17 +50,23 @@ class TargetTracking(TrajectoryTracking):
         feasible.refuse(self.orbit >= self.bounds, "orbit", self, what, "a larger distance is out of bounds")
         most = self.bounds - self.orbit
         what = f"be at most {most:g}, task.bounds less task.orbit"
-        feasible.refuse(self.start_radius > most, "start_radius", self, what, "the start is beside the orbit")
+        feasible.refuse(
+            self.start_radius > most,
+            "start_radius",
+            self,
+            what,
+            "the start is within task.start_radius of the orbit",
+        )
         least = self.clearance + self.start_radius
         what = f"be more than {least:g}, task.clearance and task.start_radius"
         feasible.refuse(
             self.orbit <= least, "orbit", self, what, "a smaller distance from the target is a collision"
         )
         most = (min(self.bounds - self.orbit, self.orbit - self.clearance) - self.start_radius) / PRIOR_SDS
-        why = f"starts are up to {PRIOR_SDS:g} task.prior nearer to the target, or farther from it"
+        why = f"the target may be up to {PRIOR_SDS:g} task.prior nearer to the start, or farther from it, than estimated"
         feasible.refuse(self.prior > most, "prior", self, f"be at most {most:.4g}", why)
         least = self.transmission + 2.0 * self.bounds / SOUND
-        what = f"be at least {least:.4g}, the time in which a ping is sent and heard"
+        what = f"be at least {least:.4g} s, the time in which a ping is sent and arrives"
         feasible.refuse(self.ping_interval < least, "ping_interval", self, what)
 
     def check_length(self, frequency: float) -> None:
@@ -88,8 +95,8 @@ SPEC = TaskSpec(
             "target_error_rms_m",
             "m",
             "RMS target error",
-            "root mean square of the distance between the believed and the true place of the target; a failed episode counts as "
-            "the bounds",
+            "root mean square of the distance between the estimated and the true position of the target; a failed episode counts "
+            "as the bounds",
             failed="bounds",
         ),
         column(

@@ -14,7 +14,7 @@ from auvbench.metrics import column
 RANDOM_HEIGHT = 0.3
 """height of a random curve as a share of its size"""
 HELIX_CLIMB = 0.2 / math.hypot(1.0, 0.2)
-"""vertical speed of a helix as a share of its speed"""
+"""vertical speed of a reference on a helix as a share of its speed"""
 
 
 @dataclass(kw_only=True)
@@ -64,7 +64,7 @@ SPEC = TaskSpec(
             "lag_s",
             "s",
             "lag",
-            "mean of the position error along the velocity of the reference over its speed; positive: behind; a failed "
+            "mean position error along the reference's velocity, divided by the reference's speed; positive: behind; a failed "
             "episode counts as the time limit",
             low=-math.inf,
             failed="time",

@@ -32,7 +32,7 @@ class Waypoint(Task):
         feasible.refuse(top < self.depth_low, "waypoint_high", self, f"have a z of at least {low}", why)
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        """Return the largest distance to a waypoint at the start, plus the distance that the vehicle can move in an episode.
+        """Return, for each axis, the largest distance to a waypoint at the start plus the way that the vehicle can go in an episode.
 
         The depth limits bound the vertical distance.
         """

@@ -16,7 +16,7 @@ from auvbench.record import Record
 Floats = NDArray[np.float64]
 
 UNIT = 32512
-"""Commands are stored and replayed as multiples of 1/UNIT of their range, a resolution that suits unstable vehicles."""
+"""Commands are stored and replayed as multiples of 1/UNIT of their range. This resolution is fine enough for unstable vehicles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +24,11 @@ class Scenario:
     """Start pose and waypoint of an episode, in the world frame."""
 
     pose: Floats
-    """(7,) x, y, z in m, and quaternion (w, x, y, z) of a level attitude"""
+    """Pose (7,): x, y, z in m, and quaternion (w, x, y, z) of a level attitude"""
     yaw: float
-    """heading at the start, rad"""
+    """Heading at the start, rad"""
     waypoint: Floats
-    """(3,) waypoint, m"""
+    """Waypoint (3,), m"""
 
     @property
     def target(self) -> Floats:
@@ -55,9 +55,9 @@ class Outcome:
     record: Record
     """record of the episode; `outcome` is timeout if the commands end before the episode does"""
     pose: Floats
-    """(T + 1, 7) poses"""
+    """Poses (T + 1, 7) at the start and after each step"""
     velocity: Floats
-    """(T + 1, 6) velocities, body axes"""
+    """Velocities (T + 1, 6) at the start and after each step, body axes"""
 
     @property
     def arrived(self) -> bool:
@@ -69,7 +69,7 @@ class Outcome:
 
 
 class Trial:
-    """One vehicle in still water, without noise."""
+    """Simulation of one vehicle in still water, without noise."""
 
     def __init__(self, config: schema.TrainConfig) -> None:
         self.batch = Batch(silent(config), 1, seed=0, test=True, autoreset=False)

@@ -52,7 +52,7 @@ CONTROLLERS = {"pid": controller, "mpc": MPCController, "mpc_tuned": MPCControll
 
 Floats = NDArray[np.float64]
 Job = tuple[schema.TrainConfig, schema.Protocol, int, Scenario]
-"""configuration of the condition, protocol, number of the episode, scenario of the episode"""
+"""Arguments of a search: configuration of the condition, protocol, number of the episode, scenario of the episode"""
 
 
 def eligible(conditions: Sequence[ResolvedCondition]) -> tuple[list[ResolvedCondition], list[str]]:

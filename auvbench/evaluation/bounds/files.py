@@ -33,7 +33,7 @@ Commands = NDArray[np.int16]
 SCHEMA_VERSION = 3
 LINES = "bounds.jsonl"
 FOLDER = "bounds"
-"""folder of bounds, next to the experiments and in this package"""
+"""Folder of computed bounds, next to the experiments; `shipped` returns the folder in this package"""
 LONGEST = 100_000_000
 """largest size of the commands of one scenario, bytes"""
 
@@ -43,9 +43,9 @@ class Solution:
     """Solution of a search: commands that reach the goal."""
 
     commands: Commands
-    """(steps, n_u) commands that reach the goal in the simulator"""
+    """Commands (steps, n_u) that reach the goal in the simulator"""
     start: str
-    """name of the search's starting point"""
+    """Starting point of the search: name of a controller, or 'straight' for a straight line"""
 
     @property
     def steps(self) -> int:
@@ -64,7 +64,7 @@ class Bound:
     least_steps: Annotated[int, Range(1)]
     """number of steps that every trajectory needs: a lower bound of the optimum"""
     start: Name
-    """name of the search's starting point"""
+    """Starting point of the search, as in `Solution`"""
     commands: Prose
     """commands (steps, n_u), packed as text"""
 

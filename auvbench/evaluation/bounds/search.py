@@ -40,9 +40,9 @@ Floats = NDArray[np.float64]
 ATTEMPTS = 5
 """largest number of step counts to try for one plan"""
 SPEED = 1.0
-"""speed along a straight line, m/s; only its order of magnitude matters"""
+"""Speed of the search's straight line, m/s; only its order of magnitude matters"""
 LEAST_GAIN = 0.7
-"""smallest distance inside the goal's edge with which a plan may save a step, as a share of the path of its last step"""
+"""Smallest distance inside the goal's edge for which a plan with one step less is tried, as a share of the path of the last step"""
 HOLD = 2
 """number of steps for which a plan holds a thrust"""
 VERSION = 4
@@ -83,11 +83,11 @@ class Plan:
     """A trajectory on a grid of N intervals."""
 
     X: Floats
-    """(n_x, N + 1) states at the nodes, in the frame of the start"""
+    """States (n_x, N + 1) at the nodes, in the frame of the start"""
     U: Floats
-    """(n_u, N) thrusts in the intervals, as shares from -1 to 1 of their ranges"""
+    """Thrusts (n_u, N) in the intervals, as shares from -1 to 1 of their ranges"""
     T: float
-    """duration, s"""
+    """Duration, s"""
 
     def on(self, n: int, duration: float | None = None) -> Plan:
         """Return the plan on a grid of n equal intervals, with the duration `duration` in s if given."""
@@ -281,7 +281,9 @@ class Search:
                 return better
         if best is None:
             place = np.round(scenario.waypoint, 2).tolist()
-            raise TrainingError(f"found no way to the waypoint at {place}, and no controller reaches it")
+            raise TrainingError(
+                f"the search found no way to the waypoint at {place}, and no controller reaches it"
+            )
         return best
 
     def plan_of(self, scenario: Scenario, flown: Floats) -> Plan | None:
@@ -346,7 +348,7 @@ class Search:
         return self._refine(scenario, plan, start, math.inf if best is None else best.steps - 1)
 
     def _refine(self, scenario: Scenario, plan: Plan, start: str, most: float) -> Solution | None:
-        """Return the quickest solution near `plan`, of at most `most` steps; None if no plan reaches the goal in the simulator."""
+        """Return the quickest solution near `plan`, with at most `most` steps; None if no tried plan reaches the goal in the simulator."""
         steps = max(1, math.ceil(plan.T * self.frequency))
         too_few, best = 0, None
         guess = plan

@@ -98,7 +98,7 @@ class ArduSubAgent:
         vehicle, now = self._vehicle, self._estimate
         if vehicle is None:
             raise ConfigError(
-                "algo=ardusub moves the vehicle itself, which only the tests of auvbench evaluate support"
+                "algo=ardusub moves the vehicle itself; only the tests of auvbench evaluate support this"
             )
         now.update(observation.astype(np.float64))
         ahead, port, up = to_body(now.error, now.yaw)[0].tolist()
@@ -143,8 +143,8 @@ class Piloted(FossenSimulator):
     """One vehicle of the embedded simulator, driven by ArduSub.
 
     An episode begins with a new process. The vehicle is held at its start until ArduSub's estimator has
-    settled and ArduSub has armed; then the clock of the episode starts. PWM is converted linearly to a
-    command, 1100 to 1900 us to -1 to 1, so that ArduSub has the same thruster forces as every agent.
+    settled and ArduSub has armed; then the clock of the episode starts. PWM from 1100 to 1900 us is
+    converted linearly to a command from -1 to 1, so that ArduSub has the same thruster forces as every agent.
 
     Args:
         vehicle: vehicle.
@@ -238,7 +238,7 @@ class Piloted(FossenSimulator):
 
 
 def refuse(config: schema.TrainConfig) -> None:
-    """Reject conditions that reach ArduSub neither through its sensors nor through its thrusters.
+    """Reject conditions whose effect reaches ArduSub neither through its sensors nor through its thrusters.
 
     Raises:
         ConfigError: a condition is rejected; the message names its key.

@@ -21,7 +21,7 @@ NO_GPS = {"SIM_GPS1_ENABLE": 0.0}
 EXTERNAL = {"VISO_TYPE": 1.0, "EK3_SRC1_POSXY": 6.0, "EK3_SRC1_VELXY": 6.0, "EK3_SRC1_POSZ": 1.0}
 """parameters by which ArduSub takes horizontal motion from MAVLink messages, and height from the pressure sensor"""
 WORST = 0.4
-"""figure of merit of a ping, in m/s, from which on the confidence is 0"""
+"""figure of merit in m/s at and above which the confidence of a ping is 0"""
 
 
 def parameters(config: schema.TrainConfig) -> dict[str, float]:
@@ -44,7 +44,7 @@ def check(config: schema.TrainConfig, mode: str) -> None:
         raise ConfigError(f"sensors.{unread[0]}: cannot be given to algo=ardusub; use sensors=dvl_a50")
     if names and sensors.dvl is None and mode != "alt_hold":
         raise ConfigError(
-            f"algo.mode={mode}: ArduSub refuses it without GPS and DVL; use algo.mode=alt_hold, or sensors=dvl_a50"
+            f"algo.mode={mode}: ArduSub refuses this mode if it has neither GPS nor a DVL; use algo.mode=alt_hold, or sensors=dvl_a50"
         )
 
 
@@ -52,7 +52,7 @@ class Forwarder:
     """Forwards the pings of a vehicle's DVL to ArduSub.
 
     Args:
-        navigation: sensors of one episode.
+        navigation: sensors and estimate of one vehicle.
     """
 
     def __init__(self, navigation: Navigation) -> None:

@@ -32,7 +32,7 @@ VOLTAGE = 16.0
 MOST = 12
 """largest number of ArduSub's motors (MOT_1_DIRECTION to MOT_12_DIRECTION)"""
 THRUST = ("t200", "sheet")
-"""sources of the force by PWM: a T200's measured curve, or the thruster's own curve in the sheet"""
+"""sources of the force at a PWM: a T200's measured curve, or the thruster's own curve in the sheet"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +148,7 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
     Args:
         vehicle: vehicle with only thrusters.
         given: thruster names in the order of the motors, with `-` if PWM above 1500 us pushes against the
-            sheet's direction; None matches a frame by direction of thrust.
+            sheet's direction; None: match the thrusters to a frame by their directions.
 
     Raises:
         ConfigError: the vehicle has actuators other than thrusters, has too many thrusters, or fits no frame;
@@ -157,11 +157,11 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
     if vehicle.others:
         raise ConfigError(
             f"vehicle={vehicle.name}: has {', '.join(vehicle.others)}; ArduSub's frames have only "
-            "thrusters, as bluerov2 has"
+            "thrusters; use a vehicle with only thrusters, such as bluerov2"
         )
     if len(vehicle.actuators) > MOST:
         raise ConfigError(
-            f"vehicle={vehicle.name}: has {len(vehicle.actuators)} thrusters, ArduSub drives {MOST} at most"
+            f"vehicle={vehicle.name}: has {len(vehicle.actuators)} thrusters, but ArduSub drives at most {MOST}"
         )
     if given is not None:
         return _given(vehicle, given)

@@ -30,7 +30,7 @@ NORTH = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 
 _BUOYANCY = SCALES.index("buoyancy")
 _STRONGER = 1.05
-"""largest ratio of a thruster's force to a T200's at 16 V with which it counts as a T200; sheets round the thrust"""
+"""largest ratio of a thruster's force to a T200's force at 16 V up to which the thruster counts as a T200: sheets round the thrust"""
 _FIRST = np.zeros(1, dtype=np.int64)
 
 

@@ -47,8 +47,10 @@ class Packet:
 
 @dataclass(frozen=True, slots=True)
 class SensorState:
-    """Sensor readings for ArduSub: world north, east, down from its home at the surface; body forward,
-    starboard, down.
+    """Sensor readings for ArduSub.
+
+    World axes point north, east, down, from the vehicle's home at the surface (position, velocity). Body axes point forward,
+    starboard, down (angular velocity, specific force).
     """
 
     time: float

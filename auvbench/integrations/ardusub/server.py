@@ -142,7 +142,8 @@ class Port:
                 packet = protocol.parse(datagram)
             except PacketError as error:
                 self._tell_once(
-                    "garbage", f"{_shown(sender)} sent {error}; is it ArduSub with --model JSON? ignored"
+                    "garbage",
+                    f"{_shown(sender)} sent {error}; the packet is ignored; is the sender ArduSub with --model JSON?",
                 )
                 continue
             if self._accepts(sender):

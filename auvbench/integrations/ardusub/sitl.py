@@ -56,7 +56,7 @@ disk, depth noise in m as in ArduPilot's sub-6dof.parm (SITL's own is 0.2), and 
 PATIENCE = 20.0
 """wall time in s without a packet after which ArduSub counts as failed"""
 SETTLING = 120.0
-"""longest time in s, by ArduSub's clock, to change the mode, and again to arm"""
+"""longest wait in s, by ArduSub's clock: for the mode and the parameters, and again for arming"""
 LOWERING = 1.0
 """mean speed in m/s at which the vehicle is lowered to its depth"""
 ASKED = 0.5
@@ -76,7 +76,7 @@ class Sitl:
     Args:
         path: path of the program.
         parameters: ArduSub's parameters by name; they replace its defaults and `PARAMETERS`.
-        at_birth: function called in the new process before the program starts; ties its life to this process.
+        at_birth: function called in the new process before the program starts; it lets the program end with this process.
         has_dvl: whether ArduSub gets the pings of a DVL, also while the vehicle is held.
 
     Raises:
@@ -235,7 +235,7 @@ class Sitl:
     def _lacking(self, mode: int) -> str:
         if self.radio.unconfirmed:
             wanted = (f"algo.parameters.{name}={value:g}" for name, value in self.radio.unconfirmed.items())
-            return f"confirm {', '.join(wanted)}: has this version such a parameter?"
+            return f"confirm {', '.join(wanted)}; does this version of ArduSub have such a parameter?"
         what = "arm" if self.radio.mode == mode else f"take mode {mode}"
         return f"{what} within {SETTLING:g} s{self._last_line()}"
 
@@ -295,6 +295,6 @@ def find(sha256: str = "") -> tuple[Path, str]:
         raise ConfigError(f"{VARIABLE}={named}: ArduSub's SITL cannot be read: {error.strerror}") from error
     if sha256 not in ("", digest):
         raise ConfigError(
-            f"{VARIABLE}={named}: differs from the program of algo.sha256={sha256[:12]}...; set it to that program"
+            f"{VARIABLE}={named}: differs from the program of algo.sha256={sha256[:12]}...; set the variable to that program"
         )
     return path, digest

@@ -41,7 +41,7 @@ class Requeue:
         os.kill(os.getpid(), signal.SIGTERM)
 
     def finish(self) -> None:
-        """Ask SLURM to requeue the job, which ends this process."""
+        """If SIGUSR1 has come, ask SLURM to requeue the job; requeuing ends this process."""
         if self.asked:
             job = str(number())
             print(f"time limit near: job {job} is requeued", flush=True)

@@ -211,7 +211,7 @@ class SlurmBackend:
         """Do nothing: queued and running jobs continue, and the next sweep finds them (`adopt`)."""
 
     def script(self, *runs: Path) -> str:
-        """Return the batch script of a run, or of an array of runs: sbatch's options and the shell lines before the worker.
+        """Return the batch script of a run, or of an array of runs: sbatch's options, the lines of `setup`, and the worker's command.
 
         The worker replaces the batch shell, without srun, so that signals reach only the worker. Until the
         worker handles signals, the announcement of the time limit is ignored; the SIGTERM at the limit then
@@ -289,7 +289,7 @@ class SlurmBackend:
             job.gone_since = None
 
     def look_again(self) -> None:
-        """Make the next update query at once."""
+        """Let the next `update` query the cluster at once."""
         self._next = 0.0
 
     def _missing(self, job: SlurmJob, state: str) -> None:
@@ -356,7 +356,7 @@ def command(arguments: Sequence[str], *, check: bool = True) -> str:
     """Run one of SLURM's query or cancel programs and return its output.
 
     Raises:
-        SubmitError: the program failed (with `check`); the message is its last line.
+        SubmitError: the program failed (with `check`); the message contains the last line of its output.
     """
     environment = {**os.environ, "SLURM_TIME_FORMAT": "standard"}
     done = subprocess.run(

@@ -51,12 +51,13 @@ _EPILOG = """examples:
   auvbench pilot policy.onnx --goal 5 3 -12 --filter cbf --tank 20 12 15
   auvbench pilot excite --axis yaw heave --mavlink udp:127.0.0.1:14550 --depth -8 -1 --arm
 
-It starts disarmed, and steers to the waypoint on /goal_pose, or keeps station at it. It commands zero thrust while the pose is too old, outside
-the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink also on Enter. If the pilot dies or sends nothing
-for 1 s (or --pose-timeout, if longer), its supervisor commands zero thrust. Topics and rules: docs/ros2.md; ArduSub: docs/mavlink.md.
+The pilot starts disarmed. It steers to the waypoint on /goal_pose, or keeps station there. It commands zero thrust while the pose is too
+old or outside the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink also on Enter. If the pilot dies
+or sends nothing for 1 s (or --pose-timeout, if longer), its supervisor commands zero thrust. Topics and rules: docs/ros2.md; ArduSub:
+docs/mavlink.md.
 
 excite pushes to and fro along --axis without a controller, from where the vehicle is armed, for a log that auvbench identify reads
-(docs/identify-your-vehicle.md). It needs room: --reach, the depth limits and Ctrl-C end it early.
+(docs/identify-your-vehicle.md). The manoeuvre needs room: --reach, the depth limits and Ctrl-C end it early.
 """
 
 
@@ -89,7 +90,7 @@ def parser() -> Parser:
     parser.add_argument(
         "--yaw",
         type=number(-360, 360),
-        help="heading of the station of --goal, degrees (default: 0, east)",
+        help="heading at the station of --goal in degrees (default: 0, east)",
     )
     parser.add_argument(
         "--depth",
@@ -107,7 +108,7 @@ def parser() -> Parser:
         "--pose-timeout",
         type=number(0.001, 60),
         default=0.5,
-        help="oldest pose in s that the pilot steers by; zero thrust after it (default: 0.5)",
+        help="largest age in s of a pose to steer by; zero thrust beyond it (default: 0.5)",
     )
     parser.add_argument(
         "--axis",
@@ -124,12 +125,12 @@ def parser() -> Parser:
     parser.add_argument(
         "--seconds",
         type=number(1.0, 3600.0),
-        help=f"with excite: s for each axis (default: {excite.SECONDS:g})",
+        help=f"with excite: duration for each axis in s (default: {excite.SECONDS:g})",
     )
     parser.add_argument(
         "--reach",
         type=number(0.1, 1000.0),
-        help=f"with excite: largest distance in m from where it was armed; disarms beyond (default: {excite.REACH:g})",
+        help=f"with excite: largest distance in m from the place of arming; the pilot disarms beyond it (default: {excite.REACH:g})",
     )
     parser.add_argument(
         "--filter", choices=("cbf",), help="safety filter: changes commands that would lead to a contact"
@@ -139,7 +140,7 @@ def parser() -> Parser:
         type=number(0.1, 1e4),
         nargs=3,
         metavar=("LENGTH", "WIDTH", "DEPTH"),
-        help="with --filter: the walls and the bottom of a tank with its centre at x = y = 0, m",
+        help="with --filter: keep off the walls and the bottom of a tank of this size in m, with its centre at x = y = 0",
     )
     parser.add_argument(
         "--bottom",
@@ -155,7 +156,7 @@ def parser() -> Parser:
     parser.add_argument(
         "--mavlink",
         metavar="ADDRESS",
-        help="steer ArduSub in place of ROS 2: udp:HOST:PORT to listen, tcp:HOST:PORT to connect",
+        help="steer ArduSub over MAVLink instead of ROS 2: udp:HOST:PORT to listen, tcp:HOST:PORT to connect",
     )
     parser.add_argument(
         "--arm",
@@ -226,7 +227,7 @@ def _check(given: argparse.Namespace) -> None:
     if given.tank is not None and given.bottom is not None:
         raise UserError("--bottom: a tank has a bottom; leave out --tank or --bottom")
     if given.yaw is not None and given.goal is None:
-        raise UserError(f"--yaw {given.yaw:g}: needs --goal, the station whose heading it is")
+        raise UserError(f"--yaw {given.yaw:g}: needs --goal X Y Z, because it is the heading at that station")
     if exciting and given.frequency is not None and given.frequency < excite.SLOWEST:
         raise UserError(
             f"--frequency {given.frequency:g}: must be at least {excite.SLOWEST:g} Hz for {excite.NAME}, whose shortest push"
@@ -297,8 +298,8 @@ def _setup(given: argparse.Namespace) -> Steering:
         vehicle = sheet.load(given.vehicle or card.vehicle.name)
         if card.actuators != vehicle.actuators:
             raise UserError(
-                f"{word}: commands {', '.join(card.actuators)}, and {vehicle.name} has {', '.join(vehicle.actuators)};"
-                " --vehicle names another sheet"
+                f"{word}: commands {', '.join(card.actuators)}, but {vehicle.name} has {', '.join(vehicle.actuators)};"
+                " choose another sheet with --vehicle"
             )
         task, spec = task_of_policy(word, card, given.task, vehicle)
         frequency = given.frequency or card.frequency_hz

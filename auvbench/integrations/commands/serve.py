@@ -38,8 +38,9 @@ _EPILOG = """examples:
   auvbench serve sensors=dvl_usbl navigation=ekf world=seabed   publishes sensors; odom is the filter's estimate
   auvbench serve --face ardusub vehicle=bluerov2_heavy disturbance=sea_state_2   for ArduSub's --model JSON
 
-keys: vehicle=, simulator=, task.start=[x,y,z], step.frequency= (messages a second), disturbance= (drawn vehicles may
-need a smaller physics step), seed=; without ArduSub sensors=, navigation=, world=. Topics, services and parameters: docs/ros2.md; ArduSub: docs/ardusub.md.
+keys: vehicle=, simulator=, task.start=[x,y,z], step.frequency= (messages per second), disturbance= (drawn vehicles may
+need a smaller physics step), seed=; with --face ros2 also sensors=, navigation=, world=. Topics, services and parameters: docs/ros2.md;
+ArduSub: docs/ardusub.md.
 """
 
 
@@ -140,7 +141,8 @@ def _server(given: argparse.Namespace) -> Server:
         raise ConfigError(f"simulator={config.simulator.name}: cannot be served; use {' or '.join(able)}")
     if config.world.solid and not navigation.is_estimated(config):
         raise ConfigError(
-            f"world={config.world.name}: serve has no contacts, and no sensor sees the world; use world=open, or navigation=ekf"
+            f"world={config.world.name}: serve simulates no contacts, and no sensor sees the world; use world=open,"
+            " or navigation=ekf with sensors"
         )
     for need in needs(config.disturbance):
         if not need.able(spec.simulator.capabilities):
@@ -212,7 +214,7 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
         "--port",
         type=whole(1, 65535),
         default=9002,
-        help="UDP port of the first vehicle (default: 9002); the next: 10 more",
+        help="UDP port of the first vehicle (default: 9002); each further vehicle's port is 10 higher",
     )
     group.add_argument(
         "--address",
@@ -234,7 +236,7 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--motors",
         metavar="NAME,-NAME,...",
-        help="thrusters in the order of ArduSub's motors, - before a reversed one (default: the frame with the same directions)",
+        help="thrusters in the order of ArduSub's motors, - before a reversed one (default: match a frame by direction)",
     )
     group.add_argument(
         "--give-up",

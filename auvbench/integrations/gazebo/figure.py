@@ -1,4 +1,4 @@
-"""Draw the figure of protocol gazebo: how the same policies differ in Gazebo."""
+"""Draw the figure of protocol gazebo: how the results of the same policies differ in Gazebo."""
 
 from __future__ import annotations
 

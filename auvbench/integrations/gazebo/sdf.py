@@ -70,7 +70,7 @@ def check_vehicle(vehicle: VehicleModel, hydrodynamics: str) -> None:
     if hydrodynamics == "corrected":
         if not vehicle.added_mass_coriolis and np.any(vehicle.M_A):
             raise VehicleError(
-                f"vehicle {vehicle.name}: added_mass_coriolis is false, and <fluid_added_mass> includes that term;"
+                f"vehicle {vehicle.name}: added_mass_coriolis is false, but <fluid_added_mass> includes that term;"
                 " use hydrodynamics=published"
             )
         return

@@ -83,7 +83,7 @@ class GazeboSimulator(VehicleBatch):
         """Set the current of all vehicles; see `Simulator.set_current`.
 
         Raises:
-            ConfigError: the second depth is not below the first; or, with the published hydrodynamics, the current
+            ConfigError: the depth of the bottom is not larger than the depth of the top; or, with the published hydrodynamics, the current
                 changes within an episode or with depth.
         """
         before = self.current.copy()

@@ -113,7 +113,7 @@ class World:
         """(n, 6) velocity of the body origin over ground, body axes"""
         self.current: FloatArray = np.zeros((n, 8))
         """(n, 8) currents: velocity at the top (3) in m/s, difference to the bottom (3), z of the top in m, 1
-        / thickness
+        / thickness of the layer in 1/m
         """
         self._names: list[str | None] = [None] * n
         self._links: list[Any] = [None] * n

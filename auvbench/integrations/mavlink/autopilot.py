@@ -24,11 +24,11 @@ FOUND = 10.0
 AGAIN = 0.5
 """time in s after which an unanswered request is repeated"""
 TOLD = 2.0
-"""time in s to wait for parameters that an older ArduSub lacks"""
+"""time in s to wait for the failsafes' parameters, some of which an older ArduSub lacks"""
 SILENT = 5.0
 """time in s after which a silent second vehicle is forgotten"""
 BEAT = 0.1
-"""requested interval of heartbeats in s; a heartbeat has the mode"""
+"""requested interval of heartbeats in s; heartbeats report the mode"""
 WARNING = 4
 """MAV_SEVERITY of a warning; more severe messages have lower numbers"""
 ROUNDS = 6
@@ -233,7 +233,7 @@ class Autopilot:
         return f"ArduSub refuses {what}" + (f": {self.warning}" if self.warning else "")
 
     def disarm(self, seconds: float) -> bool:
-        """Request disarming until the vehicle's heartbeat confirms it, for at most `seconds`; return whether it has.
+        """Request disarming until the vehicle's heartbeat confirms it, for at most `seconds`; return whether it was confirmed.
 
         An acknowledgement is not proof: it may be a late answer to the order to arm.
         """

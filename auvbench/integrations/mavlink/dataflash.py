@@ -47,7 +47,7 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
 }
 """Fields of the messages that are read, and the columns that they become."""
 OPEN_LOOP = "open_loop"
-"""Name of the column that is 1 while the vehicle is armed in MANUAL, else 0: then a controller, a person or the deck may move it."""
+"""Name of the column that is 1 while the vehicle is armed in MANUAL. At 0, a controller, a person or the deck may move it."""
 GYRO_FILTER = "INS_GYRO_FILTER"
 """Parameter: cutoff in Hz of the second-order filter of the gyro, whose delay is sqrt(2) / (2 pi cutoff) (Butterworth)."""
 OFFSET = (math.inf, math.inf, 0.0, 0.003, 0.003, 0.0, 0.04, 0.04, 0.006, *(0.0025,) * 3)
@@ -65,7 +65,7 @@ INSTANCE = ("I", "Instance", "Inst", "C")
 
 
 def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
-    """Return a list with the log of a file; the axes of such a log are known.
+    """Return a list with the one log of a file; its axes are always NED and FRD.
 
     Args:
         path: a file.
@@ -99,7 +99,7 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
 
 
 def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
-    """Return the log of the rows in which the vehicle is armed in MANUAL; of all rows if no row is.
+    """Return the log of the rows in which the vehicle is armed in MANUAL; of all rows if the vehicle never is.
 
     Args:
         rows: rows with `OPEN_LOOP`, as far as it is known.
@@ -135,7 +135,7 @@ def driven(log: Log, names: Sequence[str] | None) -> Log:
 
     Args:
         log: log of an ArduSub.
-        names: names of the thrusters in the order of the motors, with `-` before a reversed one; None: the frame with the same directions.
+        names: names of the thrusters in the order of the motors, with `-` before a reversed one; None: match a frame by direction.
     """
 
     def motors(vehicle: VehicleModel) -> Motors:

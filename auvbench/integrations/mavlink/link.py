@@ -94,7 +94,7 @@ class Link:
         is lost.
 
         Raises:
-            Unsupervised: the supervisor has ended.
+            Unsupervised: the supervisor has ended or does not answer.
         """
         data = self.pack(message)
         if self.guard is not None and self.guard.forward(data):
@@ -143,6 +143,6 @@ def _read(address: str) -> tuple[str, Peer]:
     host, _, port = rest.rpartition(":")
     if kind not in ("udp", "tcp") or not host or not port.isdecimal() or not 0 < int(port) < 65536:
         raise UserError(
-            f"--mavlink {address}: must be udp:HOST:PORT, where it listens, or tcp:HOST:PORT, e.g. udp:127.0.0.1:14550"
+            f"--mavlink {address}: must be udp:HOST:PORT to listen or tcp:HOST:PORT to connect, e.g. udp:127.0.0.1:14550"
         )
     return kind, (host, int(port))

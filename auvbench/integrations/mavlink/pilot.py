@@ -48,7 +48,7 @@ class Pilot(loop.Pilot):
         frequency = steering.frequency
         if frequency < SLOWEST:
             raise UserError(
-                f"--frequency {frequency:g}: must be at least {SLOWEST:g} Hz, because ArduSub disarms 3 s after the last stick"
+                f"--frequency {frequency:g}: must be at least {SLOWEST:g} Hz, because ArduSub disarms 3 s after the last stick message"
             )
         motors = motors_of(steering.vehicle)
         self.link = Link(address)
@@ -83,8 +83,8 @@ class Pilot(loop.Pilot):
         config, name = self.vehicle.parameters["FRAME_CONFIG"], motors.vehicle.name
         if config != motors.frame.config:
             raise UserError(
-                f"--vehicle {name}: has the frame {motors.frame.name} (FRAME_CONFIG {motors.frame.config}), and ArduSub has"
-                f" FRAME_CONFIG {config:g}"
+                f"--vehicle {name}: has the frame {motors.frame.name} (FRAME_CONFIG {motors.frame.config}), but ArduSub has"
+                f" FRAME_CONFIG {config:g}; choose the vehicle with ArduSub's frame, or correct FRAME_CONFIG"
             )
 
     def about(self) -> str:
@@ -94,8 +94,8 @@ class Pilot(loop.Pilot):
         parts = ", ".join(f"{part:.0%} of {axis}" for axis, part in reach.items() if part > 0.005)
         none = [axis for axis, part in reach.items() if part <= 0.005]
         return (
-            f"ArduSub's mixer ({self.mixer.frame.name}) at joystick gain {gain:g} reaches {parts} of the vehicle"
-            + "".join(f"; it does not steer {axis}" for axis in none)
+            f"ArduSub's mixer ({self.mixer.frame.name}) at joystick gain {gain:g} reaches these shares of the vehicle's"
+            f" largest forces: {parts}" + "".join(f"; it does not steer {axis}" for axis in none)
         )
 
     @property
@@ -130,7 +130,7 @@ class Pilot(loop.Pilot):
         mode = self.vehicle.mode
         why = self.arm() if mode == MANUAL else f"its mode is {mode}, must be MANUAL ({MANUAL})"
         if why:
-            self._report(f"ArduSub was armed, and is left alone: {why}")
+            self._report(f"ArduSub was armed, but the pilot does not steer it: {why}")
 
     def _take_telemetry(self) -> None:
         if (state := self.vehicle.telemetry.state) is not None:
@@ -173,7 +173,7 @@ class Pilot(loop.Pilot):
         if disarmed:
             return True
         if not self._owes_rest:
-            self._report("ArduSub has not said that it is disarmed; it is told again")
+            self._report("ArduSub has not confirmed that it is disarmed; the order is repeated")
         return False
 
     def _leave(self, was_armed: bool) -> None:

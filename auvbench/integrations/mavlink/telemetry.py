@@ -65,7 +65,7 @@ class Telemetry:
     def overdue(self) -> float:
         """Return by how many seconds the next heartbeat is late while other telemetry continues.
 
-        Only heartbeats tell a change of mode.
+        Only heartbeats show a change of mode.
         """
         if self._beaten is None:
             return 0.0

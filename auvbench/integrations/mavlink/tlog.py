@@ -58,7 +58,7 @@ _NO_VOLTAGE = 65535
 
 
 def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
-    """Return a list with the log of a file; the axes of such a log are known.
+    """Return a list with the one log of a file; its axes are always NED and FRD.
 
     Args:
         path: a file.
@@ -189,5 +189,5 @@ def _with_remark(log: Log, rows: list[dict[str, float]]) -> Log:
     interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
     if interval <= RARE:
         return log
-    remark = f"{log.name}: has the outputs of the thrusters every {interval:.2g} s; set SR0_RC_CHAN=20 for 20 Hz, or use the .BIN"
+    remark = f"{log.name}: has the outputs of the thrusters only every {interval:.2g} s; set SR0_RC_CHAN=20 for 20 Hz, or use the .BIN"
     return replace(log, remarks=(*log.remarks, remark))

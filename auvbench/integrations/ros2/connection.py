@@ -1,7 +1,7 @@
 """Connect to a server, and move its N vehicles step by step, by one of three clocks.
 
-`lockstep`: each step waits for a command to every actuator, and answers with odometry at the time after the
-step, so that a lost message is noticed. `clock`: the server's `/clock` ends a step. `wall`: this machine's
+`lockstep`: before each step, the server waits for a command to every actuator; after it, the server sends odometry
+with the time after the step, so that a lost message is noticed. `clock`: the server's `/clock` ends a step. `wall`: this machine's
 clock ends a step, as in the original study.
 """
 
@@ -146,7 +146,7 @@ class Connection:
         if not self.session.discovered(offered[choice], self.timeout):
             topic = self.names[0].lockstep if choice == "lockstep" else interface.CLOCK
             raise InterfaceError(
-                f"{topic}: the server lacks it, and simulator.clock={clock} needs it; simulator.clock=auto takes another clock"
+                f"{topic}: the server does not offer it, but simulator.clock={clock} needs it; use simulator.clock=auto"
             )
         if choice == "clock" and self.node.count_publishers(interface.CLOCK) > 1:
             raise InterfaceError(
@@ -370,7 +370,7 @@ class Connection:
         return TrainingError(message)
 
     def close(self) -> None:
-        """Leave the network, and let the world run at its own pace."""
+        """Leave lock-step, so that the world runs at its own pace, and remove this client from the network."""
         if not self.session.context.ok():
             return
         try:

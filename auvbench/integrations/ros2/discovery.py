@@ -17,10 +17,10 @@ FOUND = 3.0
 """time in s in which a running server is discovered, unless the machine is very busy"""
 
 LEAVING = 5.0
-"""time in s in which a client that has just closed is forgotten"""
+"""time in s after which a client that has closed is no longer discovered"""
 
 LEASE = 25.0
-"""time in s in which a killed client is forgotten: Fast DDS keeps it for 20 s"""
+"""time in s after which a killed client is no longer discovered; Fast DDS keeps it for 20 s"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ def find_server(
         timeout: time to wait, s.
 
     Raises:
-        InterfaceError: there is no server, or it has a different namespace.
+        InterfaceError: no server was found, or the server has a different namespace.
     """
     count = node.count_publishers
     single, first = (interface.Names(name) for name in (namespace, f"{namespace}_1"))

@@ -74,7 +74,7 @@ def namespaces(base: str, n: int) -> list[str]:
     name = base.strip("/")
     if not name or not all(_TOKEN.fullmatch(token) for token in name.split("/")):
         raise ConfigError(
-            f"namespace {base!r}: must have letters, digits and underscores, and must not begin with a digit, e.g. bluerov2"
+            f"namespace {base!r}: must consist of letters, digits and underscores, and must not begin with a digit, e.g. bluerov2"
         )
     return [name] if n == 1 else [f"{name}_{i + 1}" for i in range(n)]
 

@@ -83,14 +83,14 @@ def load() -> Any:
 
 
 def surroundings() -> str:
-    """Return the variables that decide which programs see each other, for messages."""
+    """Return the environment variables that decide which programs discover each other, as text for messages."""
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
     return f"ROS_DOMAIN_ID={domain}, ROS_AUTOMATIC_DISCOVERY_RANGE={reach}"
 
 
 def check_surroundings() -> None:
-    """Reject values with which the middleware would kill the process.
+    """Reject environment variables whose values would make the middleware kill the process.
 
     Raises:
         ConfigError: ROS_DOMAIN_ID or RMW_IMPLEMENTATION is wrong.
@@ -251,8 +251,8 @@ class Session:
         return answer
 
     def until(self, condition: Callable[[], bool], seconds: float, turn: float = SLICE) -> bool:
-        """Serve until the condition is true, at most `seconds`, in waits of at most `turn` s; return whether
-        it is true.
+        """Handle messages until the condition is true, for at most `seconds`, in waits of at most `turn` s; return
+        whether it is true.
         """
         end = time.monotonic() + seconds
         while not condition():
@@ -263,7 +263,7 @@ class Session:
         return True
 
     def discovered(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """Serve as `until`, but check the condition every 10 ms, since discovery does not wake a wait set."""
+        """Do the same as `until`, but check the condition every 10 ms, since discovery does not wake a wait set."""
         return self.until(condition, seconds, turn=0.01)
 
     def close(self) -> None:

@@ -41,7 +41,7 @@ class Pilot(loop.Pilot):
         self.names = interface.Names(interface.namespaces(namespace, 1)[0])
         self.source = self.names.odometry
         self.session = Session()
-        self._publishers: list[Any] = []  # used when the supervisor is gone
+        self._publishers: list[Any] = []  # used when the supervisor is lost
         try:
             self._make()
         except BaseException:
@@ -69,7 +69,9 @@ class Pilot(loop.Pilot):
         self.guard.leave_will([_content(self.physical.neutral)] * RESTS)
 
     def wait_for_odometry(self, seconds: float) -> bool:
-        """Wait at most `seconds` for the vehicle's odometry; if none comes, report the existing namespaces."""
+        """Wait at most `seconds` for a publisher of the vehicle's odometry; if none appears, report the existing namespaces and return
+        False.
+        """
         if self.session.discovered(lambda: self.node.count_publishers(self.names.odometry) > 0, seconds):
             return True
         self._report(discovery.explain_absence(self.node, self.names.namespace, "--namespace"))
@@ -123,7 +125,7 @@ class Pilot(loop.Pilot):
             self._publish(quantities)
 
     def _publish(self, quantities: Floats) -> None:
-        """Send a command without the supervisor, which is gone."""
+        """Publish a command from this process, because the supervisor is lost."""
         if not self._publishers:
             kind, qos = self.session.ros.std.Float64, self.session.qos
             self._publishers = [self.node.create_publisher(kind, topic, qos) for topic in self._topics]

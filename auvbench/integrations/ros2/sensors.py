@@ -133,7 +133,7 @@ class Topics:
             self._publishers[name] = node.create_publisher(kind, names.of(name), session.qos)
 
     def publish(self, time: int) -> None:
-        """Publish the readings that have come at `time` in ns."""
+        """Publish the readings that are new at `time` in ns."""
         if not any(publisher.get_subscription_count() for publisher in self._publishers.values()):
             return
         for name, reading in self.sensed.readings(self.index).items():

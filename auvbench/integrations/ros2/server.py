@@ -19,7 +19,7 @@ from auvbench.untrusted.text import say
 Floats = NDArray[np.float64]
 
 SINCE = "since_"
-"""prefix of the name of a node in each vehicle's namespace; the start time of its server follows. The later of two servers exits."""
+"""prefix of a node's name in each vehicle's namespace; the server's start time follows, by which the later of two servers exits"""
 
 
 class Simulated(Protocol):
@@ -137,7 +137,7 @@ class Server:
             self.advance()
 
     def reset(self, indices: Sequence[int]) -> str:
-        """Put vehicles at their parameters' poses, all at rest; return why that failed, or ''."""
+        """Put vehicles at their parameters' poses and velocities, at neutral commands, thrusters healthy; return why that failed, or ''."""
         for i in indices:
             vehicle = self.vehicles[i]
             pose, velocity, scales = vehicle.start
@@ -173,7 +173,7 @@ class Server:
             for name in self.namespaces:
                 topic = interface.Names(name).command(self.actuators[0])
                 if self.vehicles[0].node.count_publishers(topic) > 1:
-                    return f"{topic}: several publishers, and lock-step allows one"
+                    return f"{topic}: has several publishers, but lock-step allows only one"
         self.lockstep = lockstep
         self._due = time.monotonic()
         self.discard_commands(range(self.simulator.n))
@@ -213,7 +213,7 @@ class Server:
         water = (message.x, message.y, message.z)
         if wrong := is_current(water):
             if water != self._refused:  # once, however often the current is published
-                say(f"auvbench: {interface.CURRENT}: must be {ALLOWED['current']}, and {wrong}; ignored")
+                say(f"auvbench: {interface.CURRENT}: must be {ALLOWED['current']}, but {wrong}; ignored")
             self._refused = water
         else:
             self.currents[:, :3] = self.currents[:, 3:6] = water

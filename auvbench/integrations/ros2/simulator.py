@@ -104,7 +104,7 @@ class Ros2Simulator:
         self._connection = connect(settings, vehicle)
         if n > self._connection.n:
             raise ConfigError(
-                f"{n} vehicles are needed at once, the server has {self._connection.n}: start it with --vehicles {n},"
+                f"{n} vehicles are needed at once, but the server has {self._connection.n}: start it with --vehicles {n},"
                 " or train with fewer environments (algo.n_envs)"
             )
         self._connection.owner = self
@@ -141,6 +141,7 @@ class Ros2Simulator:
         """Put vehicles `indices` (k,) at `pose` (k, 7) with `velocity` (k, 6); see `Simulator.reset`.
 
         Raises:
+            ConfigError: `scales` are not 1, and the server is not in lock-step.
             InterfaceError: the server rejects the reset.
             TrainingError: the server does not answer.
         """

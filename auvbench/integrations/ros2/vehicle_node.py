@@ -35,7 +35,7 @@ MEANING = {
     "scales": "factors from the next reset on: mass, buoyancy, inertia, added mass, damping, thrust",
     "effectiveness": "factor on each thruster's force: 1 healthy, 0 dead; a reset sets 1",
     "current": "water's velocity, world axes, m/s: 3 numbers, or 3 at the top, 3 at the bottom and their depths in m",
-    "step_duration": "s between two odometry messages",
+    "step_duration": "time between two odometry messages in s",
     "pace": "simulated seconds per second; 0 as fast as possible",
     "steps": "number of steps of the service step",
 }
@@ -102,7 +102,7 @@ class VehicleNode:
         return pose, velocity, scales
 
     def sense(self, time: int) -> None:
-        """Publish the readings that have come at `time` in ns."""
+        """Publish the readings that are new at `time` in ns."""
         if self._sensors is not None:
             self._sensors.publish(time)
 
@@ -171,7 +171,7 @@ class VehicleNode:
                     else f"is {_kind(parameter)} (1 is an integer, 1.0 a double)"
                 )
             if wrong:
-                return result(successful=False, reason=f"{name}: must be {ALLOWED[name]}, and {wrong}")
+                return result(successful=False, reason=f"{name}: must be {ALLOWED[name]}, but {wrong}")
         try:
             for parameter in parameters:
                 self._apply(parameter.name, parameter.value)
@@ -266,5 +266,5 @@ def is_current(value: Any) -> str:
     """Return what is wrong with a current; '' if nothing is."""
     wrong = _numbers(value, (3, 8)) or _numbers(value[:6], (3, 6), -FASTEST, FASTEST)
     if not wrong and len(value) == 8 and not value[7] > value[6]:
-        wrong = f"the depth of the bottom, {value[7]:g} m, is not below that of the top, {value[6]:g} m"
+        wrong = f"the depth of the bottom, {value[7]:g} m, is not larger than the depth of the top, {value[6]:g} m"
     return wrong

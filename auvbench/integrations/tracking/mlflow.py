@@ -14,7 +14,7 @@ from mlflow.tracking import MlflowClient
 
 KEY = "auvbench.key"
 PARAMETERS = ("task", "vehicle", "algo", "reward.k", "step.frequency", "seed", "train.total_steps")
-"""keys that become parameters of a logged run, with their values or names; all others are in its config.yaml"""
+"""keys that become parameters of a logged run, with their values or names; its config.yaml has all keys"""
 
 
 def start(key: str, config: Mapping[str, Any], name: str) -> Run:
@@ -48,7 +48,7 @@ class Run:
     """A logged run.
 
     Args:
-        client: client of the server or folder.
+        client: client of the server or database.
         run: MLflow's id of the run.
     """
 

@@ -42,7 +42,7 @@ LETTERS = 72
 BAND = "#e4e4e4"
 """colour of the margin, different from the colours of the verdicts"""
 NARROW = 0.04
-"""smallest share of a linear axis for the margin; for a smaller share, the axis is logarithmic outside the margin"""
+"""Smallest share of a linear axis for the band of the margin; if the share is smaller, the axis is logarithmic beyond twice the margin"""
 
 
 def difference_from_baseline(scene: Scene) -> Drawing | None:

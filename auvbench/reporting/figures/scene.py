@@ -169,5 +169,5 @@ def lines_sentence(agents: Sequence[Agent], *, dots: bool = False) -> str:
         return " One training seed per agent."
     lines = "interquartile mean over training seeds" if most >= ROBUST else "mean over training seeds"
     few = any(len(agent.runs) < ROBUST for agent in agents)
-    lines += " (the mean of fewer than four)" if most >= ROBUST and few else ""
+    lines += " (plain mean for agents with fewer than four seeds)" if most >= ROBUST and few else ""
     return f" Lines: {lines}; bands: their range{'; dots: the seeds' if dots else ''}."

@@ -232,7 +232,7 @@ def success_over_time(scene: Scene) -> Drawing | None:
     ax.set_xlim(0, longest)
     style.legend(figure, scene.looks_of(chosen), markers=False)
     caption = (
-        "Share of the test episodes that have ended in success by a simulated time: the faster, the further left; "
+        "Share of the test episodes that have ended in success by a simulated time. The line of a faster agent is further left; "
         "the end of a line is the success rate." + lines_sentence(chosen) + shown(chosen, scene.agents)
     )
     return Drawing(figure, "Test: success over simulated time", caption)

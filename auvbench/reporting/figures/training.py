@@ -182,7 +182,7 @@ def validation(scene: Scene) -> Drawing | None:
     style.legend(figure, scene.looks_of(chosen), markers=False)
     caption = (
         "Success on the scenarios of protocol validation, which no test shares, at fixed steps of the training "
-        "(train.evaluate_every). Lines begin at 0, where nothing was tested, and end where the first seed does."
+        "(train.evaluate_every). Lines begin at 0, where no policy was tested, and end at the last step that all seeds reached."
         + lines_sentence(chosen)
         + shown(chosen, validated)
     )

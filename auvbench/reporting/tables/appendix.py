@@ -41,8 +41,8 @@ def ranks_table(ranking: Ranking) -> Table:
         for row in ranking.rows
     ]
     note = (
-        "By typical trainings, corrected over all pairs of agents (Holm), which are in comparisons.csv. Agents whose ranks do "
-        "not overlap are resolved from each other."
+        "Ranks of typical trainings, with Holm's correction over all pairs of agents (comparisons.csv). Agents whose ranks do "
+        "not overlap differ significantly."
     )
     headings = (
         Heading("agent", words=True),

@@ -54,8 +54,8 @@ SAME_TEST = (
 OWN_TEST = "Each run was tested in its own task, noise and disturbances, at its own frequency."
 
 KNOWS = (
-    "what the agent knows beyond noisy positions: the vehicle's sheet, a model made from it, the reference ahead (preview), true "
-    "velocities"
+    "what the agent knows beyond noisy positions: the vehicle's sheet, a model made from it, the reference ahead (preview), a map, "
+    "true velocities"
 )
 
 NEAR_AN_END = 0.1
@@ -138,7 +138,7 @@ def _effort(ranking: Ranking) -> list[_Column]:
         columns.append((heading, lambda row: Cell(", ".join(row.knows) or NOTHING)))
     if any(row.trials for row in ranking.rows):
         heading = Heading(
-            "tuning", "trials", weight=5, hint="trials of a search that chose the settings, as recorded"
+            "tuning", "trials", weight=5, hint="number of trials of the search that chose the settings"
         )
         columns.append(
             (heading, lambda row: Cell(f"{row.trials:,}" if row.trials else NOTHING, sort=row.trials))
@@ -147,7 +147,7 @@ def _effort(ranking: Ranking) -> list[_Column]:
         steps = Heading("tuning", "steps", weight=5, hint="environment steps of these trials")
         columns.append((steps, lambda row: _steps(row.trial_steps)))
         hours = Heading(
-            "tuning", "core hours", weight=5, hint="processor time of these trials with their tests"
+            "tuning", "core hours", weight=5, hint="processor time of these trials, including their tests"
         )
         columns.append((hours, lambda row: _hours(row.trial_s)))
     return columns
@@ -274,7 +274,7 @@ def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
     within = (
         f"within ±{size(primary.margin, m)} equivalent"
         if has_margin
-        else "without a margin none is equivalent"
+        else "without a margin, no agent is equivalent"
     )
     learner = any(c.trainings for c in primary.comparisons)
     of = (
@@ -387,7 +387,7 @@ def cautions(ranking: Ranking) -> list[str]:
     counted = any(metric.measure == by.name and metric.counts_failures for metric in metrics.registered())
     if by.name.startswith("mean_") and by.name != "mean_return" and not counted:
         lines.append(
-            f"{name(by).capitalize()} is over all test episodes, however they ended: a quick failure "
+            f"{name(by).capitalize()} is a mean over all test episodes, including failures, so a quick failure "
             "looks good. Read it with the success rate."
         )
     return lines

@@ -75,7 +75,7 @@ class Table:
     headings: tuple[Heading, ...]
     lines: tuple[Line, ...]
     title: str = ""
-    """caption in LaTeX"""
+    """Title: caption in LaTeX, heading in Markdown"""
     notes: tuple[str, ...] = ()
     """notes below the table, without markup; the first `SHOWN_NOTES` are visible"""
     lead: int = 1

@@ -51,7 +51,7 @@ class TableView:
                 self.table, sorted(columns), max(options.max_width - other_width - gap, NARROW), gap
             )
         if hidden := [heading.text for i, heading in enumerate(headings) if i not in columns]:
-            yield Text(f"Not shown for want of width: {', '.join(hidden)}.", style="dim")
+            yield Text(f"Not shown, because the terminal is too narrow: {', '.join(hidden)}.", style="dim")
         for note in self.table.notes[:SHOWN_NOTES]:
             yield Text(note, style="dim")
         if (more := len(self.table.notes) - SHOWN_NOTES) > 0:

@@ -1,4 +1,4 @@
-"""Define a disturbance: functions of one episode, a state in each episode, and what the simulator gets.
+"""Base class of disturbances: functions of one episode, a state in each episode, and calls of the simulator.
 
 A disturbance is one file of this folder, or of a package. It declares functions of one episode, which are compiled into loops, and
 its state, a record per episode. An exact resume needs the whole state. `composed.Disturbances` calls the active disturbances.
@@ -47,19 +47,19 @@ def kind_of(name: str) -> type[Disturbance]:
         kind = resolve(DISTURBANCES[name].code)
     if not (isinstance(kind, type) and issubclass(kind, Disturbance)):
         raise AgentError(
-            f"{who}: {DISTURBANCES[name].code} is no class below {Disturbance.__module__}.Disturbance"
+            f"{who}: {DISTURBANCES[name].code} is not a subclass of {Disturbance.__module__}.Disturbance"
         )
     return kind
 
 
 def water_speed(disturbance: schema.Disturbance, vehicle: VehicleModel) -> tuple[float, float]:
-    """Return the largest mean speed of the water in m/s, and the standard deviation in m/s of the fluctuation that is added to it."""
+    """Return the largest mean speed of the water and the standard deviation of its fluctuation, both in m/s."""
     water = [_asked(name, "water_speed", settings, vehicle) for name, settings in disturbance.active()]
     return sum(mean for mean, _ in water), math.hypot(*(spread for _, spread in water))
 
 
 def misreading(disturbance: schema.Disturbance, seconds: float) -> Floats:
-    """Return the standard deviation (3,) in m of the errors of the position's readings after a time in s."""
+    """Return an upper bound (3,) in m on the standard deviation of position readings after `seconds`: the sum over disturbances."""
     errors = np.zeros(3)
     for name, settings in disturbance.active():
         errors += _asked(name, "misreading", settings, seconds)
@@ -84,7 +84,7 @@ def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
         given = np.asarray(getattr(kind, method)(settings, *arguments), dtype=np.float64)
     if given.shape != (size,) or not np.isfinite(given).all():
         who = owned(f"disturbance.{name}", settings)
-        raise AgentError(f"{who}: {method} is {given}; it must be {size} finite numbers")
+        raise AgentError(f"{who}: {method} returned {given}; it must return {size} finite numbers")
     return given
 
 
@@ -109,15 +109,15 @@ class Disturbance:
     """`act(e, d, p, command, effectiveness)`: changes the commands (n_u,) in [-1, 1] that act now, and the effectiveness (n_u,), which is
     the share of its force that each thruster gives"""
     push: ClassVar[Callable[..., None]]
-    """`push(e, d, p, v, w, duration, wrench)`: adds to the force and the moment (6,) in N and N m, body axes, on the vehicle `v` in the
-    current `w` (`rows.current_at`) for the next `duration` s. The `needs` of its schema must yield `forces`"""
+    """`push(e, d, p, v, w, duration, wrench)`: adds force (N) and moment (N m), body axes, to `wrench` (6,). They act on the vehicle `v` in
+    the current `w` (`rows.current_at`) for the next `duration` s. The `needs` of the disturbance's schema must yield `forces`"""
     read: ClassVar[Callable[..., None]]
     """`read(e, d, p, stream, offset)`: adds to the errors (4,) of the position (m) and yaw (rad) readings. Called at the start of an
     episode (`e.steps == 0`) and after each agent step"""
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
     """Fields of the state in each episode: (name, type) or (name, type, shape)"""
     longest: ClassVar[float] = math.inf
-    """s, largest `duration` of a push"""
+    """Largest `duration` of a push, s"""
     runs_on: ClassVar[bool] = False
     """Whether the simulator advances the disturbance by itself after `give`"""
 
@@ -126,13 +126,13 @@ class Disturbance:
         records.check_names(settings, who)
         shared = {name: task.parameters[name][0] for name in records.PARAMETERS}
         self.parameters = records.one_row(self.own_parameters(settings), shared, who)
-        """(1,) parameters"""
+        """Parameters (1,) of the disturbance"""
         self.state = records.state(task.n, self.fields, who)
-        """(n,) state in each episode"""
+        """State (n,) of the disturbance in each episode"""
         self.moves = hasattr(self, "before")
-        """whether it changes from step to step, so that `before` and `give` are called before each"""
+        """Whether the disturbance changes during an episode; if so, `before` and `give` are called before each agent step"""
         self.rereads = hasattr(self, "read")
-        """whether the errors of the readings change from step to step"""
+        """Whether the disturbance changes the errors of the readings from step to step"""
         self._interpreted = False
         self._take()
 
@@ -142,7 +142,7 @@ class Disturbance:
 
     @staticmethod
     def check(settings: Any, vehicle: VehicleModel) -> None:
-        """Check the keys against a vehicle before a run.
+        """Check the settings against a vehicle before a run.
 
         Raises:
             ConfigError: the vehicle does not fit the disturbance.
@@ -150,12 +150,12 @@ class Disturbance:
 
     @staticmethod
     def water_speed(settings: Any, vehicle: VehicleModel) -> tuple[float, float]:
-        """Return the largest mean speed of the water in m/s, and the standard deviation in m/s of the fluctuation that is added to it."""
+        """Return the largest mean speed of the water and the standard deviation of its fluctuation, both in m/s."""
         return 0.0, 0.0
 
     @staticmethod
     def misreading(settings: Any, seconds: float) -> Floats:
-        """Return the standard deviation (3,) in m of the errors of the position's readings after a time in s."""
+        """Return the standard deviation (3,) in m of the position readings' errors, `seconds` after the start of an episode."""
         return np.zeros(3)
 
     @staticmethod
@@ -166,7 +166,9 @@ class Disturbance:
         return vehicle
 
     def give(self, simulator: Simulator) -> None:
-        """Give the simulator what it needs: at the start of episodes, and before each step if the disturbance `moves`."""
+        """Pass the disturbance's state to the simulator. Called at the start of episodes, and before each step if the disturbance
+        `moves`.
+        """
 
     def scales(self, indices: Integers) -> Floats | None:
         """Return factors (k, 6) on the vehicles of new episodes (`Simulator.reset`); None: the vehicle of the sheet."""
@@ -185,10 +187,10 @@ class Disturbance:
         state, parameters = tables if self._interpreted else map(records.plain, tables)
         self._own = state, parameters
         self.field = {name: np.asarray(self.state[name]) for name, *_ in self.fields}
-        """views (n, ...) of the fields of `state`, which Python reads faster than attributes of records"""
+        """Views (n, ...) of the fields of `state`, which Python reads faster than attributes of records"""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out the attributes that `__setstate__` creates: NumPy would copy a view as a separate array."""
+        """Return the state without the attributes that `__setstate__` creates: NumPy would copy a view as a separate array."""
         return {
             name: value for name, value in self.__dict__.items() if name not in ("loops", "_own", "field")
         }
@@ -233,10 +235,10 @@ class Disturbance:
         return {"state": records.bare(self.state)} if self.fields else {}
 
     def restored(self) -> None:
-        """Recompute values that depend on episodes and arrays, after both were restored."""
+        """Recompute values that depend on episodes and arrays. Called after both were restored."""
 
     def clear(self) -> None:
-        """Forget all episodes."""
+        """Set the state of all episodes to 0."""
         for array in self.arrays().values():
             array[...] = np.zeros((), array.dtype)
 

@@ -24,7 +24,7 @@ Integers = NDArray[np.int64]
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Disturbances | None:
-    """Return the disturbances of a configuration; None without any, so that they cost nothing."""
+    """Return the disturbances of a configuration; None if none is active."""
     disturbances = of(config, vehicle, task)
     return disturbances if disturbances.parts else None
 
@@ -117,7 +117,7 @@ class Disturbances:
         self.power[:] = simulator.power
 
     def _step(self, simulator: Simulator, command: Floats, duration: float) -> None:
-        """Let a command act for a part of an agent step."""
+        """Let a command act for `duration` s, an agent step or a part of it."""
         self.act(simulator, command)
         if not self._pushing:
             simulator.step(command, duration)
@@ -135,7 +135,7 @@ class Disturbances:
 
         Args:
             simulator: simulator that gets the changes.
-            running: whether the simulator advances by itself the disturbances that allow it (`Disturbance.runs_on`).
+            running: whether to skip the disturbances that the simulator advances by itself (`Disturbance.runs_on`).
         """
         for part in self._moving:
             if not (running and part.runs_on):
@@ -143,7 +143,7 @@ class Disturbances:
                 part.give(simulator)
 
     def act(self, simulator: Simulator, command: Floats) -> None:
-        """Change the simulator's effectiveness, and `command` (n, n_u), by faults."""
+        """Let each disturbance with `act` change `command` (n, n_u) and the effectiveness of the simulator's thrusters."""
         for part in self._acting:
             part.act_rows(command, simulator.effectiveness)
 
@@ -169,7 +169,7 @@ class Disturbances:
         return self._delay.measured(simulator)
 
     def clear(self) -> None:
-        """Forget all episodes."""
+        """Set the state of all disturbances to 0."""
         for part in self.parts.values():
             part.clear()
 

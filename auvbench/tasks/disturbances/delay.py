@@ -22,7 +22,7 @@ TOLERANCE = 1e-9
 
 
 class DeadTime(Disturbance):
-    """Commands and measurements of N episodes that are under way because of delays."""
+    """Commands and measurements of N episodes that delays hold back."""
 
     settings: Delay
 
@@ -38,7 +38,7 @@ class DeadTime(Disturbance):
             (self.schedule.measurements if task.reads_velocity else 0, task.n, 6)
         )
         """Ring (k, n, 6) of the last measured velocities; empty if the task does not observe velocities"""
-        self.clock: NDArray[np.int64] = np.zeros((), dtype=np.int64)  # number of steps of the batch
+        self.clock: NDArray[np.int64] = np.zeros((), dtype=np.int64)  # number of agent steps of the batch
 
     def begin(self, indices: NDArray[np.int64], simulator: Simulator) -> None:
         """Fill the rings of new episodes: no command, and the start pose."""

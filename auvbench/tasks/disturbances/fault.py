@@ -76,7 +76,7 @@ class ActuatorFault(Disturbance):
         ("mode", "i8"),  # HEALTHY, or the kind of fault
         ("actuator", "i8"),
         ("begin", "i8"),  # agent step with which the fault begins
-        ("begun", "i8"),  # 1 once it has
+        ("begun", "i8"),  # 1 after the fault has begun
         ("held", "f8"),  # command that a stuck actuator holds
     )
 
@@ -94,10 +94,10 @@ class ActuatorFault(Disturbance):
 
     @staticmethod
     def check(settings: Fault, vehicle: VehicleModel) -> None:
-        """Check that the vehicle has the actuator, and that it has a force to lose.
+        """Check that the vehicle has the actuator, and that the mode of an active fault suits it.
 
         Raises:
-            ConfigError: the vehicle does not have the actuator, or the actuator has no force to lose.
+            ConfigError: the vehicle has no such actuator or no thrusters, or the mode needs a thruster.
         """
         if settings.active:
             candidates(settings, vehicle)
@@ -138,6 +138,6 @@ def candidates(fault: Fault, vehicle: VehicleModel) -> NDArray[np.int64]:
     if fault.mode != "stuck" and index not in thrusters:
         raise ConfigError(
             f"disturbance.fault.mode={fault.mode}: {fault.actuator} is a {vehicle.units[index].kind}; "
-            "only a thruster has a force to lose, use stuck"
+            "this mode needs a thruster, so use disturbance.fault.mode=stuck"
         )
     return np.array([index], dtype=np.int64)

@@ -25,9 +25,9 @@ Integers = NDArray[np.int64]
 
 @dataclass(kw_only=True)
 class Identified(Factor):
-    """A vehicle drawn from the covariance of its identification."""
+    """Vehicles drawn from the covariance of an identification."""
 
-    spread: float = number(0.0, 2.0)  # factor on the standard deviations
+    spread: float = number(0.0, 2.0)  # factor on the standard deviations; 0: inactive
 
     @property
     def active(self) -> bool:
@@ -97,7 +97,7 @@ class IdentifiedVehicles(Disturbance):
     def give(self, simulator: Simulator) -> None:
         """Give a simulator the vehicles of the episodes that were drawn last."""
         changes, gains = self.drawn.changes(self.x[self._new])
-        # A configuration with this disturbance has no other simulator.
+        # A configuration with this disturbance always has a DrawnSimulator.
         cast(DrawnSimulator, simulator).set_vehicles(self._new, changes)
         simulator.effectiveness[self._new] *= gains
 
@@ -114,7 +114,7 @@ def drawn(settings: Identified, vehicle: VehicleModel) -> DrawnVehicles:
     if vehicle.identified is None:
         raise ConfigError(
             f"disturbance.identified.spread={settings.spread:g}: the sheet of vehicle={vehicle.name} has no identification with a"
-            " covariance; auvbench identify writes one"
+            " covariance; use a sheet that auvbench identify has written"
         )
     return DrawnVehicles.of(vehicle, vehicle.identified, settings.spread)
 

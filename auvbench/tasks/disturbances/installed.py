@@ -18,7 +18,7 @@ from auvbench.tasks.installed import telling
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 SHORTEST = 1e-4
-"""s, smallest allowed value of `Disturbance.longest`"""
+"""Smallest allowed value of `Disturbance.longest`, s"""
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -40,11 +40,15 @@ def make(name: str, settings: DisturbanceConfig, vehicle: VehicleModel, task: Ta
 
 def _check_made(part: Disturbance, settings: DisturbanceConfig, who: str) -> None:
     if not hasattr(part, "field"):
-        raise AgentError(f"{who}: its __init__ does not call that of {Disturbance.__module__}.Disturbance")
+        raise AgentError(
+            f"{who}: its __init__ must call the __init__ of {Disturbance.__module__}.Disturbance"
+        )
     if not isinstance(part.longest, float) or not part.longest >= SHORTEST:
         raise AgentError(f"{who}: longest is {part.longest!r}; it must be a float of at least {SHORTEST:g} s")
     if hasattr(part, "push") and forces("").what not in {need.what for need in settings.needs("")}:
-        raise AgentError(f"{who}: has push, so its needs must yield auvbench.plugin.forces(key)")
+        raise AgentError(
+            f"{who}: has push, so the needs of its schema must yield auvbench.plugin.forces(key)"
+        )
 
 
 def _told(name: str) -> Callable[..., Any]:
@@ -71,7 +75,7 @@ class Checked:
         self.part, self.who = part, who
 
     def __getattr__(self, name: str) -> Any:
-        if name in ("part", "who"):  # a copy that is being made has none yet
+        if name in ("part", "who"):  # copy and pickle look up attributes before these two are set
             raise AttributeError(name)
         return getattr(self.part, name)
 
@@ -92,7 +96,7 @@ class Checked:
             return None
         if np.shape(scales) != (len(indices), len(SCALES)):
             raise AgentError(
-                f"{self.who}: scales gives an array {np.shape(scales)}; it must be {(len(indices), len(SCALES))}"
+                f"{self.who}: scales returned an array of shape {np.shape(scales)}; the shape must be {(len(indices), len(SCALES))}"
             )
         self._check("scales gives factors", scales)
         return scales

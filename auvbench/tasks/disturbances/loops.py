@@ -1,4 +1,4 @@
-"""Make the loops over episodes of each disturbance, in the same way as the loops of tasks (`auvbench.tasks.loops`)."""
+"""Make the loops over episodes of each disturbance, as `auvbench.tasks.loops` makes the loops of tasks."""
 
 from __future__ import annotations
 

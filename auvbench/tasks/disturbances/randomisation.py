@@ -66,10 +66,10 @@ class DrawnVehicles(Disturbance):
 
     @staticmethod
     def check(settings: Randomisation, vehicle: VehicleModel) -> None:
-        """Check that every vehicle that may be drawn has buoyancy.
+        """With `keep_trim`, check that every vehicle that may be drawn has buoyancy.
 
         Raises:
-            ConfigError: the lightest vehicle has no buoyancy.
+            ConfigError: the lightest drawn vehicle would have no buoyancy.
         """
         low, ratio = settings.mass.low, _weight_ratio(vehicle)
         if settings.keep_trim and 1.0 + (low - 1.0) * ratio <= 0.0:
@@ -83,5 +83,5 @@ class DrawnVehicles(Disturbance):
 
 
 def _weight_ratio(vehicle: VehicleModel) -> float:
-    """Return weight over buoyancy of the sheet; 0 without buoyancy."""
+    """Return the ratio of the sheet's weight to its buoyancy; 0 without buoyancy."""
     return vehicle.weight / vehicle.buoyancy if vehicle.buoyancy > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""Errors of the readings of position and yaw: a bias, a random walk, and noise of each step."""
+"""Errors of the readings of position and yaw: a constant bias, a random walk, and independent noise at each step."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A tether: a lumped-mass cable from a point at the surface to the vehicle, in the same current as the vehicle.
 
 After von Benzon et al., "An open-source benchmark simulator: control of a BlueROV2 underwater robot" (2022): nodes with the mass of
-the cable, tension only in stretched segments, and drag across and along each segment by its velocity through the water.
+the cable, tension only in stretched segments, and normal and tangential drag of each segment from its velocity through the water.
 """
 
 from __future__ import annotations
@@ -36,13 +36,13 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 SEGMENTS = 20
 NODES = SEGMENTS + 1
 END = SEGMENTS
-"""node at the vehicle; node 0 is at the surface"""
+"""Index of the node at the vehicle; node 0 is at the surface"""
 _SHARE = 0.5
 """Longest step of the cable, times the cable's highest angular frequency; steps are unstable from 2 on"""
 _DAMPED = 0.25
 """Longest step of the cable, as a share of the time constant with which damping stops a node"""
 _SHORTEST = 2e-5
-"""s, shortest step of the cable: with shorter steps, the simulation would be slower than real time"""
+"""Shortest step of the cable, s: with shorter steps, the simulation would be slower than real time"""
 
 
 @dataclass(kw_only=True)
@@ -99,7 +99,7 @@ def tangent(x: Any, k: int) -> Vector:
 
 @row
 def drag(along: Vector, u: Vector, share: float, p: Record) -> tuple[float, float]:
-    """Return the ratio of drag to velocity in N s/m, across and along the cable, for a share of a segment.
+    """Return the ratios of drag to velocity in N s/m, across and along the cable, for a share of a segment.
 
     `u` is the segment's velocity through the water.
     """
@@ -132,15 +132,15 @@ def move(x: Any, v: Any, k: int, share: float, force: Vector, w: Record, h: floa
 
 @row
 def step(x: Any, v: Any, w: Record, h: float, p: Record, free: bool) -> Vector:
-    """Advance the cable by h s; return the force in N of its end on the vehicle.
+    """Advance the cable by h s; return the force in N of its end on the vehicle, which is 0 if the end hangs free.
 
     Args:
-        x: (NODES, 3) m, positions of the nodes, world axes.
-        v: (NODES, 3) m/s, velocities of the nodes.
+        x: positions (NODES, 3) of the nodes, m, world axes.
+        v: velocities (NODES, 3) of the nodes, m/s.
         w: current.
-        h: s, duration of the step.
+        h: duration of the step, s.
         p: parameters.
-        free: whether the end hangs free; otherwise the step does not move it.
+        free: whether the end hangs free; otherwise the caller moves it with the vehicle.
     """
     before = tension(x, v, 0, p)
     down = (0.0, 0.0, -p.weight_of_segment)
@@ -162,7 +162,7 @@ def step(x: Any, v: Any, w: Record, h: float, p: Record, free: bool) -> Vector:
 
 @row
 def draw(e: Record, d: Record, p: Record, stream: int) -> None:
-    """Lay the cable between surface and vehicle: straight if it is just long enough, otherwise bent at its middle towards a drawn side."""
+    """Lay the cable between surface and vehicle: straight if it is just long enough, otherwise bent at its middle in a random direction."""
     x, y, z = triple(e.start)
     top = (x + p.east, y + p.north, 0.0)
     bow_x, bow_y = math.cos(e.start_yaw), math.sin(e.start_yaw)
@@ -181,7 +181,7 @@ def draw(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def push(e: Record, d: Record, p: Record, v: Vehicle, w: Record, duration: float, wrench: Any) -> None:
-    """Advance the cable with the vehicle; add the mean of its force on the vehicle."""
+    """Advance the cable while the vehicle moves; add the cable's mean force and moment on the vehicle to `wrench`."""
     rotation = rotation_matrix(v.attitude)
     arm = (p.attached_x, 0.0, p.attached_z)
     velocity = product(rotation, add(v.velocity, cross(v.rates, arm)))
@@ -219,7 +219,7 @@ class Cable(Disturbance):
 
     @staticmethod
     def check(settings: Tether, vehicle: VehicleModel) -> None:
-        """Refuse a cable that needs very short steps."""
+        """Raise ConfigError for a cable that needs steps shorter than `_SHORTEST`."""
         if not settings.active:
             return
         p = parameters(settings, vehicle)
@@ -229,7 +229,7 @@ class Cable(Disturbance):
             if (value := getattr(settings, key)) > most:
                 raise ConfigError(
                     f"disturbance.tether.{key}={value:g}: must be at most {most:.3g} for a cable of this length, diameter and mass, "
-                    f"which would need steps of less than {_SHORTEST:g} s"
+                    f"since a higher value needs time steps of less than {_SHORTEST:g} s"
                 )
 
     def draw_rows(self, indices: Integers) -> None:
@@ -244,7 +244,7 @@ class Cable(Disturbance):
         if distance > length * (1.0 + 1e-9):
             raise ConfigError(
                 f"disturbance.tether.length={length:g}: an episode starts {distance:.4g} m from the point at the surface; "
-                "the cable must be at least that long"
+                "set a length of at least this distance"
             )
 
     def own_parameters(self, settings: Tether) -> dict[str, Any]:
@@ -254,7 +254,7 @@ class Cable(Disturbance):
 def parameters(settings: Tether, vehicle: VehicleModel) -> dict[str, Any]:
     """Return the parameters of the cable in the vehicle's water."""
     segment, diameter = settings.length / SEGMENTS, settings.diameter
-    # The added mass of a cylinder, which a cable has across only; along it changes no equilibrium.
+    # A node has the added mass of a cylinder. A cable has it across only; along the cable it changes no equilibrium.
     node = (settings.mass + vehicle.density * math.pi / 4.0 * diameter**2) * segment
     fastest = 2.0 * math.sqrt(settings.stiffness / segment / node)
     damped = settings.damping / segment

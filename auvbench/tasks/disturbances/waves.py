@@ -1,4 +1,4 @@
-"""The waves of N episodes: directions and phases drawn from each episode's key, time from its steps."""
+"""The waves of N episodes: each episode's key determines directions and phases, and its step count determines the time."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Sea(Disturbance):
         draw_rays(indices, task.rows, parameters, self._quantiles, task.stream, self.waves.rays)
 
     def give(self, simulator: Simulator) -> None:
-        """Give a simulator the waves of the agent step that begins."""
+        """Set the simulator's waves to the start of the next agent step."""
         self.waves.time[:] = self.task.episodes.steps * self.task.duration
         cast(WavySimulator, simulator).set_waves(self.waves)  # a configuration with waves has no other
 
@@ -66,7 +66,7 @@ def _components(config: Waves, vehicle: VehicleModel) -> Floats:
 
 
 def spread(exponent: float | None) -> Floats:
-    """Return equally spaced quantiles, in rad, of angles about the direction with the density cos^n (DNV-RP-C205, 3.5.8).
+    """Return equally spaced quantiles, in rad, of the angle to the main wave direction, whose density is cos^n (DNV-RP-C205, 3.5.8).
 
     Args:
         exponent: n; None: long crests, all angles are 0.
@@ -75,7 +75,7 @@ def spread(exponent: float | None) -> Floats:
         return np.zeros(2)
     angle = np.linspace(-0.5 * math.pi, 0.5 * math.pi, 20_001)
     below = np.cumsum(np.cos(angle) ** exponent)
-    half = 0.5 / _QUANTILES  # of a share: the ends of a narrow spread are far from all others
+    half = 0.5 / _QUANTILES  # leaves out the extreme quantiles 0 and 1
     return np.interp(np.linspace(half, 1.0 - half, _QUANTILES), below / below[-1], angle)
 
 

@@ -1,4 +1,6 @@
-"""Filters of commands: `barrier` keeps a vehicle away from solids and limits, `rows` has its constraints, and `quadratic` solves them."""
+"""Filters of commands: `barrier` keeps a vehicle away from solids and limits, `rows` computes its constraints, `quadratic` finds
+the command.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, spec: ObservationSpec, n: int) -> Any:
-    """Return the filter of the commands of N episodes with observations of `spec`; None without any, so that it costs nothing.
+    """Return the filter of the commands of N episodes with observations of `spec`; None if the configuration has no filter.
 
     Raises:
         ConfigError: the filter cannot protect the vehicle.

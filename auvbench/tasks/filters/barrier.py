@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MOMENT = 10.0
-"""Cost of a changed moment relative to changed forces: a filter brakes without turning the vehicle"""
+"""Cost of changing the moment relative to the cost of changing forces; it lets a filter brake without turning the vehicle"""
 YAW = 5
 
 
@@ -54,7 +54,7 @@ class BarrierFilter:
         limits = _thrust_limits(vehicle)
         strongest = np.abs(limits).max(axis=1)
         self.tallies: Floats = np.zeros((n, 3))
-        """(n, 3) tallies of the present episodes, with the columns CHANGED, CHANGE and INFEASIBLE of `rows`"""
+        """Tallies (n, 3) of the present episodes, with the columns CHANGED, CHANGE and INFEASIBLE of `rows`"""
         low, high = (limits / strongest[:, None]).T.copy()
         self.effect: Floats = vehicle.M_inverse @ vehicle.allocation * strongest
         moments = vehicle.allocation[3:] * strongest
@@ -87,11 +87,11 @@ class BarrierFilter:
         for name, value in values.items():
             model[name] = value
         self.model = model.view(np.recarray)
-        # As a plain array: numba recognises its type thirty times as fast.
+        # `model` as a plain array: numba recognises its type thirty times as fast as a record array's.
         self._own = model, self.effect, self.inverse, low, high, *self.curves
 
     def around(self, task: Task) -> tuple[Any, ...]:
-        """Return what `rows.protect` takes of a task: steps, counts of solids, solids, heights and hull."""
+        """Return the arguments that `rows.protect` takes from a task: steps, counts of solids, solids, heights and hull."""
         steps = np.asarray(task.episodes["steps"])
         if task.world is not None:
             solids, heights, hull = task.world.loops
@@ -147,9 +147,10 @@ class BarrierFilter:
 
 
 def braking(vehicle: VehicleModel, push: Floats, settings: Barrier) -> float:
-    """Return the deceleration in m/s2 that the thrusters can give in every direction against the water.
+    """Return the deceleration in m/s2 that the thrusters guarantee in every direction, against net buoyancy and moving water.
 
-    Along each axis, it comes from the largest force without a yaw moment; between the axes, from the octahedron through these forces.
+    Along each axis, it comes from the largest force without a yaw moment; between the axes, from the octahedron through these
+    decelerations.
 
     Args:
         vehicle: vehicle of all episodes.
@@ -191,7 +192,9 @@ def braking(vehicle: VehicleModel, push: Floats, settings: Barrier) -> float:
 
 
 def turn_braking(vehicle: VehicleModel, settings: Barrier) -> float:
-    """Return the angular deceleration in rad/s2 that the thrusters can give about each level axis, without another force or moment.
+    """Return the angular deceleration in rad/s2 that the thrusters guarantee about each axis of the body's x-y plane, without
+    another force or
+    moment.
 
     Raises:
         ConfigError: the thrusters do not control roll and pitch.
@@ -202,7 +205,7 @@ def turn_braking(vehicle: VehicleModel, settings: Barrier) -> float:
             f"filter.tilt={settings.tilt:g}: vehicle={vehicle.name} does not control roll and pitch by its thrusters; use "
             "filter.tilt=null, or a vehicle with thrust along and about each axis"
         )
-    # The smaller limit of each thruster, so that both directions are sure.
+    # The smaller limit of each thruster holds in both directions.
     strongest = np.abs(_thrust_limits(vehicle)).min(axis=1)
     reach = np.array([np.min(strongest / np.maximum(np.abs(inverse[:, axis]), 1e-9)) for axis in (3, 4)])
     rates = reach / np.diag(vehicle.M)[3:5]
@@ -240,7 +243,7 @@ def _water(vehicle: VehicleModel, current: float) -> dict[str, Floats]:
 
 
 def _horizon(config: schema.TrainConfig, vehicle: VehicleModel) -> float:
-    """Return the time in s from a measurement to the force of its command: hold, lag of the thrusters, and dead times."""
+    """Return the time in s from a measurement to the force of its command: agent step, lag of the thrusters, and delays."""
     delay = config.disturbance.delay
     lag = max(unit.lag.delay for unit in vehicle.units)
     return float(1.0 / config.step.frequency + lag + delay.action + delay.observation)

@@ -1,6 +1,6 @@
 """Store the echoes of an agent's own rays as small spheres, for a filter that does not know the map.
 
-The spheres are at rest in the world, at places that follow from the poses and distances that the agent knows.
+The spheres are at rest in the world. Their positions follow from the poses and distances that the agent measures.
 """
 
 from __future__ import annotations
@@ -22,13 +22,15 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 BLOCK = "range.ideal"
-"""the block whose rays show where an echo is"""
+"""Name of the block whose rays show where an echo is"""
 SCANS, BETWEEN = 6, 0.8
-"""Number of scans that are stored, and s between them. Each step replaces the newest scan. An echo is forgotten after 4.0 to 4.8 s"""
+"""Number of stored scans, and time between them, s. Until the next scan begins, each step overwrites the newest scan. Therefore a
+stored echo
+is forgotten after 4.0 s and one agent step"""
 RADIUS = 0.1
 """Radius of an echo's sphere, m"""
 FAR = 1e6
-"""m, coordinates of a sphere without an echo"""
+"""Each coordinate of an unused sphere, m: far enough away that the filter ignores it"""
 
 
 class Echoes:
@@ -52,14 +54,14 @@ class Echoes:
         sensor: Any = config.task.range.ideal
         shared = {"duration": 1.0 / config.step.frequency}
         self.rays: Floats = IdealFan(BLOCK, sensor, 1, config.step.frequency, shared).rays
-        """(k, 3) unit vectors, body axes"""
+        """Directions (k, 3) of the rays, unit vectors in body axes"""
         self.columns, self.high = spec[BLOCK], float(sensor.high)
         self.every = max(1, round(BETWEEN * config.step.frequency))
         count = SCANS * len(self.rays)
         self.counts: Integers = np.full(n, count)
-        """(n,) number of spheres of each episode"""
+        """Number (n,) of spheres in each episode"""
         self.solids = np.zeros((n, count), SOLID)
-        """(n, SCANS k) spheres"""
+        """Spheres (n, SCANS * k)"""
         self.solids["kind"], self.solids["radius"], self.solids["reach"] = SPHERE, RADIUS, RADIUS
         for name, axis in zip(("along_x", "along_y", "along_z"), np.eye(3), strict=True):
             self.solids[name] = axis

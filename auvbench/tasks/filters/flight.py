@@ -25,17 +25,17 @@ from auvbench.worlds.solids import NO_HEIGHTS, SOLID
 Floats = NDArray[np.float64]
 
 FAR = 1e6
-"""m, distance to the nearest solid where none is near"""
+"""Distance to the nearest solid, m, if no solid is near"""
 
 
 class Protection:
-    """Filter of the commands of one vehicle on its map.
+    """Filter of the commands of one vehicle, with a known map.
 
     Args:
         settings: settings of the filter, which knows the map.
         vehicle: sheet of the vehicle.
         frequency: rate of the commands, Hz.
-        depths: lowest and highest z, m.
+        depths: lowest and highest allowed z, m.
         world: world with the same solids in every episode; None: open water.
 
     Raises:
@@ -57,7 +57,7 @@ class Protection:
             task=SimpleNamespace(depth_low=low, depth_high=high),
             disturbance=SimpleNamespace(delay=SimpleNamespace(action=0.0, observation=0.0)),
         )
-        unseen: Any = None  # observations show echoes, and the filter knows the map
+        unseen: Any = None  # a filter that knows the map reads no observation
         self._filter = BarrierFilter(config, vehicle, unseen, 1)
         self.name, self._margin, self._depths = settings.name, settings.margin, depths
         self._covers: Callable[[Floats], bool] = lambda point: True
@@ -72,7 +72,7 @@ class Protection:
             self._heights, self._covers = kind.heights, kind.covers
         counts = np.array([len(self._solids)])
         self._around = np.zeros(1, np.int64), counts, self._solids[None], self._heights, hull
-        # The first calls compile, which a vehicle under power must not wait for.
+        # The first calls compile; a vehicle under power must not wait for that.
         at_rest = np.array([0.0, 0.0, 0.5 * (low + high), 1.0, 0.0, 0.0, 0.0])
         self.protect(at_rest, np.zeros(6), np.zeros(len(vehicle.actuators)))
         self._room(at_rest[:3])
@@ -84,7 +84,7 @@ class Protection:
 
     @property
     def changed(self) -> int:
-        """Number of commands that were changed."""
+        """Number of commands that the filter has changed."""
         return int(self._filter.tallies[0, CHANGED])
 
     @property
@@ -103,13 +103,13 @@ class Protection:
         return "" if room >= 0.0 else f"is {-room:.2g} m too near to a solid for the filter"
 
     def _room(self, point: Floats) -> float:
-        """Return the distance in m that the hull, with any heading, has left to the margin round the nearest solid."""
+        """Return the distance in m, at the worst heading, between the hull and the margin round the nearest solid; negative inside it."""
         distance, nearest, gradient = np.empty(1), np.empty(1, np.int64), np.empty((1, 3))
         clearance(self._solids, self._heights, 0.0, point[None], FAR, distance, nearest, gradient)
         return float(distance[0]) - self._radius - self._margin
 
     def protect(self, pose: Floats, velocity: Floats, action: Floats) -> Floats:
-        """Return the command (n_u,) nearest to `action` that leads to no contact.
+        """Return the command (n_u,) nearest to `action` that keeps the filter's constraints.
 
         Args:
             pose: (7,), as measured.

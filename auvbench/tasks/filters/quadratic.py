@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 PENALTY = 1e6
-"""Cost of the squared slack; costs of x are about 1"""
+"""Cost of the squared slack; the cost of x is of order 1"""
 TOLERANCE = 1e-9
 """Tolerance of a constraint, in units of its own scale"""
 MOST_STEPS = 200
@@ -66,9 +66,9 @@ def nearest(
 
     Args:
         A: (m, n); its first `count` rows are constraints.
-        b: (m,).
+        b: (m,) right-hand sides of the constraints.
         count: number of constraints.
-        inverse: (n, n), of H.
+        inverse: (n, n) inverse of H.
         low: (n,) lowest x.
         high: (n,) highest x.
         target: (n,) x0, within the limits.
@@ -76,7 +76,7 @@ def nearest(
     """
     n = target.shape[0]
     most = count + n
-    # Of each constraint a x >= c: gain = H^-1 a, and scale = a' H^-1 a. Those after `count` are limits, a = side e_j.
+    # For each constraint a x >= c: gain = H^-1 a, and scale = a' H^-1 a. Constraints from `count` on are limits, a = side e_j.
     gain = np.empty((most, n))
     scale = np.empty(most)
     side = np.ones(n)

@@ -43,12 +43,12 @@ MOST = 24
 POINTS = 801
 """Number of points in the table of a thruster's force by command; every fourth point is one of the 201 points of a T200's table"""
 SLACK = 1e-3
-"""m/s2, largest slack of a command that counts as feasible"""
+"""Largest slack of a command that counts as feasible, m/s2"""
 CHANGED, CHANGE, INFEASIBLE = range(3)
-"""columns of the tallies: steps with a changed command, sum of the changes, steps with slack"""
+"""Columns of the tallies: steps with a changed command, sum of the changes, steps with a slack above SLACK"""
 
 MODEL = record(
-    mass_inverse=(6, 6),  # of M_RB + M_A
+    mass_inverse=(6, 6),  # inverse of M_RB + M_A
     momentum=(6, 6),  # matrix of the Coriolis terms
     linear=(6,),  # damping, N s/m, N m s
     quadratic=(6,),
@@ -61,7 +61,7 @@ MODEL = record(
     push=(3,),  # m/s2, largest effect of the water's motion on a vehicle at rest
     speed=(),  # m/s, largest; infinite: no limit
     tilt=(),  # rad, largest angle between the vehicle's z and the vertical; infinite: no limit
-    turn_brake=(),  # rad/s2, guaranteed deceleration about each horizontal axis
+    turn_brake=(),  # rad/s2, guaranteed deceleration about each axis of the body's x-y plane
     low=(),  # m, depth limits
     high=(),
     duration=(),  # s, of an agent step
@@ -70,7 +70,7 @@ MODEL = record(
 
 @njit(nogil=True)
 def largest_speed(d: float, brake: float, horizon: float) -> tuple[float, float]:
-    """Return w(d) and w'(d): the largest closing speed in m/s at a distance in m, negative if the distance is."""
+    """Return w(d), the largest closing speed in m/s at a distance of d m, and its derivative w'(d). For d < 0, w is negative."""
     if d <= 0.0:
         return d / horizon, 1.0 / horizon
     lost = brake * horizon
@@ -109,7 +109,7 @@ def still_acceleration(p: Record, up: Vector, v: Vector, omega: Vector) -> tuple
 
 @njit(nogil=True)
 def along(effect: Floats, normal: Vector, turning: Vector, j: int) -> float:
-    """Return the acceleration along a normal that the largest force of thruster j causes; `turning` is as in `add_row`."""
+    """Return the acceleration caused by the largest force of thruster j: along `normal`, m/s2, plus about `turning`, rad/s2."""
     (x, y, z), (roll, pitch, yaw) = triple(effect[:, j]), turning_of(effect[:, j])
     (nx, ny, nz), (tx, ty, tz) = normal, turning
     return float(nx * x + ny * y + nz * z + tx * roll + ty * pitch + tz * yaw)
@@ -129,7 +129,7 @@ def add_row(
     distances: Floats,
     count: int,
 ) -> int:
-    """Add the row that requires an acceleration of at least b: m/s2 along a normal or rad/s2 about `turning`; return the number of rows.
+    """Add the row that requires an acceleration of at least b along `normal` (m/s2) or about `turning` (rad/s2); return the number of rows.
 
     For a point at an arm from the body origin, `turning` is arm x normal, body axes. A row that every command meets is left out.
     """
@@ -323,13 +323,13 @@ def protect(
         steps: (n,) agent steps since the start of the episode.
         counts: (n,) solids of each episode.
         solids: (n, most) records of SOLID.
-        heights: (m,) m, of all terrain.
+        heights: (m,) heights of all terrain, m.
         hull: (1,) record of HULL.
         model: (1,) record of MODEL.
-        effect: (6, n_u) accelerations by the largest force of each thruster.
-        inverse: (n_u, n_u) inverse of the cost's Hessian; forces are shares of the largest.
-        low: (n_u,) smallest force, as shares.
-        high: (n_u,) largest force, as shares.
+        effect: (6, n_u) accelerations caused by the largest force of each thruster.
+        inverse: (n_u, n_u) inverse of the cost's Hessian; x are forces as shares of each thruster's largest force.
+        low: (n_u,) smallest force of each thruster, as a share.
+        high: (n_u,) largest force of each thruster, as a share.
         tables: (n_u, POINTS) forces as shares, at equally spaced commands.
         first: (n_u,) first command of each table.
         last: (n_u,) last command of each table.

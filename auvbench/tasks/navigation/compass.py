@@ -14,7 +14,7 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import row, wrap
 
 VOLTAGE = 16.0
-"""V, at which the power of thrusters was measured"""
+"""Supply voltage at which the power of the thrusters was measured, V"""
 
 
 @row

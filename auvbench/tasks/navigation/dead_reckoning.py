@@ -1,4 +1,4 @@
-"""Dead reckoning: the sum of the DVL's velocities along the heading.
+"""Dead reckoning: integrate the DVL's velocity along the estimated attitude.
 
 The gyros give the attitude; accelerometers (roll and pitch) and compass (yaw) correct it with a time constant. The height is the last
 reading of the depth sensor. Without bottom lock, the estimate keeps the last velocity in body axes.
@@ -24,8 +24,8 @@ def advance(d: Record, p: Record, before: Vector, force: Vector, seconds: float)
     Args:
         d: estimate, whose attitude the gyros have moved.
         p: parameters.
-        before: m, position before the interval.
-        force: m/s2, specific force, world axes.
+        before: position before the interval, m.
+        force: specific force, m/s2, world axes.
         seconds: length of the interval.
     """
     length = math.sqrt(dot(force, force))
@@ -41,7 +41,7 @@ def advance(d: Record, p: Record, before: Vector, force: Vector, seconds: float)
 
 @row
 def correct_velocity(d: Record, p: Record) -> None:
-    """Set the velocity to the velocity of the DVL's last ping."""
+    """Set the velocity of the body origin to the velocity of the DVL's last ping, corrected for the DVL's lever arm."""
     rates = subtract(triple(d.rates), triple(d.rate_bias))
     put(d.water_velocity, subtract(triple(d.dvl_velocity), cross(rates, triple(p.dvl_lever))))
     d.stamp[DVL] = d.time - p.dvl_delay
@@ -56,7 +56,7 @@ def correct_depth(d: Record, p: Record) -> None:
 
 @row
 def correct_heading(d: Record, p: Record) -> None:
-    """Turn the estimated yaw towards the compass's heading, by the share that the time constant gives."""
+    """Turn the estimated yaw towards the compass's heading, by the share of the error that the time constant allows."""
     share = 1.0 - math.exp(-1.0 / (p.heading_rate * p.settling))
     way = turn((0.0, 0.0, share * wrap(d.heading - d.predicted_heading)))
     put_attitude(d.attitude, multiply(way, attitude_of(d.attitude)))

@@ -1,4 +1,4 @@
-"""DVL: four beams to the bottom, of which at least three must return. Otherwise it may measure relative to a layer of the water.
+"""DVL: four beams to the bottom, at least three of which must return. Otherwise it may measure relative to a layer of the water.
 
 Beam i points along b_i = (sin t cos a_i, sin t sin a_i, -cos t), with the tilt t and azimuths a_i of 45, 135, 225 and 315 degrees, in
 body axes (forward, port, up). It measures b_i . (v + w x l). The velocity is the least-squares solution of the valid beams, so that with
@@ -37,7 +37,7 @@ from auvbench.worlds.casting import distance_to, first_hit
 
 BEAMS = 4
 ENOUGH = 3
-"""beams that a velocity needs"""
+"""Number of valid beams that a velocity needs"""
 _HALF = math.sqrt(0.5)
 
 
@@ -52,7 +52,9 @@ def beam(p: Record, i: int) -> Vector:
 
 @row
 def beam_sd(d: Record, p: Record) -> float:
-    """Return the standard deviation of a beam in m/s, from the figure of merit, which holds for a horizontal velocity."""
+    """Return the standard deviation of a beam in m/s. The figure of merit is the standard deviation of a horizontal velocity from
+    four beams.
+    """
     return float(d.merit * math.sqrt(2.0) * p.dvl_sine)
 
 
@@ -94,9 +96,9 @@ def height_along(p: Record, solids: Any, heights: Any, time: float, origin: Vect
     Args:
         p: parameters.
         solids: records of the solids in the water.
-        heights: m, heights of terrain.
-        time: s since the start of the episode.
-        origin: m, start of the beam, world axes.
+        heights: heights of terrain, m.
+        time: time since the start of the episode, s.
+        origin: start of the beam, m, world axes.
         way: direction of the beam, world axes.
     """
     upright = p.dvl_cosine
@@ -104,7 +106,7 @@ def height_along(p: Record, solids: Any, heights: Any, time: float, origin: Vect
     distance, solid = first_hit(solids, heights, time, origin, way, longest + 1.0)
     if distance > longest or distance * upright < p.dvl_low:
         return 0.0
-    # From just before the surface, where its gradient is its normal.
+    # Just before the surface, the gradient of the distance is the surface's normal.
     spot = add(origin, scale(distance - min(1e-3, 0.5 * distance), way))
     _, normal = distance_to(solids[solid], heights, time, spot, 1.0)
     return distance * upright if -dot(normal, way) > p.dvl_flattest else 0.0

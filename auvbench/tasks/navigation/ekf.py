@@ -7,8 +7,10 @@ position exactly ("stochastic cloning": Roumeliotis and Burdick, ICRA 2002). A m
 
 Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves when a reading arrives and at the end of
 an agent step. Updates are scalar, in Joseph's form. Other errors that last an episode (iron, density, alignment) are not states: they
-enlarge the standard deviation of each reading, as if they were drawn anew. After many rejected readings in a row, the filter accepts a
-sensor's readings, as ArduPilot's EKF3 does after a time-out.
+enlarge the standard deviation of each reading, as if they were independent at each reading. After many rejected readings of a
+sensor in a row, the
+filter accepts its readings until one passes the gate, as ArduPilot's EKF3 does after a time-out. Model, modem and water track are
+exceptions.
 """
 
 from __future__ import annotations
@@ -49,11 +51,11 @@ from auvbench.tasks.rows import put, row, triple, wrap
 Floats = NDArray[np.float64]
 
 WORK = 7
-"""rows of the memory of `Work`"""
+"""Number of rows of the memory of `Work`"""
 PARTS = 4
-"""Number of counters of each sensor in `rejected`: one for each beam of a DVL"""
+"""Number of counters of each sensor in `rejected`: a DVL needs one for each beam"""
 MOVING = 9
-"""Number of states that other states change: position, velocity and attitude"""
+"""Number of states that change between readings: position, velocity and attitude"""
 LEVEL = 0.01
 """smallest cosine of the pitch at which a heading is used"""
 
@@ -89,7 +91,7 @@ def begin(P: Floats, p: Record) -> None:
         P[j, j] = p.model_current**2
     if p.scale_state > 0:
         P[p.scale_state, p.scale_state] = p.dvl_scale**2
-    if p.bias_state > 0:  # It made the yaw at the start, too.
+    if p.bias_state > 0:  # The constant error is part of the first yaw, too.
         k, north, variance = p.bias_state, ATTITUDE + 2, p.heading_bias**2
         P[k, k] = variance
         P[k, north] = P[north, k] = -variance
@@ -120,14 +122,14 @@ def carried(
     """Return the errors of position, velocity and attitude after a time.
 
     Args:
-        T: s.
-        R: s, integral of the rotation matrix.
-        C: m/s, cross matrix of the integral of the specific force in world axes.
-        position: m, error before.
-        velocity: m/s.
-        attitude: rad.
-        force: m/s2, error of the accelerometers' bias.
-        rates: rad/s, error of the gyros' bias.
+        T: time, s.
+        R: integral of the rotation matrix, s.
+        C: cross matrix of the integral of the specific force in world axes, m/s.
+        position: position error before, m.
+        velocity: velocity error before, m/s.
+        attitude: attitude error before, rad.
+        force: error of the accelerometers' bias, m/s2.
+        rates: error of the gyros' bias, rad/s.
     """
     turned = product(R, rates)
     pushed = add(product(C, attitude), product(R, force))
@@ -195,7 +197,7 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
 
 @row
 def shared(P: Floats, work: Work, first: int, stop: int) -> float:
-    """Write P H^T of a reading with derivatives H; return H P H^T."""
+    """Write P H^T to `work.shared` for a reading with the derivatives H; return H P H^T."""
     variance = 0.0
     for i in range(P.shape[0]):
         total = 0.0
@@ -220,15 +222,15 @@ def update(
     first: int,
     stop: int,
 ) -> bool:
-    """Update by a scalar reading whose derivatives are in `work`; return whether it passes the gate.
+    """Correct states and covariance by a scalar reading whose derivatives are in `work`; return False if the reading is rejected.
 
     Args:
-        d: has the counters of the sensor.
+        d: state with the counters of the sensor.
         p: parameters.
         P: covariance.
         work: its `change` gets the change of the states.
         sensor: DVL, DEPTH, HEADING, MODEL, GNSS, MODEM or WATER.
-        part: axis or beam of a DVL's reading, which the gate judges separately; 0 for other sensors.
+        part: axis or beam of a reading of DVL, MODEL, GNSS or WATER, which the gate judges separately; 0 for other sensors.
         innovation: reading less prediction.
         sd: standard deviation of the reading.
         first: first state that the reading depends on.
@@ -244,7 +246,7 @@ def update(
     gated = sensor * PARTS + part
     if nis <= p.gate:
         d.rejected[gated] = 0
-    # A sheet, a beacon or the current may stay wrong.
+    # The readings of these three are never accepted by force: a sheet, a beacon or the current may stay wrong.
     elif sensor in (MODEL, MODEM, WATER) or d.rejected[gated] < GATED:
         d.rejected[gated] += 1
         return False
@@ -415,7 +417,7 @@ def remember(d: Record, p: Record, P: Floats, k: int) -> None:
 
 @row
 def put_sight(p: Record, way: Vector, work: Work) -> None:
-    """Write the derivatives of the position at the ping along a direction."""
+    """Write the derivatives of the position at the ping, along a direction."""
     work.slope[:] = 0.0
     put_row(work, p.ping_state, way)
 

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _VIEWS = ("_state", "_parameters")
-"""attributes that `_take` makes"""
+"""Attributes that `_take` creates; a pickled `Navigation` does not contain them"""
 
 
 class Navigation:
@@ -48,17 +48,17 @@ class Navigation:
         owner = f"navigation={config.navigation.name}"
         self.parameters = records.one_row(parameters(config, float(vehicle.gravity)), shared, owner)
         self.state = records.state(task.n, FIELDS, owner)
-        """(n,) sensors and estimate of each episode (`state.FIELDS`)"""
+        """Sensors and estimate (n,) of each episode (`state.FIELDS`)"""
         has_model = bool(self.parameters[0].has_model)
         self.sheet = Sheet(vehicle, task.n, config.simulator.max_step) if has_model else None
         """Model from the vehicle's sheet; None if the estimator does not use it"""
         states = int(self.parameters[0].states)
         self.covariance: Floats = np.zeros((task.n, states, states))
-        """Covariance of the filter's errors (`ekf`)"""
+        """Covariances (n, states, states) of the filter's errors (`ekf`)"""
         self.pose: Floats = np.zeros((task.n, 7))
-        """(n, 7) estimated poses, m and unit quaternion"""
+        """Estimated poses (n, 7), m and unit quaternion"""
         self.velocity: Floats = np.zeros((task.n, 6))
-        """(n, 6) estimated velocities, m/s and rad/s, body axes"""
+        """Estimated velocities (n, 6), m/s and rad/s, body axes"""
         self._none = np.zeros(task.n, np.int64), np.zeros((task.n, 1), SOLID), NO_HEIGHTS
         task.estimated = self.columns
         self._take()
@@ -68,7 +68,7 @@ class Navigation:
         self._parameters = records.plain(self.parameters)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave out views, which NumPy would copy as separate arrays."""
+        """Return the state without views, which NumPy would copy as separate arrays."""
         return {name: value for name, value in self.__dict__.items() if name not in _VIEWS}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -80,7 +80,7 @@ class Navigation:
         return Watched(simulator, self)
 
     def intervals(self, duration: float) -> int:
-        """Return the number of IMU samples in a time in s."""
+        """Return the number of IMU samples in `duration` s."""
         return max(1, round(duration * self.rate))
 
     @property
@@ -130,7 +130,7 @@ class Navigation:
         task.move_belief(*rows, self.pose, self.velocity, action, task.previous, force, power)
 
     def columns(self, i: int) -> dict[str, float]:
-        """Return the columns of the record of environment i, whose episode has ended."""
+        """Return the columns that navigation adds to the record of environment i, whose episode has ended."""
         d, e = self.state[i], self.task.episodes[i]
         steps = max(float(d.counted), 1.0)
         columns = {
@@ -164,7 +164,7 @@ class Watched:
     """A simulator that lets navigation sensors measure during each of its steps.
 
     Args:
-        simulator: wrapped simulator; everything but `step` is passed on to it.
+        simulator: wrapped simulator; all attributes except `step` are its own.
         navigation: sensors, which measure each interval of a step.
     """
 

@@ -35,7 +35,8 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def decayed(walk: float, tau: float, seconds: float) -> tuple[float, float]:
-    """Return the factor by which a Gauss-Markov process decays in a time in s, and the standard deviation of the noise that it gains.
+    """Return the factor by which a Gauss-Markov process decays in `seconds`, and the standard deviation of the noise that is added
+    meanwhile.
 
     `walk` is the driving density: the stationary standard deviation is walk sqrt(tau / 2).
     """
@@ -65,8 +66,8 @@ def moved(
     Args:
         before: attitude at the start of the interval.
         after: attitude at its end.
-        gained: m/s, change of the velocity in world axes.
-        gravity: m/s2.
+        gained: change of the velocity in world axes, m/s.
+        gravity: acceleration of gravity, m/s2.
         seconds: length of the interval.
     """
     w, x, y, z = before
@@ -92,7 +93,7 @@ def sense(e: Record, d: Record, p: Record, stream: int, force: Vector, rates: Ve
 
 @row
 def advance(d: Record, p: Record, seconds: float) -> tuple[Vector, Matrix]:
-    """Move the estimate by the last measurement.
+    """Advance the estimate by the IMU's last measurement.
 
     Returns:
         Specific force in world axes, m/s2, and the rotation matrix in the middle of the interval.

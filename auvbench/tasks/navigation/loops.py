@@ -1,4 +1,4 @@
-"""Loops over episodes: begin, one interval of the IMU, and the end of an agent step."""
+"""Loops over episodes: start of an episode, an interval of the IMU, ranges to beacons, and the end of an agent step."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ Sea: TypeAlias = tuple[Any, ...]
 """Components, rays and time of `dynamics.waves.Waves`: for all vehicles, or the rays of a block of vehicles and the time of one of them"""
 
 FASTEST = 50.0
-"""m/s and rad/s, largest speeds of an estimate (`blocks.FASTEST`)"""
+"""Largest speeds of a usable estimate, m/s and rad/s (`blocks.FASTEST`)"""
 
 
 @row
@@ -65,7 +65,7 @@ def see(d: Record, pose: Floats, velocity: Floats) -> None:
 
 @row
 def start(e: Record, d: Record, p: Record, stream: int) -> None:
-    """Draw the errors of the sensors and of the first estimate; `see` has stored the true motion before."""
+    """Draw the errors of the sensors and of the first estimate. Call `see` first, which stores the true motion."""
     d.samples, d.time, d.diverged = 0, 0.0, 0
     imu.begin(e, d, p, stream)
     pressure.begin(e, d, p, stream)
@@ -125,7 +125,7 @@ def show(d: Record, P: Floats, shown: Shown, i: int, pose: Floats, velocity: Flo
 
 @row
 def is_sound(d: Record) -> bool:
-    """Return whether an estimate is usable: near the true position, slow enough and finite."""
+    """Return whether an estimate is usable: near the true position, slow enough, and with a quaternion of about unit length."""
     near = between(triple(d.position), triple(d.true_position)) <= LOST
     vx, vy, vz = triple(d.velocity)
     slow = abs(vx) + abs(vy) + abs(vz) <= FASTEST
@@ -254,7 +254,7 @@ def begin_rows(
     indices: Integers, episodes: Any, states: Any, parameters: Any, covariances: Floats, shown: Shown, stream: int,
     true_pose: Floats, true_velocity: Floats, pose: Floats, velocity: Floats,
 ) -> None:  # fmt: skip
-    """Begin episodes: draw their sensors and first estimates, and write the estimates (n, 7) and (n, 6)."""
+    """Begin episodes: draw their sensors' errors and first estimates, and write the estimated poses (n, 7) and velocities (n, 6)."""
     p = parameters[0]
     for k in range(indices.shape[0]):
         i = indices[k]
@@ -282,7 +282,7 @@ def sample_rows(
             episodes[i], states[i], p, covariances[i], work, stream, true_pose[i], true_velocity[i],
             solids[i, : counts[i]], heights, water[i], power[i], (components, rays[i // LANES], times[i]), i % LANES, seconds,
         )  # fmt: skip
-    memory[:] = 0.0  # numba frees memory after its last use, and does not see what is borrowed
+    memory[:] = 0.0  # numba frees an array after its last use, and does not count the use of borrowed views
 
 
 @compiled("dynamics", "worlds", "tasks", ".")
@@ -310,7 +310,7 @@ def conclude_rows(
     first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, sheet: Floats,
     shown: Shown, stream: int, pose: Floats, velocity: Floats,
 ) -> None:  # fmt: skip
-    """End an agent step of the episodes first .. stop - 1; write the estimates (n, 7) and (n, 6)."""
+    """End an agent step of the episodes first .. stop - 1; write the estimated poses (n, 7) and velocities (n, 6)."""
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
     work, covariances, sheet = ekf.work_in(borrowed(memory)), borrowed(covariances), borrowed(sheet)
     pose, velocity = borrowed(pose), borrowed(velocity)

@@ -39,7 +39,7 @@ class Sheet:
     Args:
         vehicle: model of the sheet.
         n: number of vehicles.
-        max_step: s, longest step of the integration.
+        max_step: longest step of the integration, s.
     """
 
     def __init__(self, vehicle: VehicleModel, n: int, max_step: float) -> None:

@@ -1,7 +1,8 @@
 """Acoustic modem: ranges to the beacons of a team, which are vehicles that send their estimated position (docs/navigation.md).
 
-The receiver measures the one-way travel time of a message; clocks are synchronous. The message has the sender's estimated position at the
-sending, and the covariance of this position. It arrives after the transmission time and the travel time of the sound. The range therefore
+The receiver measures the one-way travel time of a message; clocks are synchronous. The message contains the sender's estimated position at
+the time of sending, and the covariance of this position. It arrives after the transmission time and the travel time of the sound.
+The range therefore
 belongs to a past position of the receiver, which is a state of the filter, as for a USBL.
 
 A beacon's position error lasts, so that a second range adds little information. The filter models this error as a first-order
@@ -26,7 +27,7 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import VEHICLE, between, misses, put, row, triple
 
 SHORT = 0.1
-"""m, smallest range that has a direction"""
+"""Smallest range from which a direction is computed, m"""
 
 
 @row
@@ -61,7 +62,7 @@ def hears(e: Record, d: Record, p: Record, stream: int) -> bool:
 
 @called
 def sense(e: Record, d: Record, p: Record, P: Floats, stream: int, beacon: Record, Q: Floats) -> None:
-    """Measure the range to a beacon, whose covariance is Q, and store its message; both arrive later."""
+    """Measure the range to a beacon and store the beacon's message; both arrive later. Q is the covariance of the beacon's estimate."""
     error, _, _, _ = normals(e, d, stream, 22)
     way = between(triple(d.true_position), triple(beacon.true_position))
     d.measured_range = way + p.modem_noise * error
@@ -78,7 +79,7 @@ def sense(e: Record, d: Record, p: Record, P: Floats, stream: int, beacon: Recor
 
 @row
 def sight(d: Record) -> tuple[Vector, float]:
-    """Return the estimated direction from the beacon to the vehicle at the sending, and their distance in m."""
+    """Return the estimated direction from the beacon to the vehicle at the time of sending, and their distance in m."""
     way = subtract(triple(d.range_position), triple(d.beacon))
     r = max(math.sqrt(dot(way, way)), SHORT)
     return scale(1.0 / r, way), r
@@ -86,7 +87,7 @@ def sight(d: Record) -> tuple[Vector, float]:
 
 @row
 def put_derivatives(p: Record, way: Vector, work: ekf.Work) -> None:
-    """Write the derivatives of the range h = |x - beacon|, x being the position at the sending."""
+    """Write the derivatives of the range h = |x - beacon|, where x is the position at the time of sending."""
     work.slope[:] = 0.0
     ekf.put_row(work, p.modem_state, way)
 
@@ -103,9 +104,9 @@ def bend(total: float, radial: float, r: float) -> float:
     """Return the root mean square (m) of the second-order term of a range, c^2 / 2r for an error c across the line of sight.
 
     Args:
-        total: m2, trace of the covariance of the relative position.
-        radial: m2, its variance along the line of sight.
-        r: m, distance.
+        total: trace of the covariance of the relative position, m2.
+        radial: variance of the relative position along the line of sight, m2.
+        r: distance, m.
     """
     # The mean of c^4 is 3 times the squared variance.
     return math.sqrt(3.0) * max(total - radial, 0.0) / (2.0 * r)

@@ -31,9 +31,9 @@ DVL, DEPTH, HEADING, MODEL, USBL, GNSS, MODEM, WATER = 0, 1, 2, 3, 4, 5, 6, 7
 """Index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on. WATER is the DVL's water track: its pings are due and arrive
 with the DVL's pings."""
 SOON = 1e-6
-"""s: a measurement that is due this soon is due now"""
+"""Tolerance of times, s: a measurement that is due this soon is due now"""
 NEVER = 1e300
-"""s, arrival time of a sensor that has no reading under way"""
+"""Arrival time of a sensor that has no reading under way, s"""
 
 _V, _Q, _S = (3,), (4,), (8,)
 FIELDS: tuple[tuple[Any, ...], ...] = (
@@ -67,7 +67,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     # Depth and heading
     ("depth_scale", "f8"),
     ("depth_offset", "f8"),  # m
-    ("wave_variance", "f8"),  # m2, variance of the height by the waves' pressure
+    ("wave_variance", "f8"),  # m2, variance of the measured height due to the waves' pressure
     ("wave_readings", "f8"),  # number of readings that share the error of the waves
     ("height", "f8"),  # m, measured z
     ("predicted_height", "f8"),
@@ -117,7 +117,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("elapsed", "f8"),  # s since the covariance was propagated
     ("force_sum", "f8", _V),  # m/s, integral of the specific force in world axes over `elapsed`
     ("rotation_sum", "f8", (9,)),  # s, integral of the rotation matrix over `elapsed`
-    ("diverged", "i8"),  # 1: the estimate stands still
+    ("diverged", "i8"),  # 1: the estimate has diverged and no longer moves
     # Metrics
     ("error", "f8"),  # m, position error at the last step
     ("error_squared_sum", "f8"),  # m2
@@ -128,7 +128,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
 """Fields of `d`, the record of an episode's sensors and estimate"""
 
 MODES = 5
-"""Number of range modes in the parameters of a vehicle without a DVL; each other number would need code compiled anew"""
+"""Number of range modes in the parameters of a vehicle without a DVL; another number would need newly compiled code"""
 GATED_FIXES = 5
 """Number of USBL positions that the gate may reject in a row; USBL positions come about once a second"""
 GATED = 20
@@ -173,7 +173,7 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
         "start_position": navigation.start.position,
         "start_velocity": navigation.start.velocity,
         "start_tilt": navigation.start.tilt,
-        # of chi-square, 1 and 3 degrees of freedom
+        # quantiles of chi-square with 1 and 3 degrees of freedom
         "gate": NormalDist().inv_cdf(0.5 + 0.5 * gate) ** 2 if gate < 1.0 else math.inf,
         "gate_of_three": float(chdtri(3, 1.0 - gate)) if gate < 1.0 else math.inf,
         "inflation": getattr(navigation, "inflation", 1.0),
@@ -237,7 +237,7 @@ def uniforms(e: Record, d: Record, stream: int, block: int) -> Quaternion:
 
 @row
 def next_of_burst(burst: int, share: float, pause: float, u: float) -> int:
-    """Return whether the next ping of a two-state Markov chain is in a burst without readings, 1 or 0.
+    """Return 1 if the next ping is in a burst without readings, otherwise 0. Bursts are a two-state Markov chain.
 
     Args:
         burst: whether the present ping is in a burst.
@@ -262,14 +262,14 @@ def is_due(d: Record, sensor: int) -> bool:
 def expect(d: Record, sensor: int, period: float, delay: float) -> None:
     """Write when a sensor that measures now will measure again, and when its present reading arrives."""
     d.due[sensor] += period
-    if d.due[sensor] < d.time:  # it stood still
+    if d.due[sensor] < d.time:  # the next measurement is late already
         d.due[sensor] = d.time + period
     d.arrives[sensor] = d.time + delay
 
 
 @row
 def has_arrived(d: Record, sensor: int) -> bool:
-    """Return whether a reading arrives now; it is then no longer under way."""
+    """Return whether a reading arrives now; if so, mark it as no longer under way."""
     if d.time + SOON < d.arrives[sensor]:
         return False
     d.arrives[sensor] = NEVER

@@ -10,7 +10,7 @@ from auvbench.dynamics.layout import Matrix, Quaternion, Vector
 from auvbench.dynamics.vectors import dot, scale, unit
 
 SMALL = 1e-3
-"""rad2, squared angle below which series replace sine and cosine; a turn at 3 rad/s for 0.01 s has 9e-4"""
+"""Squared angle below which series replace sine and cosine, rad2; a turn at 3 rad/s for 0.01 s has 9e-4"""
 
 
 @inline

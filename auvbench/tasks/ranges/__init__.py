@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def make(config: schema.TrainConfig, n: int, shared: Mapping[str, float]) -> Sensors | None:
-    """Return the sensors of an observation; None without any, so that they cost nothing."""
+    """Return the sensors of an observation; None if it has no sensors."""
     names = [name for name in sorted(tasks.blocks(config.task)) if BLOCKS[name].sensor]
     if not names:
         return None

@@ -1,4 +1,4 @@
-"""Define a range sensor: a function of one episode, and the sensor's state in this episode.
+"""Base class of range sensors: a function of one episode, and the sensor's state in this episode.
 
 A sensor measures the solids from the true pose at the end of an agent step or, with delayed measurements, from the delayed pose. It changes
 its state once for each step of the episode, so that observing again changes nothing.
@@ -26,7 +26,7 @@ from auvbench.worlds.casting import nearest_along
 Floats = NDArray[np.float64]
 
 NOW = 1e-9
-"""share of a period: a ping that is due this soon is due now"""
+"""Tolerance of times, as a share of a period: a ping that is due this soon is due now"""
 
 
 class Scene(NamedTuple):
@@ -43,7 +43,7 @@ class Scene(NamedTuple):
 
 @row
 def scene(solids: Any, n_solids: int, heights: Any, time: float, pose: Any, stream: int) -> Scene:
-    """Return the scene of a vehicle at a pose (7,) at a time in s."""
+    """Return the scene that a sensor measures from a pose (7,), `time` s after the start of the episode."""
     rotation: Matrix = rotation_matrix((pose[3], pose[4], pose[5], pose[6]))
     return Scene(solids, n_solids, heights, time, (pose[0], pose[1], pose[2]), rotation, stream)
 
@@ -58,7 +58,7 @@ def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: 
         rays: (k, 3) unit vectors; first .. stop - 1 are used.
         first: index of the first ray.
         stop: index after the last ray.
-        longest: m, largest distance.
+        longest: largest distance, m.
     """
     solids = scene.solids[: scene.n_solids]
     here = scene.time, scene.position
@@ -98,7 +98,7 @@ def pings_until(steps: int, p: Record) -> int:
 
 @row
 def new_step(e: Record, d: Record) -> bool:
-    """Return whether the sensor has not yet seen this step of the episode."""
+    """Return whether this step of the episode is new to the sensor, and mark it as seen."""
     new = e.steps == 0 or d.step != e.steps
     d.step = e.steps
     return bool(new)
@@ -106,12 +106,12 @@ def new_step(e: Record, d: Record) -> bool:
 
 @row
 def keep(e: Record, p: Record, memory: Floats) -> None:
-    """Store the present numbers in the ring of numbers that are under way; at the start of an episode, in all its slots.
+    """Store the present measurement in the ring of delayed measurements; at the start of an episode, store it in all slots.
 
     Args:
         e: the episode.
         p: parameters of the sensor, with `size` and `slots` of `more`.
-        memory: (size (1 + slots),) the present numbers, then the ring.
+        memory: (size * (1 + slots),) present measurement, then the ring.
     """
     for slot in range(p.slots):
         if e.steps == 0 or slot == e.steps % p.slots:
@@ -121,7 +121,7 @@ def keep(e: Record, p: Record, memory: Floats) -> None:
 
 @row
 def arrived(e: Record, p: Record, memory: Floats, j: int) -> float:
-    """Return number j of the numbers that arrive at this step."""
+    """Return value j of the delayed measurement that arrives at this step."""
     slot = 1 + (e.steps + 1) % p.slots
     return float(memory[slot * p.size + j])
 
@@ -153,21 +153,21 @@ class RangeSensor:
         more = {"size": size, "slots": slots, "channel": zlib.crc32(name.encode()) & 0xFFFF0000}
         own = {**records.of_schema(settings), **self.more(), **more}
         self.parameters = records.one_row(own, shared, owner)
-        """(1,) parameters"""
+        """Parameters (1,) of the sensor"""
         self.rays = mounted(self.directions(), settings.yaw, settings.pitch)
-        """(k, 3) unit vectors, body axes"""
+        """Directions (k, 3) of the rays, unit vectors in body axes"""
         self.state = records.state(n, (*self.fields, ("step", "i8")), owner)
-        """(n,) records: state of the sensor in each episode"""
-        # Not a field of the records: compiled code is made for each shape of a record's fields.
+        """State (n,) of the sensor in each episode"""
+        # Not a field of the records: each shape of a record's fields needs its own compiled code.
         self.memory: Floats = np.zeros((n, size * (1 + slots)))
-        """Present numbers of each episode, and numbers under way (`keep`)"""
+        """Present measurement of each episode, followed by the delayed measurements (`keep`)"""
 
     def directions(self) -> Floats:
         """Return the rays (k, 3) of a sensor that points forward: unit vectors."""
         raise NotImplementedError
 
     def size(self) -> int:
-        """Return how many numbers of a measurement an episode stores."""
+        """Return the number of values of a measurement that an episode stores; 0: none."""
         return 0
 
     def more(self) -> dict[str, Any]:

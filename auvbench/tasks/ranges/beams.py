@@ -29,5 +29,5 @@ def middles(angle: float, count: int) -> Floats:
 
 
 def spread(angle: float, count: int) -> Floats:
-    """Return `count` angles in rad from -angle / 2 to angle / 2; one is 0."""
+    """Return `count` equally spaced angles in rad from -angle / 2 to angle / 2; a single angle is 0."""
     return np.linspace(-0.5 * angle, 0.5 * angle, count) if count > 1 else np.zeros(1)

@@ -21,7 +21,7 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
 
 
 class IdealFan(RangeSensor):
-    """The fan has `rows` times `columns` rays."""
+    """Fan of `rows` times `columns` rays."""
 
     sense = staticmethod(sense)
 

@@ -35,7 +35,7 @@ class Sensors:
         ]
 
     def tables(self, interpreted: bool) -> tuple[tuple[Any, ...], ...]:
-        """Return states, memories, parameters and rays of the sensors, as the loop takes them."""
+        """Return states, memories, parameters and rays of the sensors, as the observing loop takes them."""
         states, parameters = [s.state for s in self.sensors], [s.parameters for s in self.sensors]
         if not interpreted:
             states, parameters = [*map(records.plain, states)], [*map(records.plain, parameters)]

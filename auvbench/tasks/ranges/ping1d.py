@@ -48,7 +48,7 @@ INNER, OUTER = 6, 12
 
 @row
 def measure(e: Record, memory: Floats, p: Record, scene: Scene, true: float) -> None:
-    """Write distance and confidence of a ping whose nearest echo is at a true distance in m."""
+    """Write distance and confidence of a ping whose nearest echo is `true` m away. Without an echo, write only the confidence 0."""
     lost, grade, depth, jumps = draws(e, p, scene.stream, 0)
     u, v, place, _ = draws(e, p, scene.stream, 1)
     if true >= p.high or lost < p.dropout:
@@ -84,7 +84,7 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
 
 
 class EchoSounder(RangeSensor):
-    """The cone is sampled by its axis and two rings of rays."""
+    """Echo sounder whose cone is sampled by its axis and two rings of rays."""
 
     sense = staticmethod(sense)
 

@@ -46,7 +46,7 @@ def turned(rotation: Matrix, yaw: float) -> Matrix:
 
 @row
 def beam_of(count: int, p: Record) -> int:
-    """Return the place in the scan of beam `count` of the episode."""
+    """Return the index in the scan of beam number `count` of the episode."""
     if p.to_and_fro == 0:
         return int(count % p.beams)
     place = count % (2 * p.beams)
@@ -67,7 +67,7 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
         if e.steps == 0:
             memory[:] = 0.0
             d.sector = -1
-        # More beams than a scan has would only be replaced.
+        # Earlier beams would be overwritten.
         for count in range(max(done, last - 2 * p.beams), last):
             beam = beam_of(count, p)
             sector = beam * p.sectors // p.beams
@@ -84,10 +84,10 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
 
 
 class ScanningSonar(RangeSensor):
-    """A beam is narrow in the horizontal, and has a few rays in the vertical."""
+    """Scanning sonar whose beam is one ray wide and several rays high."""
 
     sense = staticmethod(sense)
-    fields = (("sector", "i8"),)  # of the last beam; -1: none
+    fields = (("sector", "i8"),)  # sector of the last beam; -1: none
 
     def directions(self) -> Floats:
         elevations = spread(self.settings.beam, RAYS)

@@ -19,7 +19,7 @@ from auvbench.worlds.kinds import PLANE
 
 @row
 def level(scene: Scene, v: tuple[float, float, float], out: Any) -> None:
-    """Write a vector of world axes in levelled body axes."""
+    """Write a vector that is given in world axes in levelled body axes, which have only the yaw of the body."""
     c, s = scene.rotation[0][0], scene.rotation[1][0]
     size = (c * c + s * s) ** 0.5
     if size > 0.0:
@@ -32,7 +32,7 @@ def level(scene: Scene, v: tuple[float, float, float], out: Any) -> None:
 
 @row
 def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Scene, out: Any) -> None:
-    """Write the nearest solids, the nearest first; memory has room for their distances and indices."""
+    """Write the nearest solids, the nearest first; `memory` is working space for their distances and indices."""
     time, found = scene.time, 0
     half = memory.shape[0] // 2
     distances, indices = memory[:half], memory[half:]
@@ -72,7 +72,7 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
 
 
 class NearestSolids:
-    """The nearest solids of N episodes, with the attributes of `RangeSensor` that the loop takes."""
+    """The nearest solids of N episodes, with the attributes of `RangeSensor` that the observing loop needs."""
 
     sense = staticmethod(sense)
 

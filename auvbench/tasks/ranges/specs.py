@@ -20,7 +20,7 @@ SOLID = (
 NUMBERS = len(SOLID)
 """Number of values that describe a solid"""
 LONGEST = 1e5
-"""m, bound of the size of a solid and of the distance of its centre"""
+"""Bound of the size of a solid and of the distance to its centre, m"""
 
 
 def in_the_loop(m: Reading, e: Any, p: Any, out: Any) -> None:
@@ -29,7 +29,7 @@ def in_the_loop(m: Reading, e: Any, p: Any, out: Any) -> None:
 
 
 def _block(s: Setting, name: str, labels: list[str], more: dict[str, float], meaning: str) -> Block:
-    """Return a block of closenesses, then of other numbers with their bounds."""
+    """Return a block with a closeness for each of `labels`, then the values of `more`, which has their bounds by label."""
     names = tuple(f"range_{name}_{label}" for label in (*labels, *more))
     text = f"{meaning}: 1 - distance / {s.sensor.high:g} m; 0: nothing"
     return Block(f"{PREFIX}{name}", names, "1", (1.0,) * len(labels) + tuple(more.values()), text)

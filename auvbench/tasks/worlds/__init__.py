@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, n: int) -> Surroundings | None:
-    """Return the surroundings of N episodes; None in open water, so that it costs nothing."""
+    """Return the surroundings of N episodes; None in open water."""
     if not config.world.solid:
         return None
     from auvbench.tasks.worlds.surroundings import Surroundings  # with the geometry of solids

@@ -1,4 +1,4 @@
-"""Define a world: the solids of one episode, drawn for its start and goal."""
+"""Base class of worlds: the solids of one episode, drawn for its start and goal."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Episode(NamedTuple):
     goal: Floats  # (3,) m
     key: Key  # key of its draws
     line: Floats | None = None
-    """(k, 3) m, path of the task; None: the task has no path, or the world does not depend on it"""
+    """Path (k, 3) of the task, m; None: the task has no path, or the world does not depend on it"""
 
     def draws(self, block: int) -> tuple[float, float, float, float]:
         """Return four random numbers in (0, 1); each `block` has its own numbers."""
@@ -34,12 +34,12 @@ class World:
 
     Args:
         settings: configuration, with the schema of the world's spec.
-        depth_low: m, the lower depth limit of the task, a negative number.
-        radius: m, of the vehicle's hull.
+        depth_low: lower depth limit of the task, m, a negative number.
+        radius: radius of the vehicle's hull, m.
     """
 
     most: int = 1
-    """largest number of solids"""
+    """Largest number of solids"""
     inside: ClassVar[str] = "inside the bottom"
     """Where a point outside of the water is, for messages"""
     follows: ClassVar[bool] = False
@@ -76,8 +76,8 @@ class World:
 
         Args:
             episode: episode with start and goal.
-            rises: (2,) m, heights of the mean bottom over the reference level, below start and goal.
-            highest: m, height of the bottom's highest point over the mean bottom.
+            rises: heights (2,) of the mean bottom over the reference level, below start and goal, m.
+            highest: height of the bottom's highest point over the mean bottom, m.
         """
         if self.settings.depth is not None:
             return -float(self.settings.depth)

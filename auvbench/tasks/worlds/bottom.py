@@ -18,7 +18,7 @@ from auvbench.worlds.solids import terrain
 
 
 class BottomWorld(World):
-    """Beyond its edges, the grid is mirrored, so that every point has a bottom and the bottom has no step.
+    """Bottom from a grid of heights. Beyond its edges, the grid is mirrored, so that the bottom is everywhere and has no step.
 
     Raises:
         ConfigError: the file has no regular grid of heights.

@@ -27,7 +27,7 @@ FIELDS = (
     ("clearance", "f8"),  # m, smallest so far
     ("near_time", "f8"),  # s with a clearance below `near`
 )
-"""fields of an episode in a world"""
+"""Fields of an episode in a world with solids"""
 
 
 @row
@@ -38,7 +38,7 @@ def touch(e: Record, v: Vehicle, p: Record, solids: Any, heights: Floats, hull: 
     least = math.inf
     for k in range(hull.count):
         centre = add(v.position, product(rotation, (hull.first + k * hull.spacing, 0.0, 0.0)))
-        # Solids farther away change nothing.
+        # Solids that are farther away do not affect the fields.
         longest = max(e.clearance, hull.near) + hull.radius
         distance, index, _ = nearest_surface(solids[: e.solids], heights, time, centre, longest)
         least = min(least, distance - hull.radius)

@@ -17,7 +17,7 @@ from auvbench.worlds.solids import box, cylinder, none, plane, sphere
 MOST = 256
 """Largest number of obstacles"""
 TRIES = 20
-"""Largest number of fields that are drawn until a vehicle can pass one"""
+"""Largest number of fields that are drawn in search of one that the vehicle can pass"""
 SIZES = 10_000
 """First block of draws of the obstacles' kinds and heights; smaller blocks draw their places"""
 MOTIONS = SIZES + MOST
@@ -25,7 +25,7 @@ MOTIONS = SIZES + MOST
 
 
 class FieldWorld(World):
-    """A field is drawn anew until a vehicle can pass between its obstacles, as seen from above."""
+    """Field of obstacles, drawn again until the vehicle can pass between them, as seen from above."""
 
     most = MOST + 1
     inside = "inside an obstacle or the bottom"
@@ -39,7 +39,7 @@ class FieldWorld(World):
         count = round(s.density * area)
         if count > MOST:
             raise ConfigError(
-                f"world.density={s.density:g}: is {count} obstacles in an arena of {area:.0f} m2; must be at most {MOST / area:.3g}, or "
+                f"world.density={s.density:g}: gives {count} obstacles in an arena of {area:.0f} m2; must be at most {MOST / area:.3g}, or "
                 f"reduce world.margin"
             )
         for attempt in range(TRIES):

@@ -13,11 +13,11 @@ from auvbench.worlds.kinds import Solids
 from auvbench.worlds.solids import capsule
 
 TRIES = 64
-"""Largest number of draws of the direction until the start is free"""
+"""Largest number of draws of the direction in search of a free start"""
 
 
 class PillarsWorld(World):
-    """The direction of the first pillar is drawn so that the start is free, unless it is given."""
+    """Pillars on a circle round the goal. The direction of the first pillar is drawn so that the start is free, unless `turn` gives it."""
 
     most = 64
     inside = "inside a pillar"

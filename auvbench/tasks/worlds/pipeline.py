@@ -18,11 +18,13 @@ from auvbench.worlds.solids import capsule
 MOST = 256
 """Largest number of pieces of the pipe"""
 FINE = 0.5
-"""m, distance between the points of a course before the course is cut into pieces"""
+"""Distance between the points of a course before the course is cut into pieces, m"""
 
 
 class PipelineWorld(RoughWorld):
-    """The pipe is a chain of capsules from point to point of the bottom: it spans hollows and dives into hills between its points."""
+    """Pipe on the bottom: a chain of capsules between points of the bottom. Between its points, the pipe spans hollows and cuts
+    into hills.
+    """
 
     most = 1 + MOST
     inside = "inside the bottom or the pipe"

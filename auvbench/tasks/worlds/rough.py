@@ -15,7 +15,7 @@ from auvbench.worlds.solids import laid, terrain
 
 
 class RoughWorld(World):
-    """The grid is drawn with `world.seed`, by default 0."""
+    """Fractal bottom. Its grid is drawn with `world.seed`, by default 0."""
 
     def __init__(self, settings: Any, depth_low: float, radius: float) -> None:
         super().__init__(settings, depth_low, radius)
@@ -32,13 +32,13 @@ class RoughWorld(World):
 
 
 def fractal(seed: int, size: int, hurst: float, height: float) -> Floats:
-    """Return heights (size, size) in m with mean 0: a sum of waves with drawn phases, which repeats.
+    """Return heights (size, size) in m with mean 0: a periodic sum of waves with random amplitudes and phases.
 
     The spectral density of a surface with Hurst exponent H falls as k^-(2 H + 2) (Peitgen and Saupe, "The science of fractal images",
     1988, section 2.4).
 
     Args:
-        seed: seed of the phases.
+        seed: seed of the waves.
         size: vertices along each side.
         hurst: 0 rough .. 1 smooth.
         height: standard deviation, m.

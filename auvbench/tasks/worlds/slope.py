@@ -13,7 +13,7 @@ from auvbench.worlds.solids import plane
 
 
 class SlopeWorld(World):
-    """The direction of the slope is drawn, unless it is given."""
+    """Plane bottom. The direction of its slope is drawn, unless `direction` gives it."""
 
     def draw(self, episode: Episode) -> tuple[Solids, Mapping[str, float]]:
         s = self.settings

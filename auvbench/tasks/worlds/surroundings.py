@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 FAR = 1e6
-"""m, clearance where nothing is near"""
+"""Clearance if no solid is near, m"""
 SIDE = 8.0
-"""m, margin round start and goal within which ways are searched, in worlds without their own margin"""
+"""Margin round start and goal within which the shortest way is searched, m, in worlds without their own margin"""
 WAY = (("way", "f8", (CORNERS, 3)), ("way_corners", "i8"))
-"""fields of an episode whose shortest way is observed: corners in m and their number"""
+"""Fields of an episode whose shortest way is observed: corners in m and their number"""
 
 
 class Surroundings:
@@ -46,18 +46,18 @@ class Surroundings:
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel, n: int) -> None:
         self.settings = config.world
         self.hull = hull_of(config.world, vehicle)
-        """(1,) record of HULL"""
+        """Hull of the vehicle, a record (1,) of HULL"""
         kind = resolve(WORLDS[self.settings.name].code)
         # A way must be wide enough for the vehicle in each direction.
         self.radius = float(self.hull["radius"][0] - self.hull["first"][0])
         self.world: World = kind(self.settings, config.task.depth_low, self.radius)
         self.solids = np.zeros((n, self.world.most), SOLID)
-        """(n, most) records; an episode has the first `solids` of its row"""
+        """Solids (n, most); in each row, only the first `episodes.solids` records are in use"""
         self.heights = self.world.heights
         self.has_ways = "way" in tasks.blocks(config.task)
         """whether the observation shows the shortest way"""
         self.way = WAY if self.has_ways else ()
-        """fields of the way"""
+        """Fields of an episode that store the shortest way"""
         own = ((name, "f8") for name in self.world.fields)
         self.fields = (*FIELDS, *own, *self.way)
         """Fields of an episode in addition to `records.EPISODE`"""
@@ -141,8 +141,8 @@ class Surroundings:
         return bool(getattr(self.settings, "moving", 0.0) > 0.0)
 
     def outlines(self, i: int, count: int, low: Floats, high: Floats, time: float) -> Floats:
-        """Return the segments (k, 2, 3) in m that show the solids of episode i, after a time in s, inside a box with corners `low` and
-        `high`.
+        """Return segments (k, 2, 3) in m that draw the solids of episode i, `time` s after its start, inside a box with the corners `low`
+        and `high`.
         """
         return outlines(self.solids[i, :count], self.heights, low, high, time)
 
@@ -168,7 +168,7 @@ class Surroundings:
         }
 
     def state(self) -> dict[str, NDArray[Any]]:
-        """Return the arrays that an exact resume needs, as numbers."""
+        """Return the arrays that an exact resume needs, as arrays of floats."""
         return {"solids": self.solids.view(np.float64)}
 
 

@@ -58,10 +58,14 @@ class Extension:
     config: dict[str, Any]
     target: RunDirectory
     checkpoint: Checkpoint | None
-    """checkpoint from which `target` begins; None if it has begun already"""
+    """checkpoint from which `target` begins; None if `target` has begun already"""
 
     def begin(self, command: str = "") -> RunDirectory:
-        """Create the directory with the newest checkpoint; `command` is the command line for the manifest."""
+        """Create the extended run with the checkpoint, unless it has begun; return it.
+
+        Args:
+            command: command line, for the manifest.
+        """
         if self.checkpoint is not None:
             freeze(self.config, command)
             seed(self.run.path, self.checkpoint, self.target.path)
@@ -105,7 +109,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
 
 
 def has_begun(run: RunDirectory) -> bool:
-    """Return whether a run needs no checkpoint from another run."""
+    """Return whether a run is complete or has its own checkpoint, and so needs no checkpoint from a shorter run."""
     return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 

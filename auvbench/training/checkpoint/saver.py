@@ -43,7 +43,7 @@ class ReplayStore:
         self._written: dict[tuple[int, int], Segment] = {}
 
     def save(self, buffer: Ring, rows: int) -> list[Segment]:
-        """Write the segments up to row `rows` that are not on disk yet; return all segments of the ring's content.
+        """Write the segments before row `rows` that are not on disk yet; return all segments that cover the buffer's content.
 
         Raises:
             OSError: the disk is full or read-only; earlier segments do not change.
@@ -73,7 +73,7 @@ class ReplayStore:
         return segment
 
     def load(self, buffer: Ring, segments: Iterable[Segment], rows: int) -> None:
-        """Fill a new buffer with the ring's content at row `rows`, bit by bit.
+        """Fill a new buffer with the content that the saved buffer had after `rows` rows, the same bits.
 
         Raises:
             OSError, ValueError, KeyError: a segment is not readable; check with `Segment.holds` first.
@@ -191,7 +191,7 @@ class Checkpointer:
 
     @property
     def elapsed(self) -> float:
-        """Return the wall time of training in s, including the time before a resume."""
+        """Return the wall time of training in s, including the time before a resume and excluding `paused`."""
         return self._earlier + time.monotonic() - self._began - self.paused
 
     def save(self, learner: Learner, step: int) -> None:

@@ -26,7 +26,7 @@ from auvbench.untrusted.typed_json import Count
 
 SCHEMA_VERSION = 3
 READABLE = (2, SCHEMA_VERSION)
-"""Version 2 had the state of the environments in other arrays, which `Task.load_state_dict` converts."""
+"""Schema versions that can be read. Version 2 has the environments' state in other arrays; `Task.load_state_dict` converts them."""
 MANIFEST = "manifest.json"
 REPLAY = "replay"
 
@@ -108,9 +108,9 @@ class CheckpointStore:
         return target
 
     def latest_valid(self) -> Checkpoint | None:
-        """Return the newest checkpoint whose files, segments and logs all match; None without one.
+        """Return the newest checkpoint whose files, segments and logs all match their hashes; None without one.
 
-        Remove leftovers of a crash. Name a damaged checkpoint in a `CheckpointWarning` and remove it; the run
+        Remove leftovers of a crash. Remove each newer, damaged checkpoint, and name it in a `CheckpointWarning`; the run
         writes it again.
 
         Raises:
@@ -129,7 +129,7 @@ class CheckpointStore:
         return self._find()[0]
 
     def _find(self) -> tuple[Checkpoint | None, list[int]]:
-        """Return the newest intact checkpoint and the steps of newer, damaged ones; warn about those."""
+        """Return the newest intact checkpoint and the steps of the newer, damaged ones; warn about each damaged one."""
         damaged: list[tuple[int, ValueError]] = []
         checkpoint = None
         for step in self.steps():
@@ -189,7 +189,7 @@ class CheckpointStore:
         return Checkpoint(path, step, Components.read(contents), manifest.replay, manifest.logs)
 
     def prune(self) -> None:
-        """Delete old checkpoints; a failure costs disk space, not the run."""
+        """Delete old checkpoints, unused segments and leftovers; on an error, only warn, since the run can continue."""
         try:
             steps = self.steps()
             for step in steps[self.keep :]:
@@ -205,7 +205,7 @@ class CheckpointStore:
             warnings.warn(f"cannot delete old checkpoints in {self.folder}: {error}", CheckpointWarning, 2)
 
     def _remove(self, path: Path) -> None:
-        """Rename before deleting, so that a half-deleted directory never looks like a checkpoint."""
+        """Rename a checkpoint's directory, then delete it, so that a half-deleted one never looks like a checkpoint."""
         aside = path.with_name(f".{path.name}.removed")
         shutil.rmtree(aside, ignore_errors=True)
         path.rename(aside)
@@ -236,7 +236,7 @@ def _manifest(path: Path) -> Manifest:
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """One file of rows, as recorded in a checkpoint's manifest."""
+    """One file with rows of the replay buffer, as recorded in a checkpoint's manifest."""
 
     first: Count
     last: Count

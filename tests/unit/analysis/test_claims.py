@@ -315,12 +315,12 @@ def test_claim_5(tmp_path):
     told = claim(5, runs, agents)
     assert told.verdict in (HOLDS, OPEN)
     assert "The best of 27 runs that did not converge succeeds in" in told.statistic
-    assert "27 of them above 80 %" in told.statistic
+    assert "27 of the 27 succeed in more than 80 % of the episodes" in told.statistic
     slow = claim(5, runs, [*(replace(a, metrics={}) for a in agents[:-1]), SLOW])
     assert "The best of 18 runs" in slow.statistic, "no control converges at 55 Hz"
     told = claim(5, *world(-2.0, "worse"))
     assert told.verdict == FAILS
-    assert "0 of them above 80 %" in told.statistic
+    assert "0 of the 27 succeed in more than 80 % of the episodes" in told.statistic
 
 
 def with_means(agents, deviation, steps, failing):

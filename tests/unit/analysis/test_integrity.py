@@ -86,12 +86,12 @@ HARMS: list[tuple[Harm, str]] = [
     (config(r"gamma: 0\.99", "gamma: 0.9"), "its id is ppo-k1-f25-s0-"),
     (edited("manifest.json", seed=9), "manifest.json: it was changed since it was written"),
     (edited("manifest.json", wall_time_s=1.0), "manifest.json: it was changed since it was written"),
-    (forged("manifest.json", seed=9), "manifest.json has the seed 9, config.yaml 0"),
+    (forged("manifest.json", seed=9), "manifest.json has the seed 9, but config.yaml has 0"),
     (forged("manifest.json", id="ppo-k1-f10-s0-00000000"), "does not belong to the run ppo-k1-f10-s0-0000"),
-    (forged("manifest.json", algo="sac"), "manifest.json has the algo sac, config.yaml ppo"),
+    (forged("manifest.json", algo="sac"), "manifest.json has the algo sac, but config.yaml has ppo"),
     (edited(SUMMARY, fingerprint="0" * 16), "summary.json: it was changed since it was written"),
-    (forged(SUMMARY, run="ppo-k1-f10-s1-00000000"), "it is of the run ppo-k1-f10-s1-00000000"),
-    (forged(SUMMARY, protocol="thesis"), "it is by the protocol thesis"),
+    (forged(SUMMARY, run="ppo-k1-f10-s1-00000000"), "it belongs to the run ppo-k1-f10-s1-00000000"),
+    (forged(SUMMARY, protocol="thesis"), "it belongs to the protocol thesis"),
     (rows(all_arrive), "differs from its digest|instead of"),
     (rows(one_digit), "differs from its digest"),
 ]
@@ -115,7 +115,7 @@ def test_another_run_s_evaluation_is_no_evaluation_of_this_one(grid: list[Path])
     shutil.copytree(grid[1] / "evaluations", grid[0] / "evaluations")
     _, problems = load([grid[0].parent])
     assert [problem.kind for problem in problems] == ["foreign"]
-    assert f"it is of the run {grid[1].name}" in problems[0].message
+    assert f"it belongs to the run {grid[1].name}" in problems[0].message
 
 
 def test_an_evaluation_of_other_weights_than_the_run_has_now(grid: list[Path]) -> None:

@@ -57,7 +57,7 @@ def test_a_reference_and_the_yaw_of_a_dock_are_read_where_they_are_stored(tmp_pa
     )
     np.testing.assert_array_equal(first.reference, reference)
     assert (first.dock_yaw, second.reference, second.dock_yaw) == (None, None, 0.5)
-    with pytest.raises(Damage, match="reference_nominal_0 has shape"):
+    with pytest.raises(Damage, match="reference_nominal_0 must have the shape"):
         drawn(run, reference_nominal_0=reference[1:])
     with pytest.raises(Damage, match="not finite"):
         drawn(run, reference_nominal_0=reference, dock_yaw_nominal_1=np.array([np.nan], dtype=np.float32))
@@ -71,5 +71,5 @@ def test_the_other_vehicles_of_a_team_are_read_where_they_are_stored(tmp_path: P
     np.testing.assert_array_equal(first.others, others)
     assert second.others is None
     for wrong in (others[1:], others[:, 0], others[:, :, :2], others[:, [*range(7), 0]]):
-        with pytest.raises(Damage, match="others_nominal_0 has shape"):
+        with pytest.raises(Damage, match="others_nominal_0 must have the shape"):
             drawn(run, others_nominal_0=wrong)

@@ -41,7 +41,7 @@ def test_the_default_margin_is_two_points_or_a_share_of_the_baseline() -> None:
     value = next(row for row in steps.rows if row.label == PID.label).estimates["par1_steps"].value
     assert primary(steps).margin == pytest.approx(0.05 * value)
     assert primary(rank(agents, margin=0.1)).margin == 0.1
-    with pytest.raises(ReportError, match="margin -1 is not a positive number"):
+    with pytest.raises(ReportError, match="margin must be a positive number, got -1"):
         rank(agents, margin=-1)
 
 

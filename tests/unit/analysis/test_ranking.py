@@ -253,8 +253,8 @@ def test_one_agent():
     [
         ({"rank_by": "sucess_rate"}, "--rank-by 'sucess_rate' .* did you mean 'success_rate'"),
         ({"baseline": "lqr"}, "--baseline 'lqr' is not one of the agents.*PID K=1 10 Hz, PPO K=1 25 Hz"),
-        ({"baseline": "sac"}, "--baseline 'sac' is 2 agents.*SAC K=1 25 Hz, SAC K=40 25 Hz"),
-        ({"confidence": 95}, "confidence 95 is not in"),
+        ({"baseline": "sac"}, "--baseline 'sac' matches 2 agents.*SAC K=1 25 Hz, SAC K=40 25 Hz"),
+        ({"confidence": 95}, "confidence must be at least 0.5 and less than 1, for example 0.95, got 95"),
     ],
 )
 def test_bad_input_is_one_clear_line(change, message):

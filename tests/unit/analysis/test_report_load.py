@@ -16,6 +16,7 @@ from auvbench.analysis.ranking import rank
 from auvbench.analysis.records import NO_POLICY, Problem
 from auvbench.errors import ReportError, RunError
 from auvbench.reporting.tables.main import remarks
+from auvbench.runs import lock
 from tests.synthetic import damage, reconfigure, seal, set_state, write_evaluation, write_experiment
 
 
@@ -233,15 +234,15 @@ def test_a_column_that_an_older_evaluation_lacks_is_no_damage(grid: list[Path]) 
 @pytest.mark.parametrize(
     ("config", "message"),
     [
-        ("a: 1", "not a run's configuration (algo.name is absent, not a name)"),
-        ("algo: {name: [1, 2]}", "algo.name is [1, 2], not a name"),
+        ("a: 1", "not a run's configuration (algo.name must be a name; it is absent)"),
+        ("algo: {name: [1, 2]}", "algo.name must be a name; it is [1, 2]"),
         (
             "algo: {name: ppo}\nstep: {frequency: fast}",
-            "has the step.frequency 'fast', which is not a number",
+            "step.frequency must be a number of plausible size, got 'fast'",
         ),
-        ("algo: {name: ppo}\ntask: {name: [1]}", "has the task.name [1], which is not a name"),
-        ("algo: {name: ppo}\nvehicle: {name: 7}", "has the vehicle.name 7, which is not a name"),
-        ("algo: {name: ppo}\nreward: {k: .nan}", "has the reward.k nan, which is not a number"),
+        ("algo: {name: ppo}\ntask: {name: [1]}", "task.name must be a name, got [1]"),
+        ("algo: {name: ppo}\nvehicle: {name: 7}", "vehicle.name must be a name, got 7"),
+        ("algo: {name: ppo}\nreward: {k: .nan}", "reward.k must be a number of plausible size, got nan"),
         ("algo: &a {name: ppo, again: *a}", "is inside"),
     ],
 )
@@ -274,6 +275,18 @@ def test_failed_and_unfinished_runs_are_named(grid: list[Path]) -> None:
     _, problems = load([grid[0].parent])
     assert kinds(problems) == {grid[0].name: "failed", grid[1].name: "unfinished"}
     assert "failed at step 1,000: loss is nan" in problems[0].message
+
+
+def test_a_run_is_running_only_while_a_process_works_on_it(grid: list[Path]) -> None:
+    set_state(grid[:2], "running")
+    with lock.acquire(grid[0]):
+        _, problems = load([grid[0].parent])
+        assert len(load([grid[0].parent], where=["state=interrupted"])[0]) == 1
+    messages = {problem.where: problem.message for problem in problems}
+    assert "running at" in messages[grid[0].name]
+    assert "report again" in messages[grid[0].name]
+    assert "interrupted at" in messages[grid[1].name]
+    assert "repeat its `auvbench train` command" in messages[grid[1].name]
 
 
 def test_a_failed_training_is_a_seed_without_success(grid: list[Path]) -> None:

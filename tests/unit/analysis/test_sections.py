@@ -68,7 +68,7 @@ def test_other_scenarios_of_the_same_vehicle_are_a_section_that_says_how_to_mend
     assert problem.kind == "foreign"
     assert "10 episodes" in problem.message
     assert "12 episodes" in problem.message
-    assert "tests what is stale again" in problem.message
+    assert "repeats each outdated test" in problem.message
 
 
 def test_other_scenarios_because_of_another_sheet_name_what_differs(tmp_path: Path) -> None:

@@ -101,7 +101,7 @@ def test_fins_and_other_frames_are_refused_by_name():
 
 def test_more_thrusters_than_ardusub_has_motors_are_refused():
     vehicle = sheet.load("bluerov2")
-    with pytest.raises(ConfigError, match="12 at most"):
+    with pytest.raises(ConfigError, match="at most 12"):
         motors_of(dataclasses.replace(vehicle, units=vehicle.units * 3))
 
 

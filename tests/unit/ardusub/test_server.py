@@ -136,9 +136,9 @@ def test_garbage_is_told_once_and_ignored(server, peer):
             stranger.raw(datagram)
         assert stranger.silent()
     peer.raw(struct.pack("<HHI16H", 18458, 0, 1, *NEUTRAL))
-    assert "is it ArduSub" in server.said("is it ArduSub")
+    assert "is the sender ArduSub" in server.said("is the sender ArduSub")
     assert peer.step()["timestamp"] == pytest.approx(first["timestamp"] + 1 / 400)
-    assert sum("is it ArduSub" in line for line in server.lines) == 1
+    assert sum("is the sender ArduSub" in line for line in server.lines) == 1
     assert server.error is None
 
 

@@ -64,7 +64,7 @@ def test_without_casadi_the_extra_is_named(
 def test_computed_and_not_computed_again(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["bound", "protocol=near", "--workers", "1"]) == 0
     out = capsys.readouterr().out
-    assert "proven to be at least" in out
+    assert "mean proven lower bound" in out
     assert "wrote outputs/bounds/near-bluerov2_2026" in out
     before = Path("outputs/bounds/near-bluerov2_2026/bounds.jsonl").stat().st_mtime_ns
     assert cli.main(["bound", "protocol=near"]) == 0

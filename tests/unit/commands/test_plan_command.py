@@ -79,7 +79,7 @@ def test_what_a_reader_sees(capsys: pytest.CaptureFixture[str], runs: Path) -> N
     assert "Training seeds that resolve success rate of two learners" in text
     assert "table of 4" in text
     assert "6 trainings of 2 agents" in text
-    assert "Fix the number before you look" in text
+    assert "Fix the number of seeds in advance" in text
 
 
 @pytest.mark.parametrize(
@@ -113,10 +113,11 @@ def test_mistakes_are_told_in_one_line(
     assert captured.out == ""
 
 
-def test_runs_of_one_seed_say_nothing_of_the_spread(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
+@pytest.mark.parametrize(("seeds", "episodes"), [((0,), 20), ((0, 1), 1)])
+def test_runs_of_one_seed_or_one_episode_say_nothing_of_the_spread(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, seeds: tuple[int, ...], episodes: int
 ) -> None:
-    write_experiment(tmp_path, algorithms=("ppo",), seeds=(0,), episodes=20)
+    write_experiment(tmp_path, algorithms=("ppo",), seeds=seeds, episodes=episodes)
     assert cli.main(["plan", "--resolve", "5", str(tmp_path)]) == 2
     assert "no agent has several training seeds" in capsys.readouterr().err
 

@@ -99,7 +99,7 @@ def test_a_run_directory_counts_before_its_published_copy(first, capsys):
     assert publish(TO, "first/outputs") == 0
     said = capsys.readouterr().out
     for run in first:
-        assert f"{run} is reported, {TO}/{run.name} is not" in said
+        assert f"the report uses {run} and ignores {TO}/{run.name}" in said
     assert "not published" not in said
 
 

@@ -104,7 +104,7 @@ def test_what_is_typed_wrong_is_one_line(
         ("Mine = 3", "is a int; it must be a class or a function"),
         (
             "class Mine:\n    Config = 3",
-            "mine.steering:Mine of mine-package==1.0 has a Config that is no dataclass below",
+            "mine.steering:Mine of mine-package==1.0 has a Config that is not a dataclass derived from",
         ),
         ("class Mine:\n    def learn(self): pass", "learns but lacks save, load, exact_resume"),
         (
@@ -130,7 +130,7 @@ def test_two_packages_with_one_name(site: Site, capsys: pytest.CaptureFixture[st
     steering(site)
     site.install("other", {"other.py": ""}, agents={"mine": "other:Mine"})
     error = refused(capsys, "train", "algo=mine")
-    assert "algo.agent=mine: mine-package and other have one of that name each" in error
+    assert "algo.agent=mine: mine-package and other each provide a part of this name" in error
     assert "pip uninstall" in error
 
 
@@ -155,7 +155,7 @@ def test_names_of_auvbench_itself_are_taken(site: Site, capsys: pytest.CaptureFi
     assert "algo=pid: thief==1.0 and auvbench itself have the same file" in refused(
         capsys, "train", "algo=pid"
     )
-    assert "algo.agent=ppo: auvbench and thief have one of that name each" in refused(
+    assert "algo.agent=ppo: auvbench and thief each provide a part of this name" in refused(
         capsys, "train", "algo=ppo"
     )
 

@@ -156,7 +156,7 @@ def test_a_frozen_configuration_is_never_resolved(
         assert cli.main([command, str(run.path), *rest]) in (1, 2)
         error = capsys.readouterr().err
         assert "vehicle.title is" in error
-        assert "is resolved when the run is created" in error
+        assert "the file was edited, since a run" in error
     assert value in run.config_path.read_text()
 
 

@@ -83,7 +83,7 @@ def test_a_steady_current_passes_where_one_is_taken_and_not_where_there_is_none(
     plain()
     check("disturbance=current")
     plain(currents="none")
-    with pytest.raises(ConfigError, match="asks for a steady current"):
+    with pytest.raises(ConfigError, match="needs a steady current"):
         check("disturbance=current")
 
 

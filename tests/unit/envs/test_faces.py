@@ -247,7 +247,7 @@ def test_options_place_vehicle_and_waypoint():
         ({"wayponit": [0, 0, 0]}, "did you mean 'waypoint'"),
         ({"waypoint": [0, 0]}, "has shape"),
         ({"waypoint": [0, np.nan, 0]}, "finite"),
-        ({"waypoint": [1e5, 0, -20]}, "the observation reaches"),
+        ({"waypoint": [1e5, 0, -20]}, "the bounds of the observation"),
         ({"waypoint": [1, 0, -20], "distance": 3}, "leave it out"),
         ({"distance": -1}, "more than 0"),
         ({"distance": "far"}, "must be numbers"),
@@ -315,7 +315,7 @@ def test_seeds_of_any_size():
     for seed, message in ((-1, "at least 0"), (1.5, "whole number")):
         with pytest.raises(ConfigError, match=message):
             env.reset(seed=seed)
-    with pytest.raises(ConfigError, match="3 for 2 environments"):
+    with pytest.raises(ConfigError, match="3 seeds for 2 environments"):
         envs.reset(seed=[1, 2, 3])
 
 

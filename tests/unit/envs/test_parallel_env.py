@@ -90,7 +90,7 @@ def test_wrong_ids_actions_and_interfaces_are_refused(env: AuvParallelEnv) -> No
     assert ID not in gymnasium.registry
     env.reset(seed=1)
     with pytest.raises(
-        ActionError, match=r"actions of vehicle_0: must be of vehicle_0, vehicle_1, vehicle_2"
+        ActionError, match=r"actions of vehicle_0: must have an action of vehicle_0, vehicle_1, vehicle_2"
     ):
         env.step({"vehicle_0": np.zeros(8, np.float32)})
     with pytest.raises(ActionError, match=r"the action of vehicle_1 has shape \(7,\): must be \(8,\)"):

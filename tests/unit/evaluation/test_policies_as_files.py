@@ -195,7 +195,7 @@ def test_what_is_more_than_a_network_is_not_exported(
 ) -> None:
     run = trained(tmp_path, f"algo={algo}")
     assert cli.main(["export", str(run.path)]) == 2
-    assert f"{algo} cannot be exported: it is not a network" in capsys.readouterr().err
+    assert f"{algo} cannot be exported: its policy is not a network" in capsys.readouterr().err
     assert exporting.why_no_network(algo, run.config()["algo"]["agent"], True)
 
 
@@ -223,7 +223,7 @@ def test_export_of_a_folder_leaves_out_what_has_no_network(
     assert cli.main(["export", str(tmp_path), "--out", str(tmp_path / "out")]) == 1
     out, err = capsys.readouterr()
     assert "skipped, no trained network: pid-" in out
-    assert f"{unfinished.path}: interrupted, not complete" in err
+    assert f"{unfinished.path}: the run is interrupted, not complete" in err
     assert len(list((tmp_path / "out").iterdir())) == 2
 
 
@@ -400,10 +400,10 @@ def test_a_policy_of_another_task_is_told_and_its_next_command_works(
     assert cli.main([*typed[:-1], "task=station_keeping", f"output={tmp_path / 'other'}"]) == 2
     err = capsys.readouterr().err
     assert "observes goal_error_x, which is not observed here" in err
-    assert "for task=docking" in err
+    assert "the task and the blocks of its training, task=docking" in err
     # The task first: its frame alone would not do.
     assert cli.main([*typed[:-1], f"output={tmp_path / 'other'}"]) == 2
-    assert "for task=docking" in capsys.readouterr().err
+    assert "of its training, task=docking" in capsys.readouterr().err
     assert not (tmp_path / "other").exists()
 
 

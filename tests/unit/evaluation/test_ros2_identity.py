@@ -58,6 +58,8 @@ def test_where_a_server_is_makes_no_other_run():
     "asked", ["disturbance=gauss_markov", "disturbance=depth_current", "disturbance=randomised"]
 )
 def test_what_needs_lockstep_is_refused_without_it(asked):
-    with pytest.raises(ConfigError, match=r"simulator=ros2 does not have here; use simulator.clock=lockstep"):
+    with pytest.raises(
+        ConfigError, match=r"simulator=ros2 does not have as configured; use simulator.clock=lockstep"
+    ):
         train_config(compose("train", ["simulator=ros2", asked], folder=None))
     train_config(compose("train", ["simulator=ros2", "simulator.clock=lockstep", asked], folder=None))

@@ -167,7 +167,9 @@ def test_what_cannot_be_simulated_is_named(tmp_path: Path) -> None:
 def test_a_run_of_another_task_is_refused(tmp_path: Path) -> None:
     protocol = sealed.read(written(tmp_path))
     run = prepare(compose("train", [f"output={tmp_path}", "algo=pid", "task=docking"]))
-    with pytest.raises(ConfigError, match="tests waypoint, transit, but the run has task docking"):
+    with pytest.raises(
+        ConfigError, match="tests only the tasks waypoint, transit, but the run has task docking"
+    ):
         resolve_conditions(protocol, run.config())
 
 
@@ -189,7 +191,7 @@ def test_a_run_of_another_task_is_refused(tmp_path: Path) -> None:
         ({"conditions": [{"name": "a", "vehicle": "/etc/passwd"}]}, "is not a valid name of a file below"),
         ({"conditions": [{"name": "a", "vehicle": "missing.yaml"}]}, "put the sheet next to the protocol"),
         ({"conditions": [{"name": "a", "vehicle": "sealed.json"}]}, "must be a YAML file"),
-        ({"conditions": [{"name": "a/b"}]}, "must be letters"),
+        ({"conditions": [{"name": "a/b"}]}, "must have only letters"),
         ({"conditions": [{"name": "a"}, {"name": "a"}]}, "unique"),
         ({"conditions": []}, "at least one condition"),
     ],

@@ -200,7 +200,9 @@ def test_the_gate_separates_open_from_closed_loop() -> None:
     assert 0.0 <= opened["yaw"].lag <= 0.1
     assert opened["surge"].state == "still"
     kept = gate.reasons(list(opened.values()), ["added_mass.surge", "added_mass.yaw"])
-    assert kept == {"added_mass.surge": "the vehicle neither pushes nor is seen to move along this axis"}
+    assert kept == {
+        "added_mass.surge": "the thrusters were hardly commanded along this axis, and the log shows no motion along it"
+    }
     assert gate.warning(list(opened.values())) == ""
     drifting = gate.judge([replace(log, inputs=0.01 * log.inputs)], vehicle)
     assert "no axis was commanded with more than 2 %" in gate.warning(drifting)
@@ -347,5 +349,5 @@ def test_an_error_of_the_whole_log_widens_intervals() -> None:
 
 def test_a_thruster_that_does_not_act_is_named() -> None:
     gain = Parameter("gain.T6", "1", 1.0, 0.3)
-    assert "T6 hardly acts as drawn" in _at_bound(gain, -4.0)
+    assert "T6 hardly pushes as the sheet says" in _at_bound(gain, -4.0)
     assert _at_bound(gain, 4.0) == "the fit ran to its bound"

@@ -84,9 +84,9 @@ def test_vehicles_are_drawn_from_the_joint_covariance(result: Fit, content: dict
         ("covariance", [[1.0]], "identification.covariance: [[1.0]] has the wrong shape: expected 4x4"),
         ("covariance", (-np.eye(4)).tolist(), "must be symmetric without negative eigenvalues"),
         ("parameters", [], "expected a list of names"),
-        ("logarithmic", [1, 2, 3, 4], "expected a list of 4 truth values"),
+        ("logarithmic", [1, 2, 3, 4], "expected a list of 4 values, each true or false"),
         ("errors", {"r": {"soon": 1.0}}, "expected a horizon such as 0.5_s"),
-        ("errors", 3, "expected channels with horizons"),
+        ("errors", 3, "expected a mapping of channels to their horizons"),
     ],
 )
 def test_a_wrong_section_is_refused(

@@ -146,4 +146,4 @@ def test_rare_outputs_get_a_remark(tmp_path: Path) -> None:
             data += struct.pack(">Q", round(1e6 * (CLOCK + TIME[k]))) + message.pack(vehicle)
     (tmp_path / "dive.tlog").write_bytes(data)
     [log] = readers.read([str(tmp_path / "dive.tlog")])
-    assert "has the outputs of the thrusters every 0.5 s; set SR0_RC_CHAN=20" in log.remarks[-1]
+    assert "has the outputs of the thrusters only every 0.5 s; set SR0_RC_CHAN=20" in log.remarks[-1]

@@ -208,7 +208,7 @@ def test_a_policy_from_a_file_is_steered_by_as_its_card_says(policy):
     assert (limits.depth_low, limits.depth_high, limits.goal_radius) == (-60.0, -1.0, 3.0)
     action = setup.controller.act(np.zeros((1, 10), dtype=np.float32))
     assert action.shape == (1, 6)
-    with pytest.raises(UserError, match="--vehicle names another sheet"):
+    with pytest.raises(UserError, match="choose another sheet with --vehicle"):
         command._setup(command.parser().read([str(policy), "--vehicle", "bluerov2_heavy"]))
     with pytest.raises(ConfigError, match="did you mean 'pid'"):
         command._setup(command.parser().read(["pidd"]))

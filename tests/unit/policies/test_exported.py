@@ -105,8 +105,8 @@ REFUSED = [
     (lambda: model(inputs=[port("x", 10)]), r"must have two dimensions, \(n, 10\)"),
     (lambda: model(inputs=[port("x", 5000, 10)]), "at most 1000"),
     (whole_numbers, "'x' .* int64 must be float32 or float64"),
-    (two_inputs, r"has 2 inputs \('x' .*'y' .*\); a policy has one, the observation"),
-    (two_outputs, r"has 2 outputs .*; a policy has one, the action"),
+    (two_inputs, r"has 2 inputs \('x' .*'y' .*\); a policy must have one, the observation"),
+    (two_outputs, r"has 2 outputs .*; a policy must have one, the action"),
     (custom, "com.evil:Evil"),
     (lambda: onnx_files.ending("RandomNormalLike"), "answers the same observations differently"),
     (lambda: onnx_files.ending("NoSuchOperator"), "NoSuchOperator"),
@@ -127,7 +127,7 @@ def test_what_is_refused_is_named_in_one_line(tmp_path: Path, make: Any, message
 def test_weights_in_other_files_are_never_opened(tmp_path: Path) -> None:
     path = onnx_files.with_external_data(tmp_path / "theirs.onnx")
     (tmp_path / "weights.bin").unlink()
-    with pytest.raises(PolicyError, match="another file, which is not read"):
+    with pytest.raises(PolicyError, match="another file, which auvbench does not read"):
         load(path)
 
 
@@ -139,7 +139,7 @@ def test_external_data_of_an_attribute_is_found_too(tmp_path: Path) -> None:
         helper.make_node("MatMul", ["x", "W"], ["h"]),
         helper.make_node("Add", ["h", "c"], ["a"]),
     ]
-    with pytest.raises(PolicyError, match="another file, which is not read"):
+    with pytest.raises(PolicyError, match="another file, which auvbench does not read"):
         load(saved(tmp_path / "theirs.onnx", model(nodes)))
 
 

@@ -137,6 +137,7 @@ def test_the_measure_that_tells_trials_apart_is_drawn(found: Outcome) -> None:
     assert tuning.in_units(found)[1] is found.objective.measure
     first = found.trials[0]
     tied = [trial_of(first.params, found.plan, result(0.9, 1.0), result(1.0, 300.0 + i)) for i in range(5)]
+    tied.insert(0, trial_of(first.params, found.plan, result(0.4, 1.0), result(0.8, 900.0)))
     # The best among those with the largest budget decide, even where the others differ.
     others = [trial_of(first.params, found.plan, result(0.1 * i, 1.0)) for i in range(9)]
     study, measure = tuning.in_units(Outcome(found.plan, study_of([*tied, *others]), found.folder))

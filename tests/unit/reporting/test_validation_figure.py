@@ -41,4 +41,4 @@ def test_damage_is_named_and_nothing_is_drawn(tmp_path: Path) -> None:
     with style.styled():
         assert validation(drawn_from) is None
     assert len(drawn_from.problems) == 2
-    assert "train/validation.csv has rows" in drawn_from.problems[0].message
+    assert "train/validation.csv must have rising steps" in drawn_from.problems[0].message

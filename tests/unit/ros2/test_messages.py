@@ -42,5 +42,5 @@ def test_other_encodings_are_refused():
 
 @pytest.mark.parametrize("name", ["", "2fast", "blue rov", "a//b", "a-b"])
 def test_namespaces_that_are_none(name):
-    with pytest.raises(ConfigError, match="must have letters, digits and underscores"):
+    with pytest.raises(ConfigError, match="must consist of letters, digits and underscores"):
         interface.namespaces(name, 1)

@@ -80,7 +80,9 @@ def test_messages_have_what_is_measured_and_no_more() -> None:
 
 
 def test_a_world_without_an_estimator_is_refused() -> None:
-    with pytest.raises(ConfigError, match="world=slope: serve has no contacts, and no sensor sees the world"):
+    with pytest.raises(
+        ConfigError, match="world=slope: serve simulates no contacts, and no sensor sees the world"
+    ):
         serve._server(serve._given(["world=slope"]))
 
 

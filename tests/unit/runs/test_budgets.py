@@ -12,7 +12,7 @@ def test_a_short_training_is_noticed_once():
     short = [composed("task=docking", "algo=ppo", f"train.total_steps={n}") for n in (60_000, 200_000)]
     (remark,) = remarks(short)
     assert "task=docking" in remark
-    assert "it takes train.total_steps=500000 or more, and 200,000 are set" in remark
+    assert "type train.total_steps=500000 or more instead of 200,000" in remark
 
 
 def test_what_docks_with_fewer_steps_is_not_noticed():

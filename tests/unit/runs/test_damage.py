@@ -203,7 +203,10 @@ def test_all_runs_of_a_folder_are_checked_before_the_first_is_extended(
     monkeypatch.setattr(extending, "prepare", unsuitable)
     monkeypatch.setattr(extending.Extension, "begin", lambda *_: pytest.fail("one was extended"))
     assert cli.main(["resume", str(tmp_path), "train.total_steps=9000000"]) == 2
-    assert "random does not learn (1 of 3 runs cannot be extended, so none was)" in capsys.readouterr().err
+    assert (
+        "random does not learn (1 of 3 runs cannot be extended; no run was changed)"
+        in capsys.readouterr().err
+    )
 
 
 @pytest.mark.parametrize(("fault", "code"), [(errno.ENOSPC, 1), (errno.EACCES, 2)])

@@ -34,7 +34,7 @@ def test_it_lists_the_runs_and_writes_nothing(folder: Path, capsys: pytest.Captu
         sum(line.startswith("outputs/default/pid-") and line.endswith(": nothing to train") for line in said)
         == 1
     )
-    assert "ppo on waypoint: cost unknown; it is known once one of its runs is complete" in said
+    assert "ppo on waypoint: cost unknown until one such run is complete" in said
     assert list(folder.iterdir()) == []
 
 

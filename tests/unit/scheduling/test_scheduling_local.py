@@ -164,7 +164,7 @@ def test_a_signal_is_passed_on_and_the_runs_save(folder: Path, number: signal.Si
     process.send_signal(number)
     output, _ = process.communicate(timeout=LIMIT)
     assert process.returncode == code, output
-    assert "the 2 running save and leave" in output
+    assert "the 2 active runs save and exit" in output
     assert "2 interrupted, 1 not started" in output
     states = [run.manifest()["state"] for run in runs]
     assert sorted(states) == ["interrupted", "interrupted", "pending"]
@@ -181,7 +181,7 @@ def test_a_second_signal_kills(folder: Path) -> None:
     process.send_signal(signal.SIGINT)
     assert process.stdout is not None
     for line in process.stdout:
-        if "once more kills" in line:
+        if "a second signal kills" in line:
             break
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=LIMIT)

@@ -42,10 +42,14 @@ class Moving(FossenSimulator):
     ("kind", "check", "message"),
     [
         (Noisy, contract.motion_is_deterministic, "generator of numpy.random"),
-        (Crowded, contract.motion_does_not_depend_on_the_batch, "alone instead of among three"),
+        (Crowded, contract.motion_does_not_depend_on_the_batch, "a vehicle alone and among three"),
         (Forgetful, contract.its_state_comes_back, "KeyError"),
-        (Still, contract.it_can_what_it_says, "carries a drifting vehicle"),
-        (Moving, contract.reset_puts_vehicles_where_it_says, "reset of vehicle 1 moves others"),
+        (Still, contract.it_does_what_it_declares, "must carry a vehicle along"),
+        (
+            Moving,
+            contract.reset_puts_vehicles_where_it_says,
+            "reset of vehicle 1 must not move the other vehicles",
+        ),
     ],
 )
 def test_a_simulator_that_breaks_its_contract(

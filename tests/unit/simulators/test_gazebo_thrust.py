@@ -62,7 +62,7 @@ def test_missing_bindings_are_one_line_that_says_how_they_come(monkeypatch, caps
 def test_currents_that_gazebo_cannot_are_refused_while_composing():
     published = ["simulator=gazebo", "simulator.hydrodynamics=published"]
     with pytest.raises(
-        ConfigError, match="asks for a varying current, which simulator=gazebo does not have here"
+        ConfigError, match="needs a varying current, which simulator=gazebo does not have as configured"
     ):
         train_config(compose("train", [*published, "disturbance=gauss_markov"]))
     train_config(compose("train", [*published, "disturbance=current"]))

@@ -46,7 +46,7 @@ def test_wilson_refuses_impossible_counts(successes, n):
 def test_quantiles():
     assert quantile(0.95) == pytest.approx(1.959963984540054)
     assert quantile(0.95, [2, np.inf]) == pytest.approx([4.302652729911275, 1.959963984540054])
-    with pytest.raises(ValueError, match="confidence 95"):
+    with pytest.raises(ValueError, match="between 0 and 1, got 95"):
         quantile(95)
 
 

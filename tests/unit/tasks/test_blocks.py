@@ -219,7 +219,7 @@ def test_what_it_declares_wrong_is_one_line(
         (("out[0], out[1], out[2] =", "out[0], _, out[2] ="), "write gives doppler_y=nan; it must be within [-50, 50]"),
         (("out[0], out[1], out[2] =", "out[0], out[1], out[3] ="), "write fails: IndexError"),
         (("m.velocity", "m.speed"), "write fails: AttributeError"),
-        (('"doppler", "m/s"', '"log", "m/s"'), "describe must return an auvbench.plugin.Block of that name"),
+        (('"doppler", "m/s"', '"log", "m/s"'), "describe must return an auvbench.plugin.Block with the name of this block"),
         (("(FASTEST,) * 3", "(FASTEST,) * 2"), "its bounds must be 3 positive numbers, one for each label"),
         (("(FASTEST,) * 3", "(FASTEST, FASTEST, float('nan'))"), "its bounds must be 3 positive numbers"),
         (("    return vector", "    return setting.nothing or vector"), "describe fails: AttributeError"),
@@ -357,4 +357,6 @@ def test_a_pilot_compiles_nothing_for_it(site: Site) -> None:
 def test_two_packages_of_one_block_are_refused(site: Site, capsys: pytest.CaptureFixture[str]) -> None:
     measuring(site)
     measuring(site, package="others")
-    assert "dopplers and others have one of that name each" in refused(capsys, "train", "algo=pid", SEEN)
+    assert "dopplers and others each provide a part of this name" in refused(
+        capsys, "train", "algo=pid", SEEN
+    )

@@ -154,7 +154,7 @@ def test_a_mistake_is_one_line(override, message):
         (["disturbance.current.speed=0.5", "disturbance.current.speed_high=0.1"], "speed=0.5: must be at most .*speed_high=0.1"),
         (
             ["disturbance.current.speed=5", "disturbance.current.profile.factor=-3"],
-            "profile.factor=-3: must keep the current at the bottom, 15 m/s, within 10 m/s",
+            "profile.factor=-3: gives a current of 15 m/s at the bottom; must give at most 10 m/s",
         ),
         (["disturbance.fault.time=5", "disturbance.fault.time_high=1"], "time=5: must be at most .*time_high=1"),
         (
@@ -163,7 +163,7 @@ def test_a_mistake_is_one_line(override, message):
         ),
         (
             ["disturbance=fault", "vehicle=lrauv", "disturbance.fault.actuator=rudder"],
-            "disturbance.fault.mode=dead: rudder is a fin; only a thruster has a force to lose, use stuck",
+            "disturbance.fault.mode=dead: rudder is a fin; this mode needs a thruster, so use disturbance.fault.mode=stuck",
         ),
         (
             ["vehicle.buoyancy.volume.value=0.0130", "disturbance.randomisation.mass.low=0.1"],

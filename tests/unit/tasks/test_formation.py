@@ -281,8 +281,14 @@ def test_only_whole_teams_begin() -> None:
     [
         (["task.vehicles=9"], "task.vehicles=9: must be at least 1 and at most 8"),
         (["task.slots=[[0,0,0],[0,1,0]]"], "task.vehicles=3: must be at most 2, the number of task.slots"),
-        (["task.slots=[[0,0],[0,1,0],[1,0,0]]"], "must be a list of three finite numbers"),
-        (["task.spacing=0.9"], "task.spacing=0.9: puts two slots 1.27279 m apart; must be more than 1.7 m"),
+        (
+            ["task.slots=[[0,0],[0,1,0],[1,0,0]]"],
+            "must be a list of slots, each of them three finite numbers",
+        ),
+        (
+            ["task.spacing=0.9"],
+            "task.spacing=0.9: puts two slots 1.27279 m apart; their distance must be more than 1.7 m",
+        ),
         (["task.slots=[[0,0,0],[0,0,8],[1,0,0]]"], "task.slots="),
         (["task.curve=random"], "task.curve=random: unknown"),
         (
@@ -292,13 +298,13 @@ def test_only_whole_teams_begin() -> None:
         (["step.frequency=0.5"], "step.frequency=0.5: must be at least 0.971 Hz"),
         (
             ["simulator=gazebo"],
-            "task.vehicles=3: simulator=gazebo has one vehicle in an episode; must be 1, or use another simulator",
+            "task.vehicles=3: simulator=gazebo allows one vehicle in an episode; type task.vehicles=1, or another simulator",
         ),
-        (["algo=ardusub"], "task.vehicles=3: algo=ardusub has one vehicle in an episode"),
-        (["world=tank"], "task.vehicles=3: world=tank has one vehicle in an episode"),
+        (["algo=ardusub"], "task.vehicles=3: algo=ardusub allows one vehicle in an episode"),
+        (["world=tank"], "task.vehicles=3: world=tank allows one vehicle in an episode"),
         (
             [*RANGING, "sensors.modem.beacons=3"],
-            "sensors.modem.beacons=3: must be less than task.vehicles=3: the others take the beacons' ranges",
+            "sensors.modem.beacons=3: must be less than task.vehicles=3: the other vehicles measure their ranges to the beacons",
         ),
         ([*RANGING, "task.messages=ideal"], "sensors.modem: task.messages=ideal has no acoustic messages"),
         ([*RANGING, "task=station_keeping"], "sensors.modem: task=station_keeping has no acoustic messages"),

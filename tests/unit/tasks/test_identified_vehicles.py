@@ -199,7 +199,7 @@ def test_without_a_spread_nothing_is_drawn_and_other_runs_keep_their_identity() 
 
 def test_a_sheet_without_an_identification_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["train", "vehicle=bluerov2", "algo=pid", "disturbance=identified"]) == 2
-    assert "the sheet of vehicle=bluerov2 has no identification with a covariance; auvbench identify writes one" in capsys.readouterr().err  # fmt: skip
+    assert "the sheet of vehicle=bluerov2 has no identification with a covariance; use a sheet that auvbench identify has written" in capsys.readouterr().err  # fmt: skip
     with pytest.raises(ConfigError, match=r"vehicles drawn from an identification, which simulator=ros2"):
         configuration("disturbance=identified", "simulator=ros2")
 

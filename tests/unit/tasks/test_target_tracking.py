@@ -106,7 +106,7 @@ def test_an_episode_ends_by_the_distance_to_the_target(away: float, outcome: int
     ("override", "message"),
     [
         ("task.orbit=10", "task.orbit=10: must be less than task.bounds=8"),
-        ("task.prior=1.2", "task.prior=1.2: must be at most 1: starts"),
+        ("task.prior=1.2", "task.prior=1.2: must be at most 1: the target may be"),
         (
             "step.frequency=0.8",
             "task.ping_interval=1: must be at least 1.25 s, one agent step \\(step.frequency=0.8 Hz\\)",

@@ -69,7 +69,7 @@ def test_a_broken_contract_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Task, "reset", reset)
     with pytest.raises(ConformanceError, match="bluerov2_heavy: its rows do not depend on the batch: "):
         check_task("task=docking", HEAVY)
-    with pytest.raises(ConformanceError, match="the same seed and episode give two starts"):
+    with pytest.raises(ConformanceError, match="the same seed and episode must give the same start"):
         check_task("task=docking", HEAVY, only=TASK_CHECKS[2])
 
 

@@ -172,7 +172,7 @@ def test_no_length_is_no_tether_and_other_runs_keep_their_identity() -> None:
 
 def test_a_simulator_without_forces_is_refused() -> None:
     with pytest.raises(
-        ConfigError, match=r"disturbance\.tether: asks for forces on vehicles, which simulator=ros2"
+        ConfigError, match=r"disturbance\.tether: needs forces on vehicles, which simulator=ros2"
     ):
         configs.training("disturbance=tether", "simulator=ros2")
 

@@ -157,8 +157,11 @@ def test_terrain_and_transit_reject_what_cannot_be_done(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for words, message in (
-        (["task=terrain", "world=open"], "task=terrain: has no bottom in world=open; use world=rough"),
-        (["task=terrain", "world=pillars"], "task=terrain: has no bottom in world=pillars"),
+        (
+            ["task=terrain", "world=open"],
+            "task=terrain: needs a bottom, and world=open has none; use world=rough",
+        ),
+        (["task=terrain", "world=pillars"], "task=terrain: needs a bottom, and world=pillars has none"),
         (["task=terrain", "task.settling=70"], "task.settling=70: must be less than the 60 s"),
         (["task=transit", "world=open"], "range.multibeam has nothing to measure in world=open"),
         (["task=transit", "task.rise=30"], "task.rise=30: must be at most 19"),

@@ -44,7 +44,10 @@ def test_pid_on_fins() -> None:
             "in a batch of 1 instead of 7",
         ),
         ("return np.random.uniform(-1.0, 1.0, (len(observation), self.n_u))", "in a batch of 1"),
-        ("observation += 1.0\nreturn np.zeros((len(observation), self.n_u))", "act changes the observations"),
+        (
+            "observation += 1.0\nreturn np.zeros((len(observation), self.n_u))",
+            "act must not change its observations",
+        ),
     ],
 )
 def test_a_controller_that_breaks_its_contract(site: Site, act: str, message: str) -> None:
@@ -66,7 +69,7 @@ def test_memory_across_episodes_is_found_by_its_own_check(site: Site) -> None:
 
 def test_draws_from_the_process_are_found_by_their_own_check(site: Site) -> None:
     steering(site, "np.random.uniform()\nreturn np.zeros((len(observation), self.n_u))")
-    with pytest.raises(ConformanceError, match=r"draws from the process's generator of numpy\.random"):
+    with pytest.raises(ConformanceError, match=r"must not draw from the global generator of numpy\.random"):
         testing.check_agent("algo=mine", only=agents.actions_are_deterministic)
 
 
@@ -110,13 +113,13 @@ def test_a_learner_that_keeps_its_contract(site: Site, exact: bool) -> None:
             agents.a_stopped_training_ends_as_it_says,
             "self.sum, self.generator.bit_generator.state = components.values[\"slow\"]",
             "self.sum = components.values[\"slow\"][0]",
-            "a training that was stopped ends with other bits",
+            "a training that was stopped must write the same bits",
         ),
         (
             agents.a_stopped_training_ends_as_it_says,
             "callbacks.checkpoint(steps)",
             "pass",
-            "learn never called callbacks.checkpoint before step 300 of 400",
+            "learn did not call callbacks.checkpoint before step 300 of 400",
         ),
     ],
 )  # fmt: skip

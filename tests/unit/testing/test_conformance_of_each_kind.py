@@ -83,7 +83,7 @@ def test_the_reward_of_the_example(site: Site) -> None:
     [
         (rewards.its_numbers_do_not_depend_on_the_batch, ("p.k * (seen -", "p.k * (e.environment + math.nan * seen -"), "the reward is not finite"),
         (rewards.it_pays_every_end, ("math.exp(-e.to_go / p.length)", "1.0 / e.to_go"), "it pays every end: "),
-        (rewards.it_pays_every_end, ("math.exp(-e.to_go / p.length)", "min(1.0, e.to_go * e.to_go * math.inf if e.to_go > 1e3 else 1.0) * math.nan ** (e.to_go > 1e3)"), "10000 m from the reference, gives nan"),
+        (rewards.it_pays_every_end, ("math.exp(-e.to_go / p.length)", "min(1.0, e.to_go * e.to_go * math.inf if e.to_go > 1e3 else 1.0) * math.nan ** (e.to_go > 1e3)"), "10000 m from the reference, gives the reward nan"),
         (rewards.it_changes_nothing_that_it_reads, ("    seen = ", "    e.energy += 1.0\n    seen = "), "it changes the episode"),
         (rewards.it_changes_nothing_that_it_reads, ("    seen = ", "    v.action[0] = 0.0\n    seen = "), "it changes the action"),
         (rewards.it_stays_within_its_arrays, ("    seen = ", "    seen = 0.0 * v.action[len(v.action)] + "), "run as Python: "),
@@ -174,10 +174,10 @@ def test_a_launcher_that_keeps_its_contract(site: Site) -> None:
 @pytest.mark.parametrize(
     ("check", "change", "message"),
     [
-        (launchers.it_carries_runs_out, ("work(run, target=self.target)", "0"), "a run ends as pending, and its job ended with exit code 0"),
+        (launchers.it_carries_runs_out, ("work(run, target=self.target)", "0"), "a run's state is pending, and its job ended with exit code 0"),
         (launchers.it_carries_runs_out, ("self.run, self.status = run,", "self.run, self.status = run.parent,"), "returns a job of the run"),
-        (launchers.it_reports_a_run_that_fails, ("work(run, target=self.target))", "0 * work(run, target=self.target))"), "finds no run ends with exit code 0"),
-        (launchers.an_ended_job_stays_as_it_is, ("        pass\n\nclass Backend", "        self.status = Status(Phase.ENDED, 7)\n\nclass Backend"), "after cancel an ended job is"),
+        (launchers.it_reports_a_run_that_fails, ("work(run, target=self.target))", "0 * work(run, target=self.target))"), "without a run ended with exit code 0"),
+        (launchers.an_ended_job_stays_as_it_is, ("        pass\n\nclass Backend", "        self.status = Status(Phase.ENDED, 7)\n\nclass Backend"), "cancel must not change an ended job"),
         (launchers.an_ended_job_stays_as_it_is, ("        return None", "        return Job(run, 0)"), "for a run that has ended; it must return None"),
         (launchers.it_closes_twice, ("    def close(self):\n        pass", "    def close(self):\n        del self.target"), "it closes twice: the launcher fails: AttributeError"),
     ],
@@ -231,7 +231,7 @@ def test_a_tracker_that_keeps_its_contract(site: Site) -> None:
     ("check", "change", "message"),
     [
         (trackers.it_logs_a_training, ("print(step, dict(scalars))", "[int(value) for value in scalars.values()]"), "write fails: ValueError: cannot convert float NaN"),
-        (trackers.it_logs_a_training, ("        print(error)", "        import random; random.random()"), "logging draws from the process's generator of random"),
+        (trackers.it_logs_a_training, ("        print(error)", "        import random; random.random()"), "logging must not draw from the global generator of random"),
         (trackers.an_attempt_continues_the_log_of_an_earlier_one, ("    return Run()", "    global seen; assert 'seen' not in globals(); seen = 1; return Run()"), "start, close, and start with the same key fails: AssertionError"),
         (trackers.it_changes_nothing_that_it_gets, ("    return Run()", "    config.pop('algo'); return Run()"), "start changes the configuration of the run"),
         (trackers.it_changes_nothing_that_it_gets, ("print(step, dict(scalars))", "scalars.clear()"), "write changes the scalars of the run"),
@@ -301,10 +301,10 @@ def test_a_command_that_keeps_its_contract(site: Site) -> None:
     ("check", "change", "message"),
     [
         (commands.its_title_is_one_line, ('"say hello"', '"say\\nhello"'), "must be one line of at most 100 characters"),
-        (commands.its_help_ends_well, ("    parser.read(words)\n", "    return 3\n"), "auvbench hello --help ends with exit code 3"),
+        (commands.its_help_ends_well, ("    parser.read(words)\n", "    return 3\n"), "auvbench hello --help must print help and end with exit code 0, not 3"),
         (commands.its_help_ends_well, ("    parser.read(words)\n", "    open('hello.txt', 'w').close()\n"), "auvbench hello --help writes hello.txt"),
-        (commands.an_unknown_option_is_one_line, ("    parser.read(words)\n", ""), "--no-such-option ends with exit code 0"),
-        (commands.an_unknown_option_is_one_line, ("    parser.read(words)\n", "    raise ValueError('no')\n"), "ends with exit code 1"),
+        (commands.an_unknown_option_is_one_line, ("    parser.read(words)\n", ""), "--no-such-option must end with exit code 2 and one line of error, not 0"),
+        (commands.an_unknown_option_is_one_line, ("    parser.read(words)\n", "    raise ValueError('no')\n"), "must end with exit code 2 and one line of error, not 1"),
         (commands.importing_it_does_nothing, ("SPEC =", "print('hello')\nSPEC ="), "importing hello says 'hello'"),
         (commands.importing_it_does_nothing, ("SPEC =", "open('hello.txt', 'w').close()\nSPEC ="), "importing hello writes hello.txt"),
     ],

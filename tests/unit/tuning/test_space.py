@@ -81,7 +81,7 @@ def test_kinds_follow_the_schema():
             ["algo=ppo", f"algo.net_arch=choice({'[' * 3000},1)"],
             ["algo.net_arch=choice", "interval(LOW,HIGH)"],
         ),
-        (["algo=ppo", "tune.rungs=[100,50]"], ["tune.rungs=[100, 50]", "grow"]),
+        (["algo=ppo", "tune.rungs=[100,50]"], ["tune.rungs=[100, 50]", "rising order"]),
         (["algo=ppo", "tune.rungs=[]"], ["tune.rungs=[]"]),
         (["algo=ppo", "tune.fresh_seeds=[0]"], ["tune.fresh_seeds", "fresh"]),
         (["algo=ppo", "tune.seeds=[]"], ["tune.seeds"]),

@@ -209,7 +209,7 @@ BROKEN = {
     "wrong shape": ("value: [0.0, 0.0, -0.1142]", "value: [0.0, -0.1142]", "wrong shape: expected 3"),
     "wrong unit": ("{value: 15.22, unit: kg", "{value: 15.22, unit: lb", "'lb' is not the unit"),
     "unknown key": ("  mass: {value", "  mas: {value", "unknown key; did you mean 'mass'"),
-    "missing source": ("{value: 15.22, unit: kg, source: centrale}", "{value: 15.22, unit: kg}", "names its source"),
+    "missing source": ("{value: 15.22, unit: kg, source: centrale}", "{value: 15.22, unit: kg}", "must name its source"),
     "unlisted source": ("unit: kg, source: centrale", "unit: kg, source: centrall", "did you mean 'centrale'"),
     "direction": (DIRECTION, "thruster1: [0.5, 0.5, 0.0]", "unit vector; this one has length 0.707"),
     "no limits": ("      limits: {value: [-40.0, 40.0], unit: N, source: centrale}\n", "", "thruster without limits"),

@@ -136,7 +136,7 @@ def holes() -> Floats:
 @pytest.mark.parametrize(
     ("arrays", "message"),
     [
-        ({"z_m": holes()}, "1 holes, the first at x=504, y=-27 m"),
+        ({"z_m": holes()}, r"points without a height \(1\), the first at x=504, y=-27 m"),
         ({"z_m": bottom().T}, r"x_m \(41,\), y_m \(61,\), z_m \(41, 61\)"),
         ({"x_m": X[::-1], "z_m": bottom()}, "x_m that does not rise evenly"),
         ({"x_m": (X - 499.0) ** 1.2, "z_m": bottom()}, "x_m that does not rise evenly"),
@@ -149,7 +149,7 @@ def holes() -> Floats:
         ({"z_cm": bottom()}, "unknown array 'z_cm'"),
         ({"x_m": X[:3], "z_m": bottom()[:, :3]}, "3 different x_m; must have at least 4"),
         ({"x_m": np.arange(1025.0), "y_m": np.arange(1024.0), "z_m": np.zeros((1024, 1025))}, "at most 1,048,576"),
-        ({"z_m": bottom().astype(str)}, "z_m that is not of numbers"),
+        ({"z_m": bottom().astype(str)}, "z_m that is not numeric; must be numbers"),
         ({"z_m": bottom().astype(object)}, "allow_pickle"),
     ],
 )  # fmt: skip
@@ -164,11 +164,11 @@ def test_wrong_arrays_are_refused(tmp_path: Path, arrays: dict[str, Any], messag
     [
         (points().replace("z_m", "z"), "unknown column 'z'"),
         (points().replace("x_m", "lon"), "unknown column 'lon'"),
-        ("\n".join(points().splitlines()[:-1]), "1 holes"),
+        ("\n".join(points().splitlines()[:-1]), r"points without a height \(1\)"),
         (points() + points().splitlines()[1], "two heights at one point"),
         (points() + ",2,-30", "point without coordinates"),
         ("x_m,y_m,z_m\n" + "\n".join(f"{i + 0.1 * j},{j},-9" for i in range(9) for j in range(9)), "points at 81 different x"),
-        (points() + "a,b,c", "x_m that is not of numbers"),
+        (points() + "a,b,c", "x_m that is not numeric; must be numbers"),
         ("", "No columns"),
     ],
 )  # fmt: skip
@@ -236,7 +236,7 @@ def test_commands_refuse_bad_files_in_one_line(tmp_path: Path, capsys: pytest.Ca
     good = csv(tmp_path, points())
     for words, message in (
         ([], "world.bottom.file: a value is missing"),
-        ([f"world.bottom.file={path}"], "has 1 holes"),
+        ([f"world.bottom.file={path}"], "has points without a height \\(1\\)"),
         (
             [f"world.bottom.file={good}", "world.bottom.sha256=abc"],
             "differs from the file with the SHA-256 abc",

@@ -35,8 +35,12 @@ class Temperature:
         return float(np.exp(self._learned.values[0, 0]))
 
     def update(self, density: Floats) -> dict[str, float]:
-        """Update the coefficient towards the target entropy for actions of log-densities (n,); return its
-        loss by name.
+        """Take one gradient step on the entropy coefficient, which drives the policy's entropy to the target.
+
+        Return {"ent_coef_loss": loss}; {} if the coefficient is constant.
+
+        Args:
+            density: log-densities (n,) of the policy's actions.
         """
         if self._learned is None:
             return {}

@@ -99,7 +99,7 @@ class Networks(Trained):
     Args:
         networks: modules of each network.
         optimizer: optimizer of their parameters; None for target networks.
-        heads: linear layers of each network that have the same inputs, in place of a last layer among the modules.
+        heads: linear layers with the same inputs that replace the last layer, such as mean and log_std of a policy.
     """
 
     def __init__(
