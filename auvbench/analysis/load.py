@@ -21,7 +21,7 @@ from auvbench.analysis.sources import PublishedRun, RunFolder, RunSource
 from auvbench.config.folders import options
 from auvbench.errors import ConfigError, ReportError, closest
 from auvbench.registry import TASKS
-from auvbench.runs import integrity, status
+from auvbench.runs import integrity, progress, status
 from auvbench.runs import run_filter as filters
 from auvbench.runs.directory import RunDirectory, as_words, folders_of_runs
 from auvbench.runs.identity import LATER
@@ -191,7 +191,10 @@ def _read_run(directory: Path) -> _Read:
             config = reading.yaml_value(reading.content(directory / "config.yaml"))
         run = _record(RunFolder(directory), manifest, config)
         if run.state == "running":
-            run = replace(run, state=str(status.of(RunDirectory(directory), manifest).state))
+            at = status.of(RunDirectory(directory), manifest)
+            run = replace(
+                run, state=str(at.state), manifest={**manifest, **progress.newest(directory, manifest)}
+            )
         return run, []
     except Damage as damage:
         return None, [Problem(str(directory), damage.kind, str(damage))]

@@ -6,7 +6,7 @@ import contextlib
 import json
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -146,15 +146,13 @@ def _row(run: RunDirectory) -> Row:
 
     at = status.of(run)
     manifest = at.manifest
-    steps, episodes, success = manifest["steps"], manifest.get("episodes", 0), manifest.get("success_rate")
+    now: Mapping[str, Any] = manifest
     wall = float(manifest["wall_time_s"])
     if at.state in (State.RUNNING, State.INTERRUPTED):
-        # The manifest is written at the start and at the end; during the run, and after a kill, the progress file is newer.
+        now = progress.newest(run.path, manifest)
         last = progress.read(run.path)
-        if last is not None and last.steps >= steps:
-            steps, episodes, success = last.steps, last.episodes, last.success_rate
-            if at.holder is not None and at.holder.since:
-                wall += max(0.0, last.time - datetime.fromisoformat(at.holder.since).timestamp())
+        if last is not None and at.holder is not None and at.holder.since:
+            wall += max(0.0, last.time - datetime.fromisoformat(at.holder.since).timestamp())
     error = manifest.get("error") or {}
     return Row(
         id=short(manifest["id"]),
@@ -163,10 +161,10 @@ def _row(run: RunDirectory) -> Row:
         state=at.state,
         algo=short(manifest["algo"]),
         seed=manifest["seed"],
-        steps=steps,
+        steps=now["steps"],
         total_steps=manifest["total_steps"],
-        episodes=episodes,
-        success_rate=success,
+        episodes=now.get("episodes", 0),
+        success_rate=now.get("success_rate"),
         wall_time_s=wall,
         created=short(manifest["created"]) if manifest.get("created") else None,
         holder=short(at.holder) if at.holder else None,

@@ -121,6 +121,21 @@ def read(run: Path) -> Progress | None:
         return None
 
 
+def newest(run: Path, manifest: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the steps, episodes and success rate that a run recorded last.
+
+    The manifest is written at the start and at the end. During a run, and after a kill, the progress file is newer.
+    """
+    progress = read(run)
+    if progress is not None and progress.steps >= manifest["steps"]:
+        return {name: getattr(progress, name) for name in ("steps", "episodes", "success_rate")}
+    return {
+        "steps": manifest["steps"],
+        "episodes": manifest.get("episodes", 0),
+        "success_rate": manifest.get("success_rate"),
+    }
+
+
 def duration(seconds: float) -> str:
     """Return a time in its two largest units.
 

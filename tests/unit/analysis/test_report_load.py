@@ -289,6 +289,15 @@ def test_a_run_is_running_only_while_a_process_works_on_it(grid: list[Path]) -> 
     assert "repeat its `auvbench train` command" in messages[grid[1].name]
 
 
+def test_a_killed_run_has_the_steps_of_its_progress_file(grid: list[Path]) -> None:
+    set_state(grid[:1], "running")
+    seal(grid[0] / "manifest.json", steps=0)
+    progress = {"steps": 700, "total_steps": 1000, "steps_per_s": 1.0, "episodes": 3, "success_rate": 0.5}
+    (grid[0] / "progress.json").write_text(json.dumps({**progress, "mean_return": None, "time": 0.0}))
+    _, problems = load([grid[0].parent])
+    assert "interrupted at 700 of " in problems[0].message
+
+
 def test_a_failed_training_is_a_seed_without_success(grid: list[Path]) -> None:
     set_state([grid[0]], "failed", "loss is nan")
     runs, _ = load([grid[0].parent])
