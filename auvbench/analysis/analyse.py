@@ -129,7 +129,7 @@ def _analyse(
     grouped = [one_run_of_a_controller(agent) for agent in grouped]
     rank_by = _measure(part, options)
     baseline = options.baseline
-    # With several sections, one may lack the baseline; a subset of the runs may lack the declared baseline.
+    # One of several sections may lack the baseline, and a subset of the runs may lack the declared baseline.
     declared = options.declared is not None and baseline == options.declared.baseline
     if baseline is not None and (several or declared):
         try:
@@ -176,11 +176,11 @@ def _study(
 
 
 def across_tasks(reports: Sequence[Report], options: Options) -> Scores | None:
-    """Return the score across tasks; None if there is no scale.
+    """Return the score across tasks; None if the scores have no scale.
 
-    There is no scale for a single task, and none if a section has agents with the sheets of several vehicles,
-    because each sheet has its own PID. If several sections have the same vehicle and task, only the largest
-    counts.
+    A single task has no scale. A section whose agents have the sheets of several vehicles has no scale either,
+    because each sheet has its own PID. Of several sections with the same vehicle and task, only the largest is
+    used.
     """
     parts: dict[str, Report] = {}
     for report in reports:

@@ -115,7 +115,7 @@ class Archive:
     def episodes(self, run: str, protocol: str) -> pd.DataFrame:
         """Return a run's test episodes by a protocol, or its training episodes for `TRAIN`.
 
-        The table has the columns of the run's own file of episodes.
+        The table has the same columns as the file of episodes in the run's directory.
 
         Raises:
             Damage: episodes.parquet cannot be used.
@@ -187,7 +187,7 @@ class Archive:
 
 
 def note(runs: pd.DataFrame, files: Mapping[str, bytes]) -> dict[str, str]:
-    """Return the footer of runs.parquet for its rows and the other files of a study."""
+    """Return the footer of runs.parquet, computed from the rows of runs.parquet and the other files of a study."""
     entries = {name: integrity.FileEntry(**integrity.entry(data)) for name, data in files.items()}
     return {NOTE: json.dumps(asdict(Note(digest(runs), entries)), sort_keys=True)}
 

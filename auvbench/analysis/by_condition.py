@@ -32,7 +32,7 @@ class Subject:
 
 
 def of_protocol(options: Options, protocol: str) -> Options:
-    """Return the options of a report, changed for another protocol (`also`)."""
+    """Return a report's options for another protocol (an entry of `also`), without a condition and a study."""
     return replace(options, protocol=protocol, condition=None, study=None)
 
 
@@ -40,7 +40,7 @@ def compare(tested: Sequence[tuple[Options, Sequence[Report]]]) -> list[Subject]
     """Compare all agents under each condition of several protocols.
 
     Args:
-        tested: options and reports of each protocol (`analyse`).
+        tested: for each protocol, the options and the reports that `analyse` returns for them.
     """
     rankings: dict[str, list[Ranking]] = {}
     for options, reports in tested:

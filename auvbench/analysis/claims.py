@@ -65,14 +65,14 @@ def averaged(
 ) -> Part:
     """Return the part of a claim that compares the success of the first and second agent of each pair.
 
-    The part holds if the difference first - second of typical trainings, averaged over the pairs, is above
-    `above`, or below it with `less`.
+    The part holds if the difference between typical trainings (first - second), averaged over the pairs, is above
+    the bound `above`. With `less`, the part holds if the difference is below this bound.
 
     Args:
         pairs: pairs of agents in matched cells.
         what: beginning of the sentence with the result.
         levels: confidences of the intervals for "holds" and "does not hold".
-        absent: agents that are missing if there is no pair.
+        absent: text that names the missing agents if there is no pair.
         above: bound of the difference.
         less: whether the difference must be below the bound.
     """
@@ -92,7 +92,7 @@ def averaged(
 
 
 def few_trainings(agents: Sequence[Agent], levels: tuple[float, float]) -> str:
-    """Return a remark on the assumption that an interval from few trainings makes; '' if there are enough."""
+    """Return a remark on the assumption that an interval from few trainings makes; '' if the trainings are enough."""
     fewest, needed = min(len(agent.outcome) for agent in agents), trainings_needed(1, 1 - levels[0])
     return (
         f" (fewer than {needed} trainings: assumes that they cluster around the typical one)"
@@ -193,8 +193,8 @@ def lower_frequency_converges_sooner(e: Evidence) -> list[Part]:
 def _dates(runs: Sequence[Learning], own: bool) -> list[Point]:
     """Return (K, -frequency, -steps to convergence) per run.
 
-    A run must converge within its own time limit if `own`, else within the shortest limit of the runs of its
-    K. A K without a converged run is left out.
+    If `own`, a run must converge within its own time limit, else within the shortest time limit of all runs with
+    the same K. A K without a converged run is left out.
     """
     points: list[Point] = []
     for k in sorted({run.k for run in runs}):

@@ -80,10 +80,10 @@ def default(runs: Sequence[RunRecord], protocol: str) -> str:
 def results(
     agents: Sequence[Agent], protocol: str, confidence: float, by: Measure | None = None
 ) -> tuple[Condition, ...]:
-    """Return the results under each condition of the protocol, in its order; empty for a single condition.
+    """Return the results under each condition, in the protocol's order; empty for a protocol with one condition.
 
-    A failed training is a seed without a success, as in `grouping.agents`. `by` is the ranking measure, see
-    `of_evaluations`.
+    A failed training counts as a seed without a success, as in `grouping.agents`. `by` is the measure whose means
+    are computed (see `of_evaluations`).
     """
     tested = {a.label: [r.evaluations[protocol] for r in a.runs if protocol in r.evaluations] for a in agents}
     names = {
@@ -115,7 +115,8 @@ def of_evaluations(
         tested: evaluations of each agent's seeds, by the agent's label; all with the same scenarios.
         confidence: confidence of the intervals.
         by: measure whose means are computed; ignored if it is a rate or a penalised time.
-        failed: number of failed trainings, and the value of `by` for their episodes, by the agent's label.
+        failed: for an agent's label, the number of the agent's failed trainings, and the value of `by` that an
+            episode of a failed training gets.
     """
     column = by.column if by and not by.rate and not by.penalty else ""
     kind = metric_of(column) or UNKNOWN
@@ -139,16 +140,16 @@ class Met:
     time: tuple[float, float]
     """Step frequency in Hz, and step limit; two conditions are compared in steps only if both numbers are equal"""
     measured: FloatArray | None = None
-    """Values (seeds, E) of the primary measure; None without such a column"""
+    """Values (seeds, E) of the primary measure; None if the episodes do not have the measure's column"""
 
     def without_seeds(self) -> Met:
-        """Return results of no seed (0, E) in the same scenarios."""
+        """Return the results without any seed, as arrays (0, E)."""
         return Met(
             self.success[:0], self.par1[:0], self.time, None if self.measured is None else self.measured[:0]
         )
 
     def with_failed(self, n: int, value: float) -> Met:
-        """Return the results with `n` more seeds that failed in each scenario; `value` is their value of the measure."""
+        """Add `n` seeds that fail in every scenario; the primary measure of a failed episode is `value`."""
 
         def more(rows: FloatArray, fill: float) -> FloatArray:
             return np.concatenate([rows, np.full((n, rows.shape[1]), fill)])
@@ -190,7 +191,7 @@ def _condition(
 ) -> Condition:
     met_here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
     measured = {label: m.measured for label, m in met_here.items() if m.measured is not None}
-    # If a seed lacks one of the two conditions, its agent has no change.
+    # An agent has a change only if each of its seeds was tested under this condition and undisturbed.
     pairs = {
         label: (m, still)
         for label, m in met_here.items()

@@ -32,7 +32,7 @@ def is_name(value: Any) -> bool:
 
 def finite(table: np.ndarray[Any, Any]) -> bool:
     """Return whether all values are finite numbers of a plausible size."""
-    # A single text gives the whole table the type object; comparisons with NaN are False.
+    # If any cell is a text, the whole array has the dtype object. Comparisons with NaN are False.
     return table.dtype.kind in "if" and bool((np.abs(table) <= LARGEST).all())
 
 
@@ -52,11 +52,11 @@ def named(file: str) -> Iterator[None]:
 
 
 def check_digest(holder: Mapping[str, Any], name: str, data: bytes) -> None:
-    """Compare a file with its record in the manifest or summary.
+    """Compare a file's size and digest with the values recorded in the manifest or summary.
 
     Raises:
         Damage: the file differs.
     """
-    # Digests are recorded when a run is complete.
+    # An incomplete run has no recorded digests, so its files are not checked.
     if integrity.FILES in holder and (wrong := integrity.difference(holder, name, data)):
         raise Damage(f"{name} {wrong}")

@@ -45,14 +45,14 @@ def declared_rows(
 ) -> dict[str, frozenset[str]]:
     """Return the ids of the declared runs, by vehicle and task.
 
-    A declaration written by an earlier version of auvbench does not name runs; then the tested runs in its
-    folder count as declared.
+    A declaration written by an earlier version of auvbench does not name runs. In this case, all tested runs and
+    all failed trainings in the declaration's folder count as declared.
 
     Args:
         declared: declaration.
         folder: folder of the declaration.
         protocol: declared protocol.
-        loaded: all runs in the folder, if they are loaded already.
+        loaded: all runs in the folder, if the caller has loaded them; None: read the folder if necessary.
     """
     rows: dict[str, set[str]] = {}
     if declared.names_runs:
@@ -93,12 +93,12 @@ def sentence(
 
 
 def undeclared(why: str) -> str:
-    """Return the sentence for a report without a declared analysis; `why` is the reason if several were declared."""
+    """Return the sentence for a report without a declared analysis; `why` is the reason if the runs have several."""
     return f"{capitalized(why or 'no analysis was declared before the runs')}."
 
 
 def _options(plan: Plan, done: Analysed, ranking: Ranking) -> list[str]:
-    """Return the options that differ from the declaration, as the user types them, and a replaced baseline."""
+    """Return the options that differ from the declaration, as command-line flags, and a text on a replaced baseline."""
     declared = plan.analysed
     differences = [
         f"--{field.name.replace('_', '-')} {getattr(done, field.name)}"
@@ -189,7 +189,7 @@ def _carry(declared: Declared, used: Sequence[RunRecord]) -> int:
 
 
 def _when(declared: Declared, used: Sequence[RunRecord]) -> str:
-    """Return when the analysis was declared, and what it covers."""
+    """Return a sentence with the date of the declaration, or with the parts of the analysis that were declared."""
     under = _carry(declared, used)
     if under < len(used):
         after = f"{len(used) - under} of {counted(len(used), 'run')}"
@@ -227,8 +227,8 @@ def _later(declared: Declared, used: Sequence[RunRecord], agents: Sequence[Agent
 def _declared_at(declared: Declared, run: RunRecord) -> datetime | None:
     """Return when a run was declared; None if unknown.
 
-    This is the date of the run's stage of the declaration. If the manifest has another digest, it is the date
-    on which the run was created.
+    Return the date of the declaration's stage that names the run. If the run's manifest has the digest of
+    another stage, return the date on which the run was created.
     """
     stage = declared.stage_of(run.id)
     if stage is not None and run.manifest.get(KEY) == stage[1]:

@@ -15,12 +15,12 @@ VELOCITIES = ("velocity", "angular_velocity", "velocity_error")
 
 
 def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, int]) -> Ranking:
-    """Return the ranking with each agent's knowledge, the number of trials that chose its settings, and their cost.
+    """Return the ranking with each agent's knowledge, its number of tuning trials and the cost of these trials.
 
     Args:
         ranking: ranking of the agents.
         agents: agents with their runs.
-        trials: number of trials by label; replaces the recorded number.
+        trials: number of tuning trials by the agent's label; replaces the number recorded in the agent's runs.
     """
     rows = []
     for row, agent in zip(ranking.rows, ranking.ordered(agents), strict=True):
@@ -35,7 +35,7 @@ def with_effort(ranking: Ranking, agents: Sequence[Agent], trials: Mapping[str, 
 
 
 def _most(agent: Agent, key: str) -> Any:
-    """Return the largest `algo.tuned.<key>`, a number on the cost of tuning, among the agent's runs; None if no run has it."""
+    """Return the largest value of `algo.tuned.<key>`, a cost of tuning, in the agent's runs; None if no run has the key."""
     values = [run.config.get(f"algo.tuned.{key}") for run in agent.runs]
     return max((value for value in values if isinstance(value, int | float)), default=None)
 
@@ -47,20 +47,20 @@ def knowledge(run: RunRecord) -> tuple[str, ...]:
     sources = dict.fromkeys(() if spec is None else spec.knows)
     observed = _blocks(config)
     reads = spec is None or spec.observes
-    plans = run_learns(run) or "model" in sources  # other controllers do not use the preview
+    plans = run_learns(run) or "model" in sources  # controllers without a model do not use the preview
     if plans and "preview" in observed and config.get("task.preview.points"):
         sources["preview"] = None
     if reads and "way" in observed:
         sources["map"] = None
     if reads and any(block in observed for block in VELOCITIES):
         sources["true velocities"] = None
-    if reads:  # a block of a package is listed by its name
+    if reads:  # list the observation blocks of other packages by name
         sources |= dict.fromkeys(short(str(block), 40) for block in observed if block not in BLOCKS.own)
     return tuple(sources)
 
 
 def _estimates(run: RunRecord, protocol: str, condition: str) -> bool:
-    """Return whether the agent observed estimates of its state in a test: the summary then has a navigation error."""
+    """Return whether the agent observed estimates of its state in a test. If so, the summary has a navigation error."""
     conditions = run.evaluations[protocol].summary["conditions"] if protocol in run.evaluations else ()
     return any(
         entry["name"] == condition and entry.get("mean_navigation_error_rms_m") is not None

@@ -24,7 +24,7 @@ WINDOW = 100
 SHORT = 0.8
 """Upper limit of the mean duration of a good window's episodes, as a share of the time limit"""
 HALF = 0.5
-"""Smallest success rate of a good window. It is needed because short episodes may be early collisions"""
+"""Smallest success rate of a good window. A limit on durations is not enough, because early collisions are short"""
 PERMUTATIONS = 10_000
 
 Point = tuple[str, float, float]
@@ -40,15 +40,18 @@ def limit_s(run: RunRecord) -> float:
 
 
 def good_windows(seconds: FloatArray, success: BoolArray, limit: float) -> BoolArray:
-    """Return whether each window of successive episodes is good, (n - `WINDOW` + 1,); empty for fewer episodes.
+    """Return, for each window of `WINDOW` successive episodes, whether the window is good.
 
-    In a good window, at least `HALF` of the episodes succeed within the limit, and the mean duration, with
-    longer durations cut to the limit, is below `SHORT` of the limit.
+    In a good window, at least the share `HALF` of the episodes succeeds within the time limit. The mean duration
+    is less than `SHORT` times the limit. For this mean, durations longer than the limit are cut to the limit.
 
     Args:
         seconds: (n,) durations, in the order in which the episodes ended.
         success: (n,) successes, in the same order.
         limit: time limit, s.
+
+    Returns:
+        Array (n - `WINDOW` + 1,); empty if n < `WINDOW`.
     """
     in_time = _window_means(success & (seconds <= limit))
     duration = _window_means(np.minimum(seconds, limit))
@@ -72,7 +75,7 @@ class Learning:
     """environment steps of the whole training"""
     seconds: FloatArray  # (n,) duration of each episode
     success: BoolArray  # (n,) success of each episode
-    ended: FloatArray  # (n,) environment steps when the episode ended
+    ended: FloatArray  # (n,) environment steps of the training when each episode ended
 
     @property
     def limit(self) -> float:
@@ -81,11 +84,11 @@ class Learning:
 
     @property
     def converged(self) -> bool:
-        """Return whether the run converged, judged by its own time limit of an episode."""
+        """Return whether the run converged within its own time limit of an episode."""
         return bool(np.isfinite(self.converged_at(self.limit)))
 
     def converged_at(self, limit: float) -> float:
-        """Return the environment steps before the first good window; inf if the last window is not good."""
+        """Return the training's environment steps before its first good window; inf if the last window is not good."""
         good = good_windows(self.seconds, self.success, limit)
         if not good.size or not good[-1]:
             return np.inf
@@ -116,9 +119,9 @@ def learning(run: RunRecord) -> Learning | None:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """Share of pairs of runs in which the run of the higher level has the higher value; a tie counts half.
+    """Trend test: share of run pairs in which the run with the higher level has the higher value; a tie counts half.
 
-    The two runs of a pair are of one stratum.
+    Both runs of a pair belong to the same stratum.
     """
 
     share: float
@@ -152,7 +155,7 @@ def trend(points: Sequence[Point], seed: int = 0) -> Trend | None:
 
 
 def _wins(values: FloatArray, low: NDArray[np.intp], high: NDArray[np.intp]) -> FloatArray:
-    """Return how many pairs (m,) the run of the higher level wins, for m rows of values; a tie is half a win."""
+    """Return, for each of m rows of values, how often the run with the higher level wins its pair, (m,); a tie is half a win."""
     lower, higher = values[:, low], values[:, high]
     return np.asarray(((higher > lower).sum(axis=1) + (higher >= lower).sum(axis=1)) / 2)
 
@@ -192,10 +195,10 @@ class Evidence:
         return self.confidence, 1 - (1 - self.confidence) / parts
 
     def attainable(self, limit: float) -> bool:
-        """Return whether some control meets the criterion of convergence within a time limit in s.
+        """Return whether any control meets the criterion of convergence within a time limit in s.
 
-        The controls are all policies in the report's tests, including controllers. They do not learn during a
-        test, so if no control meets the criterion, a training that does not meet it may have learned as well.
+        The controls are all tested policies of the report, including controllers. If even these policies do not
+        meet the criterion, then a training that does not meet it may still have learned.
         """
         for agent in self.agents:
             for seconds, success in zip(agent.metrics.get("duration_s", ()), agent.success > 0, strict=False):
@@ -205,9 +208,9 @@ class Evidence:
         return False
 
     def unattainable(self, runs: Sequence[Learning]) -> list[str]:
-        """Return the missing evidence as a list of one text: the time limits within which no control converges.
+        """Return a list with one text, which names the time limits within which no control converges.
 
-        The list is empty if a control converges within the time limit of each run.
+        The list is empty if, for the time limit of every run, some control converges.
         """
         time_limits = sorted({run.limit for run in runs if not self.attainable(run.limit)})
         if not time_limits:
@@ -267,8 +270,8 @@ def _sentence(parts: Sequence[str]) -> str:
 def independent(agents: Sequence[Agent]) -> int:
     """Return the number of agents that count as independent.
 
-    Agents of a grid share the effects of their levels, so the number is at most the number of parameters of
-    the grid's main effects: one, plus one for each further level of each factor.
+    Agents with the same level of a factor share the level's effect. The number is therefore at most the number of
+    parameters of a main-effects model: 1 plus (number of levels - 1) for each factor.
     """
     levels_by_factor = [{agent.key.get(factor) for agent in agents} for factor in FACTORS]
     return min(len(agents), 1 + sum(len(levels) - 1 for levels in levels_by_factor))
@@ -280,8 +283,8 @@ def partial_rank_correlation(
     """Return Spearman's rho of x and y given a third variable, with an interval for n independent points.
 
     The interval follows Bonett & Wright (2000, Psychometrika 65:23): tanh(atanh rho ± z sqrt((1 + rho²/2) /
-    (n - 3))), with one point less for the third variable. It is [-1, 1] if rho is undefined or n is too
-    small.
+    (n - 3))), where n is reduced by one if the third variable varies. The interval is [-1, 1] if rho is undefined
+    or n is too small.
     """
     from scipy.stats import rankdata  # imported late: takes half a second, and most reports do not need it
 

@@ -101,7 +101,7 @@ def resolved_effects(ranking: Ranking, agents: Sequence[Agent], m: Measure) -> l
 
 
 def _as_in_the_table(effect: Effect, ranking: Ranking) -> Effect:
-    """Return an effect of a single pair with the pair's interval in the table, so that a page shows equal intervals."""
+    """Give an effect of a single pair the pair's interval in the table, so that a page does not show two intervals."""
     if len(effect.pairs) == 1:
         first, second = (agent.label for agent in effect.pairs[0])
         for c in ranking.comparisons:
@@ -129,7 +129,7 @@ def _effect(effect: Effect, m: Measure, basis: str, needed: int) -> Finding:
 def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
     """Return a finding on the agent with the largest variance between seeds.
 
-    Only agents count for which seeds cause more than half of the mean's variance; None without such an agent.
+    Return None if no agent has more than half of its mean's variance from seeds.
     """
     several = [a for a in agents if len(a.outcome) > 1 and learns(a) and np.isfinite(m.values(a)).all()]
     if not several:
@@ -153,7 +153,9 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """Difference first level - second level of a factor between typical trainings, averaged over matched cells."""
+    """Effect of a factor: typical training at the first level minus typical training at the second level, averaged over
+    matched cells.
+    """
 
     factor: str
     first: str
@@ -162,11 +164,11 @@ class Effect:
     difference: Estimate
     p_value: float
     agree: int
-    """Number of trainings of the first level whose difference from the second level's typical training has the effect's sign"""
+    """Number of trainings at the first level that are on the effect's side of the second level's typical training"""
     trainings: int
-    """number of trainings of the first level"""
+    """number of trainings at the first level"""
     fewest: int
-    """smallest number of trainings of an agent"""
+    """smallest number of trainings of any agent in the pairs"""
 
 
 def matched(agents: Sequence[Agent], factor: str, first: Any, second: Any) -> list[tuple[Agent, Agent]]:

@@ -36,7 +36,7 @@ GROUPING = ("algo.name", "reward.k", "step.frequency")
 NOT_METRICS = ("condition", "outcome", "episode", "environment")
 
 OF_THE_TEST = ("vehicle.", "simulator.max_step", "simulator.name")
-"""prefixes of the run's keys that a protocol uses in its test"""
+"""prefixes of the run's configuration keys whose values also apply in a test"""
 TASK = ", task "
 """text between the vehicle and the task in a section's subject"""
 SEVERAL = "several sheets"
@@ -48,14 +48,14 @@ def agents(
     protocol: str = "test",
     condition: str = "nominal",
 ) -> tuple[list[Agent], list[Problem]]:
-    """Group tested runs by the values of `GROUPING` and of all other keys that vary among them.
+    """Group tested runs by their values of the keys in `GROUPING` and of all other keys that vary among the runs.
 
     A failed training counts as a seed without a success (`NO_POLICY`), since a user's training may fail, too.
 
     Args:
         runs: result of `load`, for one vehicle and one set of scenarios (see `sections`).
         protocol: name of the protocol.
-        condition: name of the condition within it.
+        condition: name of a condition of the protocol.
 
     Returns:
         Agents in the order of their keys, and the problems. `Agent.metrics` has every numeric column of
@@ -177,9 +177,9 @@ def _agent(
             values[tested] = np.array(table[column], dtype=np.float64).reshape(len(tested), len(example))
     _count_failures(str(group[0].config.get("task.name")), outcome, metrics, limit)
     metrics["time_to_goal_s"] = np.where(outcome == 0, metrics["duration_s"], np.nan)
-    for column in of_the_scenario():  # A failed training gets the columns of all agents.
+    for column in of_the_scenario():  # A failed training has no rows, so its scenarios come from another run.
         if column in metrics:
-            # A copy's rows may lack the column.
+            # The rows of some runs may lack the column.
             source = next(frame for frame in rows.values() if column in frame)
             scenario = source[column].to_numpy(dtype=np.float64)
             metrics[column] = np.where(np.isnan(metrics[column]), scenario, metrics[column])
@@ -187,9 +187,9 @@ def _agent(
 
 
 def _count_failures(task: str, outcome: np.ndarray, metrics: dict[str, Any], limit: float) -> None:
-    """Replace the values of failed episodes by the values that failures count as (`of_failures`).
+    """Replace the measured values of failed episodes by the fixed values of a failure (`of_failures`).
 
-    Rows of earlier versions of auvbench have the values that were measured until the failure.
+    Rows that earlier versions of auvbench wrote still have the values measured until the failure.
     """
     if task not in TASKS:
         return
@@ -200,7 +200,7 @@ def _count_failures(task: str, outcome: np.ndarray, metrics: dict[str, Any], lim
 
 
 SEEDS = ("seed", "train.evaluate_every", *NEUTRAL)
-"""keys in which the seeds of one agent may differ, since they do not change the task to learn"""
+"""keys in which the seeds of one agent may differ, because these keys do not change the task to learn"""
 
 OF_LEARNING = ("train.", "reward.")
 """prefixes of keys without meaning for a controller"""
@@ -213,8 +213,8 @@ def refined(
 ) -> dict[str, str]:
     """Return the keys of a finer grouping, by short name: `keys`, and the keys that vary within `groups`.
 
-    If the name of a configuration group varies (`disturbance.name`), it is one key (`disturbance`) for all
-    keys of the group.
+    If the name of a configuration group varies (`disturbance.name`), the runs are split by this name first, under
+    the short name `disturbance`. Other keys of the group are added only if they vary after the split.
 
     Args:
         groups: runs grouped by `keys`.
@@ -292,7 +292,7 @@ class Section:
     """vehicle, and the task unless it is the waypoint task: 'rexrov', 'rexrov, task docking'"""
     fingerprint: str
     runs: tuple[RunRecord, ...]
-    """tested runs; the vehicle's first section also has its other runs"""
+    """tested runs; the largest section of a vehicle and task also has the runs that were not tested"""
     problems: tuple[Problem, ...] = ()
     """reasons why the runs are in a separate section, with the way to unite the sections"""
 
@@ -331,7 +331,7 @@ def subject_of(run: RunRecord) -> str:
 
 
 def split_problems(problems: Iterable[Problem], parts: Sequence[Section]) -> list[list[Problem]]:
-    """Return the problems of each section; a problem that does not name a run of any section goes to the first."""
+    """Return the problems of each section; a problem that names no run of a section goes to the first section."""
     place = {run.id: i for i, part in enumerate(parts) for run in part.runs}
     split: list[list[Problem]] = [[] for _ in parts]
     for problem in problems:

@@ -41,7 +41,9 @@ LONGEST = 80
 """largest number of characters of a value in a label"""
 
 VEHICLE = "vehicle"
-"""key of the vehicle whose sheet an agent was trained on or knows; it varies in a table only if the test fixes the vehicle"""
+"""key of the vehicle sheet that an agent was trained with or knows; agents of one table have different sheets only if
+the test fixes the vehicle
+"""
 UNITS = {"reward.k": "K={}", FREQUENCY: "{} Hz", VEHICLE: "sheet {}", "simulator": "{}", "seed": "seed {}"}
 """templates of the texts for values that are shown without their key"""
 CURRENT, WAVES, FAULT = "disturbance.current", "disturbance.waves", "disturbance.fault"
@@ -170,9 +172,11 @@ def labels(keys: Sequence[Key], learners: Sequence[bool], frequency_fixed: bool 
 def observed(observation: Any, observations: Sequence[Any]) -> tuple[str, str]:
     """Return what distinguishes one of several observations, as a short list of blocks.
 
-    Usually the result is `unobserved` with the blocks that this observation lacks and another one has. The result
-    is `observed` with the blocks that this observation has and another one lacks, if every observation has such a
-    block and these lists are, in total, not longer.
+    The result is one of two pairs:
+
+    * `unobserved`, and the blocks that some observation has but this observation lacks;
+    * `observed`, and the blocks that this observation has but some observation lacks. This pair is the result if
+      this list is not empty for any observation and, over all observations, these lists are not longer.
 
     >>> observed("['yaw_error']", ["['yaw_error']", "['yaw_error', 'velocity', 'gravity']"])
     ('unobserved', 'velocity, gravity')
@@ -234,7 +238,7 @@ def _joined(key: Key, names: Sequence[str]) -> str:
 
 
 def _foreign(name: str, key: Key, keys: Sequence[Key]) -> bool:
-    """Return whether a key does not exist for the agent's choice of its group.
+    """Return whether a key does not exist in the option that the agent uses of the key's configuration group.
 
     An example is `simulator.hydrodynamics`, if no agent with the same simulator has a value of it.
     """

@@ -1,6 +1,6 @@
 """Read run directories for a report, and name the problems that keep runs or evaluations out of the tables.
 
-A damaged run does not stop the reading: readable runs are returned, with a `Problem` for each other one.
+A damaged run does not stop the reading: `load` returns the readable runs, and a `Problem` for each damaged run.
 docs/runs.md describes the directories, and docs/protocol.md the CSV files.
 """
 
@@ -114,10 +114,10 @@ def _collect(read: Iterable[_Read], problems: list[Problem]) -> list[RunRecord]:
 
 
 def _with_later_keys(runs: Sequence[RunRecord]) -> list[RunRecord]:
-    """Add configuration keys that were introduced later to runs of earlier versions of auvbench.
+    """Give runs of earlier auvbench versions the configuration keys that later versions introduced.
 
-    A run gets a key if another run of the same algorithm and task has it. The added value has no effect, so
-    seeds of both versions are one agent.
+    A run gets a key if another run of the same algorithm and task has it. The added value has no effect, so that
+    runs of both versions can be seeds of one agent.
     """
     unchanged = filters.flat(LATER)
     kinds = [(run.config.get("algo.name"), run.config.get("task.name")) for run in runs]
@@ -139,7 +139,7 @@ def require(runs: Sequence[RunRecord], problems: Sequence[Problem], protocol: st
     """Raise an error if no run has a usable evaluation by a protocol.
 
     Raises:
-        ReportError: no run has one; the error names the available protocols, or the first problems.
+        ReportError: no run has a usable evaluation; the error names the available protocols, or the first problems.
     """
     if any(protocol in run.evaluations for run in runs):
         return
@@ -227,7 +227,7 @@ def _record(source: RunSource, manifest: dict[str, Any], config: Any) -> RunReco
         raise Damage(f"manifest.json belongs to the run {_brief(manifest['id'])}", "foreign")
     flat = _flattened(config)
     if release := flat.get("task.package"):
-        try:  # the installed release of the package describes the metrics, even if the run used another one
+        try:  # the installed release of the package describes the metrics, even if the run used another release
             name = str(flat.get("task.name"))
             if (spec := TASKS.find(name)) is None:
                 raise TASKS.missing(name, str(release))
@@ -292,13 +292,14 @@ def _brief(value: Any) -> str:
 
 
 def _one_per_id(read: Sequence[_Read], protocol: str) -> Iterator[_Read]:
-    """Yield one run per id, sorted by id; of several copies of a run, the most complete one counts.
+    """Yield one run per id, sorted by id; of several copies of a run, yield only the most complete copy.
 
-    The order of preference is: a complete run, a run tested by the protocol, tests by more protocols, a run
-    directory before a published study, the latest end, the last folder by name.
+    These criteria choose the copy, the most important first: it is complete; it was tested by the protocol; it has
+    tests by more protocols; it is a run directory, not part of a published study; it ended last; its folder is
+    the last by name.
 
-    Each other copy is reported as a duplicate. Its own problems are not reported, because the run is in the
-    tables.
+    A duplicate problem names each copy that was not chosen. Other problems of these copies are not reported,
+    because the run is in the tables.
     """
     by_id: dict[str, list[tuple[RunRecord, list[Problem]]]] = {}
     for run, problems in read:

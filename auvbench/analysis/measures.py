@@ -21,7 +21,7 @@ UNKNOWN = Metric("unknown", "", "", "", better="higher", low=-math.inf)
 """metric of an unregistered column"""
 
 LIMITED_BY_STEPS = ("steps", "duration_s", "time_to_goal_s")
-"""Columns whose values the task's step limit bounds: steps, and times (step limit / frequency)"""
+"""Columns that the task's step limit bounds from above; the bound of a time is step limit / frequency"""
 
 SUCCESS, TIMEOUT = OUTCOMES.index("success"), OUTCOMES.index("timeout")
 
@@ -38,16 +38,16 @@ def of_the_scenario() -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number per agent: the mean of a value per episode."""
+    """Measure of an agent: the mean over test episodes of one value per episode."""
 
     name: str
     """Name: success_rate, collision_rate, timeout_rate, mean_<column>, par1_steps, par2_time_s, ..."""
     column: str
-    """column of episodes.csv, `outcome` for a rate"""
+    """column of episodes.csv that has the values; `outcome` for a rate"""
     higher_is_better: bool
     rate: bool
     penalty: float = 0.0
-    """multiple of the step or time limit that a failed episode counts as; 0: failures count as measured"""
+    """Value of a failed episode as a multiple of the step or time limit; 0: the episode keeps its measured value"""
 
     def values(self, agent: Agent) -> FloatArray:
         """Return the values (seeds, episodes) of an agent; NaN if it lacks the column."""
@@ -59,18 +59,18 @@ class Measure:
             return np.full(agent.outcome.shape, np.nan)
         measured = np.asarray(agent.metrics[self.column], dtype=np.float64)
         if not self.penalty:
-            # A training without a policy fails in each episode; NaN if failures count as measured.
+            # A failed training has no policy and no measured values, so its episodes get the value of a failure.
             return np.where(agent.outcome == NO_POLICY, self.failure(agent), measured)
         failed = agent.outcome != SUCCESS
         limit = _limit(agent, self.column)
         if (
             failed.any() and not np.isfinite(limit).all()
-        ):  # a mean over only its successes would not be a penalised mean
+        ):  # without a limit, failed episodes have no penalised value
             return np.full(agent.outcome.shape, np.nan)
         return np.where(failed, self.penalty * limit, measured)
 
     def failure(self, agent: Agent) -> float:
-        """Return the value that a failed episode counts as; NaN if its measured value counts."""
+        """Return the value that replaces the value of a failed episode; NaN if the measured value is used."""
         if self.rate:
             return float(self.name != "success_rate")
         if self.penalty:
@@ -80,7 +80,7 @@ class Measure:
         return float(bounds) if isinstance(bounds, int | float) else math.nan
 
     def bounds(self, agents: Sequence[Agent]) -> tuple[FloatArray, FloatArray]:
-        """Return the smallest and the largest possible mean (n,) of each agent."""
+        """Return the smallest and the largest possible mean of each agent, two arrays (n,)."""
         kind = metric_of(self.column) or UNKNOWN
         least, most = np.full(len(agents), kind.low), np.full(len(agents), kind.high)
         if self.penalty:
@@ -94,7 +94,7 @@ class Measure:
         return least, most
 
     def table(self, agents: Sequence[Agent], *, paired: bool = True) -> Crossed:
-        """Return the means of agents, their variances and the possible range."""
+        """Return the agents' means, with their variances and possible ranges."""
         data = [self.values(agent) for agent in agents]
         return crossed(data, rate=self.rate, paired=paired, bounds=self.bounds(agents))
 
@@ -123,7 +123,9 @@ RANKED_AS = {
     "mean_duration_s": "par1_time_s",
     "mean_time_to_goal_s": "par1_time_s",
 }
-"""Measures that replace a mean in a ranking, by the mean: quick failures would improve the mean, or would not count in it"""
+"""For each mean, the penalised measure that replaces it in a ranking. Quick failures would improve such a mean or be
+left out of it.
+"""
 
 
 def measures() -> dict[str, Measure]:
@@ -135,11 +137,11 @@ def measures() -> dict[str, Measure]:
 
 
 def _limit(agent: Agent, column: str) -> FloatArray:
-    """Return the limit of a time or step column: (seeds, episodes), or one number for all."""
+    """Return the limit of a step or time column: an array (seeds, episodes), or one number for all episodes."""
     limit = np.asarray(agent.step_limit)
     if column == "steps":
         return limit
-    # Convert to seconds. A seed without a policy gets the frequency of the other seeds.
+    # Convert to seconds. A seed without a policy has no frequency, so it gets the lowest frequency of the other seeds.
     frequency = np.asarray(agent.metrics.get("frequency_hz", np.nan), dtype=np.float64)
     frequencies = frequency[np.isfinite(frequency)]
     return limit / np.where(
@@ -162,7 +164,7 @@ def measure(name: str, option: str = "--rank-by") -> Measure:
 
 
 def to_rank_by(name: str, option: str = "--rank-by") -> Measure:
-    """Return the measure that ranks agents for `name`; in it, failures count (`RANKED_AS`).
+    """Return the measure that ranks agents for `name`: its penalised measure in `RANKED_AS`, else the measure itself.
 
     Raises:
         ReportError: see `measure`.
@@ -182,7 +184,7 @@ def in_unit(margin: float | None, name: str) -> float | None:
 def all_measures(agents: Sequence[Agent]) -> list[Measure]:
     """Return the measures that at least one agent has.
 
-    They include means of unregistered columns, by which agents cannot be ranked.
+    The list includes means of unregistered columns, by which agents cannot be ranked.
     """
     scenario, registered = of_the_scenario(), measures()
     measured = {c: None for agent in agents for c in agent.metrics if c not in scenario}

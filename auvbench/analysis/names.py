@@ -16,9 +16,9 @@ def name_agents(runs: Sequence[RunRecord], names: Mapping[str, str]) -> list[Run
 
     Args:
         runs: loaded runs.
-        names: by name, the terms that a run must match, as in `--where`, separated by spaces: {"PPO, no
-            currents": "algo=ppo disturbance.current.speed_high=null"}. A run that matches the terms of several
-            names gets the first.
+        names: for each agent's name, the terms that the agent's runs must match: {"PPO, no currents":
+            "algo=ppo disturbance.current.speed_high=null"}. Terms are written as in `--where`, separated by
+            spaces. A run that matches the terms of several names gets the first of these names.
 
     Raises:
         ReportError: a term is not KEY=VALUE.
@@ -41,7 +41,7 @@ def _fits(run: RunRecord, terms: Sequence[run_filter.Term]) -> bool:
 
 
 def with_names(labels: Sequence[str], agents: Sequence[Sequence[RunRecord]]) -> list[str]:
-    """Return the labels of agents, replaced by an agent's name if all its runs have the same name.
+    """Return the agents' labels; if all runs of an agent have the same name, this name replaces the label.
 
     Raises:
         ReportError: several agents have the same name.

@@ -1,10 +1,10 @@
 """Compute optional columns: computing time of actions and trainings, time over the best known time, and any
 measure.
 
-The best known time of a scenario is the time of the quickest known trajectory to the goal in the simulator. It
-was found by optimal control (`auvbench bound`), or is an agent's. The optimum is at most this time, so an
-agent's ratio to the optimum is at least the ratio shown. Ratios are averaged over successes by the geometric
-mean, whose comparisons do not depend on the denominator (Fleming and Wallace 1986, CACM 29:218).
+The best known time of a scenario is the time of the quickest known trajectory to the goal in the simulator. This
+trajectory comes from optimal control (`auvbench bound`) or from an agent. The optimum is at most this time, so
+an agent's ratio to the optimum is at least the ratio shown. The average over successes is the geometric mean,
+because comparisons of geometric means do not depend on the denominator (Fleming and Wallace 1986, CACM 29:218).
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _mean(values: Sequence[float]) -> Estimate | None:
 
 
 def machines(agents: Sequence[Agent], protocol: str, columns: Sequence[str]) -> tuple[str, ...]:
-    """Return a caution for each column of times from several kinds of processor."""
+    """Return a caution for each column whose times were measured on different processors."""
     processors = {"an action": {t["cpu"] for agent in agents for t in _timed(agent, protocol) if t}}
     if TRAINING in columns:
         hosts = (run.manifest.get("host") for agent in agents if learns(agent) for run in agent.runs)
@@ -137,12 +137,12 @@ def over(agent: Agent, limit: FloatArray, confidence: float) -> Estimate | None:
     """Return the geometric mean over successes of the ratio of the time to the goal to the best known time.
 
     Args:
-        agent: agent of the ratio.
+        agent: agent whose times are divided by the best known times.
         limit: (n,) best known time of each scenario, s.
         confidence: confidence of the interval.
 
     Returns:
-        None without successes.
+        Mean ratio with its interval; None if no episode succeeds.
     """
     times = agent.metrics.get("time_to_goal_s")
     if times is None:

@@ -46,7 +46,7 @@ class Options:
     declared_in: Path | None = None
     """Folder of the declared analysis"""
     usual: Options | None = None
-    """Options without the command line: the defaults, changed by the declared analysis"""
+    """Options before the command line changes them: the defaults with the changes of the declared analysis"""
     undecided: str = ""
     """Reason why no declared analysis is used, if the runs have several; '' otherwise"""
 
@@ -54,12 +54,14 @@ class Options:
 OF_THE_DECLARATION = ("declared", "declared_in", "usual", "undecided")
 KEYS = tuple(field.name for field in fields(Options) if field.name not in OF_THE_DECLARATION)
 LISTS = ("columns", "also", "format")
-"""options that may be typed as comma-separated lists"""
+"""options that may be given as comma-separated lists"""
 
 STORED = ("primary", "names", "trials", "columns", "protocol", "condition", "study", "confidence")
 """Options that a published study stores if they differ from conf/report.yaml"""
 OF_THE_TABLE = tuple(name for name in STORED if name not in ("protocol", "condition"))
-"""Options that a published study stores if its declaration names the protocol and the conditions"""
+"""`STORED` without the protocol and the condition. A published study stores only these options if its declaration
+names the protocol and the conditions.
+"""
 
 
 def defaults() -> Options:
@@ -74,7 +76,7 @@ def settings() -> dict[str, Any]:
 
 
 def named(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values by the name of their option.
+    """Return the values by option name, with each hyphen of a name replaced by an underscore.
 
     Raises:
         UserError: a name is unknown.

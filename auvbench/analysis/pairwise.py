@@ -20,7 +20,7 @@ BETTER, WORSE, UNDECIDED = "better", "worse", "undecided"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tests:
-    """Tests of all pairs of n agents on one measure, (n, n) each; NaN for a pair without a test."""
+    """Tests of all pairs of n agents on one measure. Each array is (n, n), with NaN for a pair without a test."""
 
     typical: Typical
     confidence: float
@@ -48,7 +48,7 @@ class Tests:
     def comparisons(
         self, agents: Sequence[Agent], listed: Sequence[tuple[int, int]]
     ) -> tuple[Comparison, ...]:
-        """Return the listed pairs as comparisons for the report."""
+        """Return a comparison for the report for each pair (i, j) of agent indices in `listed`."""
         tested = int(np.isfinite(self.p[np.triu_indices(len(self.p), 1)]).sum())
         needed = trainings_needed(max(tested, 1), 1 - self.confidence)
         return tuple(
@@ -68,7 +68,14 @@ class Tests:
 
 
 def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confidence: float) -> Tests:
-    """Return the tests of all pairs of the `compared` agents, (n,) booleans; verdicts hold simultaneously with `confidence`."""
+    """Test all pairs of compared agents; the verdicts hold simultaneously.
+
+    Args:
+        agents: n agents with the same scenarios.
+        m: measure of the tests.
+        compared: (n,) whether an agent is compared.
+        confidence: simultaneous confidence of all verdicts.
+    """
     typical = Typical(agents, m)
     p = np.full((len(agents), len(agents)), np.nan)
     for i, j in combinations(np.flatnonzero(compared).tolist(), 2):
@@ -77,7 +84,7 @@ def all_pairs(agents: Sequence[Agent], m: Measure, compared: BoolArray, confiden
 
 
 def _holm(p: FloatArray) -> FloatArray:
-    """Return a symmetric matrix of p-values, each pair counted once, with Holm's correction."""
+    """Apply Holm's correction to a symmetric matrix of p-values, and count each pair once."""
     upper = np.triu_indices(len(p), 1)
     adjusted = np.full_like(p, np.nan)
     adjusted[upper] = st.holm(p[upper])

@@ -38,7 +38,7 @@ class Basis:
 
 
 def from_agents(agents: Sequence[Agent], m: Measure, resolve: float) -> Basis:
-    """Return the basis from the spread of tested agents; its first value is the median of their typical values.
+    """Return the basis from the spread of tested agents; the first value is the median of the agents' typical values.
 
     Args:
         agents: agents of one table.
@@ -69,7 +69,7 @@ def pair_of_rates(centre: float, resolve: float) -> tuple[float, float]:
     """Return two rates between `LEAST` and `MOST` that differ by `resolve`, the first as close to `centre` as possible.
 
     Raises:
-        ReportError: the difference is not positive, or larger than this range.
+        ReportError: the difference is not positive, or is larger than `MOST` - `LEAST`.
     """
     if not 0 < resolve <= MOST - LEAST:
         raise ReportError(
@@ -113,7 +113,7 @@ def needs(
         alpha: error rate of the table.
         replications: simulated pairs for each number of seeds (standard error at 80 %: 3 points with 200).
         against_controller: whether one of the two agents is a controller.
-        note: function called with the episodes and the next number of seeds to try.
+        note: function that shows the progress; called with the number of episodes and the next number of seeds.
     """
     levels = (alpha, alpha / max(agents - 1, 1))
     tried: dict[int, FloatArray] = {}
@@ -141,9 +141,9 @@ def needs(
 def needed(typical: Typical, i: int, baseline: int, margin: float, level: float) -> Needed | None:
     """Return how many trainings would decide an open comparison with the baseline with 80 % power.
 
-    The simulation draws further trainings from the existing trainings, and computes the report's interval for
-    them. For two controllers, the result is a number of episodes, and the observed difference is assumed to be
-    the true one.
+    The simulation draws additional trainings from the existing trainings, and computes the report's interval for all
+    trainings. For two controllers, the result is a number of episodes, and the observed difference is assumed to
+    be the true difference.
 
     Args:
         typical: agents of the table.

@@ -9,8 +9,8 @@ interval, so verdict and interval cannot disagree:
 * ahead, behind: the interval is not within the margin, and is on one side of zero;
 * open: all other cases, and two agents at the measure's limit, e.g. both without success in any episode.
 
-Holm's procedure would decide at most a few more comparisons. But simultaneous intervals that agree with its
-verdicts give no more than the sign of a resolved difference (Strassburger & Bretz 2008, Stat. Med. 27:4914).
+Holm's procedure would decide at most a few more comparisons. But simultaneous intervals that agree with Holm's
+verdicts show only the sign of a resolved difference (Strassburger & Bretz 2008, Stat. Med. 27:4914).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ USUAL_BASELINE = "pid"
 NO_BASELINE = ("random",)
 """controllers that are never the default baseline"""
 RATE_MARGIN, RELATIVE_MARGIN = 0.02, 0.05
-"""default margins: of a rate, and of other measures as a share of the baseline's value"""
+"""default margins: absolute for a rate, and relative to the baseline's value for other measures"""
 
 
 def primary_analysis(
@@ -82,7 +82,7 @@ def primary_analysis(
             comparisons.append(Against(agent.label, nothing, OPEN))
             continue
         trainings = typical.fewest((i, b))
-        # McNemar's test of two controllers may be stricter than the interval.
+        # For two controllers, McNemar's test may be stricter than the interval: then extend the interval to 0.
         if not trainings and not tests.p[i, b] < level:
             difference = replace(difference, low=min(difference.low, 0.0), high=max(difference.high, 0.0))
         reliable = reliability_of(agents, typical, i, b, margin, confidence)
@@ -163,7 +163,7 @@ def verdict_of(difference: Estimate, margin: float, m: Measure) -> str:
 
 
 def at_limit(agents: Sequence[Agent], tests: Tests, primary: Primary | None) -> str:
-    """Return a sentence on the agents with the measure's worst value, if the baseline has it as well; else ''."""
+    """Return a sentence on the agents that, like the baseline, have the measure's worst possible value; '' without such agents."""
     limited = [agent.label for agent, at in zip(agents, _at_worst(tests), strict=True) if at]
     tied = [label for label in limited if primary is not None and label != primary.baseline]
     if primary is None or not tied or len(tied) == len(limited):
@@ -181,7 +181,7 @@ def _at_worst(tests: Tests) -> BoolArray:
 
 
 def default_margin(m: Measure, baseline: float) -> float:
-    """Return the default margin; NaN if the baseline's value is 0 or missing, since the margin is a share of it."""
+    """Return the default margin. Except for a rate, it is a share of the baseline's value; NaN if that value is 0 or missing."""
     if m.rate:
         return RATE_MARGIN
     return RELATIVE_MARGIN * abs(baseline) or math.nan

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from auvbench.analysis.thesis import ComparisonRow
 
 NO_POLICY = -1
-"""outcome of each test episode of a failed training, which has no policy"""
+"""outcome code of every test episode of a failed training, which has no policy"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +101,7 @@ class Agent:
     outcome: NDArray[np.int8]
     """Indices (seeds, episodes) of `OUTCOMES`; `NO_POLICY` in all episodes of a seed whose training failed"""
     metrics: Mapping[str, NDArray[np.float64]]
-    """Values (seeds, episodes) by column name. Except in columns of the scenario, they are NaN for a seed whose training failed"""
+    """Values (seeds, episodes) by column name. A seed whose training failed has NaN, except in columns of the scenario"""
     step_limit: float
     """Number of steps after which a test episode ends"""
 
@@ -154,27 +154,27 @@ class Row:
     """Number of test episodes per seed"""
     rank: int
     rank_interval: tuple[int, int]
-    """first and last rank that agree with the tests; 1 and the number of rows for an agent that is not compared"""
+    """best and worst rank that the tests allow; 1 and the number of rows for an agent that is not compared"""
     estimates: Mapping[str, Estimate]
     """estimates by measure name: success_rate, collision_rate, timeout_rate, par1_steps, mean_<column>, ..."""
     trained: bool = True
     """False for a controller, which has no spread between training seeds"""
     compared: bool = True
-    """False for an agent with one training seed, which no test compares"""
+    """False for a learner with one training seed, which is not tested against other agents"""
     budget: tuple[int, ...] = ()
     """distinct budgets of the agent's trainings in environment steps; empty for a controller"""
     succeeded: int = 0
     """Number of the agent's trainings that succeed in at least half of their test episodes"""
     failed_seeds: tuple[int, ...] = ()
-    """Seeds whose training failed; they count as success 0"""
+    """Seeds whose training failed; each test episode of such a seed counts as failed"""
     knows: tuple[str, ...] = ()
     """knowledge of the agent beyond noisy readings: sheet, model, preview, map, true velocities"""
     trials: int | None = None
-    """number of trials that chose its settings; None if it was not recorded"""
+    """number of tuning trials that chose the agent's settings; None if the number was not recorded"""
     trial_steps: int | None = None
-    """environment steps of these trials"""
+    """environment steps of the tuning trials"""
     trial_s: float | None = None
-    """processor time of these trials in s, including their tests"""
+    """processor time of the tuning trials in s, including the tests of the trials"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,9 +191,9 @@ class Comparison:
     verdict: str = "undecided"
     """verdict on the first agent: better | worse | undecided"""
     trainings: int = 0
-    """Number of trainings of the learner with fewer trainings; 0 for two controllers"""
+    """Number of trainings of the learner, or the smaller number of two learners; 0 for two controllers"""
     needed: int = 0
-    """smallest number of trainings for a verdict without an assumption about their distribution"""
+    """smallest number of trainings for which a verdict assumes nothing about the distribution of trainings"""
     first_reliability: Reliability | None = None
     """reliability of the first agent against the second; None for a controller"""
     second_reliability: Reliability | None = None
@@ -217,17 +217,18 @@ class Against:
 
     agent: str
     difference: Estimate
-    """Value of the agent less value of the baseline, with an interval; all intervals hold simultaneously. The value
-    of a learner is its typical training's. The limits are NaN for a learner with fewer than five trainings.
+    """Agent's value minus the baseline's value, with an interval; the intervals of all comparisons hold simultaneously.
+    A learner's value is the value of its typical training. The limits are NaN for a learner with fewer than five
+    trainings.
     """
     verdict: str
     """verdict: ahead | equivalent | behind | open"""
     needed: Needed | None = None
     """Number of trainings or episodes that would decide an open comparison; None if it cannot be planned"""
     trainings: int = 0
-    """Number of trainings of the learner with fewer trainings; 0 for two controllers"""
+    """Number of trainings of the learner, or the smaller number of two learners; 0 for two controllers"""
     enough: int = 0
-    """smallest number of trainings for a verdict without an assumption about their distribution"""
+    """smallest number of trainings for which a verdict assumes nothing about the distribution of trainings"""
     reliability: Reliability | None = None
     """reliability of the agent's trainings against the baseline; if only the baseline learns, reliability of the
     baseline's trainings against the agent
@@ -242,7 +243,7 @@ class Against:
 
     @property
     def few(self) -> bool:
-        """Return whether a verdict from these trainings assumes that they cluster around the typical one."""
+        """Return whether the trainings are so few that a verdict assumes that they cluster around the typical one."""
         return 0 < self.trainings < self.enough
 
     @property
@@ -276,7 +277,7 @@ class Primary:
         return next((c for c in self.comparisons if c.agent == label), None)
 
     def having(self, verdict: str) -> list[Against]:
-        """Return the comparisons with a verdict, in the order of the table."""
+        """Return the comparisons with the given verdict, in the order of the table."""
         return [c for c in self.comparisons if c.verdict == verdict]
 
 
@@ -289,9 +290,11 @@ class Condition:
     success: Mapping[str, Estimate]
     """success rates by the agent's label; an agent that was not tested under the condition is absent"""
     success_change: Mapping[str, Estimate] = field(default_factory=dict)
-    """success under this condition less success under the undisturbed condition, paired by seed and scenario"""
+    """success under this condition minus success under the undisturbed condition, paired by seed and scenario"""
     par1_change: Mapping[str, Estimate] = field(default_factory=dict)
-    """Same difference in PAR-1 steps (a failure counts as the limit); absent if frequency or limit differ between the conditions"""
+    """PAR-1 steps (a failure counts as the limit) under this condition minus those steps under the undisturbed condition;
+    absent if the conditions have different frequencies or step limits
+    """
     measured: Mapping[str, Estimate] = field(default_factory=dict)
     """means of the primary measure by label; empty if the measure is a rate or a penalised time"""
 
@@ -326,9 +329,9 @@ class Ranking:
     """exploratory comparisons of pairs of agents, corrected over all pairs"""
     problems: tuple[Problem, ...] = ()
     conditions: tuple[Condition, ...] = ()
-    """results under all conditions of the protocol, including the ranking's; empty for a single condition"""
+    """results under all conditions of the protocol, including the ranking's condition; empty if the protocol has only one"""
     columns: tuple[str, ...] = ()
-    """further columns that the user asked for: names in `optional_columns.COLUMNS`, or measures"""
+    """optional columns that the user requested: names in `optional_columns.COLUMNS`, or measures"""
     machines: tuple[str, ...] = ()
     """cautions about times from different processors; empty if all times are from the same processor"""
     declaration: str = ""
@@ -336,7 +339,7 @@ class Ranking:
     sealed: str = ""
     """note on the files of a sealed protocol and the untested conditions; '' for other protocols"""
     notices: tuple[str, ...] = ()
-    """Cautions to print before the table: agents tuned on its scenarios, or agents at the limit of the measure"""
+    """Cautions to print before the table: agents tuned on the table's scenarios, or agents with the measure's worst value"""
     limit: Limit | None = None
     """Best known times; None if they are not available (see `no_limit`)"""
     no_limit: str = ""
@@ -355,7 +358,7 @@ class Finding:
     """A result in addition to the primary analysis, as data and as one sentence."""
 
     kind: str
-    """name of the finding's template: a function in `findings` or a module next to it"""
+    """name of the function that makes the finding, in `findings` or in another module of this package"""
     text: str
     agents: tuple[str, ...] = ()
     """labels of the agents in the finding"""
@@ -389,7 +392,7 @@ class Report:
     findings: Sequence[Finding] = ()
     claims: Sequence[ClaimVerdict] = ()
     comparison: Sequence[ComparisonRow] = ()
-    """the study's own numbers next to ours"""
+    """numbers of the original study, each with our estimate"""
     without_baseline: bool = False
     """whether the named baseline is missing from this section"""
 

@@ -80,8 +80,8 @@ def scores(tasks: Sequence[OneTask], protocol: str, confidence: float, seed: int
     """Return the score of each agent over all tasks; None for fewer than two tasks.
 
     Agents of two tasks are one agent if they agree in every key that distinguishes agents within a task. A
-    failed training scores 0. A condition has no scale, and is left out, if PID is not ahead of random by more
-    than the default margin.
+    failed training scores 0. If PID is not ahead of random by more than the default margin under a condition, the
+    condition has no scale and is left out.
 
     Args:
         tasks: tasks of one or more vehicles; all conditions of a task have the same agents.
@@ -151,7 +151,7 @@ class Cell:
     def scores(self, weights: FloatArray | None = None) -> FloatArray:
         """Return the scores (..., S, C).
 
-        `weights` (..., E), with the sum 1, are the weights of the scenarios in the means; default: equal weights.
+        `weights` (..., E) are the scenarios' weights in the means and add up to 1; default: equal weights.
         """
         E = self.values.shape[-1]
         w = np.full(E, 1.0 / E) if weights is None else weights
@@ -207,7 +207,7 @@ def _rows(members: Sequence[Sequence[Cell | None]], confidence: float, seed: int
         runs = tuple(run.id for cell in cells for run in cell.agent.runs)
         score = Estimate(math.nan, math.nan, math.nan, confidence)
         if len(cells) == len(row):
-            # The seed comes from the agent's own runs, so other rows do not change its interval.
+            # The random seed comes from the agent's own runs, so that other rows do not change the agent's interval.
             rng = np.random.default_rng([seed, zlib.crc32(" ".join(runs).encode())])
             score = bootstrapped(cells, confidence, rng)
         rows.append(
@@ -247,10 +247,11 @@ def bootstrapped(
     """Return the interquartile mean of all scores, with a bootstrap interval over trainings and scenarios.
 
     The bootstrap resamples within each task. The interval uses percentiles, as rliable does (Agarwal et al.
-    2021). Of S trainings, S - 1 are drawn (Rao & Wu 1988): with S draws, the interval would be a third too short
-    for three trainings. A drawn training brings its scores under all conditions, since they share its seed
-    effect. A drawn scenario counts for the agent, PID and random under all conditions. With few trainings the
-    interval contains the true value less often than its confidence says (docs/statistics-appendix.md).
+    2021). Of S trainings, S - 1 are drawn (Rao & Wu 1988): with S draws, the variance would be a third too small
+    for three trainings. A training's scores under all conditions are drawn together, because they share the
+    training's seed effect. A drawn scenario is used for the agent, PID and random under all conditions. With few
+    trainings the interval contains the true value less often than its confidence says
+    (docs/statistics-appendix.md).
 
     Args:
         cells: cells of the agent, one per task. The interval is NaN if a learner has one training.

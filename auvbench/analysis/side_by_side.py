@@ -23,7 +23,7 @@ from auvbench.statistics.reliability import Reliability
 from auvbench.untrusted.text import plain, short
 
 USUAL = ("success_rate", "par1_time_s", "mean_energy_J", "mean_path_efficiency", "mean_smoothness_per_s")
-"""measures to show after the task's primary one"""
+"""measures to show after the task's primary measure"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,11 +34,15 @@ class Difference:
     first: Estimate
     second: Estimate
     difference: Estimate
-    """second agent less first, paired by scenario; a learner with several trainings counts by its typical training"""
+    """Value of the second agent minus value of the first, paired by scenario. The value of a learner with several trainings
+    is the value of its typical training
+    """
     trainings: int = 0
-    """number of trainings of the learner with fewer trainings; 0 if no agent has several"""
+    """smallest number of trainings among the agents with several trainings; 0 if neither agent has several"""
     reliability: Reliability | None = None
-    """Reliability of the second agent against the first; if only the first agent has several trainings, of the first against the second"""
+    """Reliability of the second agent against the first. If only the first agent has several trainings: reliability of the
+    first agent against the second
+    """
 
     @property
     def better(self) -> int:
@@ -133,7 +137,7 @@ def differences(pair: Sequence[Agent], confidence: float, every: bool = False) -
             f"{second.fingerprint}): evaluate both with the same protocol"
         )
     task = TASKS.get(tasks[0], TASKS[DEFAULT_TASK])
-    # Means that quick failures improve are left out: `RANKED_AS` has penalised means in place of them.
+    # Leave out means that quick failures improve: `RANKED_AS` has a penalised mean for each of them.
     by_name = {
         m.name: m
         for m in all_measures(pair)

@@ -36,12 +36,12 @@ class StoredPath:
     """Trajectory of a vehicle or of a team in one test episode."""
 
     episode: int
-    waypoint: tuple[float, float, float]  # m; the goal, in tasks without waypoints
+    waypoint: tuple[float, float, float]  # m; goal position in tasks without waypoints
     position: FloatArray  # (T + 1, 3) m
     time: FloatArray  # (T + 1,) s
-    reference: FloatArray | None = None  # (T + 1, 3) m, if the reference moves; missing in a published study
+    reference: FloatArray | None = None  # (T + 1, 3) m, of a moving reference; missing in a published study
     dock_yaw: float | None = None  # rad; missing in a published study
-    outlines: FloatArray | None = None  # (k, 2, 3) m, segments of a world; missing in a published study
+    outlines: FloatArray | None = None  # (k, 2, 3) m, ends of segments; missing in a published study
     yaw: FloatArray | None = None  # (T + 1,) rad; missing in a published study
     command: FloatArray | None = None  # (T, n_u) N; missing in a published study
     # (T + 1, V - 1, 3) m, the other vehicles of a team; missing in a published study
@@ -51,7 +51,7 @@ class StoredPath:
 TRAINING, VALIDATION = "train/episodes.csv", "train/validation.csv"
 
 Test = tuple[dict[str, Any], pd.DataFrame]
-"""summary of a test, and a row per episode"""
+"""summary of a test, and a table with one row per episode"""
 
 
 class RunSource(ABC):
@@ -60,7 +60,7 @@ class RunSource(ABC):
     directory: Path
     """folder of the run, which messages show; for a run of a published study, the folder does not exist"""
     published: bool
-    """whether the run is part of a published study, which has no weights"""
+    """whether the run is part of a published study, which does not contain the weights of policies"""
 
     @property
     @abstractmethod
@@ -77,7 +77,7 @@ class RunSource(ABC):
 
     @abstractmethod
     def test(self, protocol: str) -> Test:
-        """Return the test by a protocol."""
+        """Return the summary and the episodes of the run's test by a protocol."""
 
     @abstractmethod
     def has_paths(self, protocol: str) -> bool:
@@ -93,7 +93,7 @@ class RunSource(ABC):
             protocol: name of the protocol.
             condition: test condition.
             episodes: largest number of trajectories.
-            tested: rows of the test.
+            tested: table of the test's episodes.
         """
 
     @abstractmethod
@@ -109,7 +109,7 @@ class RunSource(ABC):
 
     @abstractmethod
     def validation(self) -> list[dict[str, Any]]:
-        """Return the rows of the validations during the training."""
+        """Return one row for each validation during the training."""
 
 
 class RunFolder(RunSource):
@@ -142,7 +142,7 @@ class RunFolder(RunSource):
             summary = integrity.read(directory / "summary.json", integrity.Summary)
         with named("episodes.csv"):
             data = reading.content(directory / "episodes.csv", reading.DATA)
-            # Read as text, since a condition may have the name 1.30.
+            # Read the condition as text, because a name such as 1.30 would become the number 1.3.
             frame = tables.csv(data, schema, words=("condition",))
             if not data.endswith(b"\n") or _is_partial(frame):
                 raise Damage(f"episodes.csv is cut short: the last of its {len(frame)} rows is incomplete")
@@ -311,7 +311,7 @@ def _episode(arrays: Mapping[str, Any], suffix: str, episode: int) -> StoredPath
     """
     keys = {n: f"{n}_{suffix}" for n in (*REQUIRED, *OPTIONAL)}
     raw = {n: arrays[key] for n, key in keys.items() if n in REQUIRED or key in arrays}
-    # Check the types before the conversion to float64, which would need eight bytes for each byte of another type.
+    # Check the types before the conversion to float64, which may need eight times the memory of another type.
     if any(array.dtype.kind != "f" for array in raw.values()):
         raise ValueError(f"episode {episode} has no floating-point numbers")
     path = {name: array.astype(np.float64) for name, array in raw.items()}

@@ -43,7 +43,10 @@ class Typical:
         return np.asarray(self.measure.sign * (self._samples[i].means - baseline))
 
     def difference(self, i: int, j: int, level: float) -> Estimate:
-        """Return agent i less agent j with the interval at confidence 1 - `level`; limits are NaN if no verdict is possible."""
+        """Return the value of agent i minus that of agent j, with the interval at confidence 1 - `level`.
+
+        The limits are NaN if no verdict is possible.
+        """
         if max(self.trainings[i], self.trainings[j]) > 1:
             return self.contrast({i: 1.0, j: -1.0}, level)
         return self._controllers(i, j, level)[0]
@@ -57,7 +60,7 @@ class Typical:
     def contrast(self, weights: dict[int, float], level: float) -> Estimate:
         """Return a weighted sum of typical values with its interval at confidence 1 - `level`.
 
-        `weights` has the weight of an agent by the agent's index.
+        `weights` maps the index of an agent to the agent's weight in the sum.
         """
         value, kind = self._sum(weights), covers(self.trainings[list(weights)])
         if not self._decidable(weights):
@@ -69,7 +72,7 @@ class Typical:
         return Estimate(value, float(low), float(high), 1 - level, kind)
 
     def p_of(self, weights: dict[int, float]) -> float:
-        """Return the p-value of the hypothesis that a weighted sum is 0; NaN if no verdict is possible."""
+        """Return the p-value of the hypothesis that a weighted sum of typical values is 0; NaN if no verdict is possible."""
         return self._contrast(weights).p_value() if self._decidable(weights) else math.nan
 
     def error(self, i: int, j: int) -> tuple[float, int]:
@@ -78,7 +81,7 @@ class Typical:
         return float(contrast.error), contrast.samples[0].middle.shape[-1]
 
     def fewest(self, places: Sequence[int]) -> int:
-        """Return the smallest number of trainings of the agents at some indices, ignoring single runs; 0 if all are single runs."""
+        """Return the smallest number of trainings among those agents at the indices `places` that have several; 0 if none has."""
         return min((int(n) for n in self.trainings[list(places)] if n > 1), default=0)
 
     def _sum(self, weights: dict[int, float]) -> float:
@@ -124,7 +127,7 @@ def _sample(x: FloatArray) -> Sample:
 
 
 def _mean(x: FloatArray, axis: int) -> FloatArray:
-    """Return the means over an axis of the values that are not NaN; NaN without such values."""
+    """Return the means over an axis, ignoring NaN; a mean is NaN if all its values are NaN."""
     count = np.isfinite(x).sum(axis=axis)
     total: ArrayLike = np.nansum(x, axis=axis)
     return np.asarray(np.divide(total, count, out=np.full(count.shape, np.nan), where=count > 0))
