@@ -141,9 +141,9 @@ def needs(
 def needed(typical: Typical, i: int, baseline: int, margin: float, level: float) -> Needed | None:
     """Return how many trainings would decide an open comparison with the baseline with 80 % power.
 
-    The simulation draws additional trainings from the existing trainings, and computes the report's interval for all
-    trainings. For two controllers, the result is a number of episodes, and the observed difference is assumed to
-    be the true difference.
+    To simulate a number of trainings, draw this number from the existing trainings with replacement, and compute the
+    report's interval for the drawn trainings. For two controllers, the result is a number of episodes, and the
+    observed difference is assumed to be the true difference.
 
     Args:
         typical: agents of the table.

@@ -31,7 +31,7 @@ COMPACT = ("condition", "frequency_hz", "episode", "outcome", "steps")
 """first columns of a compact table; the columns of the tasks' primary measures and `ALSO_COMPACT` follow"""
 ALSO_COMPACT = ("final_position_error_m", "energy_J")
 DIGITS = 3
-"""Significant digits of the measures in a compact table; rounding errors mostly cancel in means over episodes"""
+"""Significant digits of the measures in a compact table; the rounding errors of episodes mostly cancel in a mean"""
 
 
 def write(
@@ -42,17 +42,18 @@ def write(
     trajectories: bool,
     compact: bool = False,
 ) -> list[str]:
-    """Write runs.parquet, episodes.parquet and, if wanted, trajectories.parquet into a folder.
+    """Write runs.parquet, episodes.parquet and, on request, trajectories.parquet into a folder.
 
     Args:
         runs: loaded runs, complete or failed.
         folder: folder of the study.
-        protocols: protocols to write; the first with all columns in full precision, the others compact.
+        protocols: protocols to write. Episodes of the first protocol get all columns in full precision; episodes of
+            the other protocols get the compact table (`COMPACT`).
         trajectories: whether to write the stored trajectories of the first protocol.
-        compact: whether to write the first protocol compactly as well, and leave out training episodes.
+        compact: whether the first protocol also gets the compact table, and training episodes are left out.
 
     Returns:
-        Items that were left out, one text each.
+        One text for each item that was left out.
 
     Raises:
         OSError: a file cannot be read or written.
@@ -90,16 +91,16 @@ def write(
         write_atomic(folder / name, data)
     if not tracks:
         (folder / archive.TRAJECTORIES).unlink(missing_ok=True)
-    # Written last, because it has the digests of the other files.
+    # runs.parquet is written last, because it contains the digests of the other files.
     table = pd.DataFrame(rows)
     write_atomic(folder / archive.RUNS, tables.parquet(table, archive.note(table, files)))
     return problems
 
 
 def write_history(runs: Sequence[RunRecord], folder: Path) -> list[str]:
-    """Write the histories of the runs' experiments as one file; return a text for each unreadable history.
+    """Write the histories of the runs' experiments into one file; return a text for each unreadable history.
 
-    If no history has a line, no file is written.
+    If all histories are empty, no file is written.
 
     Raises:
         OSError: the file cannot be written.

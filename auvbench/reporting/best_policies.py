@@ -22,7 +22,7 @@ CHOSEN = "This test chose each policy, so its success is likely to be lower on o
 
 @dataclass(frozen=True, slots=True)
 class Best:
-    """Best run of an algorithm, with the reason if its policy could not be exported."""
+    """Best run of an algorithm, and the reason if the run's policy could not be exported."""
 
     agent: str
     run: str
@@ -33,9 +33,9 @@ class Best:
 
 
 def best(agents: Sequence[Agent], rank_by: str) -> list[tuple[Agent, int]]:
-    """Return each agent with the index of its best run, in the given order.
+    """Return each agent with the index of the agent's best run; the order of the agents stays.
 
-    Of equally good runs, the first by id counts. Agents without a value of the measure are left out.
+    If several runs are equally good, the first by id is the best. Agents without a value of the measure are left out.
     """
     measure = to_rank_by(rank_by)
     chosen = []
@@ -58,11 +58,11 @@ def renew(
     *,
     export: bool,
 ) -> list[Best]:
-    """Export the best policy of each learning algorithm, and remove the policies of other runs of the study.
+    """Export the best policy of each learning algorithm, and remove the exported policies of the study's other runs.
 
     Args:
         sections: result of `best` for each section, best agents first.
-        sources: runs with their weights, by id.
+        sources: runs by id, with the weights of their policies.
         folder: folder of the study.
         export: whether to export and remove files; if False, the existing files are only listed.
 
@@ -100,7 +100,7 @@ def _is_network(run: RunRecord) -> bool:
 
 
 def _file(folder: Path, run: RunRecord, source: RunRecord | None, export: bool) -> str:
-    """Export a run's policy if it has no file yet; return why it has none, or '' if it has one."""
+    """Export a run's policy if it has no file yet; return why the policy still has no file, or '' if it has one."""
     from auvbench.evaluation import exporting
 
     if (folder / f"{run.id}.onnx").exists():

@@ -1,8 +1,8 @@
-"""Read and write entries: archives in which users submit an agent with its rows, weights and knowledge.
+"""Read and write entries: archives in which users submit an agent with its results, weights and knowledge.
 
 An entry is a published study with two additions. `entry.json` describes the submitter, the agent and the agent's
-knowledge; `models/<run>/` has the files of each run's model. So `auvbench report` reads an entry like any study,
-and `auvbench verify` can repeat its test with only the archive.
+knowledge; `models/<run>/` has the files of each run's model. So `auvbench report` reads an entry like any study, and
+`auvbench verify` needs only the archive to repeat the agent's test.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ class Entry:
     scenarios: Name
     """Name of the scenario set, or the fingerprint"""
     knows: tuple[Knowledge, ...]
-    """Knowledge beyond noisy positions and yaw"""
+    """What the agent knows beyond noisy positions and yaw"""
     trials: Count
-    """Number of trials that chose the settings"""
+    """Number of tuning trials that chose the agent's settings"""
     tuned_on: Prose
-    """Description of the scenarios on which the trials were tested"""
+    """Description of the scenarios on which the tuning trials were tested"""
     cpu: Name
     """Processor of the machine that ran the test"""
     auvbench: Name
@@ -76,10 +76,10 @@ class Verified:
 
 
 def pack(entry: Entry, runs: Sequence[RunRecord], folder: Path, target: Path) -> None:
-    """Pack an entry into an archive: its description, the tables of its runs, and the files of their models.
+    """Pack an entry into an archive: the description, the tables of the runs, and the files of the runs' models.
 
     Args:
-        entry: description without its files.
+        entry: description whose list of files is still empty.
         runs: runs tested by the entry's protocol.
         folder: empty folder, into which the tables are written first.
         target: path of the ZIP file.

@@ -38,11 +38,11 @@ def write(
         options: options, including the formats to write.
         command: command line, for the page.
         out: folder of the report.
-        several: whether there are further sections.
+        several: whether the report has several sections.
         subjects: comparisons by condition; empty for one of several sections.
 
     Returns:
-        Report, with the damage found while drawing added to its problems, and the written files.
+        Report, and the paths of the written files. The report's problems include damage found while drawing figures.
     """
     shown = tables.by_condition_tables(subjects)
     try:
@@ -84,7 +84,7 @@ def _by_condition(
 ) -> list[Path]:
     """Write the comparisons by condition as by_condition.csv and by_condition.tex, if the options name these formats.
 
-    Without comparisons, remove the two files of an earlier report.
+    Without comparisons, remove these two files if an earlier report wrote them.
     """
     written = []
     if "tex" in options.format:
@@ -107,8 +107,8 @@ def write_sections(
     `table.csv`.
 
     Returns:
-        Reports, with the damage found while drawing added to their problems; and the files of the overview. For
-            formats without an overview, the files of the sections.
+        Reports, and the paths of the overview's files; for a format without an overview, the paths of the sections'
+            files. The reports' problems include damage found while drawing figures.
     """
     sections, below = [], []
     shown = tables.by_condition_tables(subjects)

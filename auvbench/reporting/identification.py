@@ -57,7 +57,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def parameters_table(fit: Fit) -> Table:
-    """Return the parameters before and after the fit, with intervals, and the reason for each unchanged parameter."""
+    """Return a table of the parameters before and after the fit, with intervals; its notes say why a parameter stays."""
     lines = []
     for estimate in fit.estimates:
         parameter = estimate.parameter
@@ -111,9 +111,9 @@ def _state(estimate: Estimate) -> str:
 
 
 def excitation_table(fit: Fit, verdicts: Sequence[Verdict]) -> Table:
-    """Return a table of the excitation of each axis by the commands, and of the fitted vehicle's velocity errors.
+    """Return a table with each axis's excitation by the commands, and the velocity error of the fitted vehicle.
 
-    The errors are on the logs of the fit.
+    The velocity errors are measured on the logs that were used for the fit.
     """
     shares = share_of_holding(fit.logs, fit.vehicle, {e.parameter.name: e.value for e in fit.estimates})
     missed = {axis: shares.get(CHANNELS[6 + k], math.nan) for k, axis in enumerate(AXES)}
@@ -152,7 +152,7 @@ def _or_none(value: float) -> float | None:
 
 
 def terminal(fit: Fit, excitation: Table, advice: Sequence[Advice]) -> str:
-    """Return the tables of an identification, and the next manoeuvre."""
+    """Return the text for the terminal: the tables of an identification, and the next manoeuvre."""
     parts = [_printed(parameters_table(fit)), _printed(excitation)]
     if advice:
         parts.append(f"Next: {advice[0].text}")

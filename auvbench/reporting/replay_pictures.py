@@ -58,7 +58,7 @@ def summary(episode: Replay) -> str:
 
 
 def _accuracy(r: Record) -> str:
-    """Return a text on the vehicle's accuracy, with the first metric of a fixed list that the record has."""
+    """Return a text on the vehicle's accuracy: the first metric in a fixed list for which the record has a value."""
     names = (
         "formation_error_rms_m",
         "deviation_mean_m",
@@ -75,7 +75,7 @@ def _accuracy(r: Record) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """Lines of an episode in a figure that are redrawn for each step."""
+    """The lines of an episode that a figure redraws for each step."""
 
     episode: Replay
     space: list[Any]
@@ -84,7 +84,7 @@ class Moving:
     """The same lines in the view from above"""
     distance: Any
     commands: list[Any]
-    """command of each actuator; empty with several episodes"""
+    """one line for the command of each actuator; empty if the figure shows several episodes"""
 
     @property
     def artists(self) -> list[Any]:
@@ -168,7 +168,7 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
 
 
 def _others(episode: Replay) -> int:
-    """Return the number of vehicles in the team of an episode, less one."""
+    """Return the number of vehicles in an episode, not counting the first vehicle."""
     return 0 if episode.others is None else episode.others.shape[1]
 
 
@@ -228,7 +228,7 @@ def film(episodes: Sequence[Replay], path: Path) -> Path:
     steps = np.unique(np.linspace(0, n, min(n + 1, LONGEST)).astype(int))
     frames = pictures(episodes, [float(longest.time[step]) for step in steps])
     every = [Image.fromarray(frame) for frame in frames]
-    # All pictures have the palette of the last one, which has every colour; different palettes would flicker.
+    # All pictures use the palette of the last picture, which has every colour. Different palettes would flicker.
     palette = every[-1].quantize(256)
     indexed = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in every]
     still = 1 + HOLD * (len(episodes) > 1)
@@ -238,7 +238,7 @@ def film(episodes: Sequence[Replay], path: Path) -> Path:
 
 
 def pictures(episodes: Sequence[Replay], times: Sequence[float]) -> Iterator[Picture]:
-    """Yield a picture (352, 832, 3) of the scene at each time in s; an ended episode stays at its end."""
+    """Yield a picture (352, 832, 3) of the scene at each time in s; an episode that has ended keeps its last state."""
     with style.styled():
         figure, moving = scene(episodes)
         artists = [artist for lines in moving for artist in lines.artists]

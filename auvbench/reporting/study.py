@@ -32,12 +32,12 @@ from auvbench.runs.atomic_io import write_atomic
 from auvbench.runs.declared import Declared
 
 NAMED = 3
-"""largest number of runs to name; further runs are only counted"""
+"""largest number of runs that a message names; the other runs are only counted"""
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """Options of `auvbench publish`, without the options of a report."""
+    """Options of `auvbench publish` in addition to the options of a report."""
 
     folder: Path
     pictures: tuple[str, ...]
@@ -70,7 +70,7 @@ def publish(paths: Sequence[Path], study: Study, options: Options) -> Published:
     Raises:
         UserError: the README has no place for a block, an option has an unknown name, or no report is possible;
             no file is written in these cases.
-        ReportError: the study's folder contains runs, or has runs that would be lost.
+        ReportError: the study's folder contains run directories, or publishing would remove runs of the study.
         OSError: a file cannot be written.
     """
     readme.check(study.folder / "README.md", _blocks(study, options))
@@ -130,7 +130,7 @@ def _copy(
 
 
 def _refuse_loss(folder: Path, chosen: Collection[str]) -> None:
-    """Raise ReportError if the study in the folder has runs other than `chosen`, which publishing would remove."""
+    """Raise ReportError if publishing would remove runs: the study in the folder has runs that `chosen` lacks."""
     if not is_archive(folder):
         return
     try:
@@ -152,10 +152,11 @@ def _compute(
     Args:
         study: options of publish.
         options: options of the report.
-        sources: loaded runs by id, which have the weights of the policies.
+        sources: loaded runs by id, with the weights of their policies.
 
     Returns:
-        Number of runs in the report, a line for each policy that could not be exported, and lines on the next step.
+        Number of runs in the report; a line for each policy that could not be exported; lines that name the
+            author's next steps.
     """
     folder = study.folder
     analysis = _stored(options)
@@ -294,7 +295,7 @@ def _findings(reports: Sequence[Report]) -> str:
 
 
 def _claims(reports: Sequence[Report]) -> str:
-    """Return Markdown with the original study's claims and verdicts, and its numbers next to ours, for each section."""
+    """Return Markdown for each section: claims of the original study with verdicts, and the study's numbers next to ours."""
     parts = []
     for report in reports:
         if report.claims:

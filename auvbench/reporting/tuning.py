@@ -108,8 +108,8 @@ def gain(outcome: Outcome) -> str:
 def verdict(of: Gain) -> str:
     """Return the verdict on the tuned settings against the untuned settings, with the reliability.
 
-    The verdict is better or worse if the interval of the difference excludes zero, otherwise not resolved. Below
-    `FEWEST` fresh seeds there is no verdict.
+    The verdict is "better" or "worse" if the interval of the difference excludes zero, otherwise "not resolved". With
+    fewer than `FEWEST` fresh seeds, the text says that no verdict is possible.
     """
     r = of.reliability
     reliability_text = f" ({r.count} of {r.trainings} tuned trainings are not behind)" if r else ""
@@ -160,10 +160,11 @@ def draw(outcome: Outcome, out: Path) -> None:
 
 
 def in_units(outcome: Outcome) -> tuple[Study, Measure]:
-    """Return an Optuna study of the trials with the values of one measure in the measure's unit, and this measure.
+    """Return one measure, and an Optuna study of the trials with their values of this measure, in the measure's unit.
 
-    The measure is the first objective, or the second objective if the first hardly distinguishes the trials: if, of the
-    trials with the best trial's budget, more than half have the same value.
+    The measure is the first objective if it distinguishes the trials, otherwise the second objective. The first
+    objective does not distinguish the trials if more than half of the trials with the best trial's budget have the
+    same value.
     """
     best = outcome.best
     peers = [trial for trial in outcome.trials if best and trial.last_step == best.last_step]

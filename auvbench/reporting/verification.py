@@ -84,7 +84,7 @@ def _refuse_programs(simulator: object, agent: object) -> None:
 
 
 def baseline(runs: Sequence[RunDirectory], target: Path) -> RunDirectory | None:
-    """Return a new run of PID on the task and vehicle of an entry; None if the entry itself is PID."""
+    """Return a new run of PID for the task and vehicle of an entry; None if the entry's agent is PID."""
     config = runs[0].config()
     if config["algo"]["agent"] == BASELINE:
         return None
@@ -110,7 +110,7 @@ def compare(
         work: empty folder for runs.
         protocol: protocol of the entry.
         pool: worker processes.
-        report: see `evaluate_all`.
+        report: function that shows the progress; see `evaluate_all`.
 
     Raises:
         ReportError: a run cannot be tested, or its scenarios have changed.
@@ -165,7 +165,7 @@ def same_rows(first: pd.DataFrame, second: pd.DataFrame) -> bool:
 
 
 def _verdict(paths: Sequence[Path], protocol: str, ids: set[str]) -> tuple[str, float, tuple[float, float]]:
-    """Return the verdict on the agent of the runs `ids` against the baseline, its primary measure, and the interval."""
+    """Return the verdict on the agent of the runs `ids` against the baseline, the agent's primary measure, and its interval."""
     runs, _ = load(paths, protocol)
     (part, *_) = sections(runs, protocol)
     condition = default(part.runs, protocol)

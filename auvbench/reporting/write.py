@@ -31,7 +31,7 @@ def text(path: Path, content: str) -> Path:
 
 
 def if_any(path: Path, content: str) -> list[Path]:
-    """Write a file and return its path as a list; without content, remove the file of an earlier report instead."""
+    """Write a file and return its path as a list; if the content is empty, remove the file of an earlier report."""
     if content:
         return [text(path, content)]
     path.unlink(missing_ok=True)
@@ -39,9 +39,9 @@ def if_any(path: Path, content: str) -> list[Path]:
 
 
 def markdown(report: Report, figures: Sequence[Figure], folder: Path, further: Sequence[Table] = ()) -> str:
-    """Return the content of report.md of one section, with further tables.
+    """Return the content of report.md of one section, with the tables `further` at the end.
 
-    `folder` is the folder of report.md, to which the links are relative.
+    Links are relative to `folder`, the folder of report.md.
     """
     ranking = report.ranking
     main = next((figure for figure in figures if figure.name == MAIN), None)
@@ -74,9 +74,9 @@ def figure_in_markdown(figure: Figure, folder: Path) -> str:
 
 
 def verdicts(reports: Sequence[Report]) -> str:
-    """Return the content of verdicts.json: for each section, its claims, then its findings; '' without any.
+    """Return the content of verdicts.json: the claims and findings of each section; '' without claims and findings.
 
-    With several sections, each entry names its section.
+    With several sections, each claim and each finding names its section.
     """
     rows: list[dict[str, Any]] = []
     for report in reports:
@@ -95,7 +95,7 @@ def _numbers(estimate: Estimate) -> dict[str, Any]:
 
 
 def findings_in_markdown(findings: Sequence[Finding]) -> str:
-    """Return Markdown with the first findings as a list and the other findings folded, each with its basis in brackets."""
+    """Return Markdown with the first findings as a list and the others folded; the method of a finding is in brackets."""
     lines = [f"* {escape(f.text + (f' ({f.basis})' if f.basis else ''))}" for f in findings]
     shown, folded = lines[:SHOWN], lines[SHOWN:]
     if folded:
@@ -132,8 +132,8 @@ def sections_markdown(
 ) -> str:
     """Return the content of report.md for several sections.
 
-    It has the scores, the table and the findings of each section, links to the sections' own reports, and further
-    tables.
+    The file has the scores across tasks, the table and findings of each section with a link to the section's report,
+    and the tables `further`.
     """
     pieces = ["# Report", overview(len(reports), score)]
     if score is not None:
@@ -183,5 +183,5 @@ def _commit(git: Mapping[str, Any]) -> str:
 
 
 def distinct(values: Iterable[Any]) -> tuple[str, ...]:
-    """Return the distinct values as sorted text, without missing ones."""
+    """Return the distinct values as sorted texts, without missing values."""
     return tuple(sorted({str(value) for value in values if value is not None and value != ""}))

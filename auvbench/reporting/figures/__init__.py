@@ -1,4 +1,4 @@
-"""Draw the figures of a report; each figure has a small function that draws a scene."""
+"""Draw the figures of a report; each figure has a function that draws it from a scene (the data of the report)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def draw_all(agents: Sequence[Agent], ranking: Ranking, out: Path) -> tuple[list
     """Draw every figure that the data allow into `out`/figures, and remove the files of all other figures.
 
     Returns:
-        Saved figures, and problems with damaged files that were read for them.
+        Saved figures, and problems with damaged files that the figures needed.
     """
     from auvbench.reporting.figures.scene import scene  # late: a report without figures needs no Matplotlib
 

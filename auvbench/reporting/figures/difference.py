@@ -20,7 +20,7 @@ from auvbench.reporting.figures.scene import Drawing, Scene
 
 
 class Look(NamedTuple):
-    """Colour and marker of a verdict; verdicts differ in both, for readers who do not see colours."""
+    """Colour and marker of a verdict. The marker alone identifies the verdict, for readers who do not see colours."""
 
     colour: str
     marker: str
@@ -42,7 +42,9 @@ LETTERS = 72
 BAND = "#e4e4e4"
 """colour of the margin, different from the colours of the verdicts"""
 NARROW = 0.04
-"""Smallest share of a linear axis for the band of the margin; if the share is smaller, the axis is logarithmic beyond twice the margin"""
+"""Smallest share of a linear axis that the margin's band may take; if the share is smaller, the axis is logarithmic
+beyond twice the margin
+"""
 
 
 def difference_from_baseline(scene: Scene) -> Drawing | None:
@@ -56,7 +58,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     labels = [textwrap.fill(label, LETTERS, break_long_words=False) for label in labels]
     width = AXIS + LETTER * max(len(line) for label in labels for line in label.split("\n"))
     heights = np.array([1 + label.count("\n") for label in labels])
-    places = np.cumsum(heights) - (heights + 1) / 2  # middles of the rows, in lines
+    places = np.cumsum(heights) - (heights + 1) / 2  # centre of each row, counted in text lines
     figure = style.canvas(max(4.55, width), 0.9 + LINE * heights.sum())
     ax = figure.subplots()
     margin = m.scale * primary.margin if math.isfinite(primary.margin) else 0.0
@@ -78,7 +80,7 @@ def difference_from_baseline(scene: Scene) -> Drawing | None:
     ax.set_yticks(places, labels)
     ax.set_ylim(heights.sum() - 0.4, -0.6)
     ax.set_xlim(low, high)
-    if logarithmic:  # labels of small ticks would overlap near zero
+    if logarithmic:  # remove ticks near zero, whose labels would overlap
         ax.set_xticks([tick for tick in ax.get_xticks() if tick == 0 or abs(tick) >= 2 * margin])
         ax.set_xlim(low, high)
     ax.grid(axis="y", visible=False)
@@ -153,7 +155,7 @@ def _line(ax: Axes, against: Against, y: float, scale: float, ends: tuple[float,
 
 
 def _axis(primary: Primary, scale: float, margin: float) -> tuple[float, float]:
-    """Return the limits of the axis, which shows zero, the margin and each agent with its interval."""
+    """Return the limits of an axis that shows zero, the margin and each agent's difference with its interval."""
     ends = np.array([[c.difference.low, c.difference.value, c.difference.high] for c in primary.comparisons])
     ends = scale * ends[np.isfinite(ends)]
     low, high = np.min(ends, initial=-1.5 * margin), np.max(ends, initial=1.5 * margin)

@@ -55,7 +55,7 @@ def prediction(fit: Fit) -> Drawing:
 
 
 def residuals(fit: Fit) -> Drawing:
-    """Draw the root mean square error before and after the fit, over the time since the start of a window."""
+    """Draw the root mean square errors before and after the fit over the time since the start of a window."""
     windows = fit.windows
     channels = list(windows.channels)
     columns = min(4, len(channels))

@@ -38,7 +38,7 @@ def colour_of(agents: Sequence[Agent]) -> dict[str, Look]:
 
 
 def palette(n: int) -> tuple[str, ...]:
-    """Return n different colours: first `COLOURS`, then hues that differ by the golden ratio of the colour circle."""
+    """Return n different colours: first `COLOURS`, then hues in steps of the golden ratio around the colour circle."""
     hues = [
         hexadecimal(colorsys.hsv_to_rgb(0.618034 * i % 1.0, (0.55, 0.95)[i % 2], (0.75, 0.55, 0.4)[i % 3]))
         for i in range(n - len(COLOURS))

@@ -21,7 +21,7 @@ from auvbench.statistics.intervals import FloatArray
 MANY = 8
 """largest number of lines in a panel"""
 FEWEST_EPISODES = 10
-"""smallest number of episodes of a training that is drawn"""
+"""smallest number of training episodes for which a figure shows a training"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Scene:
     _training: dict[str, pd.DataFrame | None] = field(default_factory=dict)
 
     def top(self, k: int, among: Sequence[Agent] | None = None) -> tuple[Agent, ...]:
-        """Return the k best-ranked agents (of `among` if given); if they lack the baseline, it replaces the last one."""
+        """Return the k best-ranked agents (of `among` if given); if the baseline is not one of the k, it replaces the last of them."""
         agents = self.agents if among is None else tuple(among)
         chosen = agents[:k]
         primary = self.ranking.primary
@@ -79,7 +79,7 @@ class Scene:
         return self._training[run.id]
 
     def tested(self, agent: Agent, protocol: str) -> tuple[Condition, ...]:
-        """Return an agent's results by condition, over the seeds with the same scenarios as the first seed."""
+        """Return an agent's results by condition; seeds with other scenarios than the first seed are left out."""
         evaluations = [evaluation for run in agent.runs if (evaluation := self._evaluation(run, protocol))]
         comparable = [
             evaluation for evaluation in evaluations if evaluation.fingerprint == evaluations[0].fingerprint
@@ -116,7 +116,7 @@ def shown(chosen: Sequence[Agent], of: Sequence[Agent]) -> str:
 
 
 def wants_symlog(values: Sequence[FloatArray]) -> bool:
-    """Return whether the magnitudes of returns differ by more than a factor of ten, so that the axis is logarithmic."""
+    """Return whether the magnitudes of the agents' returns differ by more than a factor of ten (90th percentiles)."""
     sizes = [float(np.nanpercentile(np.abs(v), 90)) for v in values if v.size and np.isfinite(v).any()]
     return len(sizes) > 1 and max(sizes) > 10 * max(min(sizes), 1.0)
 
@@ -125,7 +125,7 @@ ROBUST = 4
 """smallest number of seeds for which the interquartile mean differs from the mean"""
 
 Curve = tuple[FloatArray, FloatArray]
-"""x (n,) and y by seed (seeds, n); NaN if a seed has no value"""
+"""x values (n,) of a curve, and y values (seeds, n) of each seed; NaN if a seed has no value"""
 
 
 def middle(y: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from auvbench.reporting.figures.looks import Look
 from auvbench.runs.atomic_io import write_atomic
 
 METADATA: dict[str, dict[str, None]] = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}}
-"""metadata by kind of picture; None removes an entry that would change with the date or the version"""
+"""metadata by file format; None removes an entry whose value would depend on the date or the version"""
 OUTCOME_LOOK = {
     "success": ("#009E73", "o"),
     "collision": ("#D55E00", "X"),
@@ -49,7 +49,7 @@ def styled() -> Iterator[None]:
 
 
 def canvas(width: float, height: float) -> Canvas:
-    """Return an empty figure of a size in inches; without pyplot, which would keep a reference to the figure."""
+    """Return an empty figure of a size in inches. It is not made by pyplot, which would keep a reference to the figure."""
     figure = Canvas(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -61,13 +61,13 @@ def title(ax: Axes, text: str) -> None:
 
 
 def save(figure: Canvas, path: Path) -> tuple[Path, Path]:
-    """Write `path`.png and `path`.svg atomically, and return the two paths; the file name may have dots: current=0.5."""
+    """Write `path`.png and `path`.svg atomically, and return the two paths; `path` may contain dots: current=0.5."""
     if engine := figure.get_layout_engine():
         engine.execute(figure)  # compute the layout once for the two formats
     # savefig draws everything twice if the figure has a layout engine, even the engine "none"
     figure.set_layout_engine(None)
     png, svg = (path.with_name(path.name + suffix) for suffix in (".png", ".svg"))
-    pictures = {kind: drawn(figure, kind) for kind in METADATA}  # draw both before any is written
+    pictures = {kind: drawn(figure, kind) for kind in METADATA}  # draw both pictures before writing a file
     write_atomic(png, pictures["png"], sync_folder=False)
     write_atomic(svg, pictures["svg"])
     return png, svg

@@ -26,10 +26,10 @@ from auvbench.reporting.figures.scene import (
 from auvbench.statistics.intervals import Estimate, FloatArray
 
 PROTOCOLS = ("robustness", "suite", "transfer", "frequency_sweep")
-"""protocols whose conditions are drawn side by side"""
+"""protocols whose conditions the figure shows side by side"""
 MOST_AGENTS = 40
 MOST_CELLS = 150
-"""largest number of cells in a drawn grid of K and frequency; randomly drawn values give larger grids"""
+"""largest number of cells in a figure of K and frequency; values that were sampled at random give larger grids"""
 
 MOST_LABELS = 12
 """largest number of agents in colour"""
@@ -93,7 +93,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
         lines = curves(scene, protocol)
         used += [protocol] if lines else []
         names = list(dict.fromkeys(name for curve in lines.values() for name in curve))
-        # Leave out the condition of the vehicle on which all agents were trained: it equals the undisturbed condition.
+        # If all agents have the same vehicle, its condition equals the undisturbed condition, so leave it out.
         own = {str(a.runs[0].config.get("vehicle.name")) for a in scene.agents if a.label in lines}
         duplicates = {f"vehicle={vehicle}" for vehicle in own if len(own) == 1 and UNDISTURBED in names}
         new = [name for name in names if name not in duplicates and name not in conditions]
@@ -132,7 +132,7 @@ def success_over_conditions(scene: Scene) -> Drawing | None:
 
 
 def curves(scene: Scene, protocol: str) -> dict[str, Curve]:
-    """Return success by label and condition, for the best-ranked tested agents."""
+    """Return the success of the best-ranked tested agents by label and condition."""
     rates: dict[str, Curve] = {}
     for agent in scene.agents:
         if len(rates) == MOST_AGENTS:
@@ -153,7 +153,7 @@ def _whole(percent: float) -> str:
 
 
 def _heat(ax: Axes, values: FloatArray, low: float, texts: NDArray[np.object_]) -> AxesImage:
-    """Draw values from `low` to 100 as colours of cells, with `texts` in the cells and a cross for NaN."""
+    """Draw a grid of cells coloured by their values, from `low` to 100; write `texts` into the cells, and a cross for NaN."""
     image = ax.imshow(values, cmap="cividis", vmin=low, vmax=100, aspect="auto")
     ax.grid(visible=False)
     ax.spines[:].set_visible(False)
@@ -199,7 +199,7 @@ def steps_deviation(scene: Scene) -> Drawing | None:
 
 
 def _crosses(ax: Axes, points: Sequence[tuple[Estimate, Estimate]], **style_: Any) -> None:
-    """Draw points with their intervals in x and y."""
+    """Draw points as crosses whose arms are the intervals in x and y."""
     x, y = zip(*points, strict=True)
     centre = [[e.value for e in line] for line in (x, y)]
     bars = [

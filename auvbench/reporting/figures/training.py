@@ -63,7 +63,7 @@ def _over_steps(
         dots: whether to draw a dot for each value of each seed.
 
     Returns:
-        None without training records.
+        Figure; None without training records.
     """
     learners = scene.learners()
     best = scene.top(MOST, learners)
@@ -121,17 +121,22 @@ def _over_steps(
 
 
 def _columns(n: int) -> int:
-    """Return the number of columns for a grid of n panels, so that its last row is not nearly empty."""
+    """Return the number of columns of a grid of n panels, chosen so that the last row is not nearly empty."""
     return 3 if n in (5, 6, 9) else 4
 
 
 def binned(scene: Scene, agent: Agent, column: str) -> Curve:
-    """Return the centres (B,) of spans of steps, and a column's means (seeds, B) over the episodes that end in them.
+    """Return means of a column of the training records over spans of environment steps.
 
-    The mean of a span without an ended episode is NaN. The column `success` is 100 for an episode that reached
-    the goal, else 0. A span is at least as long as the longest episode times the number of environments, unless
-    this leaves fewer than `FEWEST_SPANS`. In a shorter span, all long episodes or none might end, because
-    environments that start together end their long episodes together.
+    A mean covers the episodes that end in the span; it is NaN if no episode ends there. The column `success` is 100
+    for an episode that reached the goal, else 0.
+
+    A span is at least as long as the longest episode times the number of environments, unless this leaves fewer
+    than `FEWEST_SPANS` spans. In a shorter span, all long episodes or none might end, because environments that
+    start together end their long episodes together.
+
+    Returns:
+        Centres (B,) of the spans in steps, and means (seeds, B).
     """
     with_frames = [(f, run) for run in agent.runs if (f := scene.training(run)) is not None]
     frames = [f for f, _ in with_frames]

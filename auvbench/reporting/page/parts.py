@@ -28,7 +28,9 @@ from auvbench.reporting.tables.table import (
 from auvbench.runs.progress import duration, telling
 
 LARGEST_SVG = 150_000
-"""largest SVG that the page shows, bytes; it shows the PNG of a larger one, since browsers draw thousands of points slowly"""
+"""Size limit of an SVG on the page, bytes. The page shows the PNG of a larger SVG, because browsers draw thousands of
+points slowly
+"""
 WIDE = 1200
 """smallest width in px of a PNG that takes the whole width of the page"""
 
@@ -62,7 +64,7 @@ class Links:
 
 
 def of_agents(table: Table, ranking: Ranking, colours: Mapping[str, str], links: Links) -> Table:
-    """Return `table`, which has a row per agent of the ranking, with colours and with links to each agent's first run."""
+    """Add colours and links to `table`, which has one row per agent of the ranking; a link leads to the agent's first run."""
     lines = [
         replace(line, colour=colours.get(row.label, ""), href=links.row(row.run_ids[0]))
         for line, row in zip(table.lines, ranking.rows, strict=True)
@@ -71,7 +73,7 @@ def of_agents(table: Table, ranking: Ranking, colours: Mapping[str, str], links:
 
 
 def metrics_table(ranking: Ranking) -> Table | None:
-    """Return a table of the metrics that are not in the main table; None if there are none."""
+    """Return a table of the metrics that the main table does not show; None if it shows all metrics."""
     shown = {heading.metric for heading in main_table(ranking).headings}
     metrics = dict.fromkeys(metric for row in ranking.rows for metric in row.estimates)
     columns = [column_of(metric) for metric in in_order(m for m in metrics if m not in shown)]
@@ -160,7 +162,7 @@ class Embedded:
 
 
 def embed(figures: Iterable[Figure], links: Links) -> tuple[list[Embedded], list[Problem]]:
-    """Return the figures in order, as SVG if it is small, otherwise as PNG.
+    """Return the figures in order, each as SVG if the SVG is small, otherwise as PNG.
 
     A figure whose files are missing becomes a `Problem`.
     """

@@ -11,9 +11,9 @@ A run's `evaluations/<protocol>/trajectories.npz` has these arrays for each of i
     others_...                       (T + 1, V - 1, 3) m, for a team of V vehicles
     dock_yaw_...                     (1,) rad, for a dock
 
-The page has at most `POINTS` positions of each path, equally spaced in steps, as little-endian int16 counts of
-`unit` metres in base64. The unit is 1 cm if all coordinates of the path are within 327 m, otherwise the smallest
-unit that fits.
+The page has at most `POINTS` positions of each path, equally spaced in steps. A coordinate is stored as an integer
+count of a length, `unit` metres: little-endian int16, in base64. The unit is 1 cm if all coordinates of the path are
+within 327 m, otherwise the smallest unit with which the counts fit into int16.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ RUNS = 200
 EPISODES = 10
 """largest number of episodes of a run in a page"""
 BUDGET = 3_500_000
-"""largest number of characters of all packed paths of a page; paths are thinned further to stay below it"""
+"""largest number of characters of all packed paths of a page; longer paths get fewer points to stay below this limit"""
 UNIT = 0.01
-"""smallest length of a count, m"""
+"""smallest unit of a packed coordinate, m"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,11 +67,11 @@ def read(
     Args:
         agents: agents in the order of the ranking.
         protocol: name of the protocol, as in `RunRecord.evaluations`.
-        condition: test condition within the protocol.
+        condition: test condition of the protocol.
         runs: largest number of runs to read.
 
     Returns:
-        Tracks in the order of episode, agent and seed; a problem for each unreadable file; number of runs left out.
+        Tracks, sorted by episode, then agent, then seed; a problem for each unreadable file; number of runs left out.
     """
     candidates = [
         (row, index, run)
@@ -100,8 +100,8 @@ def pack(tracks: Sequence[Track], *, budget: int = BUDGET) -> list[dict[str, Any
     * `points`: base64 of int16 (n, 3) counts of `unit` metres; point i is at min(i dt, end) seconds after the start;
     * `reference`: n points of the reference in the same form, if the reference moves;
     * `others`: for a team, n points of each other vehicle in the same form;
-    * `signals`: base64 of int16 (n,) counts by name, and `units`, the size of a count by name: `speed` in m/s and,
-      if they are stored, `yaw` in degrees and `command`, the norm of the actuators' forces in N.
+    * `signals`: base64 of int16 (n,) counts by the signal's name; `units` has the size of a signal's count. The signals
+      are `speed` in m/s and, if stored, `yaw` in degrees and `command`, the norm of the actuators' forces in N.
     """
     worlds = _worlds(tracks)
     budget -= sum(len(packed["outlines"]) for packed in worlds.values())
@@ -172,7 +172,7 @@ def _lines(path: StoredPath) -> list[NDArray[np.float64]]:
 
 
 def _pack_signals(path: StoredPath, indices: NDArray[np.int64], dt: float) -> dict[str, dict[str, Any]]:
-    """Return the packed signals of a path at the steps `indices`; a step takes `dt` s."""
+    """Return the packed signals of a path at the steps `indices`, which are `dt` s apart."""
     signals: dict[str, NDArray[np.float64]] = {}
     if len(path.position) > 1 and dt > 0.0:
         signals["speed"] = np.linalg.norm(np.gradient(path.position, dt, axis=0), axis=1)[indices]

@@ -52,7 +52,7 @@ def write(
         path: file to write, usually `report/index.html`; its folders are created.
         report: report of the section.
         figures: figures in the order to show.
-        by_condition: tables of several conditions.
+        by_condition: tables that compare agents under several conditions.
         command: command line of the report.
         several: whether the report has several sections; `../index.html` then shows all sections.
 
@@ -120,9 +120,9 @@ def render(records: Sequence[RunRecord], ranking: Ranking, **shown: Any) -> str:
 
 
 def document(template: str, scripts: Sequence[str], **shown: Any) -> str:
-    """Return a self-contained page from a template of the assets.
+    """Return a self-contained page, rendered from a template in the assets.
 
-    Its content security policy allows only the page's own script.
+    The page's content security policy allows only the page's own script.
     """
     script = "\n".join(_asset(name) for name in scripts)
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
@@ -165,7 +165,7 @@ def _data(
             {"label": label, "colour": look.colour, "dash": _DASHES[look.linestyle]}
             for label, look in looks.items()
         ],
-        # The view of the waypoint task shows the whole water; the views of other tasks show what their paths need.
+        # The 3-D view of the waypoint task shows the whole water; the view of another task is as large as the paths.
         "goal": "goal" if task is None else task.goal,
         "cone": _length(config.get("task.cone"), 0.0),
         "reach": _length(config.get("task.standoff"), 0.0),

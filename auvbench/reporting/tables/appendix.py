@@ -1,4 +1,4 @@
-"""Build the tables next to the main one: ranks, conditions, the original study's numbers, and scores across tasks."""
+"""Build the tables other than the main table: ranks, conditions, the original study's numbers, scores across tasks."""
 
 from __future__ import annotations
 
@@ -55,16 +55,16 @@ def ranks_table(ranking: Ranking) -> Table:
 
 
 def ranks_of(row: Row) -> str:
-    """Return the interval of ranks that agree with the data: '3', '1 to 11'."""
+    """Return an agent's interval of ranks as text: '3', '1 to 11'."""
     first, last = row.rank_interval
     return f"{first}" if first == last else f"{first} to {last}"
 
 
 def conditions_tables(ranking: Ranking) -> list[Table]:
-    """Return the tables of success and of the ranking measure by condition; empty for a single condition.
+    """Return a table of success by condition and a table of the ranking measure; no tables for a single condition.
 
-    The table of the ranking measure is left out if the measure is a rate or a penalised time. A dash means that
-    the agent was not tested under the condition.
+    If the ranking measure is a rate or a penalised time, its table is left out. A dash means that the agent was not
+    tested under the condition.
     """
     if not ranking.conditions:
         return []
@@ -132,7 +132,7 @@ def _theirs_and_ours(row: ComparisonRow | None) -> Cell:
 def score_table(scores: Scores) -> Table:
     """Return the table of scores: each agent's score over all tasks, and its score in each task.
 
-    A table without rows has the reason in its notes.
+    If the table has no rows, its notes give the reason.
     """
     headings = [Heading("agent", words=True), Heading("seeds"), Heading("score")]
     headings += [Heading(title, weight=1) for title in scores.titles]

@@ -16,7 +16,7 @@ from auvbench.reporting.tables.main import SYMBOLS, label_of
 from auvbench.reporting.tables.table import Cell, Heading, Line, Table, estimate_cell
 
 FULL = 0.995
-"""success rate above which the table of the agents furthest ahead does not mention success"""
+"""limit of success rates: the table of the agents furthest ahead prints a pair of success rates if one is at most this"""
 
 
 def by_condition_tables(subjects: Sequence[Subject]) -> list[Table]:
@@ -107,7 +107,7 @@ def _grid(
 def _by_title(subject: Subject) -> dict[str, Ranking]:
     """Return the rankings by the title of their condition.
 
-    If two protocols have the same condition, the second title also names its protocol.
+    If two protocols have the same condition, the title of the second protocol's condition also names the protocol.
     """
     titled: dict[str, Ranking] = {}
     for ranking in subject.rankings:
@@ -152,7 +152,7 @@ def _level(subject: Subject) -> str:
 
 
 def _short(subject: Subject, subjects: Sequence[Subject]) -> str:
-    """Return the task if all subjects have one vehicle, else vehicle and task."""
+    """Return the name of the task if all subjects have the same vehicle, else the names of vehicle and task."""
     vehicles = {other.name.partition(TASK)[0] for other in subjects}
     task = subject.name.partition(TASK)[2]
     return (task or "waypoint").replace("_", " ") if len(vehicles) == 1 else subject.name

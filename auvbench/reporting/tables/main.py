@@ -59,7 +59,7 @@ KNOWS = (
 )
 
 NEAR_AN_END = 0.1
-"""distance from 0 or 1 below which a rate gets a caution, because the rates of different seeds are skewed there"""
+"""A rate closer to 0 or 1 than this gets a caution, because the distribution of rates over seeds is skewed near 0 and 1"""
 FEW_SEEDS = 10
 NOT_BEHIND = "trainings that are not behind the baseline by more than the margin, on these scenarios"
 
@@ -128,7 +128,7 @@ def _lead(ranking: Ranking) -> list[_Column]:
 
 
 def _effort(ranking: Ranking) -> list[_Column]:
-    """Return the columns of the agents' knowledge, and of the trials that chose their settings.
+    """Return the columns on the agents' knowledge, and on the tuning trials that chose the agents' settings.
 
     A column without entries is left out.
     """
@@ -143,7 +143,7 @@ def _effort(ranking: Ranking) -> list[_Column]:
         columns.append(
             (heading, lambda row: Cell(f"{row.trials:,}" if row.trials else NOTHING, sort=row.trials))
         )
-    if any(row.trial_s is not None for row in ranking.rows):  # older searches did not record it
+    if any(row.trial_s is not None for row in ranking.rows):  # older searches did not record this time
         steps = Heading("tuning", "steps", weight=5, hint="environment steps of these trials")
         columns.append((steps, lambda row: _steps(row.trial_steps)))
         hours = Heading(
@@ -213,7 +213,7 @@ def _against(ranking: Ranking) -> list[_Column]:
 
 
 def not_behind(ranking: Ranking) -> list[_Column]:
-    """Return the column of trainings that are not behind the baseline, as a list; empty without a learner."""
+    """Return a list with the column of trainings that are not behind the baseline; [] if no agent learns."""
     primary = ranking.primary
     if primary is None or not any(against.reliability for against in primary.comparisons):
         return []
@@ -226,7 +226,7 @@ def not_behind(ranking: Ranking) -> list[_Column]:
 
 
 def not_behind_title(baseline: str) -> str:
-    """Return the heading of the column of trainings that are not behind; it leaves out a long label of the baseline."""
+    """Return the heading of the column of trainings that are not behind the baseline, without the baseline's label if long."""
     return f"not behind {baseline}" if len(baseline) <= LONGEST else "not behind"
 
 
@@ -307,10 +307,10 @@ def explained(primary: Primary) -> tuple[list[str], list[str], list[str]]:
 
 
 def _reliability(primary: Primary, m: Measure) -> str:
-    """Return a note on the column of trainings that are not behind, and on shares of failing trainings.
+    """Return a note on the column of trainings that are not behind the baseline.
 
-    It has the upper limit of the share of trainings that are behind, and the share of failing trainings that
-    would change a verdict on the mean.
+    The note also gives the upper limit of the share of trainings that are behind, and the share of failing trainings
+    that would change a verdict on the mean.
     """
     margin = primary.margin if primary.margin == primary.margin else 0.0
     reliabilities = [(c.agent, c.own_reliability) for c in primary.comparisons if c.own_reliability]

@@ -19,7 +19,7 @@ class Heading:
     title: str
     unit: str = ""
     tex: str = ""
-    """title in LaTeX if it differs, for example for a symbol; '' otherwise"""
+    """title in LaTeX if it differs from `title`, for example to show a symbol; '' otherwise"""
     words: bool = False
     """whether the column has words, which are aligned left; columns of numbers are aligned right"""
     metric: str = ""
@@ -29,7 +29,7 @@ class Heading:
     hint: str = ""
     """explanation of the column"""
     weight: int = 0
-    """weight: if a table is too wide, columns of larger weight are left out first; columns of weight 0 always stay"""
+    """Weight: a table that is too wide drops the columns with the largest weights first, and never a column with weight 0"""
 
     @property
     def text(self) -> str:

@@ -30,7 +30,7 @@ STYLES = {AHEAD: "green", EQUIVALENT: "blue", BEHIND: "red", OPEN: "yellow"}
 
 
 class TableView:
-    """View of a table with its notes for rich; columns that do not fit are left out and listed below the table."""
+    """View of a table and its notes for rich; columns that do not fit are left out, and a line below names them."""
 
     def __init__(self, table: Table) -> None:
         self.table = table
@@ -74,7 +74,7 @@ def _rendered(table: Table, columns: Sequence[int], room: int, gap: int) -> Rich
     Args:
         table: table to show.
         columns: indices of the shown columns.
-        room: largest width of the columns that identify a row, characters; longer texts are wrapped.
+        room: largest width in characters of a column that identifies the row; longer texts are wrapped.
         gap: number of spaces between columns.
     """
     shown = RichTable(box=None, header_style="bold", pad_edge=False, padding=(0, 1, 0, gap - 1))
@@ -95,7 +95,7 @@ def _rendered(table: Table, columns: Sequence[int], room: int, gap: int) -> Rich
 
 
 def _stacked(cell: Cell, line: Line) -> Text:
-    # A verdict's cell has a symbol and a word, so that it is clear without colours.
+    # A verdict's cell has a symbol and a word, so that the verdict is clear without colours.
     text = Text(
         cell.value,
         style=STYLES.get(line.verdict, "")

@@ -1,6 +1,7 @@
 """Format tables as text: CSV in full precision, Markdown, and LaTeX for a paper.
 
-LaTeX tables use booktabs, have the intervals below the values, and are shrunk to the width of the text.
+LaTeX tables use booktabs. Their intervals are below the values, and a table that is too wide is shrunk to the width of
+the text.
 """
 
 from __future__ import annotations
@@ -59,11 +60,11 @@ _MARKDOWN = str.maketrans(
 def csv(ranking: Ranking) -> str:
     """Return the ranking as CSV, with one row per agent.
 
-    The columns are the primary analysis, rank, key, seeds, runs and every metric; rates are from 0 to 1.
+    The columns are the primary analysis, rank, the agent's key, seeds, runs and every metric; rates are from 0 to 1.
     """
     metrics = list(dict.fromkeys(metric for row in ranking.rows for metric in row.estimates))
     keys = list(dict.fromkeys(key for row in ranking.rows for key in row.key))
-    timed = any(row.trial_s is not None for row in ranking.rows)  # older searches did not record it
+    timed = any(row.trial_s is not None for row in ranking.rows)  # older searches did not record this time
     rows = []
     for row in ranking.rows:
         line: dict[str, Any] = {"agent": row.label, "budget": " ".join(map(str, row.budget))}
@@ -119,10 +120,10 @@ def _against(ranking: Ranking, row: Row) -> dict[str, Any]:
 
 
 def _not_behind(name: str, reliability: Reliability | None) -> dict[str, float | None]:
-    """Return the cells of a reliability by column: trainings that are not behind, and the limits of their share.
+    """Return the cells of a reliability by column: number of trainings that are not behind, and limits of their share.
 
-    With the name "not_behind", there are also cells on the effect of failing trainings. All cells are empty (None)
-    without reliability.
+    The name "not_behind" adds cells on the effect of failing trainings. If `reliability` is None, all cells are
+    empty (None).
     """
     shares: dict[str, float | None] = {name: None, f"{name}_low": None, f"{name}_high": None}
     if reliability is not None:
@@ -136,7 +137,7 @@ def _not_behind(name: str, reliability: Reliability | None) -> dict[str, float |
 
 
 def _with_ends(name: str, estimate: Estimate | None) -> dict[str, float | None]:
-    """Return the cells of a value and its interval's limits by column; the cells are empty (None) without an estimate."""
+    """Return three cells by column: an estimate's value and its two limits; without an estimate, the cells are None."""
     values = (None,) * 3 if estimate is None else (estimate.value, estimate.low, estimate.high)
     return dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
 
@@ -145,10 +146,10 @@ def conditions_csv(ranking: Ranking) -> str:
     """Return CSV with one row per agent and condition of the protocol; '' for a single condition.
 
     The columns are task, agent, condition, success from 0 to 1, and the changes of success and PAR-1 steps from
-    the undisturbed condition, paired by seed and scenario. A change is empty without an undisturbed condition, or
-    if a seed was not tested under both conditions. A change of steps is also empty if the frequency or the step
-    limit of the two conditions differs. The ranking measure has its own columns, unless it is a rate or a penalised
-    time.
+    the undisturbed condition, paired by seed and scenario. A change is empty if the protocol has no undisturbed
+    condition, or if a seed was not tested under both conditions. A change of steps is also empty if the two
+    conditions have different frequencies or step limits. The ranking measure has additional columns, unless it is a
+    rate or a penalised time.
     """
     measured = any(condition.measured for condition in ranking.conditions)
     return lines(
@@ -233,9 +234,10 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> str:
 
 
 def joined(column: str, parts: Sequence[tuple[str, str]]) -> str:
-    """Return one CSV text from several named CSV texts.
+    """Join several named CSV texts into one CSV text.
 
-    The first column, `column`, has the name of each row's text. A column that a text lacks is empty in its rows.
+    The first column of the result, `column`, has the name of the text that a row comes from. If a text lacks a
+    column, this column is empty in the text's rows.
     """
     return lines(
         {column: name, **row} for name, text in parts for row in csv_module.DictReader(io.StringIO(text))
@@ -378,6 +380,6 @@ def _latex_more(cell: Cell) -> str:
 
 
 def _latex_heading(heading: Heading) -> str:
-    """Return the heading with its unit on a second line, so that it is not wider than the column's intervals."""
+    """Return the heading with its unit on a second line, so that the heading is not wider than the column's intervals."""
     title = heading.tex or escape_latex(heading.title)
     return rf"\shortstack{{{title}\\({escape_latex(heading.unit)})}}" if heading.unit else title

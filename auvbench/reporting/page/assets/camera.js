@@ -1,4 +1,4 @@
-// Where the eye is: turning, moving, zooming, and from metres to pixels. World ENU: x east, y north, z up.
+// Camera of the 3-D view: turn, move, zoom, and project metres to pixels. World frame ENU: x east, y north, z up.
 const Camera = (() => {
   "use strict";
   const FOCAL = 1.6;
@@ -33,7 +33,7 @@ const Camera = (() => {
       const [ce, se] = [Math.cos(this.elevation), Math.sin(this.elevation)];
       return { right: [-sa, ca, 0], up: [-se * ca, -se * sa, ce], back: [ce * ca, ce * sa, se] };
     }
-    /** A function from a point (m) to [x, y, metres-to-pixels], null behind the camera. */
+    /** Return a function that projects a point (m) to [x, y, pixels per metre]; null for a point behind the camera. */
     projector(width, height) {
       const { right, up, back } = this.axes();
       const focal = FOCAL * Math.min(width, height);
@@ -46,13 +46,13 @@ const Camera = (() => {
         return [width / 2 + dot(rel, right) * scale, height / 2 - dot(rel, up) * scale, scale];
       };
     }
-    /** Move by pixels in the plane of the picture. */
+    /** Move the camera by pixels in the plane of the picture. */
     pan(dx, dy, width, height) {
       const { right, up } = this.axes();
       const metres = this.distance / (FOCAL * Math.min(width, height));
       this.target = this.target.map((v, i) => v - right[i] * dx * metres + up[i] * dy * metres);
     }
-    /** Centre the box in the picture and make it fill it, with room for labels. */
+    /** Centre the box in the picture, and zoom until the box fills the picture except a margin for labels. */
     fit(box, width, height) {
       this.target = box.low.map((low, i) => (low + box.high[i]) / 2);
       const size = Math.hypot(...box.low.map((low, i) => box.high[i] - low));

@@ -1,9 +1,9 @@
-// A signal over time, under the picture: the distance to the waypoint, goal or moving reference, or another one.
+// Chart under the picture of one signal over time, such as the distance to the waypoint, goal or moving reference.
 const Chart = (() => {
   "use strict";
   const { DASHES, palette, contrast, prepare, halo, text } = Pen;
 
-  /** A signal over time, with the moment shown in the picture above. */
+  /** Draw a signal over time, and a vertical line at the time that the picture shows. */
   function draw(canvas, show) {
     const { context, width, height } = prepare(canvas);
     const { world, tracks, time, longest, guide, signal } = show;

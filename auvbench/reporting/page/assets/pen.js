@@ -1,10 +1,10 @@
-// What the canvases share: their size, the page's colours, line styles.
+// Functions that all canvases use: canvas size, the page's colours, line styles.
 const Pen = (() => {
   "use strict";
   const DASHES = { solid: [], dashed: [7, 4], dashdot: [8, 3, 2, 3], dotted: [2, 3] };
   const COLOURS = ["ink", "soft", "rule", "raised", "water"];
 
-  /** Colours of the page as it looks now. */
+  /** Return the page's current colours (light or dark mode). */
   function palette() {
     const style = getComputedStyle(document.documentElement);
     return Object.fromEntries(COLOURS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
@@ -16,13 +16,13 @@ const Pen = (() => {
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
   }
 
-  /** Contrast ratio of two colours (WCAG 2). */
+  /** Return the contrast ratio of two colours (WCAG 2). */
   function contrast(a, b) {
     const [low, high] = [luminance(a), luminance(b)].sort((x, y) => x - y);
     return (high + 0.05) / (low + 0.05);
   }
 
-  /** Fit a canvas to its size on the page and the screen's pixels. */
+  /** Set a canvas's resolution from its size on the page and the screen's pixel ratio, and clear the canvas. */
   function prepare(canvas) {
     const scale = Math.min(3, window.devicePixelRatio || 1);
     const [width, height] = [canvas.clientWidth || 600, canvas.clientHeight || 300];
@@ -37,7 +37,7 @@ const Pen = (() => {
     return { context, width, height };
   }
 
-  /** A wider line in the page's soft colour under one that would not show, such as black at night. */
+  /** Draw a wider line in the page's soft colour below a line with low contrast, such as black in dark mode. */
   function halo(context, colours, width, draw) {
     context.strokeStyle = colours.soft;
     context.lineWidth = width;

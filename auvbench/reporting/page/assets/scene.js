@@ -1,12 +1,12 @@
-// Drawing the water volume and the paths on a canvas. World ENU: x east, y north, z up, metres.
+// Draw the water volume and the paths on a canvas. World frame ENU in metres: x east, y north, z up.
 const Scene = (() => {
   "use strict";
   const { DASHES, palette, contrast, prepare, halo, text } = Pen;
 
-  /** The paths of all vehicles: of each track the first one, and the other vehicles of its team. */
+  /** Return the paths of all vehicles: the first vehicle of each track, and the other vehicles of the track's team. */
   const vehicles = (tracks) => tracks.flatMap((track) => [track, ...track.mates]);
 
-  /** The box around start, goal, reference and the paths shown, in whole steps; on the way to a waypoint, all the water. */
+  /** Return the box around start, goal, reference and shown paths, in whole grid steps. In the waypoint task, it has the full depth. */
   function bounds({ world, waypoint, start, guide, tracks }) {
     const whole = world.goal === "waypoint";
     const [bottom, top] = [world.depth[0], Math.max(world.depth[1], 0)];
@@ -64,7 +64,7 @@ const Scene = (() => {
     context.globalAlpha = 1;
   }
 
-  /** Names a depth limit at the rightmost corner of its plane. */
+  /** Label a depth limit at the rightmost corner of the limit's plane. */
   function limit(context, project, box, z, colours) {
     const { low, high } = box;
     const seen = [[low[0], low[1], z], [high[0], low[1], z], [high[0], high[1], z], [low[0], high[1], z]].map(project).filter(Boolean);
@@ -76,7 +76,7 @@ const Scene = (() => {
     context.fillText(`limit ${text(z)} m`, at[0] + 8, at[1]);
   }
 
-  /** Tick labels along one edge of the box; none where the edge is seen end on. */
+  /** Draw tick labels along one edge of the box, unless the edge is too short in the picture. */
   function axis(context, project, from, to, values, along, name, shift, colours, taken) {
     const [a, b] = [project(from), project(to)];
     if (!a || !b || Math.hypot(b[0] - a[0], b[1] - a[1]) < 48) return;
@@ -92,7 +92,7 @@ const Scene = (() => {
       const at = project(point);
       if (!at) return;
       const label = [at[0] + shift[0], at[1] + shift[1]];
-      // A corner belongs to two axes; the second one leaves it unlabelled.
+      // Two axes share a corner; only the first axis labels the corner.
       if (taken.some((other) => Math.abs(other[0] - label[0]) < 30 && Math.abs(other[1] - label[1]) < 19)) return;
       taken.push(label);
       context.fillText(text(value), ...label);
@@ -112,7 +112,7 @@ const Scene = (() => {
     const { low, high, step, rise } = box;
     const { back } = camera.axes();
     const taken = [];
-    // The edges nearest to the eye, so that labels do not lie over the paths.
+    // Label the edges nearest to the camera, so that labels do not cover the paths.
     const x = back[0] >= 0 ? high[0] : low[0];
     const y = back[1] > 0 ? high[1] : low[1];
     const z = box.planes[0];
@@ -124,7 +124,7 @@ const Scene = (() => {
     axis(context, project, [low[0], y, z], [high[0], y, z], range(low[0], high[0], step), 0, "east, m", [side(middleX) * 10, drop], colours, taken);
     const above = camera.flat && camera.elevation > 1;
     axis(context, project, [x, low[1], z], [x, high[1], z], range(low[1], high[1], step), 1, "north, m", above ? [12, 0] : [side(middleY) * 10, drop], colours, taken);
-    // Depths stand on the box's leftmost vertical edge.
+    // Draw the depth labels at the box's leftmost vertical edge.
     const edges = [[low[0], low[1]], [low[0], high[1]], [high[0], low[1]], [high[0], high[1]]];
     const seen = edges.map((edge) => ({ edge, at: project([...edge, z]) })).filter((entry) => entry.at);
     seen.sort((a, b) => a.at[0] - b.at[0]);
@@ -136,7 +136,7 @@ const Scene = (() => {
     axis(context, project, [ex, ey, z], [ex, ey, high[2]], depths, 2, "up, m", [-9, 0], colours, taken);
   }
 
-  /** The solids of a world, as segments. */
+  /** Draw the solids of a world as line segments. */
   function solids(context, project, points, colours) {
     context.strokeStyle = colours.soft;
     context.lineWidth = 0.8;
@@ -147,7 +147,7 @@ const Scene = (() => {
 
   const TURN = Array.from({ length: 49 }, (_, i) => (i * Math.PI) / 24);
 
-  /** The sphere around the waypoint that counts as reached: outline, equator and two meridians. */
+  /** Draw the goal sphere around the waypoint: outline, equator and two meridians. */
   function goal(context, project, waypoint, radius, colours) {
     const centre = project(waypoint);
     if (!centre) return;
@@ -170,7 +170,7 @@ const Scene = (() => {
     context.globalAlpha = 1;
   }
 
-  /** The cone through which a dock may be entered, and its axis. `yaw` is that of a vehicle on its way in. */
+  /** Draw the cone through which a vehicle may enter a dock, and the cone's axis. `yaw` is the yaw of an entering vehicle. */
   function dock(context, project, [x, y, z], yaw, world, colours) {
     const [ax, ay] = [-Math.cos(yaw), -Math.sin(yaw)];
     const wide = world.reach * Math.tan(world.cone);
@@ -187,7 +187,7 @@ const Scene = (() => {
     context.globalAlpha = 1;
   }
 
-  /** Where the vehicles were to be, all the time. */
+  /** Draw the path of a moving reference over the whole episode. */
   function reference(context, project, guide, colours) {
     const points = [];
     for (let i = 0; i < guide.length; i += 3) points.push([guide[i], guide[i + 1], guide[i + 2]]);
@@ -200,7 +200,7 @@ const Scene = (() => {
     context.globalAlpha = 1;
   }
 
-  /** A ring where the vehicle of a track is to be now. */
+  /** Draw a ring at the current position of a track's reference. */
   function aim(context, project, track, time) {
     const at = project(position({ ...track, xyz: track.guide }, time));
     if (!at) return;
@@ -221,7 +221,7 @@ const Scene = (() => {
     context.fillText(name, at[0], at[1] - shift + 6);
   }
 
-  /** The position (m) of a track at a time (s). */
+  /** Return the position (m) of a track at a time (s). */
   function position(track, time) {
     const { xyz, dt, end } = track;
     const last = xyz.length / 3 - 1;
@@ -233,7 +233,7 @@ const Scene = (() => {
     return [0, 1, 2].map((k) => xyz[3 * i + k] + part * (xyz[3 * i + 3 + k] - xyz[3 * i + k]));
   }
 
-  /** Points of a track up to a time, or from it on. */
+  /** Return the points of a track up to a time; with `after`, the points from this time on. */
   function stretch(track, time, after) {
     const { xyz, dt } = track;
     const at = position(track, time);
@@ -265,7 +265,7 @@ const Scene = (() => {
     context.setLineDash([]);
   }
 
-  /** Where the vehicle is: a dot on its way and at success, a square at a timeout, a cross at any other end. */
+  /** Draw the vehicle: a dot during the episode and after success, a square after a timeout, a cross after another failure. */
   function vehicle(context, project, track, time, colours) {
     const at = project(position(track, time));
     if (!at) return;
@@ -293,8 +293,8 @@ const Scene = (() => {
   }
 
   /**
-   * Draw everything. `show` = {world, waypoint, start, dock, guide, outlines, tracks, time}: `dock` is the yaw of a dock, `guide`
-   * the points of a reference that moves, `outlines` the ends of segments that show solids; all three may be undefined.
+   * Draw everything. `show` = {world, waypoint, start, dock, guide, outlines, tracks, time}. Three entries may be undefined: `dock`,
+   * the yaw of a dock; `guide`, the points of a moving reference; `outlines`, the end points of the segments that show solids.
    */
   function draw(canvas, camera, show) {
     const { context, width, height } = prepare(canvas);

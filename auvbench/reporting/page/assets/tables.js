@@ -1,9 +1,9 @@
-// Sorting by a click on a heading, and filtering of the table of runs.
+// Sort a table by a click on a heading, and filter the table of runs.
 (() => {
   "use strict";
   const collator = new Intl.Collator("en", { numeric: true, sensitivity: "base" });
 
-  /** A cell's key: a number where data-sort is one, null where there is no value, else its text. */
+  /** Return the sort key of a cell. A numeric column: the number in data-sort, or null if it is empty; other columns: a text. */
   function key(cell, numeric) {
     const given = cell.dataset.sort;
     if (numeric) return given === undefined || given === "" ? null : Number(given);
@@ -47,7 +47,7 @@
       });
       document.getElementById("filtered").value = words.length ? `${shown} of ${rows.length}` : "";
     });
-    // A link to a run that the filter hides shows it again.
+    // If a link leads to a run that the filter hides, clear the filter.
     window.addEventListener("hashchange", () => {
       const target = document.getElementById(location.hash.slice(1))?.closest("tr");
       if (target?.hidden) {
@@ -58,7 +58,7 @@
     });
   }
 
-  // Only what really scrolls is a stop for the keyboard, and shows that there is more at its side.
+  // Only a part that scrolls gets keyboard focus, and fades at its side to show that it continues.
   function mark(part) {
     const more = part.scrollWidth - part.clientWidth;
     part.classList.toggle("clipped", more > 1 && part.scrollLeft < more - 1);
@@ -70,7 +70,7 @@
   for (const part of document.querySelectorAll(".scroll")) {
     stops.observe(part);
     part.addEventListener("scroll", () => mark(part), { passive: true });
-    // What is folded has no width; an image has one when it is there.
+    // Observe the contents too: a folded part and an unloaded image get their width later.
     for (const inside of part.children) stops.observe(inside);
   }
 })();

@@ -1,4 +1,4 @@
-// The controls of the 3-D view: which episode, which paths, from where, at what time.
+// Controls of the 3-D view: episode, shown paths, camera and time.
 (() => {
   "use strict";
   const holder = document.getElementById("data");
@@ -24,7 +24,7 @@
     return Float32Array.from({ length: bytes.length / 2 }, (_, i) => view.getInt16(2 * i, true) * unit);
   }
 
-  /** Positions as metres and distances to the reference or the goal, unpacked once per track. */
+  /** Unpack a track once: positions in metres, and distances to the reference or to the goal. */
   function unpack(track, waypoint) {
     if (track.xyz) return track;
     track.xyz = metres(track.points, track.unit);
@@ -36,9 +36,9 @@
     return track;
   }
 
-  /** A coordinate of the positions: 0 east, 1 north, 2 up. */
+  /** Return a function that gives one coordinate of a track's positions: 0 east, 1 north, 2 up. */
   const axis = (k) => (track) => Float32Array.from({ length: track.xyz.length / 3 }, (_, i) => track.xyz[3 * i + k]);
-  /** The smallest distance between two vehicles of a team. */
+  /** Return the smallest distance between any two vehicles of a team at each point. */
   const separation = ({ xyz, mates }) => {
     const lines = [xyz, ...mates.map((mate) => mate.xyz)];
     const apart = (a, b, i) => Math.hypot(...[0, 1, 2].map((k) => a[3 * i + k] - b[3 * i + k]));
@@ -57,7 +57,7 @@
     ["separation", "smallest separation, m", separation],
   ].map(([name, label, make]) => ({ name, label, of: (track) => ((track.drawn ??= {})[name] ??= make(track)) }));
 
-  /** The signal that is chosen. */
+  /** Return the signal that the user chose. */
   function signal(guided) {
     const chosenSignal = SIGNALS.find((entry) => entry.name === signals.value) ?? SIGNALS[0];
     return chosenSignal.name === "distance"
@@ -65,7 +65,7 @@
       : chosenSignal;
   }
 
-  /** The ends of the segments of an episode's solids as metres, unpacked once; undefined in open water. */
+  /** Return the end points (m) of the segments that show an episode's solids; undefined in open water. */
   function outlines(of) {
     if (of.outlines && !of.segments) of.segments = metres(of.outlines, of.outlines_unit);
     return of.segments;
@@ -108,7 +108,7 @@
     redraw();
   }
 
-  /** Change which paths are shown; a clock that stood at the end stays there. */
+  /** Change which paths are shown. If the clock is at the end of the episode, it stays at the end. */
   function keepEnd(change) {
     const ended = time >= longest();
     change();
@@ -120,7 +120,7 @@
     redraw();
   }
 
-  /** A short line in the path's colour: the key of the picture. */
+  /** Return a short line in the colour and style of a path, as in a legend. */
   function key(track) {
     const line = document.createElement("span");
     line.className = "key";
@@ -160,7 +160,7 @@
     chosen.clear();
     const agents = new Set();
     for (const track of tracks) {
-      // The first six agents by rank, one seed of each.
+      // "few": choose one seed of each of the six best-ranked agents.
       if (which === "few" && (agents.size >= 6 || agents.has(track.agent))) continue;
       if (which === "none") continue;
       agents.add(track.agent);
@@ -179,7 +179,7 @@
     fit();
   }
 
-  // Playing
+  // Play the episode over time.
   let playing = false;
   function setPlaying(on) {
     playing = on;
@@ -198,7 +198,7 @@
     requestAnimationFrame(step);
   }
 
-  // Mouse and touch: one pointer turns, Shift or the other buttons move, two pointers pinch and move.
+  // Mouse and touch: one pointer turns the view; with Shift or another button it moves the view; two pointers zoom and move.
   const pointers = new Map();
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
@@ -223,7 +223,7 @@
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => pointers.delete(event.pointerId));
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", (event) => {
-    // Only once the view was clicked, so that scrolling the page past it works.
+    // Zoom only after a click on the view, so that the wheel can scroll the page past the view.
     if (document.activeElement !== canvas) return;
     event.preventDefault();
     camera.zoom(Math.exp(-event.deltaY * 0.0015));
