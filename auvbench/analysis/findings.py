@@ -153,9 +153,7 @@ def seed_variance(agents: Sequence[Agent], m: Measure) -> Finding | None:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """Effect of a factor: typical training at the first level minus typical training at the second level, averaged over
-    matched cells.
-    """
+    """Effect of a factor: typical training at the first level minus that at the second level, averaged over matched cells."""
 
     factor: str
     first: str

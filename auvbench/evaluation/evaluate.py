@@ -118,7 +118,7 @@ def _check_model(run: RunDirectory, again: str) -> None:
 
     Args:
         run: run of the model.
-        again: what `auvbench resume` does to restore lost files, for the error; '' if it cannot restore them.
+        again: text for the error message on how `auvbench resume` restores lost files; '' if it cannot restore them.
 
     Raises:
         RunError: a file is missing or damaged.
@@ -181,8 +181,8 @@ def evaluate(
         report: function called when a condition starts or episodes end.
         unless_done: whether to return None if the test is already finished, and to reuse the saved parts of an
             interrupted test (`parts`).
-        roll: function that rolls out each condition; default: `in_process`. Its rows must be the same.
-        conditions: result of `resolve_conditions`, if it is known.
+        roll: function that rolls out each condition; it must give the same rows as `in_process`, the default.
+        conditions: result of `resolve_conditions`, if the caller has it already.
 
     Raises:
         RunError: the run is incomplete, its files are damaged, or another process is testing it.
@@ -240,8 +240,8 @@ def _evaluate(
     for number, condition in enumerate(conditions):
         report(condition.name, 0)
         served = registry.SIMULATORS[condition.config.simulator.name].served
-        # The rows from a server's simulation depend on its clock, which is known only after the rollout, so its parts
-        # are not reused.
+        # Rows from a server's simulation depend on the server's clock. This clock is known only after the rollout, so
+        # saved parts of such a condition are not reused.
         part = None if served else saved.read(number, condition)
         if part is None:
             begun = time.monotonic()
@@ -277,7 +277,7 @@ def _evaluate(
     summary[integrity.FILES] = integrity.replace_sealed(folder, "summary.json", summary, files)
     saved.forget()
     history.append(run.path.absolute().parent, _tested(run, summary))
-    # The rows are written before the actions are timed, because their computation may have taken hours.
+    # Write the rows before timing the actions: computing the rows may have taken hours, and the timing may fail.
     summary["inference"] = _time(run, conditions[0].config)
     with storage(f"cannot write {folder}"):
         write_atomic(folder / "summary.json", as_json(integrity.sealed(summary)))
@@ -312,7 +312,7 @@ def _time(run: RunDirectory, config: schema.TrainConfig) -> dict[str, Any] | Non
     """Time the actions of the run's agent; on failure, warn and return None."""
     try:
         agent = make_agent(run, config.step.frequency)
-        # An agent with its own simulator computes outside its actions, so they are not timed.
+        # An agent with its own simulator also computes outside its actions, so its actions are not timed.
         return None if hasattr(agent, "simulator") else time_actions(agent, config)
     except Exception as error:  # an installed agent may raise any exception
         reason = f"{run.id}: could not time the agent's actions: {registry.describe_error(error)}"

@@ -1,4 +1,4 @@
-"""Export the policy of a trained run as an ONNX file with a card, after comparing its actions with the run's.
+"""Export the policy of a trained run as an ONNX file with a card, after comparing the file's and the run's actions.
 
 docs/policies-as-files.md defines the two files.
 """
@@ -37,14 +37,16 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 LIMIT = 1e-5
 """Usual limit of the difference between an action of the file and the run's action. Large weights magnify rounding
-errors, so the limit is larger if rounding an observation changes the run's own action by more (`ROUNDINGS`)
+errors. If rounding an observation changes the run's own action, the limit is at least `ROUNDINGS` times this change
 """
 ROUNDINGS = 4.0
-"""Limit of the difference, as a multiple of the change of an action from rounding its observation; each layer rounds again"""
+"""Limit of the difference, as a multiple of the change that rounding an observation causes in the action; the multiple is
+larger than 1, because each layer rounds again
+"""
 EPISODES = 64
 CORNERS = 256
 STEPS = 100
-"""Number of first steps of each test episode; the actions for their observations are compared"""
+"""Number of first steps of each test episode whose observations the comparison uses"""
 CHECK_STEPS = 32
 """Number of first steps of each validation episode whose observations `check_policy` uses"""
 TESTED = (
@@ -57,7 +59,7 @@ TESTED = (
     "mean_steps",
     "mean_return",
 )
-"""results of each condition of a test that a card contains"""
+"""results that a card contains for each condition of a test"""
 
 
 class NoNetworkError(RunError):
@@ -121,7 +123,7 @@ def export(run: RunDirectory, folder: Path | None = None) -> Export:
     card_path = exported.card_path(target)
     path_safety.check_output(target.parent, (target.name, card_path.name))
     with storage(f"cannot write into {target.parent}"):
-        # The card is written first: it has the file's digest, which detects an old file next to it.
+        # Write the card first: its digest of the ONNX file reveals an old ONNX file next to a new card.
         write_atomic(card_path, as_lines(card))
         write_atomic(target, data)
     return Export(run, target, card_path, count, difference)
@@ -133,7 +135,7 @@ NO_NETWORK = "{name} cannot be exported: its policy is not a network that comput
 def why_no_network(name: str, agent: str, learner: bool) -> str:
     """Return why an agent cannot be exported; '' if it can.
 
-    A learner from a plug-in counts as exportable here; `export` checks it.
+    For a learner from a plug-in, the result is ''; only `export` checks whether the learner has a network.
 
     Args:
         name: `algo.name` of the agent.
@@ -151,7 +153,7 @@ def compare(
     """Compare an ONNX file with its agent, in test episodes and at the edges of the observation space.
 
     Returns:
-        Number of observations, the largest difference between actions, and its limit.
+        Number of observations, the largest difference between actions, and the limit of this difference.
 
     Raises:
         RunError: the difference exceeds the limit, or an output is not a valid action.
@@ -302,8 +304,8 @@ def check_policy(config: schema.TrainConfig, agent: PolicyFile) -> None:
     """Check a policy from a file on observations from episodes and at the edges of the observation space.
 
     Raises:
-        PolicyError: an output is not a valid action, changes when repeated, or depends on other observations
-            of the batch.
+        PolicyError: an output is not a valid action, changes when it is computed again, or depends on other
+            observations of the batch.
     """
     policy = agent.policy
     assert policy is not None

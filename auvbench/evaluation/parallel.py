@@ -53,17 +53,17 @@ def evaluate_all(
 ) -> Iterator[Result]:
     """Test runs and yield each result when it is ready; skip runs that are already tested.
 
-    Usually one worker tests a whole run, because the episodes of a condition are computed as one batch. If a
-    batch does not speed up an agent (`row_by_row` of its class), all workers share the episodes of its run; the
-    rows have the same bits.
+    Usually one worker tests a whole run, because the episodes of a condition are computed as one batch. If a batch does
+    not speed up an agent (`row_by_row` of the agent's class), all workers share the episodes of the agent's run. In
+    both cases, the rows have the same bits.
 
     Args:
         runs: runs to test.
         protocol: protocol of the test.
         pool: worker processes; if one worker is enough, this process does the work.
         force: whether to repeat finished tests.
-        report: function called with a run, the active condition and the number of its episodes that have just
-            ended (0 at its start); not called if a worker tests the whole run.
+        report: function called with a run, the active condition and the number of the condition's episodes that have
+            just ended (0 at the condition's start); not called if a worker tests the whole run.
     """
     waiting: dict[Path, RunDirectory] = {}
     why: dict[Path, str] = {}

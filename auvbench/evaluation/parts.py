@@ -1,8 +1,8 @@
 """Save the results of slow conditions during a test, so that an interrupted test does not compute them again.
 
 The part of a condition is a folder next to the test's lock: `evaluations/.<protocol>/parts/<number of the
-condition>`. It is reused if run, model, protocol, scenarios, their outcomes and the code's versions are the same,
-and is removed when the test is complete.
+condition>`. The part is reused if run, model, protocol, scenarios, outcomes of the scenarios and versions of the code
+have not changed since. All parts are removed when the test is complete.
 """
 
 from __future__ import annotations
@@ -99,8 +99,8 @@ def _table(condition: ResolvedCondition, rollout: Rollout) -> list[list[Any]]:
 def rows_of(parts: Sequence[Part]) -> bytes:
     """Return the content of episodes.csv.
 
-    Conditions may have different columns, because their worlds, navigation and filters may differ. A column that
-    a condition lacks is empty in its rows.
+    Conditions may have different columns, because their worlds, navigation and filters may differ. If a condition
+    lacks a column, this column is empty in the condition's rows.
     """
     names = dict.fromkeys(name for part in parts for name in part.rows[0])
     text = io.StringIO()

@@ -133,7 +133,7 @@ def _check_length(config: schema.TrainConfig, where: str) -> None:
 
 
 def _wired_alike(first: VehicleModel, second: VehicleModel) -> bool:
-    """Return whether two vehicles have the same actuators, and each actuator pushes and turns both the same way."""
+    """Return whether two vehicles have the same actuators, and each actuator acts in the same direction on both vehicles."""
     if first.actuators != second.actuators:
         return False
     forces, moments = (first.allocation * second.allocation).reshape(2, 3, -1).sum(axis=1)
@@ -158,7 +158,7 @@ def _with_disturbance(
 def _composed(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
 ) -> DictConfig:
-    """Return a run's configuration with the overrides of a protocol, then `overrides`, without checking its types."""
+    """Apply the overrides of a protocol, then `overrides`, to a run's configuration; do not check the types of its values."""
     usual = {"world": asdict(open_water()), "navigation": asdict(truth()), "sensors": {"name": NONE}}
     node = OmegaConf.create({**usual, "filter": asdict(unfiltered()), **config})
     for override in [*protocol.overrides, *overrides]:
@@ -175,7 +175,7 @@ def _composed(
 def _resolve(
     protocol: schema.Protocol, overrides: Sequence[str], config: dict[str, Any], where: str
 ) -> schema.TrainConfig:
-    """Return a run's configuration with the overrides of a protocol, then `overrides`."""
+    """Apply the overrides of a protocol, then `overrides`, to a run's configuration, and check its types."""
     node = _composed(protocol, overrides, config, where)
     try:
         return typed(node)
@@ -200,7 +200,7 @@ def _set(node: DictConfig, override: str, where: str) -> None:
     key, separator, value = override.partition("=")
     if not separator:
         raise ConfigError(f"{where}: {override!r} is not key=value")
-    # task=same is the run's task with the values of the task's file, instead of the values of the run's training.
+    # task=same means the run's task with the values in the task's file, instead of the values of the run's training.
     value = str(node.task.name) if (key, value) == ("task", "same") else value
     if not _of_other_tasks(node, key):
         _apply(node, key, value, where)
@@ -254,7 +254,7 @@ def fingerprint(protocol: schema.Protocol, conditions: list[ResolvedCondition]) 
 
 
 def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondition]) -> dict[str, str]:
-    """Return the parts of a fingerprint, 16 digits each: `scenarios`, and their `outcomes` with the present code."""
+    """Return two parts of a fingerprint, 16 digits each: `scenarios`, and the scenarios' `outcomes` with the present code."""
     return {
         "scenarios": digest_of([_drawn(protocol, c) for c in conditions], 16),
         "outcomes": digest_of([_played(c) for c in conditions], 16),
@@ -264,7 +264,7 @@ def fingerprint_parts(protocol: schema.Protocol, conditions: list[ResolvedCondit
 def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) -> list[ResolvedCondition]:
     """Return the conditions with the clocks of their tests.
 
-    `clocks` has the clock by which a server counted the steps of a condition, by the condition's name.
+    `clocks` maps the name of a condition to the clock by which a server counted the condition's steps.
     """
     return [
         replace(c, config=replace(c.config, simulator=replace(c.config.simulator, clock=clocks[c.name])))
@@ -275,9 +275,9 @@ def as_played(conditions: list[ResolvedCondition], clocks: Mapping[str, str]) ->
 
 
 _NO_ROWS = ("threads", "namespace", "timeout")
-"""keys of a simulator that only affect where and how it runs, and change no row"""
+"""keys of a simulator that only affect where and how it runs, and never change a row"""
 
-# Digests of draws and reference plays, by their key: the runs of a grid have the same scenarios, so one computation suffices.
+# Cached digests of drawn scenarios and of reference plays: the runs of a grid have the same scenarios.
 _draws: dict[str, str] = {}
 _plays: dict[str, str] = {}
 
@@ -303,7 +303,7 @@ def _physics(condition: ResolvedCondition) -> dict[str, Any]:
         "vehicle": without_descriptions(config.vehicle),
         "simulator": {key: value for key, value in asdict(config.simulator).items() if key not in _NO_ROWS},
         "frequency": config.step.frequency if condition.fixed_frequency else None,
-        # As in a run's identity, keys are left out that were added later and have values without effect.
+        # As in a run's identity, leave out keys that were added later, if their values have no effect.
         **(relevant({"world": asdict(config.world)}) if config.world.solid else {}),
     }
 

@@ -35,19 +35,19 @@ Floats = NDArray[np.float64]
 DIGITS = 6
 STEPS = 24
 LOOKS = (0, 7, STEPS - 1)
-"""steps whose states enter the digest; few steps, because each number may be at a rounding boundary"""
+"""steps whose states enter the digest; only a few steps, because any number may be at a rounding boundary"""
 
 FREQUENCY = 10.0
-"""step frequency in Hz, if the protocol leaves it to each agent"""
+"""step frequency in Hz if the protocol does not fix a frequency"""
 
 PLACES = np.array([0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 0.5])
-"""Start of each episode's vehicles, as a share of the way to the waypoint; in the second to last episode, they reach it"""
+"""Start position of the vehicles in each episode, as a share of the way to the waypoint; from 0.99 of it, they arrive"""
 
 VELOCITY = np.array([0.5, -0.25, 0.125, 0.125, -0.25, 0.25])
 """initial velocity in m/s and rad/s, so that damping and Coriolis forces act from the first step"""
 
 _REWARD = rewards.Thesis(name="thesis", k=40.0, length=20.0, success=500.0, collision=-550.0, regress=-10.0)
-"""reward of every reference play: the run's own reward belongs to the agent, but the record has a column of rewards"""
+"""Reward of every reference play. It replaces the run's reward, which belongs to the agent but would change the record"""
 
 
 def digest(config: schema.TrainConfig, frequency: float | None) -> str:
@@ -99,7 +99,7 @@ def _played(config: schema.TrainConfig, frequency: float | None) -> Iterator[tup
             look = (result.observation, result.reward, simulator.pose, simulator.velocity, simulator.power)
             for name, value in zip(series, look, strict=True):
                 series[name].append(np.array(value, dtype=np.float64))
-        # Use the measured values, because fingerprints are older than the rule that replaces them for failed episodes.
+        # Use the measured values: a later rule replaces values of failed episodes, but must not change fingerprints.
         for index in result.ended.tolist():
             records.setdefault(index, batch.task.measured(index))
     for name, looks in series.items():

@@ -50,7 +50,7 @@ class Trajectory:
     others: list[Floats] = field(default_factory=list)  # (V - 1, 3) m each, the other vehicles of a team
 
     def follow(self, pose: Floats, reference: Floats) -> None:
-        """Add the poses (V, 7) of a team, and the reference (3,) of its first vehicle, whose trajectory this is."""
+        """Append the poses (V, 7) of a team and the reference (3,) of the first vehicle, to which this trajectory belongs."""
         self.reference.append(reference.copy())
         self.position.append(pose[0, :3].copy())
         self.yaw.append(float(frames.yaw(pose[0, 3:7])))
@@ -61,9 +61,9 @@ class Trajectory:
         """Return the trajectory as float32 arrays by name.
 
         Every trajectory has position (T + 1, 3) m, yaw (T + 1,) rad, command (T, n_u) N, waypoint (3,) m and time
-        (T + 1,) s. Some have more:
+        (T + 1,) s. Some trajectories have more arrays:
 
-        * a docking task: dock_yaw (1,) rad. Its moving reference is left out, because its goal is the dock;
+        * a docking task: dock_yaw (1,) rad. The moving reference is left out, because the goal of the task is the dock;
         * another task with a moving reference: reference (T + 1, 3) m;
         * a world with solids: outlines (k, 2, 3) m, segments that show the solids near the path;
         * a team of V vehicles: others (T + 1, V - 1, 3) m.
@@ -109,7 +109,7 @@ class Rollout:
 
 
 def counted(agent: Agent) -> dict[str, int]:
-    """Return the counters of an agent's `notes()`, such as its failed and late solves; empty without the method."""
+    """Return the counters of an agent's `notes()`, such as its failed and late solves; {} if the agent lacks this method."""
     notes: Callable[[], Mapping[str, int]] | None = getattr(agent, "notes", None)
     return {} if notes is None else {str(name): int(number) for name, number in notes().items()}
 
@@ -146,7 +146,7 @@ def roll_out(
     duration = 1.0 / config.step.frequency
     actuators: tuple[str, ...] = ()
     before = counted(agent)
-    # An agent with a control loop faster than the agent step has its own simulator.
+    # An agent whose control loop is faster than the agent step has its own simulator, which runs one episode at a time.
     own = getattr(agent, "simulator", None)
     batch = at_once(config, batch) if own is None else 1
     for start in range(0, len(episodes), batch):
@@ -188,9 +188,9 @@ def one_episode(
 
 
 def batch_of(scenarios: str, config: schema.TrainConfig, episodes: Integers, seed: int) -> Batch:
-    """Return a batch with one environment per episode (n,), which does not restart.
+    """Return a batch with one environment for each of the episodes (n,); an environment does not restart.
 
-    The episodes come from the stream of scenarios `scenarios`: test or validation.
+    `scenarios` is the stream of scenarios from which the episodes come: test or validation.
     """
     validation = scenarios == "validation"
     batch = Batch(
@@ -206,7 +206,7 @@ def rows_of(episodes: Integers, team: int) -> Integers:
 
 
 def embedded(config: schema.TrainConfig) -> schema.TrainConfig:
-    """Return the configuration with the embedded simulator in place of its own."""
+    """Return the configuration with its simulator replaced by the embedded simulator."""
     return replace(config, simulator=Fossen(name="fossen", max_step=0.01, threads=1))
 
 
@@ -221,11 +221,11 @@ def _one_batch(
     observation = environments.reset()
     if watch is not None:
         watch(environments)
-    # A slow agent may stop computing actions for ended episodes; `ended` tells it their rows.
+    # A slow agent may stop computing actions for ended episodes. The call `ended(rows)` gives it the rows of these episodes.
     spare = getattr(agent, "ended", None)
     rows: dict[int, Record] = {}
     task, simulator, team = environments.task, environments.simulator, environments.team
-    # Number of the episode by the row of its first vehicle.
+    # Maps the row of an episode's first vehicle to the number of the episode.
     episode_of = dict(zip(range(0, environments.n, team), followed, strict=False))
     for i, episode in episode_of.items():
         paths[episode] = Trajectory(waypoint=task.goal(i), dock_yaw=task.dock_yaw(i))

@@ -27,7 +27,7 @@ from auvbench.vehicles.changes import SCALES, Changes, changed
 SUFFIX = ".json"
 FREQUENCY, BATCH = 10.0, 500
 OVERRIDES = ("task=same", "noise=thesis", "disturbance=none")
-"""Overrides of a sealed protocol; the overrides of its conditions are applied after them"""
+"""Overrides of every sealed protocol; the overrides of a condition are applied afterwards"""
 NOT_YET = {
     "heading_bias_deg": "a heading bias whose sign is drawn",
     "depth_offset_m": "a depth offset whose sign is drawn",
@@ -81,7 +81,7 @@ class Condition(schema.Condition):
     """Condition that may change the vehicle."""
 
     sheet: dict[str, Any] | None = None
-    """Content of the vehicle sheet that replaces the run's own sheet; None to keep the run's"""
+    """Content of the vehicle sheet that replaces the run's vehicle sheet; None to keep the run's vehicle sheet"""
     changes: Changes = field(default_factory=Changes)
 
     def vehicle(self, own: Mapping[str, Any]) -> dict[str, Any]:

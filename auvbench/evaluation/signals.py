@@ -60,7 +60,7 @@ class Recorder:
         self._batch: Batch | None = None
 
     def __call__(self, environments: Batch) -> None:
-        """Record the present state as a row, and the command of the step that led to it; the first row is the start."""
+        """Record the current state as a row, and the command of the step that has just ended; the first call is the start."""
         self._batch, started = environments, bool(self._rows)
         simulator, task = environments.simulator, environments.task
         pose, power = simulator.pose[0], simulator.power
@@ -144,8 +144,8 @@ def _changes(table: pd.DataFrame, columns: Sequence[str], usual: float) -> bool:
 def _estimate(environments: Batch) -> Floats:
     """Return the navigation's estimate (18,) of the first vehicle; (0,) without navigation.
 
-    It has pose (position and Euler angles) and velocity (12,), then the errors (3,) and standard deviations (3,)
-    of the position.
+    The first 12 values are the estimated pose (position and Euler angles) and velocity. Then follow the position's
+    errors (3,) and standard deviations (3,).
     """
     navigation = environments.navigation
     if navigation is None:

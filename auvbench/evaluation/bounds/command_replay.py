@@ -107,7 +107,7 @@ def silent(config: schema.TrainConfig) -> schema.TrainConfig:
 
 
 def stored(actions: Floats) -> Commands:
-    """Return actions (T, n_u) in [-1, 1] in their stored form."""
+    """Return actions (T, n_u) in [-1, 1] as stored commands, which are multiples of 1/`UNIT`."""
     return np.rint(UNIT * np.clip(actions, -1.0, 1.0)).astype(np.int16)
 
 

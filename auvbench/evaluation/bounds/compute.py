@@ -48,7 +48,7 @@ PRELOAD = ("auvbench.evaluation.bounds.compute", "casadi")
 """Modules that the pool's workers import at the start."""
 
 CONTROLLERS = {"pid": controller, "mpc": MPCController, "mpc_tuned": MPCController}
-"""Controllers by algorithm. A search starts from their trajectories, whose times to the goal are upper bounds, too."""
+"""Controllers by algorithm. A search starts from the controllers' trajectories; their times are upper bounds, too."""
 
 Floats = NDArray[np.float64]
 Job = tuple[schema.TrainConfig, schema.Protocol, int, Scenario]
@@ -179,7 +179,7 @@ def _searched(jobs: Mapping[int, Job], pool: Pool) -> Iterator[tuple[int, Soluti
 
 
 _built: tuple[schema.TrainConfig, Search, dict[str, Agent]] | None = None
-"""Configuration, search and controllers of the last job in this process; building the latter two takes a second."""
+"""Configuration, search and controllers of the last job in this process, kept because building them takes a second."""
 
 
 def _solve(
@@ -202,10 +202,10 @@ def controllers(config: schema.TrainConfig) -> dict[str, Agent]:
 def flown(
     config: schema.TrainConfig, agents: Mapping[str, Agent], protocol: schema.Protocol, episode: int
 ) -> dict[str, Floats]:
-    """Return the actions (T, n_u) that reached the actuators in an episode of the test, by controller.
+    """Run each controller through an episode of the test, and return the actions (T, n_u) that reached the actuators.
 
-    The test has the noise of the protocol. The recorded actions include the noise of the commands, so applying
-    them without noise repeats the controller's motion in the test.
+    The episode has the noise of the protocol. The recorded actions include the noise of the commands, so applying
+    these actions without noise repeats the controller's motion.
     """
     vehicle = sheet.load(config.vehicle)
     return {

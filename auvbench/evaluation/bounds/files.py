@@ -2,7 +2,7 @@
 
     <folder>/<protocol>-<vehicle>/bounds.jsonl   a line per condition and episode
                                  /summary.json   fingerprint, versions, digest of the lines
-    <folder>/.<protocol>-<vehicle>/*.json        one file, of one line, per finished search of a running computation
+    <folder>/.<protocol>-<vehicle>/*.json        a file with one line per finished search, until all searches are finished
 
 Each line contains the commands that reach the goal, so that they can be replayed.
 """

@@ -38,11 +38,11 @@ Floats = NDArray[np.float64]
 PRICES = np.geomspace(5e-4, 5e-2, 17)
 """values of a for which the bound is computed, m/J"""
 CLOSE = 3e-3
-"""relative accuracy of c(a), which is rounded up"""
+"""relative accuracy of the computed c(a), which is never below the exact c(a)"""
 HALVINGS = 9
 """largest number of halvings of the cells of directions; fewer halvings give a weaker but valid bound"""
 MOST_THRUSTERS = 12
-"""largest number of thrusters with a bound: the box of thrusts then has 2^12 corners"""
+"""largest number of thrusters for which a bound is computed; the box of possible thrusts then has 2^12 corners"""
 
 
 class Energy:
@@ -52,7 +52,7 @@ class Energy:
         self.radius = radius
         self.lift = vehicle.buoyancy - vehicle.weight  # N
         lever = vehicle.buoyancy * vehicle.center_of_buoyancy - vehicle.weight * vehicle.center_of_gravity
-        # Largest energy in J that the restoring moment can supply, from level to its lowest position.
+        # Largest energy in J that the restoring moment can supply, from level to the attitude of lowest potential.
         self.righting = float(np.linalg.norm(lever) - lever[2])
         self.pace = np.array([np.inf] * len(PRICES))
         limits = [_reached(*pair) for pair in zip(vehicle.units, vehicle.force_limits, strict=True)]
@@ -64,7 +64,7 @@ class Energy:
             self.pace = np.array([_fastest(wrenches, *damping, a) for a in PRICES.tolist()])
 
     def seconds(self, scenario: Scenario) -> float:
-        """Return a duration in s that every trajectory into the goal needs; 0 if no bound is known."""
+        """Return a lower bound of the duration of every trajectory into the goal, s; 0 if no bound is known."""
         line = scenario.waypoint - scenario.pose[:3]
         distance = max(float(np.linalg.norm(line)) - self.radius, 0.0)
         # The trajectory may end anywhere in the goal: use the point at which buoyancy and weight have supplied most energy.
@@ -73,7 +73,7 @@ class Energy:
         return float(max(0.0, np.max((distance - PRICES * gained) / self.pace)))
 
     def steps(self, scenario: Scenario, frequency: float) -> int:
-        """Return the bound in whole agent steps, at least 1, since arrival is checked after a step."""
+        """Return the bound in whole agent steps; it is at least 1, because the task checks the arrival after a step."""
         return max(1, int(np.ceil(self.seconds(scenario) * frequency - 1e-9)))
 
 
@@ -148,7 +148,7 @@ def _undominated(rows: Floats) -> Floats:
 
 
 def _gain(force: Floats, linear: Floats, quadratic: Floats, a: float) -> tuple[Floats, Floats]:
-    """Return, for each axis, maximum and maximizer over x >= 0 of force x - a (linear x^2 + quadratic x^3)."""
+    """Maximize force x - a (linear x^2 + quadratic x^3) over x >= 0 for each axis; return the maximum and the maximizer x."""
     A = force / a
     root = 2.0 * linear + np.sqrt(4.0 * linear**2 + 12.0 * quadratic * A)
     with np.errstate(divide="ignore", invalid="ignore"):

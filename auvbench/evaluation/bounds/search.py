@@ -15,7 +15,7 @@ The result is the smallest number of steps for which a plan of the fixed program
 simulator.
 
 All coordinates are in the frame of the vehicle's start: x along the heading at the start, z as in the world. Still
-water is the same everywhere, so of the start's position only the depth matters.
+water is the same everywhere, so the horizontal position of the start has no effect.
 """
 
 from __future__ import annotations
@@ -40,9 +40,11 @@ Floats = NDArray[np.float64]
 ATTEMPTS = 5
 """largest number of step counts to try for one plan"""
 SPEED = 1.0
-"""Speed of the search's straight line, m/s; only its order of magnitude matters"""
+"""Speed of the straight line from which a search may start, m/s; only the order of magnitude matters"""
 LEAST_GAIN = 0.7
-"""Smallest distance inside the goal's edge for which a plan with one step less is tried, as a share of the path of the last step"""
+"""If a plan ends inside the goal, smallest distance to the goal's edge for which a plan with one step less is tried, as a
+share of the distance travelled in the last step
+"""
 HOLD = 2
 """number of steps for which a plan holds a thrust"""
 VERSION = 4
@@ -66,7 +68,7 @@ _IPOPT: dict[str, Any] = {
     # By default IPOPT reads ipopt.opt in the working directory, which may name libraries to load.
     "option_file_name": "",
     "linear_solver": "mumps",
-    # A fifth faster than the defaults of MUMPS.
+    # These values make MUMPS a fifth faster than its defaults.
     "mumps_pivot_order": 0,
     "mumps_scaling": 0,
     "mumps_permuting_scaling": 0,
@@ -99,7 +101,7 @@ class Plan:
 
 
 def _interpolated(X: Floats, nodes: NDArray[Any], at: NDArray[Any]) -> Floats:
-    """Return states (n_x, nodes) at other places between the nodes, with quaternions of length 1."""
+    """Interpolate states (n_x, nodes) at the places `at` between the nodes, and normalise the quaternions."""
     states = np.array([np.interp(at, nodes, row) for row in X])
     states[3:7] /= np.linalg.norm(states[3:7], axis=0)
     return states
@@ -122,7 +124,7 @@ class Programs:
 
     @property
     def coasting(self) -> Floats:
-        """Return the shares (n_u,) of zero thrust."""
+        """Return the shares (n_u,) that give zero thrust."""
         return np.asarray(np.clip(-self.middle / self.half, -1.0, 1.0))
 
     def thrusts(self, U: Floats) -> Floats:
@@ -260,8 +262,8 @@ class Search:
     def find(self, scenario: Scenario, starts: Mapping[str, Floats]) -> Solution:
         """Return the quickest solution of a search that starts from actions of controllers, or from a straight line.
 
-        The straight line is used if the search from the controllers finds no solution quicker than the
-        controllers. If neither does, the result is the solution of the quickest controller.
+        The straight line is used if the search from the controllers finds no solution quicker than the controllers.
+        If the search from the straight line finds none either, the result is the solution of the quickest controller.
 
         Args:
             scenario: scenario of the search.
@@ -287,7 +289,7 @@ class Search:
         return best
 
     def plan_of(self, scenario: Scenario, flown: Floats) -> Plan | None:
-        """Return the trajectory of actions `flown` (T, n_u) in the frame of the start; None if it does not reach the goal."""
+        """Simulate the actions `flown` (T, n_u), and return the trajectory as a plan; None if it does not reach the goal."""
         outcome = self.trial.fly(scenario, len(flown), lambda step, pose, velocity: flown[step])
         if not outcome.arrived:
             return None
@@ -304,7 +306,7 @@ class Search:
     def _followed(
         self, scenario: Scenario, plan: Plan, shares: Floats, start: str
     ) -> tuple[Solution | None, Outcome]:
-        """Follow a plan in the simulator; return the solution (None if it does not reach the goal) and the outcome.
+        """Follow a plan in the simulator; return the solution (None if the vehicle does not arrive) and the outcome.
 
         Args:
             scenario: scenario of the plan.
@@ -358,7 +360,7 @@ class Search:
                 break
             guess, shares = self.programs.closest(guess, scenario.target, steps, 1.0 / self.frequency)
             arrived, outcome = self._followed(scenario, guess, shares, start)
-            # Convert distances to the goal's edge into steps with the path of a step at the final speed.
+            # To convert a distance from the goal's edge into steps, divide it by the distance per step at the final speed.
             pace = max(float(np.linalg.norm(outcome.velocity[-1, :3])), 0.1) / self.frequency
             distance = float(np.linalg.norm(outcome.pose[-1, :3] - scenario.waypoint))
             if arrived is not None:

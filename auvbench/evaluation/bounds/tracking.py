@@ -22,9 +22,9 @@ Floats = NDArray[np.float64]
 WEIGHTS = (1.0,) * 3 + (4.0,) * 4 + (0.5,) * 6
 """weights of errors in position (m), quaternion and velocity (m/s, rad/s)"""
 EFFORT = 0.05
-"""weight of the deviation of a thrust from the plan, as a share of half its range"""
+"""weight of the difference between thrust and planned thrust, which is given as a share of half the thrust's range"""
 STEP = 0.01
-"""largest integration step of the motion that is linearised, s"""
+"""largest integration step of the equations of motion in the linearisation, s"""
 
 
 class Tracker:
