@@ -191,7 +191,7 @@ def _condition(
 ) -> Condition:
     met_here = {label: conditions[name] for label, conditions in met.items() if name in conditions}
     measured = {label: m.measured for label, m in met_here.items() if m.measured is not None}
-    # An agent has a change only if each of its seeds was tested under this condition and undisturbed.
+    # An agent has a change only if each of its seeds was tested under this and under the undisturbed condition.
     pairs = {
         label: (m, still)
         for label, m in met_here.items()
