@@ -1,7 +1,7 @@
 """Register the integrations, which connect auvbench to foreign systems; each has its own folder.
 
-An integration is registered by its specs, as an installed package is. The core works without these folders and the entries below.
-Some integrations use other integrations.
+The specs of an integration register it, like the specs of an installed package. The core works without the integrations' folders and
+without the entries below. Some integrations use other integrations.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Let ArduSub's own modes steer, in lock-step with the embedded physics (`algo=ardusub`).
+"""Steer a vehicle with ArduSub's own modes, in lock-step with the embedded simulator (`algo=ardusub`).
 
 ArduSub changes its PWM hundreds of times in an agent step. The agent therefore has its own simulator for its
 tests: the embedded simulator, in which each packet from ArduSub advances the vehicle. An agent step is as long
-as for all agents. The agent gives orders once per agent step, from the same observation as all agents: a target in mode
-GUIDED, or a pilot's sticks in POSHOLD and ALT_HOLD. All other information comes from ArduSub's own sensors,
-which ArduSub simulates from the true motion. With an estimator (`navigation=ekf`) the observation is its estimate, and
-ArduSub gets the pings of the vehicle's DVL, if it has one, in place of GPS.
+as for other agents. Once per agent step, the agent sends ArduSub a command computed from the observation that other
+agents get: a target in mode GUIDED, or a pilot's sticks in POSHOLD and ALT_HOLD. All other information comes from
+ArduSub's own sensors, which ArduSub simulates from the true motion. With an estimator (`navigation=ekf`) the observation
+has the estimated state, and ArduSub has no GPS. If the vehicle has a DVL, ArduSub gets the DVL's pings.
 """
 
 from __future__ import annotations
@@ -43,11 +43,11 @@ Floats = NDArray[np.float64]
 
 
 class ArduSubAgent:
-    """Agent that lets ArduSub steer; one episode at a time, each in a new process.
+    """Agent that lets ArduSub steer. It runs one episode at a time and starts a new ArduSub for each.
 
     Raises:
-        ConfigError: the vehicle has fins or fits no frame of ArduSub, the task observes no position or yaw
-            error, or the program is missing or differs from the run's.
+        ConfigError: the vehicle has fins, its thrusters match none of ArduSub's frames, the task observes no position
+            or yaw error, or ArduSub's program is missing or has a different SHA-256 than the run's.
         MissingExtraError: pymavlink is not installed.
     """
 
@@ -74,10 +74,10 @@ class ArduSubAgent:
     def simulator(
         self, config: schema.TrainConfig, vehicle: VehicleModel, navigation: Navigation | None
     ) -> Piloted:
-        """Return the simulator for a test's condition, with this agent's ArduSub at the thrusters.
+        """Return the simulator for a test condition, in which ArduSub drives the thrusters.
 
         Raises:
-            ConfigError: the condition has an effect that cannot reach ArduSub's sensors or outputs.
+            ConfigError: see `refuse` and `dvl.check`.
         """
         refuse(config)
         dvl.check(config, self._algo.mode)
@@ -116,7 +116,7 @@ class ArduSubAgent:
         return vehicle.outputs
 
     def ended(self, rows: Integers) -> None:
-        """End ArduSub with its episode."""
+        """Stop ArduSub at the end of its episode."""
         if self._vehicle is not None:
             self._vehicle.stop()
 
@@ -148,11 +148,11 @@ class Piloted(FossenSimulator):
 
     Args:
         vehicle: vehicle.
-        motors: its motors in ArduSub's order.
+        motors: the vehicle's thrusters in the order of ArduSub's motors.
         mode: one of `MODES`.
         parameters: ArduSub's parameters by name.
         path: path of ArduSub's program.
-        forwarder: DVL that takes the place of GPS.
+        forwarder: forwarder of the vehicle's DVL pings; None: ArduSub gets no pings.
     """
 
     def __init__(
@@ -169,7 +169,7 @@ class Piloted(FossenSimulator):
         """(1, n_u) commands in [-1, 1] from ArduSub's present PWM"""
         self.pilot: sitl.Sitl | None = None
         self.settled = 0.0
-        """ArduSub's time in s before the episode"""
+        """time in s, by ArduSub's clock, from the start of ArduSub to the start of the episode"""
         self._motors, self._mode, self._named, self._path = motors, mode, parameters, path
         self._forwarder = forwarder
         self._sensors = Sensors(self)
@@ -219,7 +219,7 @@ class Piloted(FossenSimulator):
         Afterwards `command_force` and `power` are means over the step.
 
         Raises:
-            TrainingError: ArduSub disarms, ends or falls silent.
+            TrainingError: ArduSub disarms, ends or stops sending.
         """
         pilot = self.running
         if self._forwarder is not None:
@@ -238,7 +238,7 @@ class Piloted(FossenSimulator):
 
 
 def refuse(config: schema.TrainConfig) -> None:
-    """Reject conditions whose effect reaches ArduSub neither through its sensors nor through its thrusters.
+    """Reject a test condition that auvbench cannot apply to ArduSub, which has its own sensors and its own loop.
 
     Raises:
         ConfigError: a condition is rejected; the message names its key.

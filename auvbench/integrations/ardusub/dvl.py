@@ -1,6 +1,7 @@
 """Give ArduSub a DVL in place of GPS, as BlueOS's extension for the Water Linked A50 does.
 
-Parameters, message and confidence: `dvl-a50/dvl.py` of bluerobotics/BlueOS-Water-Linked-DVL, 6022f84.
+Source of the parameters, the message and the confidence: `dvl-a50/dvl.py` of bluerobotics/BlueOS-Water-Linked-DVL,
+commit 6022f84.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def parameters(config: schema.TrainConfig) -> dict[str, float]:
 
 
 def check(config: schema.TrainConfig, mode: str) -> None:
-    """Raise ConfigError if ArduSub cannot get a configured sensor, or if a mode needs sensors that ArduSub does not get."""
+    """Raise ConfigError if ArduSub cannot use a configured sensor, or if `mode` needs a sensor that is not configured."""
     sensors = config.sensors
     names = sensors.names()
     if unread := [name for name in ("usbl", "gnss") if name in names]:

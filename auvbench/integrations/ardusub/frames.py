@@ -28,11 +28,11 @@ MOT_PWM_MAX)
 SHORTEST, LONGEST = 1000, 2000
 """bounds in us of the pulses that drive a motor, both excluded; ArduPilot's own model ignores all other pulses"""
 VOLTAGE = 16.0
-"""supply voltage of the T200's measurement"""
+"""V, supply voltage at which the T200's curve was measured"""
 MOST = 12
-"""largest number of ArduSub's motors (MOT_1_DIRECTION to MOT_12_DIRECTION)"""
+"""largest number of motors that ArduSub drives (MOT_1_DIRECTION to MOT_12_DIRECTION)"""
 THRUST = ("t200", "sheet")
-"""sources of the force at a PWM: a T200's measured curve, or the thruster's own curve in the sheet"""
+"""curves that give a thruster's force for PWM: a T200's measured curve, or the thruster's own curve in the sheet"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +51,9 @@ class Frame:
 
     @property
     def wrench_signs(self) -> Floats:
-        """Return the signs (motors, 6) of force and moment above 1500 us, body FLU; 0 if the frame does not
-        specify them.
+        """Return the signs of each motor's force and moment for PWM above 1500 us, in body axes FLU.
+
+        The array has shape (motors, 6); a sign that the frame does not specify is 0.
         """
         roll, pitch, yaw, throttle, forward, lateral = np.array(self.factors).T
         return np.sign(flip(np.column_stack([forward, lateral, -throttle, roll, pitch, yaw])))
@@ -89,7 +90,7 @@ FRAMES = {
         ),
     )
 }
-"""frames by name whose motors `motors_of` can match to thrusters by direction; FRAME_CONFIG 1 is ArduSub's default"""
+"""frames by name; `motors_of` matches their motors to thrusters by direction. FRAME_CONFIG 1 is ArduSub's default"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +106,11 @@ class Motors:
     """(motors,) 1 if the thruster pushes along the sheet's direction above 1500 us, else -1"""
 
     def forces(self, pwm: ArrayLike, thrust: str = "t200", voltage: float = VOLTAGE) -> Floats:
-        """Return steady forces (..., n_u) in N along the sheet's directions for PWM (..., motors or more) in us."""
+        """Return the thrusters' steady forces in N for PWM in us.
+
+        A force is positive along the thruster's direction in the sheet. PWM has shape (..., motors or more), and the
+        result (..., n_u).
+        """
         pulses = np.asarray(pwm, dtype=np.float64)
         out = np.zeros((*pulses.shape[:-1], len(self.vehicle.units)))
         for channel, (a, sign) in enumerate(zip(self.order, self.signs, strict=True)):
@@ -120,21 +125,21 @@ class Motors:
 
 
 def driven(pwm: ArrayLike) -> NDArray[np.bool_]:
-    """Return (...) whether each channel's PWM in us is a pulse that drives a motor."""
+    """Return whether each channel's PWM in us is a pulse that drives a motor, in the shape of `pwm`."""
     pulses = np.asarray(pwm)
     return np.asarray((pulses > SHORTEST) & (pulses < LONGEST))
 
 
 def driven_pulse(pwm: int) -> bool:
-    """Return whether one channel's PWM in us drives a motor; as `driven`, without arrays."""
+    """Return whether one channel's PWM in us drives a motor; `driven` does so for arrays."""
     return SHORTEST < pwm < LONGEST
 
 
 def t200_force(pwm: ArrayLike, voltage: float = VOLTAGE) -> Floats:
-    """Return the force (...) in N of a T200 at PWM (...) in us: Blue Robotics' curve at 16 V, scaled by the
-    voltage.
+    """Return the force in N of a T200 for PWM in us, in the shape of `pwm`.
 
-    The curve includes the dead band, 1472 to 1528 us. Without a pulse the force is 0.
+    The force is Blue Robotics' curve at 16 V, scaled by the voltage. The curve includes the dead band, 1472 to 1528 us.
+    Without a pulse the force is 0.
     """
     table = t200_table()
     pulses = np.asarray(pwm, dtype=np.float64)
@@ -147,11 +152,11 @@ def motors_of(vehicle: VehicleModel, given: Sequence[str] | None = None) -> Moto
 
     Args:
         vehicle: vehicle with only thrusters.
-        given: thruster names in the order of the motors, with `-` if PWM above 1500 us pushes against the
-            sheet's direction; None: match the thrusters to a frame by their directions.
+        given: thruster names in the order of the motors. A name starts with `-` if PWM above 1500 us pushes against the
+            thruster's direction in the sheet. None: match the thrusters to a frame by their directions.
 
     Raises:
-        ConfigError: the vehicle has actuators other than thrusters, has too many thrusters, or fits no frame;
+        ConfigError: the vehicle has other actuators than thrusters, has too many thrusters, or matches no frame;
             or `given` does not name each thruster once.
     """
     if vehicle.others:

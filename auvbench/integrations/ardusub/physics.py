@@ -30,25 +30,25 @@ NORTH = (0.5**0.5, 0.0, 0.0, 0.5**0.5)
 
 _BUOYANCY = SCALES.index("buoyancy")
 _STRONGER = 1.05
-"""largest ratio of a thruster's force to a T200's force at 16 V up to which the thruster counts as a T200: sheets round the thrust"""
+"""largest ratio of a thruster's force to a T200's at 16 V with which the T200's curve may be used; > 1 as sheets round the thrust"""
 _FIRST = np.zeros(1, dtype=np.int64)
 
 
 class Physics:
     """One vehicle in its water, driven by the PWM of ArduSub's motors.
 
-    Below the surface its motion equals that of `FossenSimulator` under the same forces, bit by bit. At the surface the
-    buoyancy falls with the share of the vehicle above it, so that a floating vehicle stays at the surface.
+    A submerged vehicle moves exactly as in `FossenSimulator` under the same forces. At the surface, the part of the vehicle
+    above the water has no buoyancy, so that a floating vehicle stays at the surface.
 
     Args:
-        config: vehicle, simulator, `task.start` and disturbance; `step.frequency` is the rate of a
-            fluctuating current.
-        motors: order of the thrusters, if given (`motors_of`).
+        config: configuration whose vehicle, simulator, `task.start` and disturbance are used; a fluctuating current changes
+            at the rate `step.frequency`.
+        motors: thruster names in the order of the motors, or None (see `motors_of`).
         thrust: one of `frames.THRUST`.
         voltage: voltage of the battery, V.
 
     Raises:
-        ConfigError: the vehicle has fins or fits no frame, the simulator is not the embedded one, or the
+        ConfigError: the vehicle has fins or matches no frame, the simulator is not the embedded one, or the
             disturbance has delays or sensor errors.
     """
 
@@ -89,7 +89,7 @@ class Physics:
         self.reset()
 
     def reset(self) -> None:
-        """Put the vehicle at rest at its start, at time 0, in the same water."""
+        """Put the vehicle at rest at its start and set the time to 0; current and waves are the same after each reset."""
         self._task.episodes.steps = 0
         disturbances, simulator = self._disturbances, self.simulator
         disturbances.clear()
@@ -104,8 +104,11 @@ class Physics:
         return self._sensors.time
 
     def step(self, pwm: Sequence[int], duration: float) -> SensorState:
-        """Apply PWM in us for each channel, the motors' first, for `duration` s; return the sensor readings
-        after it.
+        """Apply PWM for `duration` s and return the sensor readings at the end of this time.
+
+        Args:
+            pwm: PWM in us for each channel, with the motors' channels first.
+            duration: time in s.
 
         Raises:
             TrainingError: the motion is not finite.
@@ -120,11 +123,11 @@ class Physics:
         return self._passed(duration)
 
     def hold(self, duration: float) -> SensorState:
-        """Let `duration` s pass with the vehicle held where it is; return the sensor readings after it."""
+        """Let `duration` s pass with the vehicle held in place; return the sensor readings at the end of this time."""
         return self._passed(duration)
 
     def _passed(self, duration: float) -> SensorState:
-        """Return the sensor readings after a step, and let the water change at the rate of the agent's steps."""
+        """Return the sensor readings after a step of `duration` s; update the current at the rate `step.frequency`."""
         state = self._sensors.read(duration)
         e = self._task.episodes[0]
         if self.time >= (e.steps + 1) * self._task.duration:
@@ -133,7 +136,7 @@ class Physics:
         return state
 
     def _float(self) -> None:
-        """Subtract the buoyancy of the part above the surface."""
+        """Subtract the buoyancy of the part of the vehicle that is above the surface."""
         simulator = self.simulator
         _, _, z, *attitude = simulator.pose[0].tolist()
         above = min(max(0.5 + z / self._height, 0.0), 1.0)
@@ -152,7 +155,7 @@ def _check_t200(motors: Motors) -> None:
     strongest = float(t200_table()["force_N"][-1])
     if most > _STRONGER * strongest:
         raise ConfigError(
-            f"vehicle={motors.vehicle.name}: a thruster gives {most:.0f} N, a T200 {strongest:.0f} N; type --thrust sheet"
+            f"vehicle={motors.vehicle.name}: a thruster gives {most:.0f} N, a T200 {strongest:.0f} N; use --thrust sheet"
         )
 
 

@@ -64,7 +64,7 @@ class SensorState:
     velocity: tuple[float, float, float]
     """velocity over ground, m/s"""
     quaternion: tuple[float, float, float, float]
-    """(w, x, y, z), body to world"""
+    """unit quaternion (w, x, y, z) that rotates body axes to world axes"""
     voltage: float
     """voltage of the battery, V"""
     current: float
@@ -117,7 +117,7 @@ def reply(state: SensorState) -> bytes:
     return _LINE.format(*numbers).encode("ascii")
 
 
-# ArduPilot finds a key by the first occurrence of its name, so no earlier key may contain a later one's name.
+# ArduPilot finds a key by the first occurrence of its name, so no key may contain the name of a later key.
 _LINE = (
     '\n{{"timestamp":{:.9f},"imu":{{"gyro":[{:.9f},{:.9f},{:.9f}],"accel_body":[{:.9f},{:.9f},{:.9f}]}},'
     '"position":[{:.9f},{:.9f},{:.9f}],"velocity":[{:.9f},{:.9f},{:.9f}],'

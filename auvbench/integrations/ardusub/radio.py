@@ -1,4 +1,4 @@
-"""Talk to ArduSub over MAVLink: a ground station's orders, and ArduSub's telemetry."""
+"""Exchange MAVLink messages with ArduSub: send a ground station's commands and receive ArduSub's telemetry."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from typing import Any
 from auvbench.errors import MissingExtraError, TrainingError
 
 MANUAL = 19
-"""mode in which sticks go to the mixer"""
+"""number of the mode in which the sticks go directly to ArduSub's mixer"""
 MODES = {"alt_hold": 2, "guided": 4, "poshold": 16}
-"""numbers of modes (Mode::Number in ArduSub/mode.h)"""
+"""mode numbers by name (Mode::Number in ArduSub/mode.h)"""
 
 _PILOT = 255
 """MAVLink system number of a ground station"""
 _POSITION_AND_VELOCITY = 0b100111000000
-"""type mask of SET_POSITION_TARGET_LOCAL_NED: the ignored fields. With only a position, ArduSub would plan a
-new path with each message; at 10 Hz it would approach at 0.03 m/s.
+"""type mask of SET_POSITION_TARGET_LOCAL_NED; each bit is a field that ArduSub ignores. Without the velocity, ArduSub
+would plan a new path for each message; with 10 messages per second it would approach the target at 0.03 m/s.
 """
 _BODY_FRD = 12
-"""MAV_FRAME with axes ahead, starboard and down, level, relative to ArduSub's own position estimate"""
+"""MAV_FRAME with level axes ahead, starboard and down, relative to ArduSub's own position estimate"""
 _TYPES = {0: "-dev", 64: "-alpha", 128: "-beta", 192: "-rc", 255: ""}
 
 _used: dict[str, str] = {}
 
 
 def used() -> dict[str, str]:
-    """Return the version of this process's last ArduSub, for manifests; empty without one."""
+    """Return the version of the last ArduSub that this process connected to, for manifests; empty if there was none."""
     return dict(_used)
 
 
@@ -39,7 +39,7 @@ class Radio:
     """One end of a MAVLink connection over UDP. The other end is an ArduSub that was started with the port of `socket`.
 
     Args:
-        path: path of ArduSub's program, for errors.
+        path: path of ArduSub's program, for error messages.
         parameters: parameters that ArduSub must confirm.
 
     Raises:
@@ -51,7 +51,7 @@ class Radio:
         self.armed = False
         self.mode = -1
         self.yaw = 0.0
-        """yaw by ArduSub's own estimate, rad, from north to starboard"""
+        """yaw that ArduSub estimates, rad, clockwise from north"""
         self.said = ""
         """last text message of ArduSub"""
         self.unconfirmed = dict(parameters)
@@ -64,7 +64,7 @@ class Radio:
         self._link.robust_parsing = True
 
     def write(self, data: bytes) -> None:
-        """Send the bytes of a message; pymavlink calls it."""
+        """Send the bytes of a message; pymavlink calls this method."""
         if self._peer is not None:
             self.socket.sendto(data, self._peer)
 
@@ -136,8 +136,8 @@ class Radio:
 
         Args:
             offset: offset in m from the vehicle, in level axes: ahead, starboard, down.
-            yaw: yaw in rad from north to starboard.
-            velocity: velocity of the target in m/s, in the same axes.
+            yaw: yaw in rad, clockwise from north.
+            velocity: velocity of the target in m/s, in the axes of `offset`.
         """
         self._link.set_position_target_local_ned_send(
             *(0, 1, 1, _BODY_FRD, _POSITION_AND_VELOCITY),

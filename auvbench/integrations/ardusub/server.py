@@ -25,15 +25,15 @@ SILENT = 2.0
 PATIENCE = 10.0
 """silence in s before the server prints what to check; also the default interval of reports in s"""
 _AT_ONCE = 64
-"""number of datagrams to read from a port before the next port's turn"""
+"""largest number of datagrams to read from a port before the next port's turn"""
 _DIFFERENCE = 5
 """distance in us from neutral above which a motor counts as turning"""
 _SUSPICION = 50
-"""number of consecutive packets that must look like another frame's before an error"""
+"""number of consecutive packets that must match another frame before the server reports an error"""
 
 
 class FrameCheck:
-    """Detects from the used channels whether ArduSub has the vehicle's frame."""
+    """Checks whether ArduSub is set to the vehicle's frame, by the channels on which ArduSub sends pulses."""
 
     def __init__(self, motors: Motors) -> None:
         self._motors = motors
@@ -101,7 +101,7 @@ class Port:
         self._count = -1
         self._reply = b""
         self._rival: Address | None = None
-        """another sender, from its first packet until the peer is heard again"""
+        """address of another sender that has sent a packet since the peer's last packet"""
         self._told: set[str] = set()
         self._frame = FrameCheck(physics.motors)
 
@@ -120,8 +120,8 @@ class Port:
                 self._begin("ArduSub restarted")
             self._frame.check(packet.pwm)
             self._count, self.frame_rate = packet.frame_count, packet.frame_rate
-            # ArduSub takes its depth during sensor setup as the surface, so the vehicle is held until a motor turns: a heavy
-            # vehicle would sink.
+            # ArduSub takes its depth during sensor setup as the surface. A heavy vehicle would sink meanwhile, so each
+            # vehicle is held until a motor turns.
             held = not self._frame.turned
             move = self.physics.hold if held else partial(self.physics.step, packet.pwm)
             self._reply = protocol.reply(move(packet.duration))
@@ -131,7 +131,7 @@ class Port:
             self.socket.sendto(self._reply, self.peer)
 
     def _newest(self) -> Packet | None:
-        """Return the peer's last packet; earlier ones are repetitions or out of date."""
+        """Return the peer's newest packet, or None; earlier packets are repetitions or out of date."""
         newest = None
         for _ in range(_AT_ONCE):
             try:
@@ -151,7 +151,7 @@ class Port:
         return newest
 
     def _accepts(self, sender: Address) -> bool:
-        """Return whether a sender controls this vehicle: the first sender does, until it falls silent."""
+        """Return whether a sender controls this vehicle: the first sender does, until it is silent for `SILENT` s."""
         now = time.monotonic()
         if sender != self.peer:
             if self.peer is not None and now - self.heard < SILENT:
@@ -189,9 +189,9 @@ class Server:
         vehicles: one vehicle for each port.
         address: address to listen at.
         port: first port.
-        give_up: silence in s of every ArduSub after which `run` raises an error; None: wait forever.
+        give_up: time in s without a packet from any ArduSub after which `run` raises an error; None: wait forever.
         say: function that prints a line.
-        report: function that takes the line of progress, about once in `every` s.
+        report: function that prints a line of progress, called about every `every` s.
         every: interval of reports, s.
 
     Raises:
@@ -325,7 +325,7 @@ def _listen(address: Address) -> socket.socket:
         code = getattr(error, "errno", None)
         if code == errno.EADDRINUSE:
             raise UserError(
-                f"UDP port {address[1]} is taken: is another auvbench serve running? Type --port N"
+                f"UDP port {address[1]} is taken: is another auvbench serve running? Use --port N"
             ) from None
         if code == errno.EACCES:
             raise UserError(f"--port {address[1]}: must be at least 1024 without special rights") from None

@@ -1,11 +1,11 @@
-"""Run ArduSub's SITL in lock-step: sensors and PWM over UDP, orders and telemetry in MAVLink over UDP.
+"""Run ArduSub's SITL in lock-step: sensors and PWM over one UDP socket, MAVLink commands and telemetry over another.
 
-The two sockets belong to this process and are on loopback, so that many pairs can run at the same time.
-ArduSub waits for the answer to each packet: between two calls of `exchange` its clock stands still, and
-orders sent meanwhile always arrive at the same step of its loop.
+Each process has its own two loopback sockets, so that many processes can each run an ArduSub at the same time.
+ArduSub waits for the answer to each packet, so its clock does not advance between two calls of `exchange`. A command
+sent between the calls therefore always arrives at the same step of ArduSub's loop.
 
-An environment variable names the program. A run has the program's digest but not its path: a run from another
-person must not choose a program to start.
+An environment variable names the program. A run's configuration has the program's digest but not its path: a run from
+another person must not choose which program this machine starts.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ disk, depth noise in m as in ArduPilot's sub-6dof.parm (SITL's own is 0.2), and 
 """
 
 PATIENCE = 20.0
-"""wall time in s without a packet after which ArduSub counts as failed"""
+"""wall time in s without a packet after which auvbench reports that ArduSub has failed"""
 SETTLING = 120.0
 """longest wait in s, by ArduSub's clock: for the mode and the parameters, and again for arming"""
 LOWERING = 1.0
@@ -67,11 +67,11 @@ PING = 0.1
 _HOME = "55,10,0,0"
 """latitude, longitude, altitude, heading of the world's origin at sea level; ArduPilot takes 0,0 as unknown"""
 _EPOCH = "1700000000"
-"""start of ArduSub's clock, which sets its GPS time; the same in each run"""
+"""start of ArduSub's clock in Unix seconds; fixed, so that the GPS time is the same in each run"""
 
 
 class Sitl:
-    """An ArduSub process; it never restarts, so nothing of an earlier episode remains in it.
+    """An ArduSub process for one episode; it never restarts, so it has no state from an earlier episode.
 
     Args:
         path: path of the program.
@@ -132,7 +132,7 @@ class Sitl:
         self.packet = self._receive()
 
     def exchange(self, state: SensorState, duration: float) -> Packet:
-        """Answer ArduSub's packet with the sensor readings `duration` s later; return its next packet."""
+        """Advance ArduSub's clock by `duration` s, answer its packet with the readings `state`, and return its next packet."""
         self.time += duration
         self._physics.sendto(reply(replace(state, time=self.time)), self._peer)
         self.packet = self._receive()
@@ -165,8 +165,7 @@ class Sitl:
         return f"; it said: {lines[0]}" if lines else ""
 
     def settle(self, still: SensorState, mode: int) -> float:
-        """Move the held vehicle to its start, armed and in `mode`; return the time that this took, in s by
-        ArduSub's clock.
+        """Bring the held vehicle to its start, armed and in `mode`; return the time in s of ArduSub's clock that this took.
 
         The vehicle is held at the surface until ArduSub's estimator has settled, then lowered. ArduSub takes
         its pressure at the start as the pressure at the surface, and would take a jump of the position as a
@@ -201,7 +200,7 @@ class Sitl:
         return self.time - begun
 
     def _hold(self, held: SensorState) -> None:
-        """Let a packet's time pass with the level vehicle held."""
+        """Answer one packet with the readings `held` of the level, held vehicle; send a DVL ping if one is due."""
         self.exchange(held, self.packet.duration)
         elapsed = self.time - self._pinged
         if self._has_dvl and elapsed >= PING:
@@ -241,7 +240,7 @@ class Sitl:
 
 
 def _eased(share: float) -> tuple[float, float, float]:
-    """Return distance, speed and acceleration of a smooth motion after a share of its duration.
+    """Return distance, speed and acceleration of a smooth motion when a fraction `share` of its duration has passed.
 
     The motion has length 1 and duration 1; it starts and ends at rest.
     """
@@ -285,7 +284,7 @@ def find(sha256: str = "") -> tuple[Path, str]:
     named = os.environ.get(VARIABLE, "")
     if not named:
         raise ConfigError(
-            f"algo=ardusub: {VARIABLE} names no program; type export {VARIABLE}=.../build/sitl/bin/ardusub"
+            f"algo=ardusub: {VARIABLE} names no program; run export {VARIABLE}=.../build/sitl/bin/ardusub"
         )
     path = Path(named).absolute()
     try:

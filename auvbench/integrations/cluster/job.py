@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from types import FrameType
 
 JOB, ARRAY, TASK = "SLURM_JOB_ID", "SLURM_ARRAY_JOB_ID", "SLURM_ARRAY_TASK_ID"
-"""Environment variables of SLURM: number of the job in which this process runs; in an array also the numbers of array and task"""
+"""SLURM's environment variables with the job's number and, in a job array, the array's number and the task's number"""
 
 
 def number() -> str | None:
@@ -49,11 +49,11 @@ class Requeue:
             if answer.returncode:
                 print(f"auvbench: requeue refused: {answer.stderr.strip()}", file=sys.stderr)
             else:
-                time.sleep(30)  # SLURM ends this process; exiting first would look like a failed job
+                time.sleep(30)  # SLURM ends this process; a process that exits first looks like a failed job
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    from auvbench.training import worker  # late: a worker imports this module for `name`
+    from auvbench.training import worker  # here, because the worker imports this module for `name`
 
     requeue = Requeue()
     code = worker.main(arguments)

@@ -1,7 +1,7 @@
 """Carry out runs as tasks of a Ray cluster, or of a Ray started on this machine.
 
 Each task starts the worker as a separate process instead of training inside Ray's process. A run then has the
-same threads, signals and log on every machine, and leaves nothing in the process of the next run.
+same threads, signals and log on every machine, and gets no state from an earlier run.
 """
 
 from __future__ import annotations
@@ -73,14 +73,14 @@ class RayBackend:
         resources: dict[str, Any] = {"num_cpus": options.cpus}
         if options.memory:
             resources["memory"] = options.memory * 1024**2
-        # The scheduling loop resumes a run that was cut off, since it knows the manifest; Ray does not.
+        # No retries by Ray: the scheduling loop resumes an interrupted run, because only the loop knows the manifest.
         self._carry_out = ray.remote(max_retries=0, **resources)(carry_out)
 
     def submit(self, run: Path) -> RayJob:
         return RayJob(run, self._carry_out.remote(str(run.absolute()), self.target), self)
 
     def adopt(self, run: Path) -> RayJob | None:
-        return None  # tasks end with the sweep that started them
+        return None  # no task remains: Ray tasks end with the sweep that started them
 
     def wait(self, seconds: float) -> None:
         time.sleep(seconds)
@@ -108,16 +108,14 @@ class RayBackend:
 
 
 def carry_out(run: str, target: str) -> int:
-    """Start the worker from a process of Ray on some node, and return its exit code."""
+    """Start the worker from this Ray process, on whichever node it runs, and return the worker's exit code."""
     worker = [sys.executable, "-P", "-m", "auvbench.training.worker", run, "--log", "--target", target]
     process = subprocess.Popen(
         [*worker, "--parent", str(os.getpid())], stdin=subprocess.DEVNULL, start_new_session=True
     )
     try:
         while process.poll() is None:
-            time.sleep(
-                0.1
-            )  # ray.cancel sets a flag that Python checks between two calls, not during a long one
+            time.sleep(0.1)  # short, because ray.cancel sets a flag that Python checks only between two calls
     except KeyboardInterrupt:
         process.send_signal(signal.SIGTERM)
     return process.wait()

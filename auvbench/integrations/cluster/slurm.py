@@ -1,8 +1,10 @@
-"""Carry out runs as jobs of a SLURM cluster: a batch script in the run's folder, submitted with sbatch. More than a hundred
-runs at once are submitted as one job array.
+"""Carry out runs as jobs of a SLURM cluster.
 
-One `squeue` every `poll` seconds shows which jobs still exist, so no accounting is needed; the manifest says
-how a run ended. Near its time limit the worker saves and requeues itself, as often as necessary. The next
+Each run is a batch script in the run's folder, submitted with sbatch. More than a hundred runs at once are submitted as
+one job array.
+
+One `squeue` every `poll` seconds shows which jobs still exist, and the manifest says how a run ended, so SLURM's accounting
+is not needed. Near the time limit, a job saves its run and asks SLURM to requeue it, as often as necessary. The next
 sweep finds the jobs again by a file in each run's folder.
 """
 
@@ -60,7 +62,7 @@ RESERVED = frozenset(
         "--wrap",
     ]
 )
-"""options of sbatch that auvbench sets itself, or that change sbatch's answer"""
+"""options of sbatch that `launcher.sbatch` may not contain: auvbench sets them itself, or they change sbatch's answer"""
 
 JOB_FILE = "slurm.json"
 """File in the run directory that names the last submitted job, so that the next sweep finds it."""
@@ -83,7 +85,7 @@ class _Submitted:
 
     job: Annotated[str, Range(1, 40)]
     name: Annotated[str, Range(0, 400)] = ""
-    """name of the job's array; '' for a job outside an array, which has the name of its run"""
+    """name of the job array; '' for a job outside an array, whose name is the run's name"""
 
 
 @dataclass(slots=True, eq=False)
@@ -110,7 +112,7 @@ class SlurmJob:
         if force:
             command(["scancel", self.number], check=False)
         else:
-            # A waiting job has nothing to save; a running one gets a signal like Ctrl-C, including its batch process.
+            # A waiting job has nothing to save, so it is cancelled. A running job and its batch process get a signal like Ctrl-C.
             command(["scancel", "--state=PENDING", self.number], check=False)
             command(["scancel", "--signal=TERM", "--full", self.number], check=False)
         self.backend.look_again()
@@ -168,13 +170,13 @@ class SlurmBackend:
         array = self._sbatch(places[0], self.script(*places))
         jobs: dict[Path, SlurmJob] = {}
         for task, (run, place) in enumerate(ready.items()):
-            with contextlib.suppress(OSError):  # this sweep watches the job anyway
+            with contextlib.suppress(OSError):  # without the job file, only later sweeps do not find the job
                 _note(place, f"{array}_{task}", _array_name(places))
             jobs[run] = self._watch(place, f"{array}_{task}")
         return jobs
 
     def _sbatch(self, run: Path, script: str) -> str:
-        """Submit a batch script, kept in a run's folder, and return the job's number."""
+        """Write a batch script to a run's folder, submit it, and return the job's number."""
         write_atomic(run / SCRIPT, script.encode())
         # A sweep inside a job must not pass that job's settings on to the jobs that it submits.
         environment = {key: value for key, value in os.environ.items() if not key.startswith("SBATCH_")}
@@ -199,7 +201,7 @@ class SlurmBackend:
         except (OSError, ValueError):
             return None
         state = self._states([submitted.job]).get(submitted.job)
-        # Numbers are reused after a reinstallation: the job must also have its name.
+        # A reinstalled SLURM uses the same job numbers again, so the job's name is also compared.
         if state is None or state[0] not in WAITING | RUNNING or state[1] != (submitted.name or run.name):
             return None
         return self._watch(run, submitted.job)
@@ -213,9 +215,9 @@ class SlurmBackend:
     def script(self, *runs: Path) -> str:
         """Return the batch script of a run, or of an array of runs: sbatch's options, the lines of `setup`, and the worker's command.
 
-        The worker replaces the batch shell, without srun, so that signals reach only the worker. Until the
-        worker handles signals, the announcement of the time limit is ignored; the SIGTERM at the limit then
-        makes the run save.
+        The worker replaces the batch shell, without srun, so that signals reach only the worker. SIGUSR1, which announces the
+        time limit, is ignored until the worker handles signals. If the job ignored it, the SIGTERM at the limit makes
+        the run save.
         """
         options = self.options
         several = len(runs) > 1
@@ -230,7 +232,7 @@ class SlurmBackend:
             "nodes": 1,
             "ntasks-per-node": 1,
             "cpus-per-task": options.cpus,
-            # A task of an array opens the log of its run itself.
+            # In an array, the script redirects each task's output to the log of the task's run.
             "output": "/dev/null" if several else str(log).replace("%", "%%"),
             "open-mode": "append",
             "signal": f"B:USR1@{options.signal_before}",
@@ -276,7 +278,7 @@ class SlurmBackend:
         try:
             states = self._states(list(open_jobs))
         except SubmitError:
-            return  # the controller does not answer, which says nothing about the jobs
+            return  # SLURM's controller does not answer, so the states of the jobs are unknown
         for number, job in open_jobs.items():
             state = states.get(number, ("", ""))[0]
             if state in WAITING:
@@ -293,7 +295,10 @@ class SlurmBackend:
         self._next = 0.0
 
     def _missing(self, job: SlurmJob, state: str) -> None:
-        """Mark a job as ended if its manifest agrees, or after a grace period for slow file servers."""
+        """Mark a missing job as ended if its run's manifest says that the run ended, or after the time `grace`.
+
+        The time `grace` allows for a slow file server.
+        """
         job.gone_since = job.gone_since or time.monotonic()
         if _settled(job.run) or time.monotonic() - job.gone_since >= self.options.grace:
             job.status = Status(Phase.ENDED, reason=self._reason(job.number, state))
@@ -334,7 +339,7 @@ def _prepared(run: Path) -> Path:
 
 
 def _note(run: Path, number: str, name: str = "") -> None:
-    """Write the number of a run's job to its folder, and the name if it is not the run's."""
+    """Write a job's number to the folder of its run, with the job's name if this is not the run's name."""
     named = {"name": name} if name else {}
     write_atomic(run / JOB_FILE, json.dumps({"job": number, **named, "submitted": time.time()}).encode())
 
@@ -366,7 +371,7 @@ def command(arguments: Sequence[str], *, check: bool = True) -> str:
         check=False,
         env=environment,
         timeout=120,
-        # a second Ctrl-C is for auvbench, not for the scancel that the first one started
+        # a second Ctrl-C must reach auvbench, but not the scancel that the first Ctrl-C started
         start_new_session=True,
     )
     if done.returncode and check:

@@ -18,7 +18,7 @@ class Slurm(Launcher):
     time: str | None
     mem: str | None
     cpus: int = number(1, 4096)
-    signal_before: int = number(1, 65_535)  # s; the largest value of sbatch
+    signal_before: int = number(1, 65_535)  # s; sbatch accepts no larger value
     poll: float = number(0.1, 3600.0)  # s
     grace: float = number(0.0, 3600.0)  # s
     setup: list[str]

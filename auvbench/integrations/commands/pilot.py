@@ -1,7 +1,7 @@
-"""`auvbench pilot`: steer a vehicle over ROS 2 or MAVLink by an exported policy or a classical controller.
+"""`auvbench pilot`: steer a vehicle over ROS 2 or MAVLink with an exported policy or a classical controller.
 
-Runs on a vehicle's own computer: needs NumPy, ONNX Runtime and rclpy or pymavlink, but no compiler, torch or
-Hydra (a test asserts it).
+The command can run on the vehicle's own computer: it needs NumPy, ONNX Runtime and rclpy or pymavlink, but no compiler,
+torch or Hydra (a test checks this).
 """
 
 from __future__ import annotations
@@ -51,20 +51,20 @@ _EPILOG = """examples:
   auvbench pilot policy.onnx --goal 5 3 -12 --filter cbf --tank 20 12 15
   auvbench pilot excite --axis yaw heave --mavlink udp:127.0.0.1:14550 --depth -8 -1 --arm
 
-The pilot starts disarmed. It steers to the waypoint on /goal_pose, or keeps station there. It commands zero thrust while the pose is too
-old or outside the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink also on Enter. If the pilot dies
+The pilot starts disarmed. It steers to the waypoint on /goal_pose, or keeps station at that pose. It commands zero thrust while the pose is
+too old or outside the depth limits, without a waypoint, after stop, on any error and on Ctrl-C; with --mavlink also on Enter. If the pilot dies
 or sends nothing for 1 s (or --pose-timeout, if longer), its supervisor commands zero thrust. Topics and rules: docs/ros2.md; ArduSub:
 docs/mavlink.md.
 
-excite pushes to and fro along --axis without a controller, from where the vehicle is armed, for a log that auvbench identify reads
-(docs/identify-your-vehicle.md). The manoeuvre needs room: --reach, the depth limits and Ctrl-C end it early.
+excite pushes the vehicle back and forth along --axis without a controller, from the place of arming. auvbench identify reads a log of this
+manoeuvre (docs/identify-your-vehicle.md). The manoeuvre needs room: --reach, the depth limits and Ctrl-C end it early.
 """
 
 
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench pilot",
-        description="Steer a vehicle over ROS 2 or MAVLink by an exported policy or a classical controller, until Ctrl-C.",
+        description="Steer a vehicle over ROS 2 or MAVLink with an exported policy or a classical controller, until Ctrl-C.",
         epilog=_EPILOG,
     )
     parser.add_argument(
@@ -108,19 +108,19 @@ def parser() -> Parser:
         "--pose-timeout",
         type=number(0.001, 60),
         default=0.5,
-        help="largest age in s of a pose to steer by; zero thrust beyond it (default: 0.5)",
+        help="largest age in s of the pose; if the pose is older, the pilot commands zero thrust (default: 0.5)",
     )
     parser.add_argument(
         "--axis",
         nargs="+",
         choices=AXES,
         metavar="AXIS",
-        help=f"with excite: the axes, one after another: {', '.join(AXES)}",
+        help=f"with excite: one or more axes to push along, one after another: {', '.join(AXES)}",
     )
     parser.add_argument(
         "--amplitude",
         type=number(0.1, 1.0),
-        help=f"with excite: largest share of the force along an axis (default: {excite.AMPLITUDE:g})",
+        help=f"with excite: force, as a fraction of the largest force along the axis (default: {excite.AMPLITUDE:g})",
     )
     parser.add_argument(
         "--seconds",
@@ -240,7 +240,7 @@ def _check(given: argparse.Namespace) -> None:
 
 
 Opened = tuple["Pilot", Callable[[], object], Callable[[], bool]]
-"""pilot, the function to call before it runs, and the function that returns whether to stop"""
+"""the pilot, a function to call before the pilot runs, and a function that returns whether the pilot must stop"""
 
 
 def _over_ros(given: argparse.Namespace, setup: Steering, options: dict[str, Any]) -> Opened:
@@ -327,7 +327,7 @@ def _setup(given: argparse.Namespace) -> Steering:
 
 
 def _excitation(given: argparse.Namespace) -> Steering:
-    """Return the controller and limits that fly an identification manoeuvre once, from where the vehicle is armed."""
+    """Return the controller and limits for one identification manoeuvre, which starts where the vehicle is armed."""
     from auvbench.pilot.steering import Steering
     from auvbench.tasks.observation_spec import observation_spec
     from auvbench.vehicles import sheet
@@ -350,7 +350,7 @@ def _excitation(given: argparse.Namespace) -> Steering:
 
 
 def protection(given: argparse.Namespace, setup: Steering) -> Filter:
-    """Return the safety filter that --filter, --tank and --bottom ask for.
+    """Return the safety filter that --filter, --tank and --bottom describe.
 
     Raises:
         UserError: a package that only the filter needs is not installed, or the bottom cannot be read.
@@ -372,7 +372,7 @@ def protection(given: argparse.Namespace, setup: Steering) -> Filter:
             grids.read(given.bottom, "")
         except ValueError as error:
             raise UserError(f"--bottom {given.bottom}: {error}") from error
-        # The file's x and y are those of the vehicle's poses.
+        # x and y in the file have the same origin and axes as the vehicle's poses.
         file = worlds.BottomFile(file=given.bottom, sha256="", origin=[0.0, 0.0])
         world = worlds.Bottom(**defaults("world", "bottom") | {"bottom": file})
     limits = setup.limits
@@ -404,8 +404,9 @@ def controllers() -> list[str]:
 
 
 def classical(name: str, vehicle: VehicleModel, frequency: float, task: tasks.Task | None = None) -> Any:
-    """Return a classical controller with the gains of its configuration file, for the observations of a task
-    (default: waypoint).
+    """Return a classical controller for the observations of a task, with the gains of its configuration file.
+
+    The default task is waypoint.
 
     Raises:
         ConfigError: the name is unknown, or the controller cannot steer this vehicle.
@@ -448,13 +449,13 @@ def task_of(name: str, where: str) -> tasks.Task:
     """Return a task with the values of its configuration file.
 
     Raises:
-        ConfigError: its reference is not a pose at rest.
+        ConfigError: the task's reference is not a pose at rest.
     """
     from auvbench.config import tasks
 
     if name not in _tasks():
         raise ConfigError(
-            f"{where} {short(name, 40)}: a pilot cannot give its reference; it must be a pose at "
+            f"{where} {short(name, 40)}: a pilot cannot give this task's reference, which must be a pose at "
             f"rest (/goal_pose); {closest(name, _tasks())}"
         )
     values = defaults("task", name)
@@ -510,10 +511,10 @@ def task_of_policy(
 
 
 def _block_packages(word: str, task: Any) -> dict[str, str]:
-    """Register the blocks of packages that the task entry of a policy's card names; return the packages' releases by block.
+    """Register the observation blocks from packages that a policy's card names; return the package release of each block.
 
     Raises:
-        UserError: the entry is invalid, or a package is not installed in this release.
+        UserError: the card's entry is invalid, or the named release of a package is not installed.
     """
     packages = task.get("block_packages", {})
     if not isinstance(packages, dict) or not all(isinstance(value, str) for value in packages.values()):

@@ -1,6 +1,4 @@
-"""`auvbench serve`: connect a simulator to ROS 2 topics and services, or act as the physics of an unmodified
-ArduSub.
-"""
+"""`auvbench serve`: connect a simulator to ROS 2 topics and services, or to an unmodified ArduSub."""
 
 from __future__ import annotations
 
@@ -38,9 +36,9 @@ _EPILOG = """examples:
   auvbench serve sensors=dvl_usbl navigation=ekf world=seabed   publishes sensors; odom is the filter's estimate
   auvbench serve --face ardusub vehicle=bluerov2_heavy disturbance=sea_state_2   for ArduSub's --model JSON
 
-keys: vehicle=, simulator=, task.start=[x,y,z], step.frequency= (messages per second), disturbance= (drawn vehicles may
-need a smaller physics step), seed=; with --face ros2 also sensors=, navigation=, world=. Topics, services and parameters: docs/ros2.md;
-ArduSub: docs/ardusub.md.
+keys: vehicle=, simulator=, task.start=[x,y,z], step.frequency= (messages per second), disturbance= (vehicles with drawn
+parameters may need a smaller physics step), seed=; with --face ros2 also sensors=, navigation=, world=.
+Topics, services and parameters: docs/ros2.md; ArduSub: docs/ardusub.md.
 """
 
 
@@ -99,7 +97,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _given(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return the options after the checks that both interfaces share."""
+    """Parse the options, make the checks that both interfaces share, and return the options."""
     reader = parser()
     given = reader.read(arguments, overrides=True)
     if given.face not in FACES:
@@ -134,7 +132,7 @@ def _server(given: argparse.Namespace) -> Server:
     from auvbench.vehicles import sheet
     from auvbench.vehicles.physical import PhysicalCommands
 
-    # A server adds no noise to what it publishes, and a served vehicle may come to the surface, unlike those of tasks.
+    # The server publishes values without noise. A served vehicle may come to the surface; a vehicle in a task may not.
     config = train_config(compose("train", ["noise=none", "task.depth_high=0", *given.overrides]))
     if simulators.is_served(config.simulator):
         able = [f"simulator={name}" for name, spec in registry.SIMULATORS.items() if not spec.served]
@@ -214,7 +212,7 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
         "--port",
         type=whole(1, 65535),
         default=9002,
-        help="UDP port of the first vehicle (default: 9002); each further vehicle's port is 10 higher",
+        help="UDP port of the first vehicle (default: 9002); the ports of consecutive vehicles differ by 10",
     )
     group.add_argument(
         "--address",
@@ -226,7 +224,7 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
         type=number(6.0, 24.0),
         default=16.0,
         metavar="V",
-        help="supply voltage; thrust is proportional to it (default: 16)",
+        help="supply voltage, to which thrust is proportional (default: 16)",
     )
     group.add_argument(
         "--thrust",
@@ -236,7 +234,7 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--motors",
         metavar="NAME,-NAME,...",
-        help="thrusters in the order of ArduSub's motors, - before a reversed one (default: match a frame by direction)",
+        help="thrusters in the order of ArduSub's motors, - before a reversed thruster (default: match a frame by direction)",
     )
     group.add_argument(
         "--give-up",

@@ -59,7 +59,7 @@ def load() -> SimpleNamespace:
 
 
 def modules() -> list[Any]:
-    """Import the bindings and change nothing else: processes that start later keep their own partitions.
+    """Import the bindings without setting GZ_PARTITION, so that child processes choose their own partitions.
 
     Raises:
         ConfigError: the bindings are not installed; the message says how to install them.
@@ -71,7 +71,7 @@ def modules() -> list[Any]:
 
 
 def missing() -> str | None:
-    """Return why Gazebo cannot be used here; None if it can."""
+    """Return why Gazebo cannot be used on this machine; None if Gazebo can be used."""
     try:
         load()
     except ConfigError as error:
@@ -90,6 +90,6 @@ def used() -> dict[str, str]:
     except OSError:  # not Linux
         return libraries
     for line in lines:
-        if match := _LIBRARY.search(line):  # the kernel lists the file, not the link that was opened
+        if match := _LIBRARY.search(line):  # the kernel lists the file, not the symbolic link
             libraries[match.group(1)] = match.group(2)
     return dict(sorted(libraries.items()))

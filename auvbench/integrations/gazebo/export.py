@@ -35,7 +35,8 @@ def write(options: argparse.Namespace) -> bool:
     """Write the files and print their paths if `--sdf` is given; return whether `--sdf` is given.
 
     Raises:
-        UserError: another option lacks `--sdf`, `--sdf` lacks a vehicle, or the folder cannot be written.
+        UserError: `--hydrodynamics` or `--step` is given without `--sdf`, `--sdf` is given without a vehicle, or the folder
+            cannot be written.
         VehicleError: Gazebo cannot simulate the vehicle.
     """
     if options.sdf is None:

@@ -1,4 +1,4 @@
-"""Draw the figure of protocol gazebo: how the results of the same policies differ in Gazebo."""
+"""Draw the figure of protocol gazebo: the same policies in Gazebo and in the embedded simulator."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from auvbench.reporting.figures import looks, style
 from auvbench.reporting.figures.scene import Drawing, Scene
 
 CONDITIONS = {"simulator=gazebo": "corrected Gazebo", "simulator=gazebo-published": "published Gazebo"}
-"""Conditions of protocol gazebo in words"""
+"""Labels of protocol gazebo's conditions, by condition"""
 
 
 def draw(scene: Scene) -> Drawing | None:
-    """Draw how Gazebo changes each agent's PAR-1 steps."""
+    """Draw, for each agent, its PAR-1 steps in Gazebo less its PAR-1 steps in the embedded simulator."""
     results_of = [(agent, scene.tested(agent, "gazebo")) for agent in scene.agents]
     tested = [
         (agent, conditions) for agent, conditions in results_of if any(c.par1_change for c in conditions)

@@ -20,15 +20,15 @@ _MOTION = "UVWPQR"
 _REACTION = "xyzkmn"
 
 PROPELLER = 0.01
-"""Mass in kg of each propeller link. A Thruster plugin needs the link, but no sheet has it; its mass and inertia
-are subtracted from the hull.
+"""Mass in kg of each propeller link. A Thruster plugin needs this link, but the sheets do not describe it. The link's
+mass and inertia are subtracted from the hull.
 """
 SPIN = 0.4 * PROPELLER * 0.02**2
-"""Moment of inertia of a propeller link in kg m2, a sphere of 2 cm radius"""
+"""Moment of inertia in kg m2 of a propeller link, modelled as a sphere of 2 cm radius"""
 
 
 def inertial(vehicle: VehicleModel, hydrodynamics: str, thrusters: bool) -> list[str]:
-    """Return mass, centre and inertia of the link, and the added mass for `corrected`."""
+    """Return the lines of the link's `<inertial>` element; for `corrected` it includes the added mass."""
     mass, r_g, inertia = vehicle.mass, vehicle.center_of_gravity, vehicle.inertia
     if thrusters:
         mass, r_g, inertia = hull(vehicle)
@@ -60,7 +60,7 @@ def _entries(matrix: FloatArray, axes: str, prefix: str = "") -> list[str]:
 
 
 def displaced(vehicle: VehicleModel) -> list[str]:
-    """Return the displaced water: a sphere at the centre of buoyancy without contacts."""
+    """Return the lines of the displaced water: a sphere without contacts, with its centre at the centre of buoyancy."""
     volume = vehicle.buoyancy / (vehicle.density * vehicle.gravity)
     if volume == 0.0:
         return []
@@ -121,7 +121,7 @@ def propeller(vehicle: VehicleModel, index: int, space: str) -> list[str]:
 
 
 def publishers(space: str) -> list[str]:
-    """Return publishers of pose and odometry, with the names that Centrale Nantes' bridge expects."""
+    """Return the plugins that publish pose and odometry, with the topic names that Centrale Nantes' bridge expects."""
     return [
         plugin(
             "pose-publisher",
@@ -138,7 +138,7 @@ def publishers(space: str) -> list[str]:
             f"<odom_topic>/model/{escape(space)}/odometry</odom_topic>",
             "<odom_frame>world</odom_frame>",
             f"<robot_base_frame>{LINK}</robot_base_frame>",
-            # The default topic is the topic of the poses, which have another type.
+            # By default, the plugin's transforms have the topic of the PosePublisher, but another message type.
             f"<tf_topic>/model/{escape(space)}/tf</tf_topic>",
             "<dimensions>3</dimensions>",
             "<odom_publish_frequency>100</odom_publish_frequency>",
@@ -147,7 +147,10 @@ def publishers(space: str) -> list[str]:
 
 
 def hydrodynamics_plugin(vehicle: VehicleModel, hydrodynamics: str, current: FloatArray | None) -> str:
-    """Return the Hydrodynamics plugin: damping, and added mass for `published`, as derivatives and thus negative."""
+    """Return the Hydrodynamics plugin with damping and, for `published`, added mass.
+
+    The plugin's tags are Fossen's derivatives, so their values are negative.
+    """
     body = [f"<link_name>{LINK}</link_name>"]
     for form, values in (
         ("{r}{m}", vehicle.linear_damping),
@@ -176,8 +179,7 @@ def hydrodynamics_plugin(vehicle: VehicleModel, hydrodynamics: str, current: Flo
 
 
 def explicit_growth(vehicle: VehicleModel) -> float:
-    """Return the factor by which an error of the acceleration grows per step if added mass is an explicit
-    force.
+    """Return the growth factor per step of an acceleration error if added mass is an explicit force.
 
     For M_RB a[k+1] = tau - M_A a[k], an error grows by the largest eigenvalue of M_RB^-1 M_A per step, for any
     step size.

@@ -1,5 +1,4 @@
-"""Convert a vehicle's sheet to SDF for Gazebo Harmonic (gz-sim 8, DART): a model, and a world of water around
-models.
+"""Convert a vehicle's sheet to SDF for Gazebo Harmonic (gz-sim 8, DART): a model, and a world of water for models.
 
 Gazebo and auvbench have the same axes (world ENU, body FLU), and the link frame is the body origin, so the
 numbers of the `VehicleModel` are written unchanged. The plugin's tags are Fossen's derivatives and thus have a
@@ -29,7 +28,7 @@ FloatArray = NDArray[np.float64]
 HYDRODYNAMICS = ("corrected", "published")
 """Implementations of added mass.
 
-`corrected`: `<fluid_added_mass>`, which DART adds to the body's inertia, so that the Coriolis term follows.
+`corrected`: `<fluid_added_mass>`, which DART adds to the body's inertia; DART then also computes the Coriolis term.
 `published`: the explicit added mass of the Hydrodynamics plugin, as in models with `<xDotU>` tags. Its
 Coriolis term has the wrong sign (measured in gz-sim 8.14.0) or wrong entries (before 8.12.0).
 """
@@ -95,10 +94,10 @@ def model(
     Args:
         vehicle: vehicle of the model.
         hydrodynamics: one of `HYDRODYNAMICS`.
-        name: name of the model; default: the vehicle's.
+        name: name of the model; default: the vehicle's name.
         thrusters: whether to add links, joints and Thruster plugins, and publishers of pose and odometry.
-        current: (3,) velocity in m/s, world axes, of the water around the model, until a message on
-            `/ocean_current` changes it.
+        current: initial velocity of the water around the model in world axes, (3,), m/s; a message on
+            `/ocean_current` changes the velocity.
 
     Raises:
         VehicleError: see `check_vehicle`.
@@ -156,7 +155,7 @@ def world(
     if scene:
         lines.append(plugin("scene-broadcaster", "SceneBroadcaster"))
     lines += [
-        # One fluid everywhere, since a sheet's buoyancy does not end at the surface.
+        # One fluid everywhere, since the sheet's buoyancy also acts on a vehicle above the surface.
         plugin(
             "buoyancy",
             "Buoyancy",

@@ -21,16 +21,15 @@ IntArray = NDArray[np.integer[Any]]
 _PUBLISHED = "simulator=gazebo with simulator.hydrodynamics=published"
 
 VEHICLES_PER_WORLD = 25
-"""Largest number of vehicles in one world: the time of a Gazebo step grows faster than their number."""
+"""Largest number of vehicles in one world, since a Gazebo step of twice as many vehicles takes more than twice as long."""
 
 
 class GazeboSimulator(VehicleBatch):
-    """N copies of a vehicle in Gazebo that do not collide with each other; up to `VEHICLES_PER_WORLD` share a
-    world.
+    """N copies of a vehicle in Gazebo that do not collide with each other.
 
-    Gazebo computes the rigid body, added mass, damping, weight and buoyancy. Thrusters are computed here and
-    act as forces on the body. Vehicles start at rest, since a body whose velocity was set through Gazebo's
-    bindings keeps that velocity.
+    A world has up to `VEHICLES_PER_WORLD` vehicles. Gazebo computes the rigid body, added mass, damping, weight and buoyancy.
+    auvbench computes the thrusters' forces and applies them to the body. Vehicles start at rest, since a body whose velocity
+    was set through Gazebo's bindings keeps that velocity.
 
     Args:
         vehicle: vehicle to simulate.
@@ -157,9 +156,7 @@ class GazeboSimulator(VehicleBatch):
 
 
 def scaled(vehicle: VehicleModel, scales: FloatArray) -> VehicleModel:
-    """Return the vehicle with mass, buoyancy, inertia, added mass and damping multiplied by the first five of
-    `scales`.
-    """
+    """Return the vehicle with scaled mass, buoyancy, inertia, added mass and damping (the first five of `scales`)."""
     mass, buoyancy, inertia, added, damping = (float(factor) for factor in scales[:5])
     return dataclasses.replace(
         vehicle,
@@ -177,11 +174,11 @@ class Thrust:
     """Thruster forces of N vehicles under a constant command.
 
     Gazebo gets the forces in N without delay, so the thrusters' curves and lags are computed here. The lags are
-    discretised exactly; each physics step uses the force at its middle.
+    discretised exactly; each physics step uses the force at the middle of the step.
 
     Args:
         vehicle: vehicle with the thrusters.
-        states: (n, n_actuator_states) states, which `forces` advances.
+        states: states of the actuators, (n, n_actuator_states); `forces` advances them in place.
     """
 
     def __init__(self, vehicle: VehicleModel, states: FloatArray) -> None:
@@ -190,8 +187,7 @@ class Thrust:
         self._exact: dict[float, list[tuple[FloatArray, FloatArray]]] = {}
 
     def forces(self, command: FloatArray, steps: int, step: float) -> FloatArray:
-        """Advance the states; return forces (steps, n, n_u) in N for the next physics steps of `step`
-        seconds.
+        """Advance the states by `steps` physics steps; return the thrusters' forces in N in these steps, (steps, n, n_u).
 
         Args:
             command: (n, n_u) commands in [-1, 1].

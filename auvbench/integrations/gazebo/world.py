@@ -4,9 +4,9 @@ Written for gz-sim 8.14.0, whose Python bindings have three properties that shap
 
 * `Link.set_linear_velocity` keeps the velocity constant from then on, and a world's reset loses the Buoyancy
   system (gz-sim#3333). So a body is reset by removing it and creating another.
-* The UserCommands system also removes and creates bodies in paused iterations. `Server.run(blocking, k,
-  paused)`, started paused, continues until a request ends the pause, and counts only the iterations after
-  that. So bodies are exchanged between two physics steps of all other bodies.
+* The UserCommands system also removes and creates bodies in paused iterations. If `Server.run(blocking, k, paused)`
+  starts paused, it iterates until a request ends the pause, and then makes k more iterations. So bodies are exchanged
+  between two physics steps, while the other bodies do not move.
 * A request to a service of the same process is answered within the call, so timing does not matter.
 """
 
@@ -37,7 +37,7 @@ FloatArray = NDArray[np.float64]
 _NUMBERS = itertools.count()
 
 _PATIENCE = 1000
-"""largest number of paused iterations until bodies appear; fewer than ten are usual"""
+"""largest number of paused iterations to wait for new bodies, which usually appear within ten iterations"""
 
 
 class GazeboError(AuvbenchError):
@@ -46,8 +46,7 @@ class GazeboError(AuvbenchError):
 
 @dataclass(frozen=True, slots=True)
 class CurrentForce:
-    """Difference between the force of a current v_c and the forces that Gazebo computes from the velocity
-    over ground.
+    """Correction of Gazebo's hydrodynamic forces, which ignore the current, for a current v_c.
 
     Damping and the inertia of added mass act on nu_r = nu - R^T v_c, whose derivative is nu' + omega x R^T
     v_c. With `<fluid_added_mass>` DART computes M_A nu' + C_A(nu) nu, and the Hydrodynamics plugin computes
@@ -63,7 +62,7 @@ class CurrentForce:
     """(6,) quadratic damping, N s2/m2, N m s2"""
 
     def wrench(self, current: FloatArray, R: FloatArray, nu: FloatArray) -> FloatArray:
-        """Return the force (6,) in N and N m, body axes.
+        """Return the correction, (6,): force in N and moment in N m, body axes.
 
         Args:
             current: (3,) m/s, world axes.
@@ -83,7 +82,7 @@ class CurrentForce:
 
 @dataclass(frozen=True, slots=True)
 class NewBody:
-    """A body to create in one of a world's places, in place of an earlier body."""
+    """A body to create in one of a world's places, where it replaces an earlier body."""
 
     index: int
     model: str
@@ -91,15 +90,15 @@ class NewBody:
     pose: FloatArray
     """(7,) x y z qw qx qy qz"""
     drift: CurrentForce | None = None
-    """force of the current; None if the plugin computes it"""
+    """correction for the current; None if Gazebo's plugin takes the current into account"""
 
 
 class World:
     """One Gazebo world with N places for bodies.
 
     Args:
-        text: function that returns the SDF of the empty world for a name; each world of a process needs its
-            own name, which its services contain.
+        text: function that takes a world's name and returns the SDF of the empty world. Each world of a process needs
+            its own name, because the names of Gazebo's services contain the world's name.
         n: number of places.
         step: physics step in s that `text` contains.
     """
@@ -112,8 +111,8 @@ class World:
         self.velocity: FloatArray = np.zeros((n, 6))
         """(n, 6) velocity of the body origin over ground, body axes"""
         self.current: FloatArray = np.zeros((n, 8))
-        """(n, 8) currents: velocity at the top (3) in m/s, difference to the bottom (3), z of the top in m, 1
-        / thickness of the layer in 1/m
+        """(n, 8) currents: velocity at the top (3) in m/s, velocity at the bottom less velocity at the top (3), z of the top
+        in m, 1 / thickness of the layer in 1/m
         """
         self._names: list[str | None] = [None] * n
         self._links: list[Any] = [None] * n
@@ -156,7 +155,7 @@ class World:
         """Exchange bodies while paused, then make a physics step for each row of `wrench`.
 
         Args:
-            new_bodies: bodies that first replace others.
+            new_bodies: bodies that replace earlier bodies before the first physics step.
             wrench: (steps, n, 6) forces and moments, N and N m, in body axes at the body origin.
 
         Raises:
@@ -201,7 +200,7 @@ class World:
         if not (done and answer.data):
             raise GazeboError(f"Gazebo refused a request to its service /world/{self._name}/{service}")
 
-    # Gazebo calls these two functions in every iteration and loses their exceptions, so `advance` raises them.
+    # Gazebo calls `_before` and `_after` in every iteration and loses their exceptions, so `advance` raises them.
 
     def _before(self, info: Any, ecm: Any) -> None:
         if self._error is not None:
@@ -227,9 +226,7 @@ class World:
             self._error = error
 
     def _await_bodies(self, ecm: Any) -> None:
-        """In a paused iteration, look for the new bodies; end the pause one iteration after the last one has
-        appeared.
-        """
+        """Look for the new bodies in a paused iteration; end the pause one iteration after the last body has appeared."""
         sim = self.gazebo.sim
         self._patience += 1
         if self._patience > _PATIENCE:
@@ -284,7 +281,7 @@ def _four(turn: Any) -> FloatArray:
 
 
 def _twist(link: Any, turn: Any, ecm: Any) -> FloatArray:
-    """Return the velocity (6,) of the link's origin over ground, body axes."""
+    """Return the velocity of the link's origin over ground in body axes, (6,)."""
     v = turn.rotate_vector_reverse(link.world_linear_velocity(ecm))
     w = turn.rotate_vector_reverse(link.world_angular_velocity(ecm))
     return np.array([v.x(), v.y(), v.z(), w.x(), w.y(), w.z()])

@@ -1,4 +1,4 @@
-"""Talk to ArduSub over a link: its telemetry, and commands to it.
+"""Receive ArduSub's telemetry over a link and send commands to ArduSub.
 
 Sources: ArduSub/GCS_MAVLink_Sub.cpp, ArduSub/mode.h, ArduSub/failsafe.cpp, libraries/GCS_MAVLink/GCS_Common.cpp.
 """
@@ -20,21 +20,21 @@ from auvbench.integrations.mavlink.telemetry import FIELDS, Telemetry
 from auvbench.untrusted.text import short
 
 FOUND = 10.0
-"""longest time in s until a running vehicle is heard, and until it answers a request"""
+"""longest time in s to wait for a vehicle's first message, and for the answer to a request"""
 AGAIN = 0.5
 """time in s after which an unanswered request is repeated"""
 TOLD = 2.0
-"""time in s to wait for the failsafes' parameters, some of which an older ArduSub lacks"""
+"""longest time in s to wait for the failsafes' parameters; an older ArduSub lacks some of them and does not answer"""
 SILENT = 5.0
-"""time in s after which a silent second vehicle is forgotten"""
+"""time in s without a message after which a second vehicle is no longer on the link"""
 BEAT = 0.1
 """requested interval of heartbeats in s; heartbeats report the mode"""
 WARNING = 4
 """MAV_SEVERITY of a warning; more severe messages have lower numbers"""
 ROUNDS = 6
-"""number of times that a will repeats neutral sticks and the order to disarm, since packets may be lost"""
+"""number of times that `Autopilot.will` repeats neutral sticks and the command to disarm, since packets may be lost"""
 PARAMETERS = {"FRAME_CONFIG": (0.0, 100.0), "JS_THR_GAIN": (0.1, 10.0), "MOT_FV_CPLNG_K": (0.0, 10.0)}
-"""parameters that the mixer needs, with their possible ranges"""
+"""parameters that the mixer needs, with their valid ranges"""
 
 
 class Autopilot:
@@ -49,12 +49,13 @@ class Autopilot:
         armed: whether the vehicle was armed in its last heartbeat.
         mode: mode in the last heartbeat.
         gain: joystick gain that the vehicle reports.
-        parameters: values by the names in `PARAMETERS`, and in `FAILSAFES` if the vehicle has them.
+        parameters: values of the parameters in `PARAMETERS` by name, and of the parameters in `FAILSAFES` that the
+            vehicle has.
         telemetry: attitude, position and heartbeats.
         warning: last warning.
 
     Raises:
-        UserError: no vehicle is heard, it is not an ArduPilot submarine, or it does not answer.
+        UserError: no vehicle is heard, or the vehicle is not an ArduPilot submarine or does not answer.
     """
 
     def __init__(self, link: Link, rate: float, say: Callable[[str], None] = lambda text: None) -> None:
@@ -72,7 +73,7 @@ class Autopilot:
         self._beat = self._asked = -math.inf
         if not self.until(lambda: self._who is not None, FOUND):
             raise UserError(
-                f"--mavlink {link.address}: no vehicle was heard in {FOUND:g} s; check that ArduSub sends there"
+                f"--mavlink {link.address}: no vehicle was heard in {FOUND:g} s; check that ArduSub sends to this address"
                 " (SITL: --serial0 udpclient:HOST:PORT; BlueOS: an endpoint) and that no other program has the port"
             )
         for name in PARAMETERS:
@@ -225,7 +226,7 @@ class Autopilot:
             return self.armed or self._answers.get(arm, d.MAV_RESULT_ACCEPTED) != d.MAV_RESULT_ACCEPTED
 
         if not self.until(answered, 5.0, lambda: self._command(arm, 1)) or not self.armed:
-            self._command(arm, 0)  # a late order to arm must not leave the vehicle armed
+            self._command(arm, 0)  # the vehicle must not stay armed if it carries out the command to arm late
             return self._refused("arming")
         return ""
 
@@ -235,7 +236,7 @@ class Autopilot:
     def disarm(self, seconds: float) -> bool:
         """Request disarming until the vehicle's heartbeat confirms it, for at most `seconds`; return whether it was confirmed.
 
-        An acknowledgement is not proof: it may be a late answer to the order to arm.
+        An acknowledgement is not proof: it may be the late answer to an earlier command to arm.
         """
         arm = self._dialect.MAV_CMD_COMPONENT_ARM_DISARM
         return self.until(lambda: not self.armed, seconds, lambda: self._command(arm, 0))
@@ -262,7 +263,7 @@ class Autopilot:
         self.link.send(self._message(name, *fields, component=component), self.peer)
 
     def _message(self, name: str, *fields: Any, component: bool = False) -> Any:
-        """Return a message to the vehicle; its first fields are system and, if the message has one, component."""
+        """Return a message to the vehicle: the vehicle's system number, its component number if `component`, then `fields`."""
         assert self._who is not None
         target = (self._who[1], 1) if component else (self._who[1],)
         return getattr(self._dialect, f"MAVLink_{name}_message")(*target, *fields)

@@ -31,7 +31,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 HEAD = b"\xa3\x95\x80"
 """First bytes of a file: a message that describes messages."""
 CHANNELS = 14
-"""Number of outputs of RCOU."""
+"""Number of outputs in an RCOU message."""
 FIELDS: Mapping[str, Mapping[str, str]] = {
     "RCOU": {f"C{k}": f"C{k}_us" for k in range(1, CHANNELS + 1)},
     "ATT": {"Roll": "roll_deg", "Pitch": "pitch_deg", "Yaw": "yaw_deg"},
@@ -47,9 +47,9 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
 }
 """Fields of the messages that are read, and the columns that they become."""
 OPEN_LOOP = "open_loop"
-"""Name of the column that is 1 while the vehicle is armed in MANUAL. At 0, a controller, a person or the deck may move it."""
+"""Name of the column that is 1 while the vehicle is armed in MANUAL, else 0: a controller, a person or the deck may move the vehicle."""
 GYRO_FILTER = "INS_GYRO_FILTER"
-"""Parameter: cutoff in Hz of the second-order filter of the gyro, whose delay is sqrt(2) / (2 pi cutoff) (Butterworth)."""
+"""Name of the parameter with the cutoff in Hz of the gyro's Butterworth filter of order 2, whose delay is sqrt(2) / (2 pi cutoff)."""
 OFFSET = (math.inf, math.inf, 0.0, 0.003, 0.003, 0.0, 0.04, 0.04, 0.006, *(0.0025,) * 3)
 DRIFT = (0.0, 0.0, 0.01, *(0.001,) * 3, 0.015, 0.015, 0.004, *(0.0005,) * 3)
 """Errors of ArduSub's estimate in a window of 2 s, one number per channel of a log, SI units: OFFSET is the standard deviation of the
@@ -59,7 +59,7 @@ not used.
 DEPTH_SCALE = 0.025
 """Relative difference between the densities of sea water and fresh water (ArduSub's parameter BARO_SPEC_GRAV)."""
 FACTOR = 2.5
-"""`Lasting.factor`; docs/identification.md says on which dives it was chosen, and on which it was tested."""
+"""Value of `Lasting.factor`; docs/identification.md names the dives on which it was chosen and the dives on which it was tested."""
 INSTANCE = ("I", "Instance", "Inst", "C")
 """Fields with the number of a sensor or core; only number 0 is read."""
 
@@ -99,12 +99,12 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
 
 
 def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
-    """Return the log of the rows in which the vehicle is armed in MANUAL; of all rows if the vehicle never is.
+    """Return the log of the rows in which the vehicle is armed in MANUAL; of all rows if no row qualifies.
 
     Args:
-        rows: rows with `OPEN_LOOP`, as far as it is known.
+        rows: rows of the log; a row has a value of `OPEN_LOOP` if the value is known.
         name: name of the file.
-        digest: its SHA-256.
+        digest: SHA-256 of the file.
 
     Raises:
         LogError: a check fails.
@@ -131,11 +131,11 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
 
 
 def driven(log: Log, names: Sequence[str] | None) -> Log:
-    """Return a log whose columns C1, C2, ... are ArduSub's motors.
+    """Return the log with a function that finds, for a vehicle, the thrusters of the columns C1, C2, ... (ArduSub's motors).
 
     Args:
         log: log of an ArduSub.
-        names: names of the thrusters in the order of the motors, with `-` before a reversed one; None: match a frame by direction.
+        names: thruster names in the order of the motors, with `-` before a reversed thruster; None: match a frame by direction.
     """
 
     def motors(vehicle: VehicleModel) -> Motors:
@@ -148,7 +148,7 @@ def driven(log: Log, names: Sequence[str] | None) -> Log:
 
 
 def _rows(log: Any) -> list[dict[str, float]]:
-    """Return one row for each message of `FIELDS`, with its time and columns."""
+    """Return one row for each message of a kind in `FIELDS`, with the message's time and columns."""
     rows: list[dict[str, float]] = []
     mode = armed = math.nan
     late = 0.0
@@ -178,7 +178,7 @@ def _rows(log: Any) -> list[dict[str, float]]:
 
 
 def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
-    """Return the table of `csv_log`: one row per time, inputs held, from the first output on.
+    """Return the table for `csv_log`: one row per time, from the first output on; each output is held until the next one.
 
     The autopilot changes its outputs more often than it logs them. A logged output began at an unknown time since the previous
     entry, on average half an interval before its own entry. Its time is therefore moved back by half an interval.
@@ -219,7 +219,8 @@ def _half_interval(rows: list[dict[str, float]]) -> float:
 def _lasting(interval: float) -> Lasting:
     """Return the errors of ArduSub's estimate, and of outputs that are logged every `interval` s.
 
-    The time error of one output is uniform within half an interval; the common time error of all outputs is uniform within a quarter.
+    The time error of one output is uniform within plus or minus half an interval. The common time error of all outputs is
+    uniform within plus or minus a quarter of an interval.
     """
     return Lasting(
         offset=np.array(OFFSET),
@@ -232,7 +233,7 @@ def _lasting(interval: float) -> Lasting:
 
 
 def _moved(row: dict[str, float], ago: float) -> dict[str, float]:
-    """Return the row of an output, moved `ago` s earlier, without `OPEN_LOOP`: other rows have its value at that time."""
+    """Return the row of an output with a time `ago` s earlier, without `OPEN_LOOP`, whose value at that time is in other rows."""
     kept = {name: value for name, value in row.items() if name != OPEN_LOOP}
     return {**kept, "t_s": round(row["t_s"] - ago, 6)}
 

@@ -1,5 +1,4 @@
-"""Check ArduSub's own failsafes, which handle failures that the pilot cannot: a lost network, a computer
-without power.
+"""Check ArduSub's own failsafes, which act when the pilot cannot: if the network or the computer's power is lost.
 
 Sources: ArduSub/Parameters.cpp, ArduSub/failsafe.cpp.
 """
@@ -14,11 +13,11 @@ FAILSAFES = {
     "FS_PILOT_TIMEOUT": (0.0, 1e6),
     "FS_GCS_TIMEOUT": (0.0, 1e6),
 }
-"""parameters with their possible ranges; an older ArduSub lacks the last one"""
+"""parameters with their valid ranges; an older ArduSub lacks FS_GCS_TIMEOUT"""
 ACTS = 2.0
-"""smallest value of the first two parameters at which ArduSub acts: 0 is off, 1 warns, 2 disarms"""
+"""smallest value of FS_PILOT_INPUT and FS_GCS_ENABLE at which ArduSub stops the vehicle: 0 is off, 1 warns, 2 disarms"""
 SLOW = 10.0
-"""largest acceptable timeout in s: until then, the vehicle may stay under thrust"""
+"""largest acceptable timeout in s; until the timeout, the vehicle may stay under thrust"""
 
 
 def weak(parameters: Mapping[str, float]) -> str:

@@ -24,7 +24,7 @@ SYSID_MYGCS)
 COMPONENT = 190
 """MAV_COMP_ID_MISSIONPLANNER, the component id of a ground station"""
 LONGEST = 4096
-"""largest number of bytes to read at once; a longer datagram does not contain messages"""
+"""largest number of bytes to read at once; no datagram with MAVLink messages is longer"""
 TURN = 0.05
 """time in s after which `receive` returns, so that a flood of messages does not block the caller"""
 
@@ -61,8 +61,7 @@ class Link:
         self._socket.settimeout(0.5)
 
     def receive(self, seconds: float) -> Iterator[tuple[Peer, Any]]:
-        """Yield messages and their senders: all that have arrived, else the first that comes within
-        `seconds`.
+        """Yield the sender and the message for all messages that have arrived; wait at most `seconds` for the first.
 
         Raises:
             RunError: the other end closed the connection, or the supervisor has ended.
@@ -82,16 +81,17 @@ class Link:
                 continue
             if self._stream is not None and not data:
                 raise self._lost()
-            # A datagram has only whole messages. Each has its own parser, so that one sender's garbage cannot swallow
-            # another sender's message.
+            # A datagram has only whole messages. Each datagram gets a new parser, so that one sender's garbage cannot
+            # swallow another sender's message.
             parser = self._stream or self._parser()
             for message in parser.parse_buffer(data) or ():
                 if not message.get_type().startswith(("BAD_DATA", "UNKNOWN")):
                     yield peer or self._server, message
 
     def send(self, message: Any, peer: Peer) -> None:
-        """Send a message, through the supervisor if it was started; a message that the network does not accept
-        is lost.
+        """Send a message, through the supervisor if it was started.
+
+        A message that the network does not accept is lost.
 
         Raises:
             Unsupervised: the supervisor has ended or does not answer.
@@ -112,7 +112,7 @@ class Link:
         return data
 
     def supervise(self, peer: Peer, patience: float) -> Guard:
-        """Start the supervisor, which sends from now on; see `Guard` for `patience`.
+        """Start the supervisor, which sends all messages from now on; see `Guard` for `patience`.
 
         Raises:
             RunError: the supervisor does not start.

@@ -1,5 +1,4 @@
-"""Model ArduSub's mixer in the mode MANUAL, and invert it: from thruster forces to the axes of
-MANUAL_CONTROL.
+"""Model ArduSub's mixer in the mode MANUAL, and invert the model to find MANUAL_CONTROL axes for thruster forces.
 
 Sources: the mixing is in output_armed_stabilizing_vectored and ..._vectored_6dof in
 libraries/AP_Motors/AP_Motors6DOF.cpp; the sticks are in transform_manual_control_to_rc_override in
@@ -21,7 +20,7 @@ from auvbench.vehicles.curves import t200_curve
 Floats = NDArray[np.float64]
 
 ROLL, PITCH, YAW, THROTTLE, FORWARD, LATERAL = range(6)
-"""axes of the mixer (forward, starboard, down); throttle is up"""
+"""indices of the mixer's axes, with body axes forward, starboard and down; positive throttle pushes up"""
 FULL = 1000
 """full deflection of a stick"""
 RAW = 400
@@ -30,7 +29,7 @@ _ITERATIONS = 6
 _DAMPING = 1e-3
 _STEP = 0.01
 _SPREAD = 0.1
-"""lever arm in m by which a moment is converted to a force in the search's error"""
+"""lever arm in m that converts moments to forces in the error that `Mixer.axes` minimises"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +69,10 @@ class Mixer:
         self._unmix = np.linalg.pinv(self._factors)
 
     def levels(self, axes: Floats) -> Floats:
-        """Return the motors' outputs (..., motors) in [-1, 1] at axes (..., 6) in [-1, 1]."""
+        """Return the motors' outputs in [-1, 1], (..., motors), for axes in [-1, 1], (..., 6)."""
         factors = self._factors.T
         if self.frame.name == "vectored_6dof":
-            # Each group is scaled down if one of its motors would saturate.
+            # The mixer scales down a group of axes if a motor would saturate.
             groups = ([ROLL, PITCH, THROTTLE], [YAW, FORWARD, LATERAL])
             parts = [axes[..., group] @ factors[group] for group in groups]
             return np.asarray(
@@ -88,17 +87,18 @@ class Mixer:
         return np.asarray(np.clip(axes[..., others] @ factors[others] + factors[FORWARD] * ahead, -1.0, 1.0))
 
     def wrench(self, axes: Floats) -> Floats:
-        """Return the steady wrench (..., 6) in N and N m, body FLU, at axes (..., 6)."""
+        """Return the steady wrench in N and N m, body axes FLU, (..., 6), for axes, (..., 6)."""
         pulses = CENTRE + (HIGH - CENTRE) * self.levels(axes)
         return np.asarray(self.motors.forces(pulses) @ self._B.T)
 
     def limits(self, gain: float) -> Floats:
-        """Return the largest magnitude (6,) of each axis at a joystick gain, which does not limit roll and pitch."""
+        """Return the largest magnitude of each axis at a joystick gain, (6,); the gain does not limit roll and pitch."""
         return np.minimum([1.0, 1.0, gain, gain * self.throttle_gain, gain, gain], 1.0)
 
     def reach(self, gain: float) -> Floats:
-        """Return the largest force or moment (6,) along each axis, as a share of the largest one that the vehicle's
-        thrusters can produce together; NaN for an axis along which they produce none.
+        """Return the largest force or moment of the mixer along each axis, as a fraction of the thrusters' largest, (6,).
+
+        The thrusters' largest is the sum of the magnitudes of all thrusters; if the sum is 0 for an axis, the fraction is NaN.
         """
         axes = np.diag(self.limits(gain))[[FORWARD, LATERAL, THROTTLE, ROLL, PITCH, YAW]]
         both = [np.abs(np.diagonal(self.wrench(sign * axes))) for sign in (1.0, -1.0)]
@@ -108,11 +108,14 @@ class Mixer:
             return np.asarray(np.minimum(np.minimum(*both) / most, 1.0))
 
     def axes(self, force: Floats, limits: Floats) -> Floats:
-        """Return the axes (6,) within `limits` (6,) whose wrench is closest to the wrench of thruster forces
-        (n_u,) in N.
+        """Return the axes within `limits` whose wrench is closest to the wrench of the thruster forces, (6,).
 
-        The mixer cannot produce forces that cancel each other, so the search (Levenberg and Marquardt's)
-        starts from the smallest forces with the same wrench.
+        The mixer cannot produce forces that cancel each other, so the search (Levenberg-Marquardt) starts from the smallest
+        thruster forces with the same wrench.
+
+        Args:
+            force: thruster forces in N, (n_u,).
+            limits: largest magnitudes of the axes, (6,).
         """
         wanted = self._weight * (self._B @ force)
         used, signs = self._used, np.array(self.motors.signs)
@@ -135,7 +138,7 @@ class Mixer:
         return np.asarray(best)
 
     def sticks(self, axes: Floats, gain: float) -> Sticks:
-        """Return the fields of MANUAL_CONTROL that set axes (6,) at a joystick gain."""
+        """Return the fields of MANUAL_CONTROL that set the mixer's axes to `axes`, (6,), at a joystick gain."""
         speed = FULL / gain
         whole = np.rint(
             [

@@ -1,4 +1,4 @@
-"""Pilot a vehicle that runs ArduSub: thruster forces go to its mixer as MANUAL_CONTROL."""
+"""Pilot a vehicle that runs ArduSub: send thruster forces to ArduSub's mixer as MANUAL_CONTROL messages."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Pilot(loop.Pilot):
 
     Args:
         address: address of the link.
-        steering: see `loop.Pilot`; its vehicle must have the thrusters of ArduSub's frame.
+        steering: see `loop.Pilot`; the vehicle in it must have the thrusters of ArduSub's frame.
         options: see `loop.Pilot`; `sim_time` steps by the vehicle's time since boot.
 
     Raises:
-        UserError: no vehicle is heard, it is unsuitable, or it sends no telemetry; the message says what to check.
+        UserError: no vehicle is heard, or the vehicle is unsuitable or sends no telemetry; the message says what to check.
     """
 
     source = "telemetry"
@@ -88,7 +88,7 @@ class Pilot(loop.Pilot):
             )
 
     def about(self) -> str:
-        """Return which part of the vehicle's forces the mixer can produce, as one line."""
+        """Return a line that names, for each axis, the fraction of the vehicle's largest force that the mixer can produce."""
         gain = self.vehicle.gain
         reach = dict(zip(AXES, self.mixer.reach(gain), strict=True))
         parts = ", ".join(f"{part:.0%} of {axis}" for axis, part in reach.items() if part > 0.005)
@@ -100,7 +100,7 @@ class Pilot(loop.Pilot):
 
     @property
     def cue(self) -> str:
-        """Return when the pilot begins to steer without --arm."""
+        """Return a text that says when the pilot begins to steer if --arm is not given."""
         begins = "when you arm it in MANUAL"
         return (
             f"{begins}; it is armed already: disarm it first, or give --arm" if self.vehicle.armed else begins

@@ -1,4 +1,4 @@
-"""Send the packets of a pilot over MAVLink: the `Sender` of its supervisor, whose process must not import auvbench."""
+"""Send a pilot's MAVLink packets: the `Sender` of the pilot's supervisor, whose process must not import auvbench."""
 
 import contextlib
 import socket
@@ -6,7 +6,7 @@ import time
 
 
 class Sender:
-    """Sender over an open socket: packets to one vehicle, packed by the pilot."""
+    """Sends packets, which the pilot has packed, to one vehicle over an open socket."""
 
     done = "neutral sticks and the order to disarm were sent"
 

@@ -1,4 +1,4 @@
-"""Read ArduSub's telemetry of its motion, by its own clock."""
+"""Read the vehicle's motion from ArduSub's telemetry; times are by ArduSub's clock."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BACK = 500
 BEAT = 1000
 """longest regular interval between heartbeats, ms"""
 TURNED = 7.0
-"""angle in rad above which an attitude is not a measurement"""
+"""largest valid angle of an attitude, rad"""
 
 
 class Telemetry:
@@ -36,7 +36,7 @@ class Telemetry:
         )
 
     def take(self, message: Any) -> None:
-        """Process one of `FIELDS`, unless it is old or not a measurement."""
+        """Store a message of a kind in `FIELDS`, unless the message is old or its numbers are invalid."""
         kind, stamp = message.get_type(), message.time_boot_ms
         numbers = [getattr(message, name) for name in FIELDS[kind]]
         last = self.told.get(kind, (-1, None))[0]
@@ -45,7 +45,7 @@ class Telemetry:
         if kind == "ATTITUDE" and max(map(abs, numbers[:3])) > TURNED:
             return
         if stamp < last - BACK:
-            self.told.clear()  # a restart: the other messages are from before it
+            self.told.clear()  # ArduSub restarted, and the other messages are from before the restart
             self._beaten = None
         elif stamp <= last:
             return
@@ -74,10 +74,9 @@ class Telemetry:
 
     @property
     def state(self) -> tuple[int, Floats, Floats] | None:
-        """Return time in ns, pose (7,) in ENU and velocity (6,) in body axes FLU; None until both messages
-        have come.
+        """Return time in ns, pose in ENU and velocity in body axes FLU; None until both kinds of messages have arrived.
 
-        The time is the time of the older message.
+        The time is the time of the older message. The pose has shape (7,), the velocity (6,).
         """
         if len(self.told) < 2:
             return None
@@ -90,5 +89,5 @@ class Telemetry:
 
     @property
     def missing(self) -> str:
-        """Return the name of the missing message, for error messages."""
+        """Return the kind of telemetry message that has not arrived yet, for error messages; '' if each kind has arrived."""
         return next((kind for kind in FIELDS if kind not in self.told), "")

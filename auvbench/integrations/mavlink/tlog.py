@@ -4,7 +4,7 @@ Messages: SERVO_OUTPUT_RAW pulse widths; ATTITUDE attitude and rates; RAW_IMU, o
 LOCAL_POSITION_NED position and velocity; SCALED_PRESSURE2 depth in logs without position; VISION_POSITION_DELTA velocity of a
 DVL, in place of the velocity of LOCAL_POSITION_NED; BATTERY_STATUS voltage of the first battery; HEARTBEAT mode. Axes are NED and FRD.
 
-A file has packets of MAVLink, each after eight bytes with the time at which the computer received it, in us.
+In the file, eight bytes before each MAVLink packet contain the time in us at which the computer received the packet.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ FIELDS: Mapping[str, Mapping[str, tuple[str, float]]] = {
 }
 """Fields of the messages that are read, the columns that they become, and factors to the columns' units."""
 WATER = 9.80665e3
-"""Pressure per depth in Pa/m, of fresh water; the depth begins at 0 where the log is shallowest."""
+"""Pressure increase with depth in fresh water, Pa/m; depths are measured from the shallowest point of the log."""
 RARE = 0.2
-"""Longest usual time in s between two outputs of the thrusters."""
+"""Largest interval in s between the logged outputs of the thrusters for which `read` adds no remark."""
 _WRAP = 2.0**32 * 1e-6
 """Period in s after which the time of SERVO_OUTPUT_RAW restarts at 0."""
 _NO_VOLTAGE = 65535
@@ -91,7 +91,7 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
 
 
 def _messages(data: bytes, mavlink: Any) -> Iterator[tuple[float, Any]]:
-    """Yield the messages of `FIELDS` with the time in s of their reception; damaged bytes are skipped."""
+    """Yield the time of reception in s and the message, for each message of a kind in `FIELDS`; skip damaged bytes."""
     decoder = mavlink.MAVLink(None)
     wanted = {getattr(mavlink, f"MAVLINK_MSG_ID_{name}") for name in FIELDS}
     at, end = 0, len(data) - 16
@@ -116,7 +116,7 @@ def _messages(data: bytes, mavlink: Any) -> Iterator[tuple[float, Any]]:
 
 
 def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[dict[str, float]]:
-    """Return one row for each message, with its time, of the autopilot that sends SERVO_OUTPUT_RAW.
+    """Return one row, with its time, for each message of the autopilot that sends SERVO_OUTPUT_RAW.
 
     Raises:
         LogError: the autopilot restarts.
@@ -136,7 +136,7 @@ def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[di
             if message.autopilot != mavlink.MAV_AUTOPILOT_INVALID:
                 armed = message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED > 0
                 before, state = state, float(armed and message.custom_mode == MANUAL)
-                # Rows between two heartbeats count as open loop only if both heartbeats do.
+                # Rows between two heartbeats are open loop only if both heartbeats report an armed vehicle in MANUAL.
                 for row in rows[known:]:
                     row[dataflash.OPEN_LOOP] = min(before, state)
                 known = len(rows)
@@ -146,7 +146,7 @@ def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[di
             time = 1e-3 * message.time_boot_ms
             if time < latest - 1.0:
                 raise LogError(
-                    f"{name}: the autopilot restarts {latest:.0f} s after its start; cut the file there, one file for each start"
+                    f"{name}: the autopilot restarts {latest:.0f} s after its start; split the file at this time, so that each file has one start"
                 )
             latest = max(latest, time)
         elif kind in ("SERVO_OUTPUT_RAW", "RAW_IMU"):
@@ -159,7 +159,7 @@ def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[di
 
 
 def _values(kind: str, message: Any, dvl: bool) -> dict[str, float]:
-    """Return the measurements of a message by column; an empty dictionary for other ports, other batteries and failed measurements."""
+    """Return the measurements of a message by column; empty for a failed measurement or another port or battery than the first."""
     if kind == "SERVO_OUTPUT_RAW" and message.port != 0:
         return {}
     if kind == "BATTERY_STATUS":
@@ -184,7 +184,7 @@ def _values(kind: str, message: Any, dvl: bool) -> dict[str, float]:
 
 
 def _with_remark(log: Log, rows: list[dict[str, float]]) -> Log:
-    """Return the log, with a remark if its outputs were logged more rarely than every `RARE` s."""
+    """Return the log, with a remark if the interval between its outputs is longer than `RARE` s."""
     times = np.array([row["t_s"] for row in rows if "C1_us" in row])
     interval = float(np.median(np.diff(times))) if times.size > 1 else 0.0
     if interval <= RARE:

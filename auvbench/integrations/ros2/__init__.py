@@ -1,4 +1,4 @@
-"""Implement the ROS 2 interface of a vehicle in topics, services and parameters: its server and its clients.
+"""Implement the server and the clients of the ROS 2 interface: topics, services and parameters of a vehicle.
 
-rclpy is imported when first needed; torch, numba and Hydra never are.
+The package imports rclpy when first needed, and never imports torch, numba or Hydra.
 """

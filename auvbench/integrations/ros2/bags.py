@@ -33,7 +33,7 @@ COMMAND, ODOMETRY, IMU, CLOCK = (
     "rosgraph_msgs/msg/Clock",
 )
 _NAMED = re.compile(r".*/cmd_(?!thrust$)(\w+)|.*/(\w+?)(?:_joint)?/cmd_thrust")
-"""Topics of thrusters' commands."""
+"""Pattern of the topics of thruster commands."""
 
 
 def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
@@ -73,10 +73,10 @@ def read(path: Path, motors: Sequence[str] | None = None) -> list[Log]:
 
 
 def _digest(path: Path) -> str:
-    """Return the SHA-256 of the files of a bag, which are in its folder.
+    """Return one SHA-256 of the bag's metadata and all its files.
 
     Raises:
-        ValueError: the bag names no files or files elsewhere, or a file is too long.
+        ValueError: the metadata name no files or a file outside the bag's folder, or a file is too long.
     """
     data = reading.content(path / METADATA)
     about = reading.yaml_value(data)
@@ -86,13 +86,13 @@ def _digest(path: Path) -> str:
         raise ValueError(f"{METADATA} names no files")
     digest = sha256(data)
     for name in names:
-        # Old bags name their folder too; rosbags reads the last part.
+        # In old bags, a file's path begins with the name of the bag's folder; rosbags uses only the last part of the path.
         digest.update(reading.content(path_safety.child(path, str(name).rpartition("/")[2]), reading.DATA))
     return digest.hexdigest()
 
 
 def _chosen(connections: Any, name: str) -> dict[str, str]:
-    """Return the topics to read; the value of each is the column of its command, or ODOMETRY, IMU or CLOCK.
+    """Return the topics to read, each with its column of the log (commands) or its type (ODOMETRY, IMU or CLOCK).
 
     Raises:
         LogError: the bag has no commands, or several vehicles.
@@ -116,7 +116,10 @@ def _chosen(connections: Any, name: str) -> dict[str, str]:
 
 
 def _table(messages: list[tuple[str, float, Any]], name: str) -> pd.DataFrame:
-    """Return the table of `csv_log`: one row per time, inputs held, from the first command of every thruster on."""
+    """Return the table for `csv_log`: one row per time, from the time at which each thruster has had a command.
+
+    A thruster's command is held until its next command.
+    """
     ticks = [(stamp, _seconds(message.clock)) for kind, stamp, message in messages if kind == CLOCK]
     seen = {kind for kind, _, _ in messages}
     rows = []
@@ -135,7 +138,7 @@ def _table(messages: list[tuple[str, float, Any]], name: str) -> pd.DataFrame:
 
 
 def _values(kind: str, message: Any, odometry: bool) -> dict[str, float]:
-    """Return the numbers of a message by columns."""
+    """Return the numbers of a message by column."""
     if kind == ODOMETRY:
         pose, twist = message.pose.pose, message.twist.twist
         place = {f"{axis}_m": getattr(pose.position, axis) for axis in "xyz"}

@@ -1,7 +1,7 @@
-"""Connect to a server, and move its N vehicles step by step, by one of three clocks.
+"""Connect to a server, and move its N vehicles step by step with one of three clocks.
 
-`lockstep`: before each step, the server waits for a command to every actuator; after it, the server sends odometry
-with the time after the step, so that a lost message is noticed. `clock`: the server's `/clock` ends a step. `wall`: this machine's
+`lockstep`: before each step, the server waits for a command to every actuator; after the step, it sends odometry with the time at
+the end of the step, so that the client notices a lost message. `clock`: the server's `/clock` ends a step. `wall`: this machine's
 clock ends a step, as in the original study.
 """
 
@@ -25,8 +25,8 @@ Floats = NDArray[np.float64]
 CLOCKS = ("lockstep", "clock", "wall")
 
 NEAR = 1.0
-"""largest distance in m between the pose of a reset and the next odometry, since vehicles move while a client
-waits
+"""largest distance in m between the requested pose of a reset and the next odometry; it is not 0, since vehicles move
+while a client waits
 """
 
 
@@ -36,17 +36,17 @@ class Connection:
     Args:
         namespace: namespace of the vehicle, or the common part of several vehicles' namespaces.
         actuators: names of the actuators, in the order of a command's columns.
-        clock: one of CLOCKS; auto: the first that the server offers.
-        timeout: time in s after which a silent server counts as lost.
+        clock: one of CLOCKS, or auto for the first of CLOCKS that the server offers.
+        timeout: time in s without an answer after which the connection is lost.
 
     Raises:
         ConfigError: ROS 2 does not start.
         InterfaceError: a topic or service is missing, or another program uses it.
 
     Attributes:
-        clock: the member of CLOCKS in use.
-        lost: whether the server did not answer or was moved by another client, so that this connection cannot
-            continue.
+        clock: the clock in use, one of CLOCKS.
+        lost: whether this connection cannot continue, because the server did not answer or another client moved its
+            vehicles.
         pose: (n, 7) last poses; `velocity` (n, 6) last velocities.
 
     """
@@ -94,7 +94,7 @@ class Connection:
 
     @property
     def usable(self) -> bool:
-        """Return whether the original server still publishes, and no other server does.
+        """Return whether the server of this connection is the only server that publishes the first vehicle's odometry.
 
         A restarted server has the same topics, but its clock begins at 0.
         """
@@ -127,7 +127,7 @@ class Connection:
         session.renew()
 
     def _choose(self, clock: str) -> str:
-        """Return the clock that counts steps.
+        """Return the clock that ends steps.
 
         Raises:
             InterfaceError: the server lacks the requested clock.
@@ -246,7 +246,7 @@ class Connection:
         return int(answer.message)
 
     def set(self, values: dict[int, dict[str, Any]]) -> None:
-        """Set parameters by vehicle: floats, or lists of floats.
+        """Set parameters (floats or lists of floats) by vehicle index and parameter name.
 
         Raises:
             InterfaceError: the server rejects a parameter.
@@ -267,7 +267,7 @@ class Connection:
                     raise InterfaceError(f"{service}: refused: {result.reason}")
 
     def reset(self, indices: Sequence[int], parameters: dict[int, dict[str, Any]]) -> None:
-        """Set parameters by vehicle, and reset vehicles `indices` to them.
+        """Set parameters by vehicle, then reset vehicles `indices`.
 
         Raises:
             InterfaceError: the server refuses.
@@ -301,10 +301,10 @@ class Connection:
     # Steps.
 
     def step(self, quantities: Floats, duration: float) -> None:
-        """Send quantities (n, n_u), and wait until they have acted for `duration` s.
+        """Send commands as physical quantities, (n, n_u), and wait until the vehicles have moved for `duration` s.
 
         Raises:
-            TrainingError: the server fell silent, or another client moves its clock.
+            TrainingError: the server stopped sending, or another client makes steps on the same server.
         """
         if self.clock == "lockstep":
             if duration != self._duration:

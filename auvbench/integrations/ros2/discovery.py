@@ -11,7 +11,7 @@ from auvbench.integrations.ros2 import interface
 from auvbench.integrations.ros2.middleware import InterfaceError, Session, surroundings
 
 SETTLE = 0.4
-"""time in s in which further publishers of a topic may be discovered after the first"""
+"""time in s to wait for other publishers of a topic after its first publisher is discovered"""
 
 FOUND = 3.0
 """time in s in which a running server is discovered, unless the machine is very busy"""
@@ -64,7 +64,7 @@ def find_server(
         n = int(about.get("vehicles", "1"))
     except ValueError:
         n = 1
-    # The server of a single vehicle whose name ends with _1 has no further vehicles.
+    # The name of a server's only vehicle may also end with _1, so the number of vehicles decides.
     return [interface.Names(name) for name in interface.namespaces(namespace, max(n, 2))][:n], about
 
 
@@ -135,7 +135,7 @@ def _about(session: Session, node: Any, names: interface.Names, timeout: float) 
     ros = session.ros
     client = node.create_client(ros.parameters.GetParameters, names.of(f"{interface.NODE}/get_parameters"))
     session.renew()
-    # Every run needs the node's set_parameters; the two services appear together.
+    # The service set_parameters, which every run needs, appears together with get_parameters, so this wait costs no time.
     if not session.discovered(client.service_is_ready, timeout):
         return {}
     request = ros.parameters.GetParameters.Request(names=["simulator", "vehicle", "auvbench", "vehicles"])

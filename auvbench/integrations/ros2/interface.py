@@ -1,5 +1,6 @@
-"""Define the interface (Centrale Nantes' BlueROV2, plus services for a benchmark): names, types, frames, and
-messages as arrays.
+"""Define the interface's names, types and frames, and convert its messages to arrays.
+
+The interface is the one of Centrale Nantes' BlueROV2 with additional services for a benchmark.
 
 World ENU (frame `world`, surface at z = 0), body FLU (frame `<namespace>/base_link`), as in REP-103;
 docs/ros2.md is the page for users. Quaternions are (w, x, y, z) in arrays and (x, y, z, w) in messages.
@@ -41,7 +42,7 @@ class Names:
         self.odometry = self.of("odom")
         """nav_msgs/Odometry: pose in the world, twist in the body"""
         self.reset = self.of("reset")
-        """std_srvs/Trigger: reset the vehicle to the parameters `start_pose` and `start_velocity`, actuators
+        """std_srvs/Trigger: reset the vehicle to the parameters `start_pose` and `start_velocity`, with the actuators
         at rest
         """
         self.pause = self.of("pause")
@@ -49,7 +50,7 @@ class Names:
         self.step = self.of("step")
         """std_srvs/Trigger: make `steps` steps of `step_duration`, answer when done, and stay paused"""
         self.lockstep = self.of("lockstep")
-        """std_srvs/SetBool: make each step wait for a new command to every actuator; answers the time in ns"""
+        """std_srvs/SetBool: make each step wait for a new command to every actuator; the answer is the server's time in ns"""
         self.parameters = self.of(f"{NODE}/set_parameters")
         """rcl_interfaces/SetParameters of the vehicle's node"""
 
@@ -123,7 +124,7 @@ def read_time(stamp: Any) -> int:
 
 
 def odometry(ros: Any, namespace: str) -> Any:
-    """Return a nav_msgs/Odometry with its frames; covariances are 0, because its numbers are exact."""
+    """Return a nav_msgs/Odometry with frame names and without a motion; its covariances are 0, as for exact numbers."""
     message = ros.nav.Odometry()
     message.header.frame_id = WORLD
     message.child_frame_id = f"{namespace}/base_link"

@@ -29,7 +29,7 @@ SLICE = 0.05
 """Longest single wait in s; signals are handled between two waits."""
 
 PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
-"""Variable that names a file of profiles for Fast DDS in ROS 2 Jazzy."""
+"""Environment variable that names a file with profiles for Fast DDS in ROS 2 Jazzy."""
 
 DISCOVERY = Path(__file__).with_name("discovery.xml")
 
@@ -53,7 +53,7 @@ _MODULES = {
 
 
 class InterfaceError(ConfigError):
-    """A topic or service is missing or refuses; the message names it, and says what to check."""
+    """A topic or service is missing, or a service refuses; the message names the topic or service and says what to check."""
 
 
 @cache
@@ -157,10 +157,10 @@ class Session:
         )
 
     def node(self, name: str, namespace: str = "", *, parameters: bool = False) -> Any:
-        """Return a new node; with `parameters`, one that answers parameter services.
+        """Return a new node; with `parameters`, the node has parameter services.
 
         Raises:
-            ConfigError: the middleware refuses.
+            ConfigError: the middleware cannot create the node.
         """
         try:
             node = self.ros.node.Node(
@@ -169,7 +169,7 @@ class Session:
                 namespace=namespace,
                 use_global_arguments=False,
                 start_parameter_services=parameters,
-                enable_rosout=False,  # unused, and two clients would share a name in it
+                enable_rosout=False,  # auvbench does not use /rosout, where two clients would have the same logger name
             )
         except Exception as error:
             raise ConfigError(
@@ -184,8 +184,7 @@ class Session:
         self._set = None
 
     def spin_once(self, seconds: float) -> bool:
-        """Wait at most `seconds` for messages, requests and answers, and handle them; return whether any
-        came.
+        """Wait at most `seconds` for messages, requests and answers, and handle them; return whether any came.
 
         Raises:
             ConfigError: the middleware failed.
@@ -251,8 +250,9 @@ class Session:
         return answer
 
     def until(self, condition: Callable[[], bool], seconds: float, turn: float = SLICE) -> bool:
-        """Handle messages until the condition is true, for at most `seconds`, in waits of at most `turn` s; return
-        whether it is true.
+        """Handle messages until the condition is true, for at most `seconds`; return whether it is true.
+
+        The condition is checked after each message, and at least every `turn` s.
         """
         end = time.monotonic() + seconds
         while not condition():
@@ -263,7 +263,7 @@ class Session:
         return True
 
     def discovered(self, condition: Callable[[], bool], seconds: float) -> bool:
-        """Do the same as `until`, but check the condition every 10 ms, since discovery does not wake a wait set."""
+        """Do the same as `until`, but check the condition every 10 ms, since a discovery does not end the wait for messages."""
         return self.until(condition, seconds, turn=0.01)
 
     def close(self) -> None:

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 NODE = "pilot"
 GOAL = "/goal_pose"
 RESTS = 5
-"""number of zero commands from the supervisor, since some may be lost"""
+"""number of zero commands that the supervisor sends at the end, since some may be lost"""
 
 
 class Pilot(loop.Pilot):
@@ -69,8 +69,9 @@ class Pilot(loop.Pilot):
         self.guard.leave_will([_content(self.physical.neutral)] * RESTS)
 
     def wait_for_odometry(self, seconds: float) -> bool:
-        """Wait at most `seconds` for a publisher of the vehicle's odometry; if none appears, report the existing namespaces and return
-        False.
+        """Wait at most `seconds` for a publisher of the vehicle's odometry; return whether a publisher was found.
+
+        If no publisher was found, the existing namespaces are reported.
         """
         if self.session.discovered(lambda: self.node.count_publishers(self.names.odometry) > 0, seconds):
             return True
@@ -161,5 +162,5 @@ class Pilot(loop.Pilot):
 
 
 def _content(quantities: Floats) -> bytes:
-    """Return commands (n_u,) as the supervisor's content."""
+    """Return commands, (n_u,), as the bytes that the supervisor's `Sender` takes."""
     return np.asarray(quantities, dtype=np.float64).tobytes()

@@ -1,11 +1,11 @@
-"""Send the thrust of a pilot over ROS 2: the `Sender` of its supervisor, whose process must not import auvbench."""
+"""Send a pilot's commands over ROS 2: the `Sender` of the pilot's supervisor, whose process must not import auvbench."""
 
 import struct
 from typing import Any
 
 
 class Sender:
-    """Sender over ROS 2 topics: a std_msgs/Float64 for each thruster."""
+    """Sends commands over ROS 2 topics, a std_msgs/Float64 for each actuator."""
 
     done = "zero thrust was sent"
 

@@ -1,6 +1,7 @@
 """Serve vehicles with sensors: sample sensors in the simulator's steps, and publish their readings.
 
-Covariances equal those in auvbench's own filter. The caller passes the navigation, so that this module needs no compiler.
+The published covariances equal the covariances in auvbench's own filter. The caller passes the `Navigation` object, so that this
+module needs no compiler.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ class Sensed:
     """A simulator of vehicles with sensors and an estimator.
 
     Args:
-        simulator: simulator; attributes that this class lacks are taken from it.
+        simulator: simulator of the vehicles; attributes that this class lacks are the simulator's attributes.
         navigation: sensors and estimates.
-        draw: function that draws the next episodes of vehicles, by index; sensor errors differ between episodes.
+        draw: function that takes indices of vehicles and draws their next episodes, since sensor errors differ between episodes.
         readings: function that returns the last readings of a vehicle, by sensor.
         names: names of the sensors.
     """
@@ -69,7 +70,7 @@ class Sensed:
         """function called after each sample of the IMU, with the time in s until the end of the step"""
 
     def __getattr__(self, name: str) -> Any:
-        if name == "simulator":  # while a copy is made
+        if name == "simulator":  # not set yet while a copy is made
             raise AttributeError(name)
         return getattr(self.simulator, name)
 
@@ -79,19 +80,19 @@ class Sensed:
         bottom: ArrayLike | None = None,
         depths: tuple[ArrayLike, ArrayLike] = (0.0, 1.0),
     ) -> None:
-        """Set the water's velocity."""
+        """Set the current of all vehicles; see `Simulator.set_current`."""
         self.simulator.set_current(velocity, bottom, depths)
 
     def reset(
         self, indices: NDArray[Any], pose: ArrayLike, velocity: ArrayLike, scales: ArrayLike | None = None
     ) -> None:
-        """Put vehicles at their starts, and begin their estimates there."""
+        """Put vehicles at `pose` with `velocity`, and restart their sensors and estimates."""
         self.simulator.reset(indices, pose, velocity, scales)
         self.draw(indices)
         self.navigation.begin(indices, self.simulator)
 
     def step(self, command: ArrayLike, duration: float) -> None:
-        """Apply commands for `duration` s, in the intervals of the IMU."""
+        """Apply commands for `duration` s; sample the sensors at the intervals of the IMU."""
         simulator, count = self.simulator, self.navigation.intervals(duration)
         for k in range(1, count + 1):
             simulator.step(command, duration / count)
@@ -156,7 +157,7 @@ def write_reading(name: str, message: Any, value: Floats, covariance: Floats) ->
         force.x, force.y, force.z, rates.x, rates.y, rates.z = numbers
         message.linear_acceleration_covariance = covariance[:3, :3].ravel()
         message.angular_velocity_covariance = covariance[3:, 3:].ravel()
-        message.orientation_covariance = np.array([-1.0, *[0.0] * 8])  # of sensor_msgs/Imu: not measured
+        message.orientation_covariance = np.array([-1.0, *[0.0] * 8])  # in sensor_msgs: not measured
         return
     measured = (0, 1, 2) if name == "dvl" else PLACES[name]
     full = UNKNOWN * np.eye(6)

@@ -19,7 +19,7 @@ from auvbench.untrusted.text import say
 Floats = NDArray[np.float64]
 
 SINCE = "since_"
-"""prefix of a node's name in each vehicle's namespace; the server's start time follows, by which the later of two servers exits"""
+"""prefix of a node in each vehicle's namespace; its name ends with the server's start time, so that the later of two servers can exit"""
 
 
 class Simulated(Protocol):
@@ -53,9 +53,9 @@ class Server:
         commands: function that converts physical quantities (n, n_u), newtons for thrusters, to the
             simulator's commands (n, n_u).
         actuators: names of the actuators, in the order of a command's columns.
-        neutral: (n_u,) quantities that act until the first command.
+        neutral: physical quantities that the server applies until the first command, (n_u,).
         namespaces: namespaces of the n vehicles.
-        start: pose (7,) at the start, and after `reset` unless a parameter says otherwise.
+        start: pose at the start, (7,); also the pose after `reset`, unless a client sets the parameter `start_pose`.
         step_duration: time in s between two messages; also the step of the service `step`.
         pace: simulated seconds per second; 0: as fast as possible.
         lockstep: whether to begin in lock-step.
@@ -96,7 +96,7 @@ class Server:
         self.new = np.zeros((n, n_u), dtype=np.bool_)
         """(n, n_u) whether a command has come since the last step"""
         self.currents: Floats = np.zeros((n, 8))
-        """(n, 8) currents: m/s at the top (3) and at the bottom (3), and the depths of the two in m"""
+        """(n, 8) currents: velocity at the top (3) and at the bottom (3) in m/s, depth of the top and of the bottom in m"""
         self.currents[:, 7] = 1.0
         self.session = Session()
         self._missing = n * n_u
@@ -108,7 +108,7 @@ class Server:
         self.vehicles = [
             VehicleNode(self, i, name, start, about or {}) for i, name in enumerate(self.namespaces)
         ]
-        # 19 digits: names sort by time.
+        # Each start time has 19 digits, so the names sort by start time.
         self.since = f"{SINCE}{time.time_ns()}"
         for name in self.namespaces:
             self.session.node(self.since, name)
@@ -137,7 +137,10 @@ class Server:
             self.advance()
 
     def reset(self, indices: Sequence[int]) -> str:
-        """Put vehicles at their parameters' poses and velocities, at neutral commands, thrusters healthy; return why that failed, or ''."""
+        """Put vehicles at the poses and velocities in their parameters; return why this failed, or ''.
+
+        The commands become neutral and the thrusters healthy.
+        """
         for i in indices:
             vehicle = self.vehicles[i]
             pose, velocity, scales = vehicle.start
@@ -204,7 +207,7 @@ class Server:
             self._clock.publish(self._now)
 
     def _sense(self, left: float) -> None:
-        """Publish the readings of a sample, `left` s before the end of a step."""
+        """Publish the sensor readings that were sampled `left` s before the end of a step."""
         now = self.time + interface.nanoseconds(self.settings.step_duration - left)
         for vehicle in self.vehicles:
             vehicle.sense(now)
@@ -212,7 +215,7 @@ class Server:
     def _set_current(self, message: Any) -> None:
         water = (message.x, message.y, message.z)
         if wrong := is_current(water):
-            if water != self._refused:  # once, however often the current is published
+            if water != self._refused:  # report a rejected current only once, although clients may repeat it
                 say(f"auvbench: {interface.CURRENT}: must be {ALLOWED['current']}, but {wrong}; ignored")
             self._refused = water
         else:
@@ -250,14 +253,14 @@ class Server:
         self.advance()
         if pace > 0.0:
             period = self.settings.step_duration / pace
-            # Five steps late or more: skip them, instead of catching up in a burst.
+            # If more than five steps late, skip the missed steps instead of making them all at once.
             self._due = now if now - self._due > 5 * period else self._due + period
 
     def check_alone(self, seconds: float) -> None:
-        """Wait for signs of another publisher of these vehicles' odometry.
+        """Check for `seconds` whether another program publishes these vehicles' odometry.
 
         Raises:
-            InterfaceError: another publisher exists, and it is not a server that began later.
+            InterfaceError: another program publishes it, and this program is not a server that started later.
         """
         self.session.discovered(lambda: bool(self._claimed()), seconds)
         self._leave_to(self._claimed())
@@ -273,7 +276,7 @@ class Server:
         """Return a topic that an earlier server also publishes; '' without such a topic.
 
         Args:
-            by: "any" also counts publishers that are not servers; "server" does not, since they may have started
+            by: "any": consider all publishers; "server": consider only servers, since other publishers may have started
                 later.
         """
         node = self.vehicles[0].node

@@ -1,5 +1,6 @@
-"""Simulate on a server with the ROS 2 interface of docs/ros2.md (`simulator=ros2`), with the Python interface of
-all simulators (`Simulator`).
+"""Simulate on a server with the ROS 2 interface of docs/ros2.md (`simulator=ros2`).
+
+The Python interface is the interface of all simulators (`Simulator`).
 """
 
 from __future__ import annotations
@@ -25,13 +26,13 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.integer[Any]]
 
 _current: tuple[int, tuple[Any, ...], Connection] | None = None
-"""process, key and connection; kept, since an evaluation creates many batches, and finding a server takes
-half a second
+"""process, key and connection of the last `connect`; the connection is kept, since an evaluation creates many batches and
+finding a server takes half a second
 """
 
 
 def connect(settings: Ros2, vehicle: VehicleModel) -> Connection:
-    """Return the connection to the server; reuse the earlier one while it is usable.
+    """Return the connection to the server; reuse the earlier connection while it is usable.
 
     Raises:
         ConfigError, InterfaceError: see `Connection`.
@@ -82,8 +83,8 @@ class Ros2Simulator:
     """N vehicles on a ROS 2 server.
 
     Commands are sent as physical quantities, computed with the sheet's curves as in the embedded simulator.
-    In lock-step with `auvbench serve`, the server applies all disturbances, and results equal those of its
-    simulator bit by bit. With other clocks, commands and poses are late, a fault scales the command, and currents are
+    In lock-step with `auvbench serve`, the server applies all disturbances, and the results equal the results of the server's
+    simulator bit for bit. With other clocks, commands and poses are late, a fault scales the command, and currents are
     steady.
 
     Args:
@@ -237,7 +238,7 @@ class Ros2Simulator:
         return {}
 
     def load_state_dict(self, state: dict[str, FloatArray]) -> None:
-        """Do nothing: a resumed run begins the episodes in flight again."""
+        """Do nothing: a resumed run restarts the episodes that were running."""
 
 
 def make(settings: Ros2, vehicle: VehicleModel, n: int, longest: float) -> Ros2Simulator:

@@ -146,7 +146,7 @@ class VehicleNode:
                 "steps": settings.steps,
             }
         for name, value in values.items():
-            # Dynamic, so that this node rejects a wrong type itself, with the valid ones.
+            # Dynamic typing lets this node reject a wrong type itself, with a message that names the valid type.
             descriptor = describe(
                 description=MEANING[name], additional_constraints=ALLOWED[name], dynamic_typing=True
             )

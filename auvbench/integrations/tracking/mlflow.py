@@ -14,7 +14,7 @@ from mlflow.tracking import MlflowClient
 
 KEY = "auvbench.key"
 PARAMETERS = ("task", "vehicle", "algo", "reward.k", "step.frequency", "seed", "train.total_steps")
-"""keys that become parameters of a logged run, with their values or names; its config.yaml has all keys"""
+"""configuration keys that become MLflow parameters of a logged run; the run's config.yaml has all keys"""
 
 
 def start(key: str, config: Mapping[str, Any], name: str) -> Run:
