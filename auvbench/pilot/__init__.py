@@ -1,4 +1,4 @@
-"""Steer a vehicle with a controller: observations, the loop with all its stops, and the record of missions.
+"""Steer a vehicle with a controller: compute observations, run the loop with its safety stops, and record missions.
 
 The network code is in `auvbench.integrations.ros2` and `auvbench.integrations.mavlink`.
 """

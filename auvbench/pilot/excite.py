@@ -1,4 +1,4 @@
-"""Push a vehicle to and fro along its axes, to record a log for `auvbench identify`, which fits the vehicle's numbers."""
+"""Push a vehicle back and forth along its axes; `auvbench identify` fits the vehicle's parameters to a log of this motion."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ Floats = NDArray[np.float64]
 NAME = "excite"
 """Word that selects this controller on the command line, in place of a controller's name"""
 SECONDS = 60.0
-"""duration for each axis, s"""
+"""default duration for each axis, s"""
 AMPLITUDE = 0.15
-"""default amplitude, as a share of the largest force along an axis"""
+"""default amplitude, as a fraction of the largest force along the axis"""
 REACH = 5.0
-"""default of the largest distance from the place of arming, m; the pilot disarms beyond it"""
+"""default of the largest distance from the place of arming, m; at a larger distance, the pilot disarms"""
 FREQUENCY = 20.0
 """default rate of commands, Hz"""
 SLOWEST = 5.0
-"""lowest allowed rate of commands, Hz: the shortest push then lasts two commands"""
+"""lowest allowed rate of commands, Hz; at this rate, the shortest push lasts two commands"""
 
 
 class Excite:
@@ -35,7 +35,8 @@ class Excite:
     Args:
         vehicle: vehicle that the pilot steers.
         axes: axes in the order of the pushes, out of surge, sway, heave, roll, pitch and yaw.
-        amplitude: largest push, as a share of the largest force along an axis, up to 1; each push has 40 or 100 % of it.
+        amplitude: largest push as a fraction of the largest force along the axis, at most 1; each push has 40 or 100 % of
+            this force.
         seconds: duration for each axis, s.
         frequency: rate of commands, Hz.
 

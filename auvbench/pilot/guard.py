@@ -16,19 +16,18 @@ from auvbench.pilot import supervisor
 from auvbench.pilot.supervisor import FIRED, FORWARD, MESSAGE, READY, SENT, WILL
 
 STARTS = 30.0
-"""longest time in s to wait until a supervisor is ready; on a busy machine it starts slowly"""
+"""longest time in s to wait until a supervisor is ready; on a busy machine, a supervisor starts slowly"""
 HANGS = 2.0
-"""time in s that `Guard.close` waits for a lost supervisor to end before killing it; the vehicle is then at rest already"""
+"""time in s after which `Guard.close` kills a lost supervisor that has not ended; the vehicle is at rest by then"""
 BUFFER = 16_384
-"""size of the send buffer in bytes: about twelve messages, so that sending to a hanging supervisor soon times out"""
+"""size of the send buffer in bytes; only about twelve messages fit, so that sending to a hanging supervisor soon times out"""
 
 
 class Unsupervised(RunError):
     """The supervisor has ended or does not answer, so the pilot must end too.
 
     Attributes:
-        fired: whether the supervisor has brought the vehicle to rest, so that the pilot must send no further
-            command.
+        fired: whether the supervisor has brought the vehicle to rest; if so, the pilot must not send commands any more.
     """
 
     def __init__(self, text: str, *, fired: bool) -> None:
@@ -45,7 +44,8 @@ class Guard:
         patience: time in s without a message from the pilot after which the supervisor brings the vehicle to
             rest.
         descriptors: open files that the supervisor inherits.
-        isolated: whether to start the supervisor without installed packages; False if the sender needs one.
+        isolated: whether to start the supervisor without installed packages; must be False if the sender needs an installed
+            package.
 
     Raises:
         RunError: the supervisor cannot be started.
@@ -82,12 +82,12 @@ class Guard:
             theirs.close()
 
     def leave_will(self, contents: Sequence[bytes]) -> None:
-        """Set the will: the messages that bring the vehicle to rest. They replace the previous will."""
+        """Replace the will, which is the messages that bring the vehicle to rest."""
         for content in (b"", *contents):
             self._hand(WILL, content)
 
     def wait_until_ready(self, seconds: float = STARTS) -> bool:
-        """Wait at most `seconds` until the supervisor can send; return whether it can.
+        """Wait at most `seconds` until the supervisor can send to the vehicle; return whether the supervisor can send.
 
         Raises:
             Unsupervised: the supervisor has ended or does not answer.
@@ -100,13 +100,13 @@ class Guard:
         return self._ready
 
     def _heard(self) -> bytes:
-        """Return the supervisor's next byte; b"" if it has ended or has sent no byte."""
+        """Return the supervisor's next byte; b"" if the supervisor has ended or has sent no byte."""
         with contextlib.suppress(OSError):
             return self._socket.recv(1)
         return b""
 
     def hold(self) -> None:
-        """Arm the supervisor: from now on it sends the will if the pilot falls silent.
+        """Arm the supervisor: from now on, it sends the will if the pilot sends no message for `patience` s.
 
         Raises:
             Unsupervised: the supervisor has ended or does not answer.
@@ -135,7 +135,7 @@ class Guard:
         The caller must send it if the supervisor is lost and has not brought the vehicle to rest.
 
         Raises:
-            Unsupervised: the supervisor has ended or does not answer; raised only at the first call that notices it.
+            Unsupervised: the supervisor has ended or does not answer; only the first call that notices this raises.
         """
         if self.lost is not None:
             return self.lost.fired
@@ -165,7 +165,7 @@ class Guard:
             text = "the pilot's supervisor does not answer"
         else:
             if not fired:
-                self._process.kill()  # in case it has closed its socket and goes on
+                self._process.kill()  # the supervisor may have closed its socket, but still run
             code = self._process.wait(2 * supervisor.LONGEST)
             text = f"the pilot's supervisor ended (exit code {code})"
             fired = fired and code == SENT
@@ -178,7 +178,7 @@ class Guard:
         return self.lost
 
     def close(self) -> None:
-        """Let the supervisor end, and wait for it. If it is armed (`hold` without `release`), it first sends the will."""
+        """Let the supervisor end, and wait for its end. An armed supervisor (`hold` without `release`) first sends the will."""
         self._socket.close()
         try:
             self._process.wait(2 * supervisor.LONGEST if self.lost is None else HANGS)

@@ -1,6 +1,7 @@
 """Compute the observation on the way to a waypoint or at a station, without noise, in plain Python.
 
-The blocks are written by the functions that environments compile (`auvbench/blocks.py`); a test compares the two.
+The blocks are written by the same functions as in environments, which compile the functions (`auvbench/blocks.py`). A test
+compares the two observations.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ _NO_ERROR = (0.0, 0.0, 0.0)
 
 
 def supplied() -> tuple[str, ...]:
-    """Return the names of the observation blocks that follow from odometry and a goal at rest, plug-in blocks included."""
+    """Return the names of the observation blocks, including plug-in blocks, that need only odometry and a goal at rest."""
     return tuple(
         name
         for name in BLOCKS

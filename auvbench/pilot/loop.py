@@ -1,11 +1,11 @@
-"""Run the loop of a pilot: it steers a vehicle with a controller, and commands zero thrust when in doubt.
+"""Run the loop of a pilot, which steers a vehicle with a controller and commands zero thrust when in doubt.
 
-It starts disarmed, and commands nothing while disarmed. Armed, it steers only with a recent pose within the
-depth limits, a waypoint and a finite action; otherwise it commands zero thrust. Its last command is also zero
-thrust.
+A pilot starts disarmed, and sends no commands while disarmed. An armed pilot steers only if it has a recent pose within the
+depth limits, a waypoint and a finite action; otherwise it commands zero thrust. Its last command is also zero thrust.
 
-Every end has the same order: zero thrust, disarmed, then everything that may fail (the logbook, a closed
-standard output). If the pilot was killed or hangs, its supervisor commands zero thrust instead (`auvbench.pilot.guard`).
+At every end, the pilot first commands zero thrust, then disarms, and then does everything that may fail (writing the logbook,
+printing to a closed standard output). If the pilot was killed or hangs, its supervisor commands zero thrust instead
+(`auvbench.pilot.guard`).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from auvbench.vehicles.physical import PhysicalCommands
 Floats = NDArray[np.float64]
 
 RESTS = 3
-"""number of zero-thrust commands that bring the vehicle to rest: a single one may be lost"""
+"""number of zero-thrust commands that bring the vehicle to rest, since a single command may be lost"""
 TURN = 0.02
 """longest single wait in s; an old pose is noticed at most this much later"""
 
@@ -68,7 +68,7 @@ class Pilot(ABC):
         self._filtered = False
         self._due = 0.0
         self._closed = False
-        self._owes_rest = False  # whether the vehicle has not confirmed the last order to rest
+        self._owes_rest = False  # True until the vehicle confirms that it is at rest
         self._unsaid: Exception | None = None
         self.finished = False
         """whether the only mission of a pilot with `steering.once` has ended, with any outcome"""
@@ -114,14 +114,16 @@ class Pilot(ABC):
         self._say(text)
 
     def _say(self, text: str) -> None:
-        """Report a state; an error, such as a closed standard output, waits for `_settle`."""
+        """Print a state; `_settle` later raises an exception of the print, such as a closed standard output."""
         try:
             self._speak(text)
         except Exception as error:
             self._unsaid = self._unsaid or error
 
     def _settle(self) -> None:
-        """Write the ended missions and raise a pending error: all that may fail or take long, with the vehicle at rest.
+        """Write the ended missions, and raise the exception that `_say` or `_rest_and_release` has stored.
+
+        Writing may fail or take long, so an armed pilot first commands zero thrust.
 
         Raises:
             RunError: the logbook cannot be written.
@@ -145,7 +147,7 @@ class Pilot(ABC):
         if behind > self.limits.pose_timeout:
             self._clock_went_back()
         elif behind >= 0.0 and stamp:
-            return  # a repeated message, or one older than the last message, does not make the pose more recent
+            return  # a repeated message, or a message older than the last message, has no newer pose
         else:
             age = time.monotonic() - self._received
             # After a long gap between poses, a jump is possible: the vehicle may have moved.
@@ -168,7 +170,7 @@ class Pilot(ABC):
         self.disarm("the clock went back (was the vehicle restarted?)")
 
     def steer_to(self, waypoint: Sequence[float], yaw: float = 0.0) -> bool:
-        """Set a waypoint (3,) in m, and the yaw in rad of a station; return False if it is not allowed."""
+        """Set a waypoint, (3,), m, and the yaw of a station, rad; return False if the waypoint is not allowed."""
         limits = self.limits
         if self.steering.once and self.armed:
             self._report("waypoint ignored: the manoeuvre goes on")
@@ -187,11 +189,11 @@ class Pilot(ABC):
         return True
 
     def _refusal(self, point: Floats) -> str:
-        """Return why the filter does not let the vehicle go to a point (3,), or ''."""
+        """Return why the filter does not let the vehicle go to `point`, (3,); '' if the filter does."""
         return "" if self.steering.filter is None else self.steering.filter.refusal(point)
 
     def arm(self) -> str:
-        """Allow the controller to steer; return why it may not, or ''.
+        """Arm the pilot, so that the controller may steer; return why the pilot stays disarmed, or ''.
 
         Raises:
             Unsupervised: the supervisor has ended or does not answer.
@@ -219,7 +221,7 @@ class Pilot(ABC):
         return ""
 
     def disarm(self, reason: str) -> None:
-        """Command zero thrust, then nothing until armed again.
+        """Command zero thrust, then send no commands until the pilot is armed again.
 
         Raises:
             RunError: the logbook cannot be written.
@@ -236,7 +238,7 @@ class Pilot(ABC):
         self._settle()
 
     def _ages(self) -> dict[str, float]:
-        """Return the age in s of each kind of message that the pilot needs continuously, by its name."""
+        """Return the age in s of each kind of message that the pilot needs continuously, by the name of the kind."""
         now = time.monotonic()
         clock = {"the vehicle's clock": now - self._ticked} if self._sim_time else {}
         return {self.source: now - self._received, **clock}
@@ -280,7 +282,7 @@ class Pilot(ABC):
         self._act(self.steering.waypoint)
 
     def may_steer(self) -> bool:
-        """Return whether the controller may steer; hold or disarm if a message is too old or a limit is exceeded."""
+        """Return whether the controller may steer; if not, command zero thrust or disarm."""
         if not self.armed:
             return False
         what, age = self._oldest()
@@ -359,13 +361,13 @@ class Pilot(ABC):
         period = self.period
         now = self._now if self._sim_time else time.monotonic()
         if self._sim_time and now < self._due - 2 * period:
-            self._due = now  # clock of a restarted vehicle
+            self._due = now  # the vehicle restarted, and so did its clock
         if now >= self._due:
-            self._receive(0.0)  # steps that take longer than their period must not block the poses
+            self._receive(0.0)  # also receive poses if each step takes longer than its period
             self.step()
             self._due = self._due + period if now - self._due < period else now + period
             return
-        # In simulated time, it is unknown how long the wait for the next step is by this machine's clock.
+        # In simulated time, this machine's time until the next step is unknown, so wait only for `TURN`.
         self._receive(TURN if self._sim_time else min(self._due - now, TURN))
         self.may_steer()
 

@@ -31,7 +31,7 @@ CONDITION = "mission"
 
 
 class Mission:
-    """Motion towards one waypoint.
+    """Record of a vehicle's motion towards one waypoint.
 
     Args:
         pose: (7,) pose at the start.
@@ -90,7 +90,7 @@ class Mission:
         return self.outcome
 
     def record(self, number: int) -> Record:
-        """Return the row of an episode, with the columns of a waypoint test."""
+        """Return the mission as an episode's row, with the columns of a test with task waypoint."""
         x, y, z = self.waypoint.tolist()
         positions = np.array(self.positions)
         line, away = self.waypoint - positions[0], positions[1:] - positions[0]
@@ -125,7 +125,10 @@ class Mission:
         )
 
     def trajectory(self) -> dict[str, NDArray[np.float32]]:
-        """Return the arrays of a test: position (T + 1, 3), yaw, command (T, n_u), waypoint (3,), time."""
+        """Return the mission's arrays under the names that tests use for trajectories.
+
+        Shapes: position (T + 1, 3), yaw (T + 1,), command (T, n_u), waypoint (3,) and time (T + 1,).
+        """
         return {
             "position": np.asarray(self.positions, dtype=np.float32),
             "yaw": np.asarray(self.yaws, dtype=np.float32),
@@ -144,7 +147,7 @@ class Logbook:
     """Missions in a folder: mission.json, episodes.csv, trajectories.npz, all complete after each mission.
 
     Args:
-        folder: folder, created if it does not exist; must not contain a logbook.
+        folder: folder without a logbook; created if it does not exist.
         about: controller and vehicle, for mission.json.
 
     Raises:

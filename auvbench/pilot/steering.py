@@ -53,12 +53,12 @@ class Limits:
     depth_high: float  # m, highest z
     goal_radius: float  # m, distance at which a waypoint is reached
     max_steps: int  # agent steps per waypoint
-    pose_timeout: float = 0.5  # s, largest age of a pose; zero thrust after it
+    pose_timeout: float = 0.5  # s, largest age of a pose; with an older pose, the pilot commands zero thrust
     lost_after: float = 5.0  # s, age of a pose at which the pilot disarms
-    patience: float = 1.0  # s, longest silence of a pilot; its supervisor disarms after it
+    patience: float = 1.0  # s, longest time without a message from the pilot; then its supervisor disarms
     # whether to keep station: reaching the station does not end the mission, and a new mission begins every `max_steps` steps
     holds: bool = False
-    # m, largest distance from the waypoint (for a manoeuvre: from the place of arming); the pilot disarms at a larger one
+    # m, largest distance from the waypoint (for a manoeuvre: from the place of arming); at a larger distance, the pilot disarms
     reach: float = math.inf
 
     @property
@@ -93,13 +93,13 @@ class Steering:
     yaw: float = 0.0
     """yaw to keep at a station, rad"""
     once: bool = False
-    """whether to fly one manoeuvre: its waypoint is the place of arming, and the pilot ends after it"""
+    """whether to make one manoeuvre, whose waypoint is the place of arming; the pilot ends after the manoeuvre"""
     mission: Mission | None = field(default=None, init=False)
-    """present mission, which begins with the first action towards a waypoint; None before"""
+    """current mission, which begins with the first action towards a waypoint; None before this action"""
     action_time: float = field(default=0.0, init=False)
     """computing time of the controller's last action, s"""
     ended: list[tuple[Mission, str]] = field(default_factory=list, init=False)
-    """missions that `write` has not written yet, with the reason of their end"""
+    """ended missions that `write` has not written yet, each with the reason for its end"""
     _action: Floats | None = field(default=None, init=False)
     """(n_u,) action of the present step; None before a mission's first action and after `skip_record`"""
 
@@ -130,7 +130,8 @@ class Steering:
         A waypoint must be set.
 
         Raises:
-            RunError: the answer of the controller or of the filter is not an action. Exceptions of both are not caught.
+            RunError: the controller or the filter returned an invalid action.
+            Exception: an exception of the controller or of the filter.
         """
         waypoint = self.waypoint
         assert waypoint is not None
@@ -170,7 +171,7 @@ class Steering:
         )
 
     def end(self, reason: str) -> None:
-        """End the present mission; with a logbook, `write` then records it if it has at least one step."""
+        """End the present mission; with a logbook, the next `write` records a mission with at least one step."""
         mission, self.mission, self._action = self.mission, None, None
         self._record(mission, reason)
 
@@ -187,7 +188,7 @@ class Steering:
         return f"; the filter changed {self.filter.changed} commands, {self.filter.infeasible} of them beyond the thrusters' limits"
 
     def write(self) -> None:
-        """Write the missions that have ended. A disk may be slow or full, so the vehicle must be at rest.
+        """Write the missions that have ended; the vehicle must be at rest, since a disk may be slow or full.
 
         Raises:
             RunError: the logbook cannot be written.

@@ -40,11 +40,11 @@ SENT = 3
 PAUSE = 0.04
 """time between two messages of the will, s"""
 LONGEST = 5.0
-"""time in s in which the supervisor must end after `watch`; then SIGALRM kills it"""
+"""longest time in s from the return of `watch` to the end of the supervisor; after this time, SIGALRM kills the supervisor"""
 
 
 class Sender(Protocol):
-    """Connection to a vehicle: the class `Sender` in an integration's file. The words after the file's name are its arguments."""
+    """Connection to a vehicle: the class `Sender` in an integration's file. Its arguments are the words after the file's name."""
 
     done: str
     """effect of the will as text, for the supervisor's last line"""
@@ -99,7 +99,7 @@ def watch(control: socket.socket, sender: Sender, will: list[bytes]) -> str:
 
 
 def main(control: str, file: str, *arguments: str) -> int:
-    # Ctrl-C and a closing terminal end the pilot; the supervisor must survive to see that.
+    # Ctrl-C and a closing terminal end the pilot; the supervisor must survive to notice the pilot's end.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     will: list[bytes] = []
@@ -129,7 +129,7 @@ def main(control: str, file: str, *arguments: str) -> int:
 
 
 def say(text: str) -> None:
-    """Write a line to standard error, unless it is closed or full."""
+    """Write a line to standard error, unless standard error is closed or full."""
     with contextlib.suppress(OSError, ValueError):
         if select.select([], [2], [], 0.0)[1]:
             os.write(2, f"pilot: {text}\n".encode())
