@@ -9,7 +9,7 @@ auvbench's own included.
 >>> check_block("task.observation=[position_error,velocity]")
 
 Each function raises a `ConformanceError` (an `AssertionError`) with what is wrong. `pytest --auvbench algo=NAME --auvbench
-task=NAME --auvbench reward=NAME` and so on runs the same checks without any code, one test each (`SUITES`).
+task=NAME --auvbench reward=NAME` and so on runs the same checks without any code, with one test for each check (`SUITES`).
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ SUITES: dict[str, tuple[tuple[Callable[[Any], None], ...], Callable[..., None]]]
     "simulator=": (SIMULATOR_CHECKS, check_simulator),
     "launcher=": (LAUNCHER_CHECKS, check_launcher),
 }
-"""Checks of each kind of part, and the function that runs them, by the override that chooses the part; `algo=` has two suites of checks,
-which `check_agent` runs."""
+"""For each kind of part, its checks and the function that runs them, by the override that chooses the part. `algo=` is not a key,
+because it has two suites of checks; `check_agent` runs both."""
 
 NAMED: dict[str, tuple[tuple[Callable[[Any], None], ...], Callable[..., None]]] = {
     "train.log=": (TRACKER_CHECKS, check_tracker),
     "command=": (COMMAND_CHECKS, check_command),
 }
-"""Checks of the kinds of parts that are chosen by only a name, and the function that runs them."""
+"""Like `SUITES`, but for the kinds of parts whose checks need only the part's name and no configuration."""
 
 __all__ = [
     "AGENT_CHECKS",

@@ -71,10 +71,10 @@ def fly(config: schema.TrainConfig, agent: base.Agent) -> Flight:
 
 
 def replay(flight: Flight, agent: base.Agent, rows: Sequence[int], what: str) -> None:
-    """Give an agent the observations of some of a flight's episodes again, and compare its actions.
+    """Give an agent the recorded observations of the episodes `rows`, and compare its actions with the recorded actions.
 
     Raises:
-        ConformanceError: the actions differ from the flight's.
+        ConformanceError: the actions differ from the recorded actions.
     """
     chosen = np.asarray(rows)
     agent.reset(chosen.copy())
@@ -108,8 +108,9 @@ def nothing_outlives_an_episode(config: schema.TrainConfig, make: Make) -> None:
 
 
 def actions_are_deterministic(config: schema.TrainConfig, make: Make) -> None:
-    """Check that two agents of one configuration act the same, even after other random draws, and draw from
-    no global generator.
+    """Check that two agents of one configuration act the same, even after other random draws.
+
+    The agents must not draw from a global generator.
     """
     draws.reseed_generators(1)
     agent = make()
@@ -130,7 +131,7 @@ AGENT_CHECKS: tuple[Callable[[schema.TrainConfig, Make], None], ...] = (
 
 @dataclass
 class Trainings:
-    """Runs of one configuration in one folder, created when a check needs them."""
+    """Runs of one configuration in one folder; each run is created when a check first needs it."""
 
     overrides: tuple[str, ...]
     folder: Path
@@ -167,7 +168,7 @@ def _compare(first_run: RunDirectory, second_run: RunDirectory, what: str) -> No
 
 
 def training_is_deterministic(trainings: Trainings) -> None:
-    """Check that the same configuration gives the same bits, even after other random draws."""
+    """Check that two trainings of one configuration write the same bits, even after other random draws."""
     draws.reseed_generators(4)
     repeated = trainings.run("again")
     execute(repeated)
@@ -183,9 +184,7 @@ def tests_on_the_way_change_nothing(trainings: Trainings) -> None:
 
 
 def nothing_is_pickled(trainings: Trainings) -> None:
-    """Check that the model loads without unpickling anything that could run code, and that no file of the model or
-    the checkpoints is a pickle.
-    """
+    """Check that no file of the model or the checkpoints is a pickle, and that loading the model unpickles no code."""
     run = trainings.whole()
     saved = sorted(path for path in run.model.rglob("*") if path.is_file())
     if not saved:
@@ -203,7 +202,7 @@ def nothing_is_pickled(trainings: Trainings) -> None:
 
 @contextmanager
 def stopped_at(step: int) -> Iterator[None]:
-    """Stop each training inside this context with an error when it reaches this step of the environment."""
+    """Inside this context, stop each training with an error when it reaches the environment step `step`."""
     ordinary = Session.step
 
     def strike(self: Session, steps: int, transition: Any) -> float:
@@ -221,7 +220,7 @@ def stopped_at(step: int) -> Iterator[None]:
 def a_stopped_training_ends_as_it_says(trainings: Trainings) -> None:
     """Check that an interrupted training ends with the same bits as an uninterrupted one.
 
-    With `exact_resume` it continues from a checkpoint; without it, the training restarts.
+    An agent with `exact_resume` continues from a checkpoint; any other agent restarts its training.
     """
     whole = trainings.whole()
     total = whole.manifest()["total_steps"]

@@ -20,7 +20,7 @@ N, STEPS = 5, 20
 """Number of parallel episodes, and number of steps, of a check"""
 
 ROUNDING = 1e-6
-"""Relative and absolute tolerance between the numbers of the compiled and the Python form, which are rounded to 32 bits"""
+"""Relative and absolute tolerance between the numbers of a block's compiled form and Python form; the numbers are rounded to 32 bits"""
 
 
 def play(batch: Batch, first: int = 0) -> NDArray[np.float32]:
@@ -40,7 +40,7 @@ def interpreted(config: schema.TrainConfig, n: int) -> Batch:
 
 
 def its_numbers_are_finite_and_within_bounds(config: schema.TrainConfig) -> None:
-    """Check that numbers are finite and within the bounds that the block declares."""
+    """Check that the block's numbers are finite and within the bounds that the block declares."""
     batch = Batch(config, N, seed=3)
     observations = play(batch)
     for name, block in batch.task.spec.blocks.items():
@@ -74,7 +74,7 @@ def it_stays_within_its_arrays(config: schema.TrainConfig) -> None:
         raise ConformanceError(f"run as Python: {error}") from error
     if not np.allclose(plain, compiled, rtol=ROUNDING, atol=ROUNDING):
         raise ConformanceError(
-            f"its numbers must be the same compiled and as Python; they differ by up to {np.abs(plain - compiled).max():.3g}"
+            f"its compiled form and its Python form must give the same numbers; they differ by up to {np.abs(plain - compiled).max():.3g}"
         )
 
 

@@ -18,7 +18,7 @@ from auvbench.registry import COMMANDS
 from auvbench.testing.draws import ConformanceError, run_checks
 
 LONGEST = 100
-"""Largest number of characters of a title: each command fits one line of `auvbench --help`"""
+"""Largest number of characters of a command's title, so that each command fits one line of `auvbench --help`"""
 
 
 def called(*words: str) -> tuple[int, str, str]:

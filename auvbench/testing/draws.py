@@ -1,5 +1,6 @@
-"""Provide functions that the conformance checks share: their loop and error, and tests for equal bits, for draws
-from global generators, and for pickles.
+"""Provide the functions that the conformance checks share.
+
+These are the loop over the checks, their error, and tests for equal bits, for draws from global generators and for pickles.
 """
 
 from __future__ import annotations

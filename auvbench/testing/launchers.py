@@ -59,7 +59,7 @@ def until_ended(place: Backend, job: Job) -> Status:
 
 
 def it_carries_runs_out(launches: Launches) -> None:
-    """Check that a submitted run ends with exit code 0 and is complete, and that each job belongs to its run."""
+    """Check that `submit` returns a job of the submitted run, and that the run ends complete with exit code 0."""
     place = launches.backend()
     runs = [launches.run("first", f"seed={seed}") for seed in (0, 1)]
     for run in runs:

@@ -42,7 +42,7 @@ def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
 
 
 def it_pays_every_end(config: schema.TrainConfig) -> None:
-    """Check that the reward is finite in each step, whether or not it ends the episode, at and far from the reference."""
+    """Check that the reward is finite at any distance from the reference, in steps that end the episode and in other steps."""
     for batch, pay in _plain(config):
         e = batch.task.episodes[0]
         for distance in (0.0, 1e-9, float(e.distance), 1e4):

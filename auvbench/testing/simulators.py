@@ -51,8 +51,10 @@ def compare(first: dict[str, Any], second: dict[str, Any], what: str) -> None:
 
 
 def its_arrays_are_what_they_should(make: Make) -> None:
-    """Check that `pose` (n, 7), `velocity` (n, 6), `command_force` (n, n_u) and `power` (n,) are finite float64 arrays, that quaternions
-    have length 1, and that `capabilities` has the right type.
+    """Check the arrays and the type of `capabilities`.
+
+    `pose` (n, 7), `velocity` (n, 6), `command_force` (n, n_u) and `power` (n,) must be finite float64 arrays, and quaternions must
+    have length 1.
     """
     simulator = make(N)
     if not isinstance(simulator.capabilities, Capabilities):
@@ -86,7 +88,7 @@ def reset_puts_vehicles_where_it_says(make: Make) -> None:
 
 
 def motion_does_not_depend_on_the_batch(make: Make) -> None:
-    """Check that a vehicle of a deterministic simulator moves with the same bits in any batch."""
+    """Check that, in a deterministic simulator, a vehicle's motion is the same bit for bit in any batch."""
     simulator = make(N)
     start(simulator)
     together = fly(simulator)
@@ -99,7 +101,7 @@ def motion_does_not_depend_on_the_batch(make: Make) -> None:
 
 
 def nothing_outlives_a_reset(make: Make) -> None:
-    """Check that after `reset` vehicles of a deterministic simulator move with the same bits as in a new simulator."""
+    """Check that, in a deterministic simulator, motion after a `reset` is bit for bit the motion in a new simulator."""
     simulator = make(N)
     start(simulator)
     first = fly(simulator)
@@ -135,7 +137,7 @@ def commands_are_clipped(make: Make) -> None:
 
 
 def its_state_comes_back(make: Make) -> None:
-    """Check that `state_dict` has plain arrays, and that with `exact_resume` another simulator continues from it with the same bits."""
+    """Check that `state_dict` has plain arrays, and that with `exact_resume` another simulator continues exactly from this state."""
     simulator = make(N)
     start(simulator)
     fly(simulator)

@@ -41,7 +41,7 @@ def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[
 
 
 def its_rows_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
-    """Check that an episode gives the same floats in any batch."""
+    """Check that an episode gives the same observations, rewards and ends in any batch."""
     together = Batch(config, N, seed=3)
     first = together.reset().copy()
     results, _ = play(together, range(STEPS))
@@ -71,9 +71,7 @@ def it_resumes_in_mid_episode(config: schema.TrainConfig) -> None:
 
 
 def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
-    """Check that the same seed and episode give the same start, and that another seed, stream or episode
-    gives a different one.
-    """
+    """Check that the same seed, stream and episode give the same start, and that a change of one of them changes the start."""
 
     def start(seed: int = 3, episode: int = 4, **stream: bool) -> NDArray[Any]:
         batch = Batch(config, 2, seed=seed, **stream)
@@ -91,8 +89,9 @@ def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
 
 
 def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
-    """Check that episodes end by their time limit, and that records have the task's columns with finite values
-    in range.
+    """Check that episodes end by their time limit and write valid records.
+
+    A record must have the task's columns, with finite values in range.
     """
     limit = 2 * STEPS
     short = replace(config, task=replace(config.task, max_steps=limit, time_limit=None))
@@ -131,7 +130,7 @@ def its_episodes_end_with_records(config: schema.TrainConfig) -> None:
 def its_functions_stay_within_their_arrays(config: schema.TrainConfig) -> None:
     """Check that the task's functions, run as Python, access only existing fields and indices.
 
-    The functions of `auvbench.tasks.rows` that they call stay compiled.
+    The functions of `auvbench.tasks.rows`, which the task's functions call, stay compiled.
     """
     steps = 3
     short = replace(config, task=replace(config.task, max_steps=steps, time_limit=None))

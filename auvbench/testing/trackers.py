@@ -41,7 +41,7 @@ def it_logs_a_training(service: Service) -> None:
 
 
 def an_attempt_continues_the_log_of_an_earlier_one(service: Service) -> None:
-    """Check that a log opens again with the same key after a failure, and then accepts a step before the last logged step."""
+    """Check that a log opens again with the same key after a failure, and then accepts a lower step than the last logged step."""
     with failing("prepare"):
         service.prepare("conformance")
     for step, error in (
@@ -91,7 +91,9 @@ TRACKER_CHECKS: tuple[Callable[[Service], None], ...] = (
 
 
 def check_tracker(name: str, only: Callable[[Any], None] | None = None) -> None:
-    """Check a tracker against its contract (`auvbench.tracking.Service`); it logs to the destination in its client's settings.
+    """Check a tracker against its contract (`auvbench.tracking.Service`).
+
+    The check logs to the destination that is set in the settings of the tracker's client.
 
     Args:
         name: value of `train.log`.
@@ -100,7 +102,7 @@ def check_tracker(name: str, only: Callable[[Any], None] | None = None) -> None:
     Raises:
         ConformanceError: the tracker breaks its contract.
         ConfigError: the name is unknown, or the tracker lacks a function.
-        MissingExtraError: its client is not installed.
+        MissingExtraError: the tracker's client is not installed.
     """
     if name not in TRACKERS.names():
         raise ConfigError(f"train.log={name}: unknown; {closest(name, TRACKERS.names())}")
