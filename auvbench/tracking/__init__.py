@@ -27,7 +27,7 @@ class Tracker(Protocol):
         """Add scalars by name at an environment step."""
 
     def close(self, error: BaseException | None) -> None:
-        """End the log; with an error, mark this attempt as failed."""
+        """End the log; if `error` is not None, mark this attempt of the run as failed."""
 
 
 class Service(Protocol):
@@ -48,8 +48,9 @@ class Service(Protocol):
 
 @functools.cache
 def prepare(service: str, experiment: str) -> None:
-    """Import the client and create MLflow's experiment, once before the first run of a grid, because parallel runs
-    cannot.
+    """Import the client and create MLflow's experiment.
+
+    Called once before the first run of a grid, because parallel runs cannot create the experiment themselves.
 
     Args:
         service: value of `train.log`.
@@ -57,7 +58,7 @@ def prepare(service: str, experiment: str) -> None:
 
     Raises:
         MissingExtraError: the client is not installed.
-        ConfigError: MLflow's server or database does not answer; the message has its reason.
+        ConfigError: MLflow's server or database does not answer; the message has the client's reason.
     """
     if service == LOCAL:
         return
