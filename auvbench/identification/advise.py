@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 SECONDS = 30.0
 """Duration of a candidate in s; the recommended manoeuvre is twice as long."""
 AMPLITUDES = (0.15, 0.3)
-"""Amplitudes of candidates, as shares of the largest force along an axis."""
+"""Amplitudes of candidates, as fractions of the largest force along the axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class Advice:
     def text(self) -> str:
         """Return the recommendation as a sentence."""
         return (
-            f"Fly a telegraph signal in {self.axis} for a minute without a controller: the thrusters push to and fro with"
+            f"Apply a telegraph signal in {self.axis} for a minute without a controller: the thrusters push back and forth with"
             f" {100 * self.amplitude:.0f} % and {40 * self.amplitude:.0f} % of their largest force along this axis, and"
             f" each level lasts {signals.SHORT:g} to {signals.LONG:g} s"
             f" (auvbench pilot excite --axis {self.axis} --amplitude {self.amplitude:g})."
@@ -46,9 +46,9 @@ class Advice:
 def advise(result: Fit) -> list[Advice]:
     """Return candidate manoeuvres, the most informative first: telegraph signals along each axis on which the thrusters can push.
 
-    Each candidate is simulated with the fitted vehicle, and with the sensors and the lasting errors of the logs. Its Fisher
-    information, doubled for the doubled duration, is added to the inverse of the fit's covariance. A vehicle without thrusters, or with
-    other actuators as well, has no candidates.
+    Each candidate is simulated with the fitted vehicle, and with the sensors and the lasting errors of the logs. The candidate's Fisher
+    information is doubled, because the recommended manoeuvre is twice as long, and added to the inverse of the fit's covariance. A
+    vehicle without thrusters, or with actuators other than thrusters, has no candidates.
     """
     vehicle = with_values(result.vehicle, result.numbers)
     if not vehicle.thrusters or vehicle.others:
@@ -70,7 +70,7 @@ def advise(result: Fit) -> list[Advice]:
             command = signals.telegraph(vehicle, [axis], SECONDS, amplitude, generator)
             try:
                 log = manoeuvres.fly(vehicle, command, generator, noise=noise, every=5, name=axis)
-            except LogError:  # The vehicle would turn over, or be faster than any vehicle.
+            except LogError:  # The simulated vehicle turned over, or was impossibly fast.
                 continue
             log = replace(log, lasting=lasting)
             added = information([log], result.vehicle, parameters, result.x, noise) / widened

@@ -1,4 +1,7 @@
-"""Describe logs for help and errors: the readable formats, and the columns that `csv_log` reads. Importing it does not import NumPy."""
+"""Describe logs for help and errors: the readable formats, and the columns that `csv_log` reads.
+
+Importing this module does not import NumPy.
+"""
 
 from auvbench import integrations
 

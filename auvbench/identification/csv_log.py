@@ -22,7 +22,7 @@ FRAMES = ("enu", "ned")
 _TURN = np.array([1.0, -1.0, -1.0])
 
 TIME = {"t_s": 1.0, "time_s": 1.0, "t_ms": 1e-3, "time_ms": 1e-3, "t_us": 1e-6, "time_us": 1e-6}
-"""Columns of time with their factors to s."""
+"""Time columns, each with the factor that converts its values to s."""
 _DEG = np.pi / 180.0
 COLUMNS: Mapping[str, tuple[str, float]] = {
     **{f"{name}_m": (name, 1.0) for name in ("x", "y", "z")},
@@ -172,7 +172,7 @@ def _inputs(table: pd.DataFrame, name: str) -> tuple[str, tuple[str, ...], Float
 
 
 def _held(values: FloatArray, column: str, name: str) -> FloatArray:
-    """Return values (T,) in which each empty cell has the value of the row before."""
+    """Return the values (T,), with each empty cell filled by the last value before it."""
     if values.size and np.isnan(values[0]):
         raise LogError(f"{name}: {column} is empty in row 1; an input needs a value from the first row on")
     rows = np.where(np.isnan(values), 0, np.arange(values.size))

@@ -1,4 +1,4 @@
-"""Fit numbers of a sheet to logs: robust least squares with priors, and their joint covariance by a block bootstrap."""
+"""Fit numbers of a sheet to logs by robust least squares with priors, and estimate their joint covariance by a block bootstrap."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 IDENTIFIED = 0.5
-"""A parameter is identified if its posterior standard deviation is below this share of the prior's."""
+"""A parameter is identified if its posterior standard deviation is at most this fraction of its prior standard deviation."""
 BLOCK = 5.0
 """Shortest duration in s of the blocks that the bootstrap draws; a block is at least two windows."""
 ROUNDS = 3
 """Number of successive fits; each fit takes the size of the residuals from the previous fit."""
 BOUND = 4.0
-"""Bound of a parameter, in prior standard deviations."""
+"""Largest distance of a parameter from its prior in a fit, in prior standard deviations."""
 CONTRADICTED = 2.0
 """Distance of a parameter from its prior, in prior standard deviations, beyond which the log contradicts the sheet. Such a parameter
 is not reset to its prior, even if the log identifies it poorly: the other parameters would have to compensate for a wrong value."""
@@ -51,7 +51,7 @@ class Estimate:
 
     @property
     def value(self) -> float:
-        """Return the number."""
+        """Return the value of the parameter in its unit."""
         return self.parameter.value(self.x)
 
 
@@ -88,7 +88,7 @@ class Fit:
 
 
 def window_of(logs: Sequence[Log]) -> float:
-    """Return the default length of a window in s: 2 s with velocities or rates, else 5 s; at least the time of eight measurements."""
+    """Return the default length of a window in s: 2 s if a log has velocities or rates, else 5 s; at least eight measurement intervals."""
     fast = any(log.has(name) for log in logs for name in CHANNELS[6:])
     slowest = max(min(log.interval(name) for name in CHANNELS if log.has(name)) for log in logs)
     return max(2.0 if fast else 5.0, 8.0 * slowest)
@@ -105,7 +105,7 @@ def fit(
     seed: int = 0,
     told: Callable[[str], None] = lambda text: None,
 ) -> Fit:
-    """Return the parameters that explain the logs, and which of them the logs do not identify.
+    """Return the parameters that explain the logs best, and the reasons for which the logs do not identify some of them.
 
     Args:
         logs: logs of one vehicle.
@@ -150,7 +150,7 @@ def fit(
         for parameter, at, variance in zip(parameters, x, np.diag(covariance), strict=True)
     )
     sigma = {CHANNELS[k]: float(s) for k, s in zip(residuals.channels, residuals.sigma, strict=True)}
-    predictor = Predictor(windows, vehicle)  # with the inputs as they were logged
+    predictor = Predictor(windows, vehicle)  # new, without the fit's time corrections
     return Fit(
         vehicle=vehicle,
         logs=tuple(logs),
@@ -187,7 +187,7 @@ def information(
 
 
 def _undamped(parameter: Parameter, x: float) -> bool:
-    """Return whether a parameter is a damping at its lower bound, where it is practically 0; many vehicles have such a damping."""
+    """Return whether a parameter is a damping coefficient at its lower bound, which is practically 0, as for many vehicles."""
     return "damping" in parameter.name and x <= parameter.range(BOUND)[0] + 1e-3
 
 
@@ -213,7 +213,7 @@ def _solve(residuals: Residuals, x: FloatArray, free: Sequence[int], tolerance: 
         J = residuals.jacobian(x, free)
         gradient = J.T @ (weights * r)
         H = J.T @ (weights[:, None] * J)
-        # A parameter at a bound stays there if its step would cross the bound.
+        # A parameter at a bound keeps its value if its step would cross the bound.
         inner = [
             k
             for k, at in enumerate(free)
@@ -233,7 +233,7 @@ def _solve(residuals: Residuals, x: FloatArray, free: Sequence[int], tolerance: 
 def _line(
     residuals: Residuals, x: FloatArray, step: FloatArray, low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, bool]:
-    """Return a point along a step with a smaller loss, and True; without such a point, `x` and False."""
+    """Return a point along the step whose loss is smaller than the loss of `x`, and True; if none is found, return `x` and False."""
     before = residuals.loss(x)
     share = min(1.0, 1.0 / max(float(np.abs(step).max()), 1e-12))
     for _ in range(8):
@@ -252,9 +252,10 @@ def _blocks(windows: Windows) -> IntArray:
 
 
 def _sums(residuals: Residuals, x: FloatArray, blocks: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return gradients (blocks, n_p) and Gauss-Newton matrices (blocks, n_p, n_p) of the blocks, without the prior.
+    """Return the gradient and the Gauss-Newton matrix of each block, both without the prior, and the effect of shared errors.
 
-    The third result (errors, n_p) is the change of the gradient for one standard deviation of each error that all logs share.
+    The gradients have shape (blocks, n_p), the matrices (blocks, n_p, n_p). The third result, (errors, n_p), is the change of the
+    gradient by one standard deviation of each error that all logs share.
     """
     everything = range(x.size)
     J = residuals.jacobian(x, everything)
@@ -283,9 +284,9 @@ def _covariance(gradients: FloatArray, matrices: FloatArray, errors: FloatArray)
 
 
 def _bounded(covariance: FloatArray, bread: FloatArray) -> FloatArray:
-    """Return a covariance whose variances are at least the Gauss-Newton variances (of `bread`) and at most the prior's.
+    """Return a covariance whose variances are at least the Gauss-Newton variances (of `bread`) and at most the prior variances.
 
-    A log with few blocks has too little scatter; a block in which the vehicle turns over has too much.
+    The bounds are needed because the scatter is too small in a log with few blocks, and too large if the vehicle turns over in a block.
     """
     variance = np.clip(np.diag(covariance), np.diag(bread), 1.0)
     ratio = np.sqrt(variance / np.diag(covariance))
@@ -293,7 +294,7 @@ def _bounded(covariance: FloatArray, bread: FloatArray) -> FloatArray:
 
 
 def _widened(covariance: FloatArray, factor: float) -> FloatArray:
-    """Return a covariance whose standard deviations are larger by a factor, and at most the prior's."""
+    """Return a covariance with standard deviations multiplied by `factor`, but not beyond the prior standard deviations."""
     ratio = np.minimum(factor, np.maximum(1.0, 1.0 / np.sqrt(np.diag(covariance))))
     return np.asarray(covariance * np.outer(ratio, ratio))
 
@@ -317,7 +318,7 @@ def _identified(
         if not free:
             break
         covariance = _covariance(gradients[:, free], matrices[:, free][:, :, free], errors[:, free])
-        # With few blocks the scatter itself is uncertain, by the ratio of Student's quantile to the normal one.
+        # With few blocks the scatter itself is uncertain, so sd is multiplied by the ratio of Student's to the normal quantile.
         sd = np.sqrt(np.diag(covariance)) * _quantile(len(gradients)) / _quantile(10**6)
         sd[np.abs(x[free]) > CONTRADICTED] = 0.0
         worst = int(np.argmax(sd))
@@ -335,7 +336,7 @@ def _identified(
 
 
 def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropped: bool) -> list[int]:
-    """Refit `x` in place if parameters were dropped (reset to their prior) or ran to a bound; return the indices of the free ones."""
+    """Refit `x` in place if parameters were dropped (reset to their prior) or ran to a bound; return the free parameters' indices."""
     names = [parameter.name for parameter in residuals.parameters]
     while True:
         free = [k for k, name in enumerate(names) if name not in reasons]
@@ -344,7 +345,7 @@ def _settled(residuals: Residuals, x: FloatArray, reasons: dict[str, str], dropp
         at_bound = []
         for k in free:
             low, high = residuals.parameters[k].range(BOUND)
-            physical = not residuals.parameters[k].log  # such as a delay of 0
+            physical = not residuals.parameters[k].log  # its bound is physical, such as a delay of 0
             undamped = _undamped(residuals.parameters[k], float(x[k]))
             if not physical and not undamped and min(x[k] - low, high - x[k]) < 1e-3:
                 at_bound.append(k)
@@ -381,7 +382,7 @@ def _reason(names: Sequence[str], free: Sequence[int], covariance: FloatArray, w
 def _resampled(
     gradients: FloatArray, matrices: FloatArray, errors: FloatArray, replicates: int, seed: int
 ) -> FloatArray:
-    """Return the covariance of bootstrap replicates (Andrews 2002: one Newton step from the fit for each).
+    """Return the covariance of bootstrap replicates, each one Newton step from the fit (Andrews 2002).
 
     A replicate draws blocks with replacement, the centre of the prior from the prior, and the errors that all logs share.
     """

@@ -1,4 +1,4 @@
-"""Judge from a log whether its commands caused the motion, or followed it in a closed loop.
+"""Judge from a log whether the commands caused the motion, or a controller computed the commands from the motion.
 
 In an open-loop log the commanded force leads the force that the motion shows (mass times acceleration, damping, restoring
 moment) by the thrusters' delay, 20 to 30 ms in a log of a BlueROV. In closed-loop logs of the same vehicle the command follows
@@ -28,17 +28,17 @@ LATEST = 0.15
 FARTHEST = 0.3
 """Largest time in s by which command and motion are shifted for the comparison."""
 SMALLEST = 0.6
-"""Smallest correlation at which a command counts as the cause of the motion."""
+"""Smallest correlation of command and motion with which an axis is judged as open loop."""
 COARSEST = 0.075
-"""Largest time in s between two measurements from which the order of command and motion can be judged."""
+"""Largest time in s between two measurements with which the lag of the motion can be judged."""
 SMOOTH = 5
-"""Number of samples of the moving mean over both signals."""
+"""Number of samples in the moving means that smooth the velocities, the commanded force and the force from the motion."""
 EXCITED = 0.02
-"""An axis counts as commanded if its RMS force is at least this share of the largest force."""
+"""Smallest RMS of the commanded force on an axis that is judged, as a fraction of the axis's largest force."""
 
 
 QUIET = 0.05
-"""Speed in m/s or rad/s below which an axis that is not commanded shows neither mass nor damping."""
+"""Speed in m/s or rad/s below which the motion of an axis without commands shows neither mass nor damping."""
 
 CLOSED, AGAINST, STILL = "closed loop", "against the command", "still"
 _REASONS = {
@@ -50,11 +50,11 @@ _REASONS = {
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Judgement whether the commands of one axis caused its motion in some logs."""
+    """Judgement whether, in some logs, the commands of one axis caused the motion along this axis."""
 
     axis: str
     command: float
-    """Root mean square of the commanded force, as a share of the largest force."""
+    """Root mean square of the commanded force, as a fraction of the largest force."""
     moved: float
     """95 % quantile of the absolute velocity, m/s or rad/s; NaN if no log shows the velocity."""
     lag: float = float("nan")
@@ -105,7 +105,7 @@ def _judge(
     if seen:
         moved = float(np.quantile(np.abs(np.concatenate([motions[n].state[:, 6 + k] for n in seen])), 0.95))
     if command < EXCITED:
-        # A speed that was not measured is NaN.
+        # If the speed was not measured, `moved` is NaN and the state is STILL.
         return Verdict(AXES[k], command, moved, state="not commanded" if moved >= QUIET else STILL)
     if not seen:
         return Verdict(AXES[k], command, moved, state="not measured")
@@ -139,7 +139,7 @@ def _judge(
 
 
 def _interval(log: Log, k: int) -> float:
-    """Return the time in s between two measurements of an axis's velocity, or of the position or angle that gives it."""
+    """Return the time in s between measurements of an axis's velocity, or else of the position or angle that is differentiated."""
     name = CHANNELS[6 + k] if log.has(CHANNELS[6 + k]) else CHANNELS[k]
     return log.interval(name) if log.has(name) else float("inf")
 
@@ -147,7 +147,7 @@ def _interval(log: Log, k: int) -> float:
 def _signals(
     k: int, log: Log, vehicle: VehicleModel, wrench: FloatArray, state: motion.Motion
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return the commanded force and the force that the motion shows (samples,) of each segment, without their means."""
+    """Return, for each segment, the commanded force and the force that the motion shows, both less their means, (samples,)."""
     signals = []
     kernel = np.ones(SMOOTH) / SMOOTH
     for first, last in log.segments:

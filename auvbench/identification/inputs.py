@@ -17,7 +17,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 NEUTRAL, SPAN = 1500.0, 400.0
-"""Pulse width at command 0, and its change up to command 1, us."""
+"""Pulse width at command 0, and increase of the pulse width from command 0 to command 1, us."""
 _NUMBERED = re.compile(r"(?:pwm|motor|servo|thruster|c|m|t)?_?(\d+)", re.IGNORECASE)
 
 
@@ -43,7 +43,7 @@ def columns(log: Log, vehicle: VehicleModel) -> list[int]:
         if index is None and match:
             index = int(match[1]) - 1
         if match and index is not None and index >= len(names) and np.ptp(log.inputs[:, column]) == 0.0:
-            continue  # Such as an autopilot's output for lights.
+            continue  # A constant output without a thruster is allowed, such as an autopilot's output for lights.
         if index is None or not 0 <= index < len(names):
             raise LogError(
                 f"{log.name}: {vehicle.name} has no actuator {given!r}; {closest(given, names)}, or numbers from 1 to"
@@ -62,7 +62,7 @@ def columns(log: Log, vehicle: VehicleModel) -> list[int]:
 def quantities(log: Log, vehicle: VehicleModel, voltage: float | None = None) -> FloatArray:
     """Return the quantities (T, n_u) of the actuators in the units of their curves: N, rad/s, rad, m or m3.
 
-    A T200's thrust follows the log's voltage, or `voltage` where the log has none.
+    A T200's thrust is computed for the supply voltage in the log; if the log has no voltage, for `voltage`.
 
     Raises:
         LogError: the inputs do not fit the vehicle.

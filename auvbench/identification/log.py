@@ -1,4 +1,4 @@
-"""One log as arrays in auvbench's axes, with the checks that every format shares."""
+"""Store one log as arrays in auvbench's axes, and make the checks that all formats share."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ SHORTEST = 2.0
 FEWEST = 8
 """Smallest number of rows of a log, and of measurements of a channel."""
 SLOWEST = 2.0
-"""Longest median time in s between two rows; thrusters and vehicles change faster."""
+"""Longest median time in s between two rows; with longer times, a log misses changes of thrust and motion."""
 GAP = 10.0
-"""A pause of this many median steps, and of at least a second, ends a segment."""
+"""A pause that is longer than this many median steps, and longer than a second, ends a segment."""
 FASTEST = (20.0,) * 3 + (35.0,) * 3
 """Largest velocities and rates of an underwater vehicle, m/s and rad/s; 35 rad/s is the range of usual gyros (2000 deg/s)."""
 GRAVITY = (8.0, 11.6)
@@ -45,15 +45,15 @@ class LogError(UserError):
 
 
 class Motors(Protocol):
-    """Thrusters of a vehicle as an autopilot's motors 1, 2, ..."""
+    """Assignment of a vehicle's thrusters to an autopilot's motors 1, 2, ..."""
 
     @property
     def order(self) -> tuple[int, ...]:
-        """Return the index (motors,) of each motor's thruster among the vehicle's actuators."""
+        """Return, for each motor, the index of its thruster among the vehicle's actuators, (motors,)."""
 
     @property
     def signs(self) -> tuple[float, ...]:
-        """Return 1 (motors,) where a longer pulse pushes along the sheet's direction, else -1."""
+        """Return, for each motor, 1 if a longer pulse pushes along the thruster's direction in the sheet, else -1: (motors,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,9 +95,9 @@ class Log:
     actuators: tuple[str, ...]
     """Names of the columns of `inputs`; numbers from 1 where the log only numbers the thrusters."""
     inputs: FloatArray
-    """(T, n_u), or (T, 6) body wrenches."""
+    """(T, n_u) inputs of the actuators, or (T, 6) wrenches in body axes."""
     measured: FloatArray
-    """(T, 12) of `CHANNELS`."""
+    """(T, 12) measurements of `CHANNELS`."""
     acceleration: FloatArray | None = None
     """(T, 3) specific force in body FLU, m/s2."""
     motors: Callable[[VehicleModel], Motors] | None = None
@@ -105,7 +105,7 @@ class Log:
     voltage: FloatArray | None = None
     """(T,) supply voltage of the thrusters, V; None: not measured."""
     segments: tuple[tuple[int, int], ...] = ()
-    """First row and one past the last row of each part without a gap."""
+    """For each part without a gap, the index of its first row and the index after its last row."""
     lasting: Lasting | None = None
     """Lasting errors of the measurements; None: the measurements have only noise."""
     remarks: tuple[str, ...] = ()
@@ -194,7 +194,7 @@ def _check_time(log: Log) -> None:
 
 
 STEEP = 1.2
-"""Pitch in rad from which roll and yaw are not compared: they jump by half a turn as the bow passes the vertical."""
+"""Pitch in rad from which roll and yaw are not compared, since both jump by half a turn when the bow passes the vertical."""
 LIMITS = {"pwm": (800.0, 2200.0), "command": (-1.0001, 1.0001), "force": (-1e5, 1e5), "wrench": (-1e6, 1e6)}
 _INSTEAD = {
     "pwm": "give pulse widths in us, or commands in [-1, 1] as NAME_cmd",
@@ -253,18 +253,18 @@ def _check_jumps(log: Log) -> None:
             row = int(rows[far[0] + 1])
             raise LogError(
                 f"{log.name}: {CHANNELS[index]} jumps by {steps[far[0]]:.4g} {UNITS[index]} in {seconds[far[0]]:.3g} s"
-                f" before row {row + 1}; cut the log there, or remove the wrong values"
+                f" before row {row + 1}; split the log before this row, or remove the wrong values"
             )
 
 
 def _steep(log: Log, index: int, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return for each step (k - 1,) between rows (k,) whether the step is of roll or yaw while the bow is near the vertical."""
+    """Return, for each step between `rows`, whether channel `index` is roll or yaw and the bow is near the vertical, (rows - 1,)."""
     pitch = np.abs(np.nan_to_num(log.measured[rows, 4]))
     return np.asarray((np.maximum(pitch[1:], pitch[:-1]) > STEEP) & (index in (3, 5)))
 
 
 def _check_units(log: Log) -> None:
-    """Raise LogError if attitude, rates, heave velocity or specific force have a unit or a sign that their column does not say."""
+    """Raise LogError if attitude, rates, heave velocity or specific force have another unit or sign than the name of their column says."""
     tilt = np.abs(log.measured[:, 4])
     if np.nanmax(tilt, initial=0.0) > 0.5 * np.pi + 0.02:
         row = int(np.nanargmax(tilt))
@@ -306,7 +306,7 @@ def _check_units(log: Log) -> None:
 
 
 def _slope(log: Log, angle: int, rate: int) -> float | None:
-    """Return the ratio of a rate to the derivative of its angle, or of w to the derivative of z; None if the log does not show it."""
+    """Return the ratio of a rate to the derivative of its angle, or of w to the derivative of z; None if the log does not determine it."""
     rows = np.flatnonzero(np.isfinite(log.measured[:, angle]) & np.isfinite(log.measured[:, rate]))
     if rows.size < 5 * FEWEST:
         return None

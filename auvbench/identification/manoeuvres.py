@@ -1,4 +1,4 @@
-"""Simulate logs of a vehicle that flies manoeuvres for identification."""
+"""Simulate logs of a vehicle's manoeuvres for identification."""
 
 from __future__ import annotations
 

@@ -13,24 +13,24 @@ from auvbench.identification.log import ATTITUDE, CHANNELS, POSITION, RATES, VEL
 FloatArray = NDArray[np.float64]
 
 DEPTH = -5.0
-"""z in m of a vehicle whose depth was not measured."""
+"""z in m that is assumed if a log has no depth."""
 SPAN = 0.15
-"""Half of the time span in s from whose positions or angles a velocity is derived; at least one interval between measurements."""
+"""Time in s before and after a row from which positions or angles are used to derive a velocity; at least one measurement each."""
 UNKNOWN = 0.3
 """Standard deviation of a velocity that was neither measured nor derived, m/s and rad/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """States of a log in its rows, with blanks filled."""
+    """State of the vehicle in each row of a log, with values that were not measured interpolated, derived or assumed."""
 
     state: FloatArray
-    """(T, 12) of `CHANNELS`."""
+    """(T, 12) values of `CHANNELS`."""
     source: tuple[str, ...]
     """For each channel: "measured", "derived" from position or attitude, or "" for an assumed value."""
     spread: FloatArray
-    """(12,) ratio of a derived state's standard deviation to that of the channel from which it is derived; 0 for a measured state,
-    infinite for an assumed velocity or rate."""
+    """(12,) ratio of a derived state's standard deviation to the standard deviation of the channel from which the state is derived;
+    0 for a measured state, infinite for an assumed velocity or rate."""
 
 
 def of_log(log: Log) -> Motion:
@@ -60,9 +60,9 @@ def of_log(log: Log) -> Motion:
 
 
 def _derive(state: FloatArray, source: list[str], part: slice, values: FloatArray, there: bool) -> None:
-    """Fill velocities or rates that were not measured with `values` (T, 3), in place, if their positions or angles were."""
+    """In place, set velocities or rates that were not measured to `values` (T, 3), if their positions or angles were measured."""
     for column, index in enumerate(range(part.start, part.stop)):
-        # A body component counts as known if the same world axis was measured; at small tilt the two axes coincide.
+        # A body component is derived only if the same world axis was measured; at small tilt the two axes coincide.
         if not source[index] and there and source[index - 6]:
             state[:, index] = values[:, column]
             source[index] = "derived"
@@ -122,7 +122,7 @@ def turns(angles: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _half_width(log: Log, index: int) -> int:
-    """Return the number of measurements on each side of a row from which its derivative is computed."""
+    """Return the number of measurements before and after a row from which the row's derivative is computed."""
     return max(1, round(SPAN / log.interval(CHANNELS[index])))
 
 
@@ -149,7 +149,7 @@ def _slope(log: Log, index: int) -> FloatArray:
 
 
 def _derived_spread(log: Log, index: int) -> float:
-    """Return the standard deviation of a derivative per standard deviation of its channel."""
+    """Return the ratio of a derivative's standard deviation to the standard deviation of the measured channel."""
     if not log.has(CHANNELS[index]):
         return np.inf
     width, step = _half_width(log, index), log.interval(CHANNELS[index])

@@ -1,4 +1,4 @@
-"""Define the numbers of a sheet that a log can determine, with their priors, and return vehicles with other values."""
+"""Define the numbers of a sheet that a log can determine, with their priors, and make vehicles with other values of these numbers."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Parameter:
     low: float = -math.inf
     high: float = math.inf
     axis: str = ""
-    """Degree of freedom whose motion determines it; '' for several."""
+    """Degree of freedom whose motion determines the number; '' if several degrees of freedom do."""
 
     def value(self, x: float) -> float:
         """Return the number for a normalised value."""
@@ -99,7 +99,7 @@ def known(vehicle: VehicleModel) -> dict[str, Parameter]:
 
 
 def choose(vehicle: VehicleModel, names: Sequence[str], measured_voltage: bool) -> tuple[Parameter, ...]:
-    """Return the parameters of some names; a group, such as added_mass, stands for all its axes.
+    """Return the parameters with the given names; the name of a group, such as added_mass, selects all axes of the group.
 
     Args:
         vehicle: vehicle of the prior.
@@ -107,7 +107,7 @@ def choose(vehicle: VehicleModel, names: Sequence[str], measured_voltage: bool) 
         measured_voltage: whether the logs have the supply voltage, which is then not a parameter.
 
     Raises:
-        ConfigError: a name is unknown, its value in the sheet is zero, or it is the voltage that the logs already have.
+        ConfigError: a name is unknown, the sheet's value for a name is zero, or a name is voltage although the logs have the voltage.
     """
     present = known(vehicle)
     groups = {name.partition(".")[0] for name in present}
@@ -176,7 +176,7 @@ def with_values(vehicle: VehicleModel, values: dict[str, float]) -> VehicleModel
         weight=weight,
         buoyancy=max(weight + net, 0.0),
         center_of_buoyancy=center,
-        # Rows and columns by the same factor keep a full matrix positive definite.
+        # A row and its column are scaled by the same factor, so that a full matrix stays positive definite.
         inertia=inertia * np.outer(scale_3, scale_3),
         M_A=M_A * np.outer(scale_6, scale_6),
         linear_damping=linear,

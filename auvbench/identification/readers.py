@@ -1,4 +1,4 @@
-"""Read logs by the kind of file."""
+"""Read logs, each with the reader for its format."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def read(paths: Sequence[str], frame: str = "enu", motors: Sequence[str] | None 
     Args:
         paths: files or folders.
         frame: axes of tables, "enu" or "ned"; the axes of other formats are known.
-        motors: names of the thrusters in the order of an autopilot's motors, with `-` before a reversed one; None: the order of a
+        motors: thruster names in the order of an autopilot's motors, with `-` before a reversed thruster; None: the order of a
             known frame.
 
     Raises:

@@ -14,7 +14,7 @@ from auvbench.untrusted.text import short
 
 TRAJECTORIES = "trajectories.npz"
 MOST = 50
-"""Largest number of episodes of a file that are read."""
+"""Largest number of episodes that are read from a file."""
 
 
 def is_record(path: Path) -> bool:
@@ -58,7 +58,7 @@ def read(path: Path) -> list[Log]:
 
 
 def _episodes(names: list[str]) -> list[tuple[str, int]]:
-    """Return condition and number of each episode for which an archive has a time array, given the names of its arrays."""
+    """Return condition and number of each episode that has a time array, given the names of all arrays in an archive."""
     matches = (re.fullmatch(r"time_(.+)_(\d{1,9})(?:\.npy)?", name) for name in names)
     return sorted((match[1], int(match[2])) for match in matches if match)
 

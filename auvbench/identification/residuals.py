@@ -18,16 +18,18 @@ OWN = len(CHANNELS)
 DISTURBED = (3, 4, *range(6, 12))
 """Components of a first state whose effect is simulated: tilt, velocity and rates. Position and yaw only shift a prediction."""
 TRUSTED = 0.1
-"""Smallest standard deviation of a measured velocity or rate in a first state, as a share of the residuals' standard deviation.
-The difference between two rows does not show slowly changing noise."""
+"""Smallest standard deviation of a measured velocity or rate in a first state, as a fraction of the residuals' standard deviation.
+The noise is estimated from differences between rows, which do not show slowly changing noise."""
 PIECE = 0.5
-"""Duration in s of the pieces of a window whose inputs have a time error of their own: few commands change more often."""
+"""Duration in s of the pieces into which a window is divided. Each piece has its own time error of the inputs, since few commands
+change more often."""
 LATEST = 1.7
 """Largest time error of inputs in standard deviations: sqrt(3) for a uniform error."""
 SMALL = 1e-3
 """Step of finite differences, of states in SI units and of normalised parameters."""
 FLIPPED = 1.0
-"""Change of a residual over a step `SMALL` above which it is not a derivative: an attitude error of half a turn has changed its sign."""
+"""Largest change of a residual over a step `SMALL` that is used as a derivative. A larger change means that an attitude error of half a
+turn has changed its sign."""
 LOST = 1e3
 """Error that replaces the error of a prediction that is not finite."""
 FLOORS = (1e-3,) * 3 + (5e-4,) * 3 + (2e-3,) * 3 + (1e-3,) * 3
@@ -35,15 +37,15 @@ FLOORS = (1e-3,) * 3 + (5e-4,) * 3 + (2e-3,) * 3 + (1e-3,) * 3
 
 
 NOTHING = Lasting(np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0.0, 0.0, 0.0)
-"""Errors of a log that has only noise."""
+"""Lasting errors of a log that has only noise: all are 0."""
 
 
 class Residuals:
     """Residuals of one predictor as a function of normalised parameters.
 
-    The first state of a window is measured with noise, and some logs have lasting errors (`log.Lasting`). Corrections of both errors
-    minimise the residuals of the window. The residuals are linear in the corrections, which are therefore computed in closed form
-    at each evaluation (Golub and Pereyra, variable projection).
+    The first state of a window is measured with noise, and some logs have lasting errors (`log.Lasting`). In each window, the first state
+    and the lasting errors are corrected so that the residuals are smallest. The residuals are linear in the corrections, so each
+    evaluation computes the corrections in closed form (Golub and Pereyra, variable projection).
 
     Attributes:
         sigma: (channels,) standard deviation of the residuals.
@@ -109,9 +111,9 @@ class Residuals:
         return np.where(self.there, np.nan_to_num(error, nan=LOST, posinf=LOST, neginf=-LOST), 0.0)
 
     def linearise(self, x: FloatArray) -> None:
-        """Compute how first states and lasting errors act on the residuals, at normalised parameters `x`.
+        """Compute the derivatives of the residuals by first states and lasting errors, at normalised parameters `x`.
 
-        Predictions then start from the corrected first states, so that only the remaining corrections need to act linearly.
+        Predictions then start from the corrected first states, so that only small corrections remain, whose effect is linear.
         """
         if self._gain is not None:
             _, z = self.project(self.raw(x))
@@ -144,11 +146,13 @@ class Residuals:
         self._gain = G, -np.einsum("nij,nrj->nir", inverse, G)
 
     def _sizes(self, read: Callable[[Lasting], float | FloatArray]) -> FloatArray:
-        """Return one field (n, ...) of the lasting errors of each window's log, as `read` returns it."""
+        """Return, for each window, the value (n, ...) that `read` returns for the lasting errors of the window's log."""
         return np.array([read(lasting or NOTHING) for lasting in self._lasting])[self.windows.log]
 
     def _errors(self, effect: FloatArray, x: FloatArray) -> list[FloatArray]:
-        """Return how one standard deviation of each lasting error acts on the residuals (n, m, channels, k): offsets, drifts, times.
+        """Return the changes of the residuals by one standard deviation of each offset, drift and time error.
+
+        The result has one array (n, m, channels, k) for the offsets, one for the drifts and one for the times.
 
         Args:
             effect: (n, m, channels, 12) effect of first states.
@@ -160,7 +164,7 @@ class Residuals:
         drift = self._sizes(lambda lasting: lasting.drift)[:, None, None]
         early = self._sizes(lambda lasting: lasting.early)[:, None, None, None]
         late = np.moveaxis(self._later(x, self._pieces()), 0, -1)
-        # A first state comes from the measurements, so it has the same offset.
+        # A first state comes from the measurements, so it has the same offset as the measurements.
         return [
             (own - effect) * self._offset[:, None, None],
             self.windows.time[..., None, None] * own * drift,
@@ -168,7 +172,7 @@ class Residuals:
         ]
 
     def _allow(self, z: FloatArray) -> None:
-        """Put the offsets and delays of corrections (n, `corrections`) into the predictions: only small corrections act linearly."""
+        """Include the offsets and delays in `z` (n, `corrections`) in the predictions, since only small corrections act linearly."""
         self.wrong = np.clip(z[:, OWN : 2 * OWN], -5.0, 5.0)
         self.late = np.clip(z[:, 3 * OWN :], -LATEST, LATEST)
         late = np.zeros((self.windows.n, self.predictor.steps))
@@ -177,12 +181,12 @@ class Residuals:
         self.predictor.delay(late * self._sizes(lambda lasting: lasting.early)[:, None])
 
     def _pieces(self) -> list[slice]:
-        """Return the pieces of a window's steps whose inputs have a time error of their own."""
+        """Return the pieces into which the steps of a window are divided; each piece has its own time error of the inputs."""
         width = max(1, round(PIECE / self.windows.step))
         return [slice(first, first + width) for first in range(0, self.predictor.steps, width)]
 
     def _later(self, x: FloatArray, pieces: Sequence[slice]) -> FloatArray:
-        """Return the derivatives of the residuals (k, n, m, channels) with respect to a delay in s of the inputs in k pieces."""
+        """Return the derivatives of the residuals by a delay in s of the inputs in each of k pieces, (k, n, m, channels)."""
         values = values_of(self.parameters, x)
         base, *others = self.predictor.later(values, self.state, SMALL, [slice(0, 0), *pieces])
         return np.stack(
@@ -223,8 +227,8 @@ class Residuals:
     def _start_spread(self) -> FloatArray:
         """Return standard deviations (n, 12) of the first states.
 
-        Where the model is wrong, residuals are larger than the noise. A first rate that could vary as much as the residuals would bend
-        each prediction towards its window, and hide the error of the model.
+        Where the model is wrong, residuals are larger than the noise. If a first rate could vary as much as the residuals, it would bend
+        each prediction towards the measurements, and hide the error of the model.
         """
         noise = np.array(FLOORS)
         noise[self.channels] = self.sigma
@@ -326,9 +330,9 @@ class Residuals:
 
 
 def _noise(log: Log) -> FloatArray:
-    """Return the standard deviation (12,) of the noise from row to row of each channel; infinite where it was not measured.
+    """Return the standard deviation (12,) of each channel's noise from row to row; infinite for a channel that was not measured.
 
-    The second difference of white noise has six times its variance.
+    The second difference of white noise has six times the variance of the noise.
     """
     found = np.full(len(CHANNELS), np.inf)
     for index, column in enumerate(log.measured.T):

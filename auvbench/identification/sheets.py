@@ -94,7 +94,7 @@ def _mass(found: dict[str, Any], estimate: Estimate, fit: Fit) -> None:
             "source": SOURCE,
         }
         body["weight"].pop("range", None)
-    if "net" not in found["buoyancy"]:  # The net buoyancy stays.
+    if "net" not in found["buoyancy"]:  # Write the net buoyancy, so that the new mass does not change it.
         net = fit.numbers.get("net_buoyancy", fit.vehicle.buoyancy - fit.vehicle.weight)
         found["buoyancy"] = {
             "center": found["buoyancy"]["center"],
@@ -127,7 +127,7 @@ _PER_AXIS = {
 
 
 def _per_axis(found: dict[str, Any], place: tuple[str, str], parts: Mapping[int, Estimate]) -> None:
-    """Write numbers of axes to a list, or to a matrix whose rows and columns keep their proportions."""
+    """Write the identified numbers of some axes to a list, or scale the rows and columns of a matrix to these numbers."""
     quantity = found[place[0]][place[1]]
     shift = 3 if place[1] == "inertia" else 0
     values = np.array(quantity["value"], dtype=np.float64)

@@ -18,13 +18,13 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 FloatArray = NDArray[np.float64]
 
 HORIZONS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""Horizons in s."""
+"""Prediction horizons in s."""
 STRIDE = 0.5
 """Shortest time in s between the starts of two windows."""
 MOST = 600
 """Largest number of windows."""
 BAND = 0.9
-"""Share of the measurements that a prediction band should cover."""
+"""Fraction of the measurements that a prediction band should cover."""
 DRAWS = 24
 """Number of vehicles drawn from an identified sheet for its bands."""
 HOLD, CONSTANT = "hold", "constant velocity"
@@ -69,7 +69,10 @@ class Validation:
     remarks: tuple[str, ...] = field(default=())
 
     def skill(self, prediction: Prediction) -> float:
-        """Return the geometric mean over channels and horizons of RMS error / RMS error of holding the first state; lower is better."""
+        """Return the mean ratio of the RMS error to the RMS error of holding the first state; lower is better.
+
+        The mean is the geometric mean over channels and horizons.
+        """
         hold = self.predictions[0].rms()
         ratio = prediction.rms() / np.where(hold > 0.0, hold, np.nan)
         ratio = ratio[np.isfinite(ratio) & (ratio > 0.0)]
@@ -128,7 +131,7 @@ def horizons(logs: Sequence[Log]) -> Windows:
 def validate(
     logs: Sequence[Log], vehicles: Sequence[tuple[str, VehicleModel, Identified | None]], *, seed: int = 0
 ) -> Validation:
-    """Return the errors on some logs of three kinds of predictions: first state held, constant velocity, and each sheet.
+    """Return the prediction errors on logs: with the first state held, with constant velocity, and with each sheet.
 
     Args:
         logs: logs of one vehicle.
@@ -178,7 +181,10 @@ def _constant(windows: Windows) -> FloatArray:
 
 
 def _band(predictor: Predictor, predicted: FloatArray, identified: Identified, seed: int) -> FloatArray:
-    """Return half widths (n, horizons, 12) from the errors on the sheet's own logs and the spread of drawn vehicles."""
+    """Return the half widths (n, horizons, 12) of the bands of an identified sheet.
+
+    A half width combines the error on the logs from which the sheet was identified with the spread of vehicles drawn from the sheet.
+    """
     base = np.full((len(HORIZONS), len(CHANNELS)), np.nan)
     for channel, row in identified.errors.items():
         for horizon, error in row.items():
@@ -214,7 +220,7 @@ def share_of_holding(
 def quantiles(
     logs: Sequence[Log], vehicle: VehicleModel, values: Mapping[str, float]
 ) -> dict[str, dict[float, float]]:
-    """Return the 90 % quantiles of the absolute errors of a vehicle on logs, by channel and horizon in s."""
+    """Return the 90 % quantiles of the absolute errors of a vehicle's predictions on logs, by channel and horizon in s."""
     windows = horizons(logs)
     error = np.abs(windows.error(Predictor(windows, vehicle).states(dict(values))))
     table: dict[str, dict[float, float]] = {}

@@ -1,4 +1,4 @@
-"""Cut logs into windows, and predict each window with the compiled model from its first state."""
+"""Cut logs into windows, and predict each window with the compiled model from the window's first state."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SUBSTEP = 0.025
 MOST_LANES = 4096
 """Largest number of vehicles that are simulated together."""
 CHECKS = 40
-"""Largest number of measurements of a window that are compared."""
+"""Largest number of measurements in a window that are compared with predictions."""
 TUMBLING = np.radians(60.0)
 """Tilt in rad from which attitudes are compared by the rotation between them."""
 
@@ -46,7 +46,7 @@ class Windows:
     step: float
     """Time in s between two changes of the input in a prediction."""
     log: IntArray
-    """(n,) index of the log."""
+    """(n,) index of each window's log."""
     start: FloatArray
     """(n,) s, time of the first row."""
     state: FloatArray
@@ -54,9 +54,9 @@ class Windows:
     time: FloatArray
     """(n, m) time of each row after the start, s."""
     measured: FloatArray
-    """(n, m, 12), NaN where nothing was measured or the window has fewer rows."""
+    """(n, m, 12) measurements in the rows; NaN where nothing was measured or the window has fewer rows than m."""
     channels: tuple[int, ...]
-    """Channels that some log measured."""
+    """Indices of the channels that at least one log measured."""
     tumbling: NDArray[np.bool_]
     """(n,) whether the vehicle's tilt exceeds `TUMBLING`, in logs with roll, pitch and yaw."""
 
@@ -129,7 +129,15 @@ def tumbles(
     start: FloatArray,
     length: float,
 ) -> NDArray[np.bool_]:
-    """Return whether the vehicle tumbles in each window (n,), which starts in log `number` (n,) at `start` (n,)."""
+    """Return, for each window, whether the vehicle tumbles in the window, (n,).
+
+    Args:
+        motions: states of each log.
+        logs: logs.
+        number: index of each window's log, (n,).
+        start: time at the start of each window in s, (n,).
+        length: length of a window, s.
+    """
     upright = []
     for log, states in zip(logs, motions, strict=True):
         roll, pitch, _ = states.state[:, ATTITUDE].T
@@ -149,7 +157,10 @@ def step_of(logs: Sequence[Log]) -> float:
 
 
 def _pieces(time: FloatArray, rows: IntArray, length: float, stride: float) -> list[IntArray]:
-    """Return the rows of each window of a segment; a window has at least four rows, and starts at least half its length before the end."""
+    """Return the rows of each window of a segment.
+
+    A window has at least four rows, and starts more than half its length before the end of the segment.
+    """
     pieces = []
     at = float(time[0]) if time.size else 0.0
     while time.size and at < time[-1] - 0.5 * length:
@@ -176,7 +187,7 @@ class Predictor:
         self.vehicle = vehicle
         self.by_wrench = windows.logs[0].kind == "wrench"
         self.steps = max(1, int(np.ceil(windows.length / windows.step - 1e-9)))
-        # Larger than any input, so that the compiled model clips none.
+        # Larger than any input, so that the compiled model clips no input.
         self._factors = np.array([4.0 * max(1e-9, *map(abs, unit.curve.limits)) for unit in vehicle.units])
         self._held: dict[tuple[float, float | None, float | None], tuple[FloatArray, list[FloatArray]]] = {}
         self._late: FloatArray | None = None
@@ -279,7 +290,7 @@ class Predictor:
         return self._sampled(grid, start, lanes)
 
     def _units(self, vehicle: VehicleModel) -> tuple[Actuator, ...]:
-        """Return actuators whose command is their quantity divided by a factor. They have no first-order lag: `_inputs` applies it."""
+        """Return actuators whose command is their quantity divided by a factor, without first-order lags, which `_inputs` applies."""
         if self.by_wrench:
             return ()
         return tuple(
@@ -325,7 +336,7 @@ class Predictor:
         return command, now
 
     def _actuator_states(self, units: Sequence[Actuator], now: list[FloatArray]) -> FloatArray:
-        """Return the states (n, n_states) of actuators with dynamics at the windows' starts, in steady state for the inputs there."""
+        """Return the steady states (n, n_states) of actuators with dynamics for the inputs at the starts of the windows."""
         windows = self.windows
         inputs = np.zeros((windows.n, len(units)))
         for number, values in enumerate(now):
@@ -366,7 +377,10 @@ def _lagged(unit: Actuator) -> bool:
 
 @compiled()
 def _follow(state: FloatArray, keep: FloatArray) -> None:
-    """Replace inputs (T, n_u) in place by a lag's states; in each step, the share `keep` (T - 1, n_u) of the distance remains."""
+    """Replace inputs (T, n_u) in place by the states of first-order lags with these inputs.
+
+    In each step, the difference between state and input decays by the factor `keep` (T - 1, n_u).
+    """
     inputs = state.copy()
     for k in range(keep.shape[0]):
         for a in range(keep.shape[1]):
@@ -374,7 +388,7 @@ def _follow(state: FloatArray, keep: FloatArray) -> None:
 
 
 class Held:
-    """Inputs (T, n_u) that hold from row to row, after a first-order lag.
+    """Lagged inputs: inputs (T, n_u), each constant from its row to the next row, that pass through a first-order lag.
 
     Values and means are continuous in time, so that a delay has a derivative. With the lag tau x' = u - x, the area under x is
     the area under u less tau times the change of x.

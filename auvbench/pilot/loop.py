@@ -282,7 +282,7 @@ class Pilot(ABC):
         self._act(self.steering.waypoint)
 
     def may_steer(self) -> bool:
-        """Return whether the controller may steer; if not, command zero thrust or disarm."""
+        """Return whether the controller may steer; if an armed pilot may not, command zero thrust or disarm."""
         if not self.armed:
             return False
         what, age = self._oldest()

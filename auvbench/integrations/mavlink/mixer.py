@@ -98,7 +98,8 @@ class Mixer:
     def reach(self, gain: float) -> Floats:
         """Return the largest force or moment of the mixer along each axis, as a fraction of the thrusters' largest, (6,).
 
-        The thrusters' largest is the sum of the magnitudes of all thrusters; if the sum is 0 for an axis, the fraction is NaN.
+        The thrusters' largest is the sum of the magnitudes that all thrusters can contribute along the axis. If this sum is 0, the
+        fraction is NaN.
         """
         axes = np.diag(self.limits(gain))[[FORWARD, LATERAL, THROTTLE, ROLL, PITCH, YAW]]
         both = [np.abs(np.diagonal(self.wrench(sign * axes))) for sign in (1.0, -1.0)]

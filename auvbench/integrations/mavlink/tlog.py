@@ -146,7 +146,7 @@ def _rows(messages: list[tuple[float, Any]], mavlink: Any, name: str) -> list[di
             time = 1e-3 * message.time_boot_ms
             if time < latest - 1.0:
                 raise LogError(
-                    f"{name}: the autopilot restarts {latest:.0f} s after its start; split the file at this time, so that each file has one start"
+                    f"{name}: the autopilot restarts {latest:.0f} s after its start; split the file at this time, one file for each start"
                 )
             latest = max(latest, time)
         elif kind in ("SERVO_OUTPUT_RAW", "RAW_IMU"):

@@ -124,7 +124,7 @@ def read_time(stamp: Any) -> int:
 
 
 def odometry(ros: Any, namespace: str) -> Any:
-    """Return a nav_msgs/Odometry with frame names and without a motion; its covariances are 0, as for exact numbers."""
+    """Return a nav_msgs/Odometry whose frame names are set; its covariances are 0, as for exact numbers."""
     message = ros.nav.Odometry()
     message.header.frame_id = WORLD
     message.child_frame_id = f"{namespace}/base_link"

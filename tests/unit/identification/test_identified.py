@@ -194,7 +194,7 @@ def test_from_a_log_to_a_sheet_to_a_comparison(
     names = "parameters=added_mass,linear_damping.yaw,quadratic_damping.yaw"
     assert main(["identify", "train.csv", "vehicle=bluerov2_2026", "name=mine", names]) == 0
     out = capsys.readouterr().out
-    assert "Next: Fly a telegraph signal in" in out
+    assert "Next: Apply a telegraph signal in" in out
     folder = Path("outputs/identify/mine")
     page = (folder / "index.html").read_text(encoding="utf-8")
     assert "numbers of bluerov2_2026 identified from 40 s" in page
