@@ -27,8 +27,8 @@ ROUNDS = 3
 BOUND = 4.0
 """Largest distance of a parameter from its prior in a fit, in prior standard deviations."""
 CONTRADICTED = 2.0
-"""Distance of a parameter from its prior, in prior standard deviations, beyond which the log contradicts the sheet. Such a parameter
-is not reset to its prior, even if the log identifies it poorly: the other parameters would have to compensate for a wrong value."""
+"""Distance of a parameter from its prior, in prior standard deviations, beyond which the log contradicts the sheet. A parameter beyond
+this distance is not reset to its prior, even if the log identifies it poorly: other parameters would have to compensate for the reset."""
 STEPS = 12
 """Largest number of steps of a fit."""
 CONFIDENCE = 0.95

@@ -82,18 +82,18 @@ class Lasting:
 class Log:
     """Motion of one vehicle under known inputs.
 
-    An input holds from its row to the next row. A channel is NaN in rows in which it was not measured.
+    An input is constant from its row to the next row. A channel is NaN in rows in which it was not measured.
     """
 
     name: str
     digest: str
     """SHA-256 of the file."""
     time: FloatArray
-    """(T,) s, increasing."""
+    """(T,) times of the rows in s, increasing."""
     kind: str
     """Kind of the inputs, one of `KINDS`."""
     actuators: tuple[str, ...]
-    """Names of the columns of `inputs`; numbers from 1 where the log only numbers the thrusters."""
+    """Names of the columns of `inputs`; if a log only numbers the thrusters, their numbers from 1."""
     inputs: FloatArray
     """(T, n_u) inputs of the actuators, or (T, 6) wrenches in body axes."""
     measured: FloatArray
@@ -272,7 +272,7 @@ def _check_units(log: Log) -> None:
             f"{log.name}: pitch is {log.measured[row, 4]:.4g} rad in row {row + 1}; it must be within +-1.571 rad: is the"
             " column in degrees? Then name it pitch_deg"
         )
-    level = np.nanmax(np.abs(log.measured[:, 3:5]), initial=0.0) < 1.2  # upside down, signs change
+    level = np.nanmax(np.abs(log.measured[:, 3:5]), initial=0.0) < 1.2  # not upside down: signs would differ
     for angle, rate in ((3, 9), (4, 10), (5, 11)):
         slope = _slope(log, angle, rate)
         if slope is not None and slope < 0.0 and level:

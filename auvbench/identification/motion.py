@@ -82,14 +82,14 @@ def _rates(angles: FloatArray, change: FloatArray) -> FloatArray:
 
 
 def _filled(log: Log, index: int) -> FloatArray:
-    """Return a channel (T,) with blanks filled by linear interpolation."""
+    """Return a channel (T,) with missing values filled by linear interpolation."""
     column = log.measured[:, index]
     there = np.isfinite(column)
     return np.interp(log.time, log.time[there], column[there])
 
 
 def interpolated(log: Log) -> FloatArray:
-    """Return the measurements (T, 12) with blanks filled by linear interpolation; NaN for channels that were not measured."""
+    """Return the measurements (T, 12) with missing values filled by linear interpolation; NaN for channels that were not measured."""
     known = np.full(log.measured.shape, np.nan)
     for index, channel in enumerate(CHANNELS):
         if log.has(channel):

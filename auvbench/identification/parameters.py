@@ -33,7 +33,7 @@ class Parameter:
     name: str
     unit: str
     prior: float
-    """Value of the sheet."""
+    """Value in the sheet."""
     sd: float
     """Prior standard deviation of the number, or of its logarithm if `log` is set."""
     log: bool = True

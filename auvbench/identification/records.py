@@ -18,7 +18,7 @@ MOST = 50
 
 
 def is_record(path: Path) -> bool:
-    """Return whether a path is a folder of missions, or trajectories of a test or of missions."""
+    """Return whether a path is a folder of missions, or a file with trajectories of a test or of missions."""
     return path.suffix == ".npz" or (path / TRAJECTORIES).is_file()
 
 
@@ -50,7 +50,7 @@ def read(path: Path) -> list[Log]:
             logs.append(
                 _log(f"{file} {condition} {number}", digest, stored, f"{condition}_{number}", actuators)
             )
-        except LogError as error:  # An episode may be too short; the others are used.
+        except LogError as error:  # An episode may be too short; all usable episodes are read.
             fault = fault or error
     if not logs:
         raise fault or LogError(f"{file}: has no episode that can be used")

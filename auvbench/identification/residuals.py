@@ -33,7 +33,7 @@ turn has changed its sign."""
 LOST = 1e3
 """Error that replaces the error of a prediction that is not finite."""
 FLOORS = (1e-3,) * 3 + (5e-4,) * 3 + (2e-3,) * 3 + (1e-3,) * 3
-"""Smallest standard deviation of a residual of each channel."""
+"""Smallest standard deviation of the residuals of each channel, in SI units."""
 
 
 NOTHING = Lasting(np.zeros(len(CHANNELS)), np.zeros(len(CHANNELS)), 0.0, 0.0, 0.0)
@@ -172,7 +172,7 @@ class Residuals:
         ]
 
     def _allow(self, z: FloatArray) -> None:
-        """Include the offsets and delays in `z` (n, `corrections`) in the predictions, since only small corrections act linearly."""
+        """Include the offsets and delays in `z` (n, `corrections`) in the predictions, since only small corrections have a linear effect."""
         self.wrong = np.clip(z[:, OWN : 2 * OWN], -5.0, 5.0)
         self.late = np.clip(z[:, 3 * OWN :], -LATEST, LATEST)
         late = np.zeros((self.windows.n, self.predictor.steps))

@@ -145,7 +145,7 @@ def _per_axis(found: dict[str, Any], place: tuple[str, str], parts: Mapping[int,
 
 
 def _components(quantity: dict[str, Any], parts: Mapping[int, tuple[float, float, float]]) -> None:
-    """Write value, low and high of some components of a list."""
+    """Write the value and the ends of the range of some components of a quantity that is a list."""
     values = [float(value) for value in quantity["value"]]
     low, high = (list(map(float, ends)) for ends in quantity.get("range", (values, values)))
     for k, (value, lowest, highest) in parts.items():

@@ -49,7 +49,7 @@ class Prediction:
         return np.where(count >= FEWEST, np.sqrt(mean), np.nan)
 
     def coverage(self) -> float | None:
-        """Return the share of measurements within the bands; None without bands."""
+        """Return the fraction of measurements within the bands; None without bands."""
         if self.band is None:
             return None
         there = np.isfinite(self.error) & np.isfinite(self.band)

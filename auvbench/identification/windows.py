@@ -37,7 +37,7 @@ TUMBLING = np.radians(60.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """n windows of some logs, each with up to m rows to compare."""
+    """n windows of some logs, each with up to m rows in which predictions are compared with measurements."""
 
     logs: tuple[Log, ...]
     motions: tuple[motion.Motion, ...]

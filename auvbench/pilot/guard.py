@@ -132,7 +132,7 @@ class Guard:
     def forward(self, content: bytes) -> bool:
         """Send a command through the supervisor; return False if the caller must send the command itself.
 
-        The caller must send it if the supervisor is lost and has not brought the vehicle to rest.
+        The caller must send the command if the supervisor is lost and has not brought the vehicle to rest.
 
         Raises:
             Unsupervised: the supervisor has ended or does not answer; only the first call that notices this raises.

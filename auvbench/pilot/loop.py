@@ -104,7 +104,7 @@ class Pilot(ABC):
             if not self._owes_rest:
                 self.guard.release()
         except BaseException as error:
-            if self.guard.lost is not None:  # no supervisor brings the vehicle to rest
+            if self.guard.lost is not None:  # the supervisor is lost, so this process sends the commands
                 self._rest()
             if not isinstance(error, Unsupervised):
                 raise

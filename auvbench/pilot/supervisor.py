@@ -30,7 +30,7 @@ MESSAGE = struct.Struct(f"=dBH{LARGEST}s")
 length, content
 """
 FORWARD, WILL = 0, 1
-"""kinds of content: a command to send at once (empty: a sign of life), and a command of the will (empty: delete the will)"""
+"""kinds of content: a command to send at once (empty: the pilot is alive), and a command of the will (empty: delete the will)"""
 READY = b"r"
 """answer of the supervisor when it can send"""
 FIRED = b"f"

@@ -89,7 +89,7 @@ def actions_are_in_range(config: schema.TrainConfig, make: Make) -> None:
 
 
 def actions_do_not_depend_on_the_batch(config: schema.TrainConfig, make: Make) -> None:
-    """Check that the actions of an episode have the same bits in any batch."""
+    """Check that the actions of an episode have the same bits in a batch of any size."""
     flight = fly(config, make())
     for size in SIZES:
         agent = make()

@@ -55,7 +55,7 @@ def its_numbers_are_finite_and_within_bounds(config: schema.TrainConfig) -> None
 
 
 def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
-    """Check that an episode gives the same numbers in any batch, and that no number is drawn from a global generator."""
+    """Check that an episode gives the same numbers in a batch of any size, and that no number is drawn from a global generator."""
     reseed_generators(1)
     with untouched("observing"):
         together = play(Batch(config, N, seed=3))

@@ -41,7 +41,7 @@ def it_changes_the_motion_or_the_readings(config: schema.TrainConfig) -> None:
 
 
 def its_draws_are_functions_of_their_key(config: schema.TrainConfig) -> None:
-    """Check that an episode gives the same observations in any environment of a batch."""
+    """Check that an episode gives the same observations in a batch of any size and in any environment of the batch."""
 
     def observations(*episodes: int) -> Any:
         batch = Batch(config, len(episodes), seed=3, test=True, autoreset=False)

@@ -24,7 +24,7 @@ N, STEPS = 5, 30
 
 
 def its_numbers_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
-    """Check that a step gives the same finite reward in any batch, and that no reward is drawn from a global generator."""
+    """Check that a step gives the same finite reward in a batch of any size, and that no reward is drawn from a global generator."""
     reseed_generators(1)
     together = Batch(config, N, seed=3)
     together.reset()

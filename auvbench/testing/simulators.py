@@ -88,7 +88,7 @@ def reset_puts_vehicles_where_it_says(make: Make) -> None:
 
 
 def motion_does_not_depend_on_the_batch(make: Make) -> None:
-    """Check that, in a deterministic simulator, a vehicle's motion is the same bit for bit in any batch."""
+    """Check that, in a deterministic simulator, a vehicle's motion is bit for bit the same in a batch of any size."""
     simulator = make(N)
     start(simulator)
     together = fly(simulator)

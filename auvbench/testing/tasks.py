@@ -41,7 +41,7 @@ def play(batch: Batch, steps: range, first: int = 0) -> tuple[dict[str, NDArray[
 
 
 def its_rows_do_not_depend_on_the_batch(config: schema.TrainConfig) -> None:
-    """Check that an episode gives the same observations, rewards and ends in any batch."""
+    """Check that an episode gives the same observations, rewards and ends in a batch of any size."""
     together = Batch(config, N, seed=3)
     first = together.reset().copy()
     results, _ = play(together, range(STEPS))

@@ -67,7 +67,7 @@ def prepare(service: str, experiment: str) -> None:
 
 
 def start(service: str, key: str, config: Mapping[str, Any], name: str) -> Tracker | None:
-    """Open the logged run of a training, or reopen the logged run of its earlier attempt; None if only TensorBoard logs.
+    """Open the logged run of a training, or reopen it if an earlier attempt of the run exists; None if only TensorBoard logs.
 
     Args:
         service: value of `train.log`.

@@ -142,7 +142,7 @@ def check(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
 class Piloted(FossenSimulator):
     """One vehicle of the embedded simulator, driven by ArduSub.
 
-    An episode begins with a new process. The vehicle is held at its start until ArduSub's estimator has
+    Each episode starts a new ArduSub process. The vehicle is held at its start until ArduSub's estimator has
     settled and ArduSub has armed; then the clock of the episode starts. PWM from 1100 to 1900 us is
     converted linearly to a command from -1 to 1, so that ArduSub has the same thruster forces as every agent.
 

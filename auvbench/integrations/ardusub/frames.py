@@ -125,7 +125,7 @@ class Motors:
 
 
 def driven(pwm: ArrayLike) -> NDArray[np.bool_]:
-    """Return whether each channel's PWM in us is a pulse that drives a motor, in the shape of `pwm`."""
+    """Return whether each channel's PWM in us is a pulse that drives a motor, as an array with the shape of `pwm`."""
     pulses = np.asarray(pwm)
     return np.asarray((pulses > SHORTEST) & (pulses < LONGEST))
 

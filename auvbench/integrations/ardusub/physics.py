@@ -83,7 +83,7 @@ class Physics:
         """simulator's command for each motor (first index) and PWM in us (second index)"""
         self._command = np.zeros((1, len(self.vehicle.units)))
         self._height = (self.vehicle.buoyancy / (self.vehicle.density * self.vehicle.gravity)) ** (1.0 / 3.0)
-        """edge length in m of a cube with the vehicle's displaced volume; gives the share of the vehicle above the surface"""
+        """edge length in m of a cube with the vehicle's displaced volume; gives the fraction of the vehicle above the surface"""
         self._center = self.vehicle.center_of_buoyancy.tolist()
         self._sensors = Sensors(self.simulator, voltage)
         self.reset()

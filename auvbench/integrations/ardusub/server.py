@@ -27,7 +27,7 @@ PATIENCE = 10.0
 _AT_ONCE = 64
 """largest number of datagrams to read from a port before the next port's turn"""
 _DIFFERENCE = 5
-"""distance in us from neutral above which a motor counts as turning"""
+"""difference of a pulse from neutral in us above which its motor turns"""
 _SUSPICION = 50
 """number of consecutive packets that must match another frame before the server reports an error"""
 
@@ -263,8 +263,8 @@ class Server:
         host, port = self.ports[0].socket.getsockname()
         if all(entry.peer is None for entry in self.ports):
             return (
-                f"no packet on UDP {host}:{port} for {silence:.0f} s: is ArduSub running with {started(host, port)}? From"
-                " another machine it needs --address 0.0.0.0"
+                f"no packet on UDP {host}:{port} for {silence:.0f} s: is ArduSub running with {started(host, port)}? If ArduSub is on"
+                " another machine, serve with --address 0.0.0.0"
             )
         return f"ArduSub has been silent for {silence:.0f} s: was it stopped or paused?"
 

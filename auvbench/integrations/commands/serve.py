@@ -240,7 +240,7 @@ def _add_ardusub_flags(parser: argparse.ArgumentParser) -> None:
         "--give-up",
         type=number(0.001, 1e9),
         metavar="S",
-        help="exit after this many seconds without ArduSub (default: wait forever)",
+        help="exit after this many seconds without a packet from ArduSub (default: wait forever)",
     )
 
 

@@ -90,6 +90,7 @@ def used() -> dict[str, str]:
     except OSError:  # not Linux
         return libraries
     for line in lines:
-        if match := _LIBRARY.search(line):  # the kernel lists the file, not the symbolic link
+        # The kernel lists a library by its file, whose name has the full version, even if it was opened by a symbolic link.
+        if match := _LIBRARY.search(line):
             libraries[match.group(1)] = match.group(2)
     return dict(sorted(libraries.items()))

@@ -216,7 +216,7 @@ def comment(text: str) -> str:
 
 
 def plugin(library: str, name: str, *body: str) -> str:
-    """Return a `<plugin>` element of one of Gazebo's systems, indented by two blanks."""
+    """Return a `<plugin>` element of one of Gazebo's systems, indented by two spaces."""
     opening = f'  <plugin filename="gz-sim-{library}-system" name="gz::sim::systems::{name}"'
     if not body:
         return f"{opening}/>"
@@ -224,11 +224,11 @@ def plugin(library: str, name: str, *body: str) -> str:
 
 
 def number(value: float) -> str:
-    """Return the shortest decimal that reads back as the same double."""
+    """Return the shortest decimal text that converts back to exactly this number."""
     value = float(value) + 0.0  # no negative zero
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
 
 
 def numbers(values: Any) -> str:
-    """Return numbers separated by blanks."""
+    """Return numbers separated by spaces."""
     return " ".join(number(value) for value in values)

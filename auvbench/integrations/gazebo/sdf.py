@@ -141,7 +141,7 @@ def world(
         f'<sdf version="{VERSION}" xmlns:gz="http://gazebosim.org/schema">',
         f'<world name="{escape(name)}">',
     ]
-    if not scene:  # threads for the post-updates would cost more than the post-updates
+    if not scene:  # threads would cost more time than the post-updates that they run
         lines.append("  <gz:policies><parallel_postupdates>false</parallel_postupdates></gz:policies>")
     lines += [
         '  <physics name="dart" type="dart">',

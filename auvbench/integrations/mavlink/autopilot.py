@@ -26,7 +26,7 @@ AGAIN = 0.5
 TOLD = 2.0
 """longest time in s to wait for the failsafes' parameters; an older ArduSub lacks some of them and does not answer"""
 SILENT = 5.0
-"""time in s without a message after which a second vehicle is no longer on the link"""
+"""time in s without a message after which `company` no longer reports a second vehicle"""
 BEAT = 0.1
 """requested interval of heartbeats in s; heartbeats report the mode"""
 WARNING = 4

@@ -29,7 +29,7 @@ from auvbench.untrusted.text import short
 from auvbench.vehicles.vehicle_model import VehicleModel
 
 HEAD = b"\xa3\x95\x80"
-"""First bytes of a file: a message that describes messages."""
+"""First bytes of each DataFlash file: the start of a message that describes other messages."""
 CHANNELS = 14
 """Number of outputs in an RCOU message."""
 FIELDS: Mapping[str, Mapping[str, str]] = {
@@ -45,7 +45,7 @@ FIELDS: Mapping[str, Mapping[str, str]] = {
     "MODE": {},
     "ARM": {},
 }
-"""Fields of the messages that are read, and the columns that they become."""
+"""For each message that is read, its fields and the column that each field becomes."""
 OPEN_LOOP = "open_loop"
 """Name of the column that is 1 while the vehicle is armed in MANUAL, else 0: a controller, a person or the deck may move the vehicle."""
 GYRO_FILTER = "INS_GYRO_FILTER"
@@ -117,7 +117,7 @@ def open_loop(rows: list[dict[str, float]], name: str, digest: str) -> Log:
         used = (table.pop(OPEN_LOOP).ffill() == 1.0).to_numpy(copy=True)
     if not used.any() or used.all():
         return replace(csv_log.parse(table, name, digest, "ned"), lasting=lasting)
-    # No window may cross rows that are left out, so each left-out part must be long enough to count as a gap.
+    # No window may cross rows that are left out, so each left-out part must be long enough to be a gap.
     pause = 1.01 * longest_step(time)
     for left in time[1:][used[:-1] & ~used[1:]]:
         used &= (time < left) | (time > left + pause)
@@ -239,7 +239,7 @@ def _moved(row: dict[str, float], ago: float) -> dict[str, float]:
 
 
 def _with_body_velocity(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the table with the velocity over ground in body axes u, v, w, by the attitude at the same time."""
+    """Return the table with the velocity over ground in body axes instead of world axes, by the interpolated attitude."""
     there = table["vn"].notna().to_numpy()
     time = table["t_s"].to_numpy()
     angles = []

@@ -31,9 +31,7 @@ class Telemetry:
     def __init__(self) -> None:
         self.told: dict[str, tuple[int, Floats]] = {}
         """last message of each kind: time in ms since boot, and its numbers"""
-        self._beaten: tuple[int, int] | None = (
-            None  # time of the last heartbeat, and time since the previous one, ms
-        )
+        self._beaten: tuple[int, int] | None = None  # time of the last heartbeat, and interval before it, ms
 
     def take(self, message: Any) -> None:
         """Store a message of a kind in `FIELDS`, unless the message is old or its numbers are invalid."""

@@ -202,7 +202,7 @@ class Connection:
             except (ValueError, struct.error) as error:
                 raise InterfaceError(f"{self.names[i].odometry}: {error}") from error
             if stamp < self._stamp[i]:
-                return  # a newer message has arrived before
+                return  # this message is older than the last message
             self._stamp[i] = stamp
             self._received[i] += 1
             self.pose[i], self.velocity[i] = pose, velocity

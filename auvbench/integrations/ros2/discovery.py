@@ -131,7 +131,7 @@ def explain_absence(node: Any, namespace: str, option: str) -> str:
 
 
 def _about(session: Session, node: Any, names: interface.Names, timeout: float) -> dict[str, str]:
-    """Return the server's read-only parameters; empty if it does not answer."""
+    """Return the server's read-only parameters; empty if the server does not answer."""
     ros = session.ros
     client = node.create_client(ros.parameters.GetParameters, names.of(f"{interface.NODE}/get_parameters"))
     session.renew()

@@ -133,7 +133,7 @@ class Ros2Simulator:
 
     @property
     def exact(self) -> bool:
-        """Return whether the server steps in lock-step, and so applies disturbances."""
+        """Return whether the server is in lock-step; such a server applies the disturbances."""
         return self._connection.clock == "lockstep"
 
     def reset(
