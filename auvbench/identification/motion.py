@@ -100,8 +100,8 @@ def interpolated(log: Log) -> FloatArray:
 def turns(angles: FloatArray, others: FloatArray) -> FloatArray:
     """Return the rotations (..., 3) in rad from attitudes `others` to attitudes `angles` (..., 3).
 
-    The components are along the heading of `others`, to port of it, and up. At small tilt they equal the differences of roll, pitch
-    and yaw. At large tilt these differences have no meaning: if two vehicles pass the vertical on opposite sides, their rolls
+    The components are along the heading of `others`, to port of this heading, and up. At small tilt the components equal the differences of
+    roll, pitch and yaw. At large tilt these differences have no meaning: if two vehicles pass the vertical on opposite sides, their rolls
     differ by half a turn.
     """
     with np.errstate(invalid="ignore"):

@@ -133,7 +133,7 @@ class Residuals:
         effect = np.zeros((n, m, c, len(CHANNELS)))
         for index, other in zip(DISTURBED, others, strict=True):
             effect[..., index] = _slope(base, other, SMALL)
-        for index in (0, 1, 2, 5):  # A shift of position or yaw only shifts its own channel.
+        for index in (0, 1, 2, 5):  # A shift of a position or of yaw shifts only the same channel.
             if index in self.channels:
                 column = self.channels.index(index)
                 effect[:, :, column, index] = self.there[..., column]

@@ -34,7 +34,7 @@ FEWEST = 5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """Errors of one predictor in all windows."""
+    """Prediction errors of one sheet or baseline in all windows."""
 
     name: str
     error: FloatArray

@@ -127,7 +127,7 @@ class _Lenient:
 
 
 def _client(service: str, option: str) -> Service:
-    """Return the module of a service, which imports its client; `option` is the user's option, for messages."""
+    """Return the module of a service, and so import the service's client; `option` is the user's option, for error messages."""
     spec = TRACKERS.choose(service)
     try:
         module: Service = resolve(spec.code)

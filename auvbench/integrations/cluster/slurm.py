@@ -154,8 +154,8 @@ class SlurmBackend:
     def submit_array(self, runs: Sequence[Path]) -> dict[Path, SlurmJob]:
         """Submit runs as one job array; return the job of each run.
 
-        The script is in the folder of the first run. A run whose folder cannot be used gets no job; a later `submit` names the
-        reason. If at most `MANY` runs can be used, no array is submitted and the result is empty.
+        The script is in the folder of the first run. A run whose folder cannot be used gets no job; a later `submit` of the run
+        reports the reason. If at most `MANY` runs can be used, no array is submitted and the result is empty.
 
         Raises:
             SubmitError: sbatch refused the array.

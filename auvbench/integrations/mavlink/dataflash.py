@@ -189,7 +189,7 @@ def log_table(rows: list[dict[str, float]]) -> pd.DataFrame:
     outputs = [name for name in FIELDS["RCOU"].values() if name in table]
     # An output that is always 0 is not in use.
     table = table.drop(columns=[name for name in outputs if not table[name].fillna(0.0).any()])
-    # An output without a pulse drives nothing.
+    # An output without a pulse gives no thrust, as the neutral pulse does.
     outputs = [name for name in outputs if name in table]
     table[outputs] = table[outputs].replace(0.0, inputs.NEUTRAL)
     held = [name for name in (*outputs, "voltage_V") if name in table]

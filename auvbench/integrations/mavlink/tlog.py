@@ -47,7 +47,7 @@ FIELDS: Mapping[str, Mapping[str, tuple[str, float]]] = {
     "BATTERY_STATUS": {},
     "HEARTBEAT": {},
 }
-"""Fields of the messages that are read, the columns that they become, and factors to the columns' units."""
+"""For each message that is read, its fields, each with the column that the field becomes and the factor to the column's unit."""
 WATER = 9.80665e3
 """Pressure increase with depth in fresh water, Pa/m; depths are measured from the shallowest point of the log."""
 RARE = 0.2
