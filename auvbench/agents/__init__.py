@@ -1,1 +1,1 @@
-"""Agents, which turn observations into actions: classical controllers and learned policies behind one contract."""
+"""Agents, which map observations to actions: classical controllers and learned policies with the same interface."""

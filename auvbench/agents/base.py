@@ -26,30 +26,30 @@ Actions = NDArray[np.floating]
 
 
 class Agent(Protocol):
-    """A controller in a test: acts on a batch of observations. Created by `factory(config, vehicle)`.
+    """Controller that maps a batch of observations to actions. `factory(config, vehicle)` creates it.
 
     An agent may also have:
 
     * `load(folder)`: read the run's `model/`; called before the first `reset`;
-    * `row_by_row = True` in its class: a batch does not make its actions faster, so processes share the episodes of a
-      test;
-    * `ended(rows)`: called with the rows of the batch that have ended;
-    * `simulator(config, vehicle, navigation)`: the simulator of its tests, with one vehicle, for an agent whose own loop
-      moves the actuators within an agent step; its actions are then only recorded, not applied. `navigation` has the
-      vehicle's sensors, None if agents know the truth;
-    * `notes()`: counters by name since the agent's creation; a test's summary has the increase of each
-      counter during the test.
+    * `row_by_row = True` in its class: an action takes as long in a batch as in a batch of one, so a test divides its
+      episodes among processes;
+    * `ended(rows)`: called with the indices of the batch's rows whose episodes have ended;
+    * `simulator(config, vehicle, navigation)`: return the simulator for the agent's tests, with one vehicle. It is for
+      an agent whose own control loop drives the actuators within an agent step. The test then records the actions of
+      `act`, but does not apply them. `navigation` describes the vehicle's sensors; None if agents observe the true state;
+    * `notes()`: return counters by name, counted since the agent's creation. A test's summary contains the increase of
+      each counter during the test.
     """
 
     def reset(self, episodes: Integers) -> None:
-        """Begin new episodes (n,), one per row, and forget everything else."""
+        """Begin the episodes with the given indices (n,), one per row, and forget all earlier episodes."""
 
     def act(self, observation: Observations) -> Actions:
         """Return actions (n, n_u) in [-1, 1] for observations (n, n_obs)."""
 
 
 class Callbacks(Protocol):
-    """Interface of a run for its learner: the learner calls these methods.
+    """Methods of a run that its learner calls.
 
     Call `begin` once, then `step` for each step of the environment, and `checkpoint` whenever the learner's
     state is complete. All methods may raise exceptions, which the learner must not catch.
@@ -60,24 +60,24 @@ class Callbacks(Protocol):
     def begin(self) -> int:
         """Call this when everything is built, before the first step.
 
-        If the run continues from a checkpoint, this restores the environment and the learner (by its
-        `restore`). Returns the finished environment steps: 0 for a new run.
+        If the run continues from a checkpoint, this method restores the environment, and calls the learner's
+        `restore`. Returns the number of environment steps already done: 0 for a new run.
         """
 
     def step(self, steps: int, transition: Transition) -> float:
         """Call this after each step of the environment, with the number of steps so far and the step's result.
 
-        Writes the rows of the ended episodes, reports progress, and tests the policy with the learner's own
-        `reset` and `act` if `train.evaluate_every` requires it. Returns the time in s that the test took, 0
-        without a test.
+        Records the episodes that ended, reports progress, and tests the policy if `train.evaluate_every` requires
+        it. The test calls the learner's own `reset` and `act`. Returns the time in s that the test took, 0 without
+        a test.
 
         Raises:
             TrainingError: an observation or a reward is not finite.
         """
 
     def checkpoint(self, steps: int) -> None:
-        """Call this when `state()` has everything that training needs to continue, at least every few hundred
-        steps.
+        """Call this at least every few hundred steps, when `state()` returns everything that training needs to
+        continue.
 
         Saves the learner if a checkpoint is due, and raises an exception if the run was asked to stop.
         """
@@ -89,8 +89,8 @@ class Callbacks(Protocol):
 class Ring(Protocol):
     """A learner's memory of transitions, which checkpoints store incrementally; SB3's `ReplayBuffer` is one.
 
-    A row has one step of all environments. Row r of a run is at index r % buffer_size of each of the arrays
-    `observations`, `next_observations`, `actions`, `rewards`, `dones` and `timeouts`.
+    A row contains one step of all environments. The r-th row of a run is at index r % buffer_size in each of the
+    arrays `observations`, `next_observations`, `actions`, `rewards`, `dones` and `timeouts`.
     """
 
     n_envs: int
@@ -152,16 +152,16 @@ class Components:
 
 
 class Learner(Agent, Protocol):
-    """An agent that learns. In tests, also during its training, it acts like every agent.
+    """Agent that learns. Tests, also tests during its training, treat it like every other agent.
 
-    `reset` and `act` must neither draw from training's random generators nor change training's state: the
-    policy must be the same with and without tests during training. Nothing is pickled.
+    `reset` and `act` must neither draw from training's random generators nor change training's state: tests
+    during training must not change the trained policy. Nothing is pickled.
     """
 
     exact_resume: bool
-    """Whether `restore` restores everything, so that an interrupted run ends with the same bits. If False,
+    """Whether `restore` restores everything, so that a continued run has bit-identical results. If False,
     the learner has no checkpoints, and `state` and `restore` are never called. An interrupted run then starts
-    from the beginning, and its manifest records that.
+    from the beginning, and its manifest records the restart.
     """
 
     def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:
@@ -170,7 +170,7 @@ class Learner(Agent, Protocol):
         Args:
             environment: new environment with `config.algo.n_envs` parallel episodes.
             config: configuration of the run.
-            callbacks: methods to call as they describe.
+            callbacks: methods of the run to call during training; their docstrings say when.
 
         Raises:
             TrainingError: a number is NaN, or the run fails otherwise.
@@ -185,14 +185,14 @@ class Learner(Agent, Protocol):
         The caller has checked the digests of the files.
 
         Raises:
-            RunError: a file is missing, damaged, or of another policy than the configuration's.
+            RunError: a file is missing, damaged, or contains a policy that does not fit the configuration.
         """
 
     def state(self) -> Components:
-        """Return everything that training needs to continue, except `replay` and the environment: arrays,
-        tensors, plain values.
+        """Return the arrays, tensors and plain values that training needs to continue.
 
-        Called within `callbacks.checkpoint`, and once more when `learn` has returned.
+        `replay` and the environment are saved separately. Called within `callbacks.checkpoint`, and once more
+        when `learn` has returned.
 
         Raises:
             TrainingError: the state must not be saved, e.g. because it contains a NaN.

@@ -39,14 +39,14 @@ class PluginAgent:
     """Wrapper that checks every action of a plug-in agent.
 
     Attributes:
-        inner: the agent itself.
+        inner: the plug-in's own agent.
     """
 
     def __init__(self, agent: Any, owner: str, n_u: int) -> None:
         self.inner = agent
         self._owner = owner
         self._n_u = n_u
-        # Optional methods.
+        # The wrapper has an optional method only if the plug-in's agent has it.
         for name, checked in (("ended", self._ended), ("notes", self._notes)):
             if callable(getattr(agent, name, None)):
                 setattr(self, name, checked)
@@ -86,7 +86,7 @@ class PluginAgent:
 
 
 def action_fault(action: Any, n: int, n_u: int) -> str:
-    """Return what is wrong with actions for n episodes; '' if they are (n, n_u) numbers in [-1, 1].
+    """Return what is wrong with actions for n episodes, or '' for numbers in [-1, 1] of shape (n, n_u).
 
     >>> import numpy as np
     >>> action_fault(np.full((2, 6), 1.5), 2, 6)
@@ -106,9 +106,10 @@ def action_fault(action: Any, n: int, n_u: int) -> str:
 
 
 class PluginLearner(PluginAgent):
-    """Plug-in agent that learns; the worker reports faults of its training.
+    """Wrapper of a plug-in agent that learns.
 
-    `learn`, `save`, `restore`, `replay` and `exact_resume` are the agent's own.
+    `learn`, `save`, `restore`, `replay` and `exact_resume` are those of the plug-in's agent, without checks: the
+    worker reports exceptions during training.
     """
 
     inner: Learner

@@ -42,7 +42,7 @@ class PolicyFile:
         self.policy = exported.Policy(data, str(path), card=card, **sizes)
 
     def processor_time(self) -> float:
-        """Return the processor time in s of this process and of the policy's process."""
+        """Return the processor time in s of this process plus the processor time of the policy's process."""
         assert self.policy is not None, "load comes first"
         return time.process_time() + self.policy.seconds
 

@@ -6,8 +6,8 @@ surge, sway, heave and yaw the sheet gives
 
     v' = (tau - D(v) v) / m + f,   D(v) = D_linear + D_quadratic |v|
 
-where f is the rest: current, waves, payload, wrong drag. An extended state observer with bandwidth w_o estimates v and f,
-and the law is
+where f is the acceleration by everything else: current, waves, payload, wrong drag coefficients. An extended state
+observer with bandwidth w_o estimates v and f, and the law is
 
     tau = m (w_c (v commanded - v estimated) - f estimated) + D(v commanded) v commanded
 
@@ -44,7 +44,7 @@ class ADRCController(Cascade):
         super().__init__(config, vehicle)
         pole = math.exp(-gains.observer_bandwidth * self.dt)
         self.correction = (1.0 - pole**2, (1.0 - pole) ** 2 / self.dt)
-        """gains of the observer for velocity (-) and disturbance (1/s)"""
+        """gains of the observer: for the velocity (no unit), and for the disturbance (1/s)"""
         self.inertias = self.mass[CONTROLLED]
 
     def reset(self, episodes: Integers) -> None:
@@ -70,10 +70,10 @@ class ADRCController(Cascade):
         return wrench
 
     def after(self, miss: Floats, scale: Floats) -> None:
-        # Saturation also scales the thrust that carries the vehicle's weight.
+        # Saturation scales the whole thrust, also the part that balances weight and buoyancy.
         carried = np.zeros(4)
         carried[HEAVE] = self.lift
         applied = (self._wrench - carried) * scale[:, None] + carried
-        # Implicit in the damping, which may act faster than a step.
+        # The damping is integrated implicitly, because its time constant may be shorter than a step.
         gained = self.velocity + self.dt * (applied / self.inertias + self.rest)
         self.velocity = gained / (1.0 + self.dt * self._damping(self.velocity, CONTROLLED) / self.inertias)

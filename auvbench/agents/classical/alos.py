@@ -7,14 +7,14 @@ after T. I. Fossen and A. P. Aguiar, "A uniform semiglobal exponential stable ad
 guidance law for 3-D path following", Automatica 163, 111556 (2024); compared with `GNC/ALOS3D.m` of
 github.com/cybergalactic/MSS, commit 108ceda48c5f. pi_h and pi_v are azimuth and elevation of the path, y_e
 and z_e the errors across it, beta_hat and alpha_hat the learned crab angle and angle of attack. The
-projection follows the paper; in the source its share c is always 1, so that an estimate stops at once at its
-limit.
+projection follows the paper: an estimate slows down before it stops at its limit. In `ALOS3D.m` the factor c of the
+projection is always 1, so that an estimate stops abruptly.
 
-In the source, azimuths are clockwise from north, y_e is to starboard and z_e downwards. Here azimuths are
+In `ALOS3D.m`, azimuths are clockwise from north, y_e is to starboard and z_e downwards. Here azimuths are
 counter-clockwise and y_e is to port, which mirrors both sides of the first equation; z_e stays positive
 below the path.
 
-Thrusters give no sway force: with one, a vehicle would resist a current by force, and there would be no crab angle.
+The controllers command no sway force. With a sway force, a vehicle would resist a current without a crab angle.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ Floats = NDArray[np.float64]
 
 SWAY = 1
 FOLLOWED = 0.5
-"""yaw error in rad above which the vehicle is still turning, so that an error across the path does not show a
-crab angle
+"""largest yaw error in rad at which the angles are learned: while the vehicle still turns, its cross-track error
+does not come from a crab angle
 """
 BEYOND = 0.001
-"""angle in rad by which an estimate may exceed its limit, as in the source"""
+"""angle in rad by which an estimate may exceed its limit, as in `ALOS3D.m`"""
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSController | FinALOSController:
-    """Return the ALOS controller for a vehicle: with thrusters, or with propeller and fins.
+    """Return the ALOS controller for a vehicle with thrusters, or for a vehicle with propeller and fins.
 
     Raises:
         ConfigError: the task has no path, or the observation lacks the path's direction.
@@ -69,7 +69,7 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> ALOSControl
 
 
 class Guidance(Estimator):
-    """Estimator of N vehicles' motion, with the guidance law and its learned angles."""
+    """Estimator of the motion of N vehicles, extended by the guidance law and the angles that it learns."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         assert isinstance(config.algo, ALOS)
@@ -92,7 +92,7 @@ class Guidance(Estimator):
         """Return yaw error (n,) and flight-path angle (n,) in rad from the latest readings, and update the
         learned angles.
 
-        The azimuth of the path less the yaw is the yaw error that the task observes.
+        The yaw error that the task observes is the path's azimuth minus the vehicle's yaw.
         """
         azimuth = self.yaw_error
         x, y, z = self.target.T
@@ -119,8 +119,12 @@ class Guidance(Estimator):
         return turn, self.attack + np.arctan(below / g.look_ahead_vertical)
 
     def learn(self, port: Floats, below: Floats, where: NDArray[np.bool_]) -> None:
-        """Update the estimates by the errors (n,) of one step, for the vehicles `where` (n,) that follow
-        their heading.
+        """Update the learned angles from the errors of one step.
+
+        Args:
+            port: (n,) distance of the vehicle to port of the path, m.
+            below: (n,) distance of the vehicle below the path, m.
+            where: (n,) whether the vehicle has its commanded heading; the angles of other vehicles stay.
         """
         g = self.gains
         for estimate, error, distance, gain in (
@@ -132,8 +136,8 @@ class Guidance(Estimator):
 
 
 def projected(estimate: Floats, error: Floats, limit: float) -> Floats:
-    """Return the error (n,) that updates an estimate (n,). Where it would increase an estimate beyond `limit`, it
-    fades to 0 at `limit` + BEYOND.
+    """Return the error (n,), reduced where it would push an estimate (n,) further beyond its limit. The reduced
+    error fades to 0 at `limit` + BEYOND.
     """
     c = np.minimum(1.0, (estimate**2 - limit**2) / ((limit + BEYOND) ** 2 - limit**2))
     outwards = (np.abs(estimate) > limit) & (estimate * error > 0.0)

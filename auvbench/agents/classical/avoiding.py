@@ -1,4 +1,4 @@
-"""Read the observation block `solids` for controllers that plan, and price plans that come near to solids."""
+"""Read the observation block `solids` for controllers that plan, and add a cost to plans that come near to solids."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Avoidance:
 
     def way(self, solids: Floats, position: Floats, goal: Floats, lengths: Floats) -> Floats:
         """Return the points (n, 3) in m at `lengths` (n,) along the shortest way past solids. If no way leads to the goal, return points
-        of the straight line to it.
+        of the straight line to the goal.
 
         Args:
             solids: (k, size), see `solids`.
@@ -85,12 +85,12 @@ class Avoidance:
         return np.stack([np.interp(lengths, at, axis) for axis in line.T], axis=1)
 
     def clearances(self, solids: Floats, poses: Floats, longest: float) -> tuple[Floats, Floats]:
-        """Return the clearances (count, n) in m of the hull's spheres, at most about `longest`, and their gradients (count, n, 3).
+        """Return the clearances (count, n) in m of the hull's spheres, and the gradients (count, n, 3) of the clearances.
 
         Args:
             solids: (k, size), see `solids`.
             poses: (n, 7).
-            longest: m.
+            longest: m, distance from the hull up to which the search finds solids. It limits the returned clearances approximately.
         """
         hull = self.hull.view(HULL)[0]
         ahead = frames.rotation(poses[:, 3:])[:, :, 0]
@@ -109,13 +109,13 @@ class Avoidance:
 @compiled("dynamics", "worlds", "tasks/worlds")
 def price(
     pose: Floats,  # (n, 7)
-    # Records viewed as floats: numba compares the types of records again in each call.
+    # Records are passed as floats, because numba compares the types of records again in each call.
     solids: Any,  # (k, size) records of SOLID
     hull: Floats,  # record of HULL
     prices: Floats,  # record of NEARNESS
     cost: Floats,  # (n,) in and out
 ) -> None:
-    """Add the price of clearances at a node: `weight` per metre below `clearance`, and `contact` below 0."""
+    """Add the price of a small clearance at a node: `weight` per metre below `clearance`, and `contact` in a contact."""
     poses, scene = pose.view(POSE)[:, 0], solids.view(SOLID)[:, 0]
     h, p = hull.view(HULL)[0], prices.view(NEARNESS)[0]
     for i in range(cost.shape[0]):

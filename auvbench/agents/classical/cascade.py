@@ -3,9 +3,9 @@
 Guidance: the velocity of the reference, if the task observes it, plus a velocity towards the reference:
 `cruise_speed` when far and `approach` x distance when near. The sum is reduced if the thrusters could not
 overcome the drag. The bow turns to the task's yaw (in the waypoint task, to the waypoint), and turns along
-with a moving reference. The control law computes a wrench from the missing velocity. Allocation: the
-pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation), scaled down as a whole if a thruster
-would saturate, so that the wrench keeps its direction.
+with a moving reference. The control law computes a wrench from the missing velocity. Allocation uses the
+pseudo-inverse (Fossen 2021, section 11.2, unconstrained allocation). If a thruster would saturate, all thrusts are
+scaled down by the same factor, so that the wrench keeps its direction.
 
 The controllers get the same observations as learners (see `Estimator`). If the task observes gravity and
 angular velocity and the thrusters span roll and pitch, the thrusters keep the vehicle level: at speed, the
@@ -47,8 +47,9 @@ LEVELLING = 2.5
 class Estimator:
     """Latest readings of N vehicles, and velocities from them.
 
-    Yaw is the bearing of the waypoint less the yaw error. Velocities are observed if the task observes them;
-    otherwise they are differences of readings through a first-order low-pass filter, discretised exactly.
+    Yaw is the bearing of the waypoint minus the yaw error. If the task observes velocities, the estimator takes them
+    from the observation. Otherwise it differentiates the position error, and smooths the result by a first-order
+    low-pass filter with exact discretisation.
 
     Args:
         dt: time between readings, s.
@@ -109,7 +110,7 @@ class Estimator:
             rates = observation[:, self._read["angular_velocity"]]
             self.tilt_rate, self.yaw_rate = rates[:, :2].copy(), rates[:, 2].copy()
             if self._turns:
-                # The gain of the yaw error, plus the vehicle's turn, is the turn of the reference.
+                # The yaw rate of the reference is the vehicle's yaw rate plus the rate at which the yaw error grows.
                 self.turning += a * (self.yaw_rate - turned / self.dt - self.turning)
         if self.levels:
             x, y, z = observation[:, self._read["gravity"]].T
@@ -146,15 +147,15 @@ def wrap(angle: Floats) -> Floats:
 
 
 def to_body(world: Floats, yaw: Floats) -> Floats:
-    """Return vectors (n, 3) turned from world axes to the levelled body's, with yaw (n,)."""
+    """Return vectors (n, 3) turned from world axes to level axes with the body's yaw (n,) in rad."""
     c, s = np.cos(yaw), np.sin(yaw)
     x, y, z = world.T
     return np.stack([c * x + s * y, c * y - s * x, z], axis=1)
 
 
 def to_level(body: Floats, tilt: Floats) -> Floats:
-    """Return vectors (n, 3) turned from the body's axes to level axes with the same yaw, for roll and pitch
-    (n, 2).
+    """Return vectors (n, 3) turned from body axes to level axes with the same yaw. `tilt` is roll and pitch (n, 2)
+    in rad.
     """
     (cr, cp), (sr, sp) = np.cos(tilt).T, np.sin(tilt).T
     x, y, z = body.T
@@ -163,7 +164,7 @@ def to_level(body: Floats, tilt: Floats) -> Floats:
 
 
 def from_level(level: Floats, tilt: Floats) -> Floats:
-    """Return vectors (n, 3) turned from level axes to the body's; the inverse of `to_level`."""
+    """Return vectors (n, 3) turned from level axes to body axes; the inverse of `to_level`."""
     (cr, cp), (sr, sp) = np.cos(tilt).T, np.sin(tilt).T
     x, y, z = level.T
     down = sp * x + cp * z
@@ -201,11 +202,11 @@ class Cascade:
         limits = gains.effort * vehicle.force_limits
         self.reach = np.maximum(np.stack([-limits[:, 0], limits[:, 1]]), 1e-9)
         self.lift = vehicle.buoyancy - vehicle.weight
-        # Moments per newton that thrust causes without control, and the largest moment that the restoring moment can
-        # balance.
+        # `tilting`: roll and pitch moments per newton of thrust that the control law does not command. `tilt_limit`: the
+        # largest of these moments that is allowed, so that the restoring moment can balance it.
         self.tilting = vehicle.allocation[[ROLL, PITCH]]
         if self.estimate.levels:
-            # Controlled moments are commanded, so they do not count here.
+            # On controlled axes, the allocation gives exactly the commanded moment.
             self.tilting = np.where(_controlled(vehicle.allocation)[[ROLL, PITCH]] != 0.0, 0.0, self.tilting)
         stiffness = (
             vehicle.buoyancy * vehicle.center_of_buoyancy[2] - vehicle.weight * vehicle.center_of_gravity[2]
@@ -257,20 +258,26 @@ class Cascade:
         return to_body(towards + now.target, now.yaw)
 
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
-        """Return the wrench (n, 6) in N and N m for the commanded and the present velocity (n, 3) in m/s,
-        body axes.
+        """Return the wrench (n, 6) in N and N m, body axes.
+
+        Args:
+            wanted: (n, 3) commanded velocity, m/s, body axes.
+            velocity: (n, 3) present velocity, m/s, body axes.
         """
         raise NotImplementedError
 
     def after(self, miss: Floats, scale: Floats) -> None:
-        """Update the law's memory with the missing velocities (n, 3), and with the share (n,) of the wrench that is applied: 1 where no
-        thruster saturates.
+        """Update the arrays that the control law carries to the next step, e.g. its integrals.
+
+        Args:
+            miss: (n, 3) commanded velocity minus present velocity, m/s.
+            scale: (n,) applied share of the wrench: 1 unless a thruster saturates.
         """
 
     def turning_mass(self, rate: float) -> float:
         """Return the inertia in kg m2 that a heading loop assumes: at least damping / rate.
 
-        Otherwise a vehicle whose damping outweighs its inertia would turn far more slowly than the loop
+        With its own inertia, a vehicle whose damping outweighs its inertia would turn far more slowly than the loop
         intends.
 
         Args:
@@ -288,17 +295,17 @@ class Cascade:
         return np.asarray(vehicle.linear_damping[axes] + vehicle.quadratic_damping[axes] * np.abs(velocity))
 
     def _munk(self, velocity: Floats) -> Floats:
-        """Return the moments (n, 3) in N m that balance the moments of the vehicle's own motion: v x p + w x L (Kirchhoff)."""
+        """Return the moments (n, 3) in N m that balance the Munk and gyroscopic moments: v x p + w x L (Kirchhoff)."""
         now = self.estimate
         rates = np.column_stack([now.tilt_rate, now.yaw_rate])
         momentum = _product(np.column_stack([velocity, rates]), self.inertia)
         return np.asarray(np.cross(velocity, momentum[:, :3]) + np.cross(rates, momentum[:, 3:]))
 
     def _feasible(self, velocity: Floats) -> Floats:
-        """Return the velocity, reduced if keeping it would take more than CRUISE_SHARE of the thrust."""
+        """Return the velocity (n, 3) in m/s, reduced if its drag needs more than CRUISE_SHARE of the thrust."""
         for _ in range(3):
             scale = self._scale(self._allocate(self._drag(velocity)) / CRUISE_SHARE)
-            # Drag grows with at most the square of the speed, so the root does not reduce it too much.
+            # Drag grows with at most the square of the speed, so the square root does not reduce the speed too much.
             velocity = velocity * np.sqrt(scale)[:, None]
         return velocity
 
@@ -317,16 +324,19 @@ class Cascade:
 
 
 def _product(rows: Floats, matrix: Floats) -> Floats:
-    """Return `rows @ matrix.T` (n, m), with each sum in the order of its terms.
+    """Return `rows @ matrix.T` (n, m), whose rows do not depend on the batch size.
 
-    A matrix product, or a sum, may round differently in a batch of another size.
+    `cumsum` adds the terms one after the other. `@` and `sum` may add them in another order for another batch size,
+    and then round differently.
     """
     terms = rows[:, None, :] * matrix
     return np.asarray(np.cumsum(terms, axis=2)[:, :, -1] + 0.0)  # never a negative zero
 
 
 def _controlled(allocation: Floats) -> Floats:
-    """Return the controlled rows of the allocation: surge, sway, heave, yaw, and roll and pitch if spanned."""
+    """Return the allocation (6, n_u) with zeros on the axes that are not controlled. Controlled are surge, sway, heave
+    and yaw, and also roll and pitch if the thrusters span them.
+    """
     rows = allocation.copy()
     axes = [*CONTROLLED]
     for row in (ROLL, PITCH):

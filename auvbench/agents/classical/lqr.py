@@ -1,11 +1,10 @@
 """Control by a linear-quadratic regulator about the cruise state, with integral action.
 
 The state is the velocity error (u, v, w), the yaw error, the yaw rate and the integral of the velocity error.
-An error is the actual value less the commanded value. The input is what the wrench (X, Y, Z, N) adds to the
-drag at the commanded velocity. The plant is
-the sheet's M nu' + C(nu) nu + D(nu) nu = tau, linearised at `cruise_speed` ahead (Fossen 2021, chapter 16);
-the gain solves the discrete algebraic Riccati equation for the agent's step. Guidance, allocation and limits
-are in `cascade.py`.
+An error is the actual value minus the commanded value. The input is the wrench (X, Y, Z, N) minus the drag at the
+commanded velocity. The plant is M nu' + C(nu) nu + D(nu) nu = tau with the sheet's values, linearised about
+cruising ahead at `cruise_speed` (Fossen 2021, chapter 16). The gain comes from the discrete algebraic Riccati
+equation for the agent's step. Guidance, allocation and limits are in `cascade.py`.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ class LQRController(Cascade):
         )
         wrench = np.zeros((len(wanted), 6))
         wrench[:, :3] = self._drag(wanted)
-        # Row by row, since a matrix product may round differently in a batch of another size.
+        # One state at a time: a matrix product may round differently for another batch size.
         for column, gains in enumerate(self.gain.T):
             wrench[:, CONTROLLED] -= state[:, column : column + 1] * gains
         return wrench
@@ -57,8 +56,10 @@ class LQRController(Cascade):
 
 
 def lqr_gain(vehicle: VehicleModel, gains: LQR, dt: float) -> Floats:
-    """Return the gain (4, 8): minus the gain times the state is the wrench (X, Y, Z, N) in N and N m. The state is
-    the errors of u, v and w, the yaw error, the yaw rate, and the integrals of the velocity errors.
+    """Return the feedback gain K (4, 8).
+
+    The wrench (X, Y, Z, N) in N and N m is -K times the state, in addition to the drag. The state has the errors of
+    u, v and w, the yaw error, the error of the yaw rate, and the integrals of the velocity errors.
     """
     A, B = cruise_plant(vehicle, gains.cruise_speed)
     n, m = B.shape
@@ -83,7 +84,9 @@ def lqr_gain(vehicle: VehicleModel, gains: LQR, dt: float) -> Floats:
 
 
 def cruise_plant(vehicle: VehicleModel, speed: float) -> tuple[Floats, Floats]:
-    """Return A (8, 8) and B (8, 4) for deviations from cruising ahead at `speed` in m/s, without roll and pitch."""
+    """Return A (8, 8) and B (8, 4) of the plant, linearised about cruising ahead at `speed` in m/s. Roll and pitch are
+    not states.
+    """
     nu = np.array([speed, 0.0, 0.0, 0.0, 0.0, 0.0])
     damping = np.diag(vehicle.linear_damping + 2.0 * vehicle.quadratic_damping * np.abs(nu))
     matrices = [vehicle.M_RB]

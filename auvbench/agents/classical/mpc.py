@@ -12,10 +12,11 @@ over the thrusts u of a horizon, constant in blocks that grow with time. States 
 2022, a dual active-set method). The model has the thrusters' lags unless they are short; the state comes from `observer.Observer`,
 that is, from the noisy readings.
 
-If the task observes the nearest solids (`solids`), the targets are points of the shortest way past them (`avoiding.Avoidance.way`), which a
-vehicle at 0.7 of the largest speed reaches at the times of the nodes. Each node with too small a clearance also has the cost
-c |clearance wanted - clearance|^2, linearised about the plan. Without the way, this cost would stop plans before flat faces. If the task
-observes the shortest way (`way`), the target of all nodes is the point of the way that the observation shows.
+If the task observes the nearest solids (`solids`), the targets are points on the shortest way past the solids
+(`avoiding.Avoidance.way`): a vehicle at 0.7 of the largest speed reaches each point at the time of its node. Each node with too small a
+clearance also has the cost c |clearance wanted - clearance|^2, linearised about the plan. With targets off the way, this cost would stop
+plans in front of flat faces. If the task observes the shortest way (`way`), the target of all nodes is the point of the way that the
+observation shows.
 
 A failed solve keeps the plan of the previous step, advanced by one step. Failures are counted, and so are
 solves that took longer than the agent's step (a simulation waits for them; a vehicle would not).
@@ -45,8 +46,8 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-# Thrusters whose mean delays are a smaller share of the agent's step act at once in plans, not in the filter: their
-# states would double the time of a solve.
+# Plans neglect the thrusters' lags if each mean delay is below this share of the agent's step; the filter never does.
+# The states of the lags would double the time of a solve.
 PROMPT = 0.25
 CRUISE = 0.7
 """speed at which plans follow a way among solids, as a share of the largest speed"""
@@ -78,7 +79,7 @@ class MPCController(Planner):
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return `Observer.memory` with the plans."""
-        # One array for all plans, with a row for each: writing into a row changes the plan.
+        # All plans share one array with a row for each plan, so that a write into a row changes the plan.
         planned: dict[str, NDArray[Any]] = {}
         for name in PLANNED:
             rows = np.array([getattr(plan, name) for plan in self.plans])
@@ -123,5 +124,5 @@ def largest_speed(vehicle: VehicleModel) -> float:
 
 
 def without_lags(vehicle: VehicleModel) -> VehicleModel:
-    """Return a vehicle whose actuators act at once."""
+    """Return the vehicle with actuators that have no lag."""
     return replace(vehicle, units=tuple(replace(unit, lag=Lag.none()) for unit in vehicle.units))

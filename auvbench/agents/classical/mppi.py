@@ -1,18 +1,18 @@
 """Control by model predictive path integral control (MPPI) with the simulator's own equations.
 
-At each step the plan of the previous step, advanced in time, is replaced by the weighted mean of simulated samples about it
+Each step advances the previous plan in time, samples plans about it, simulates the samples, and takes their weighted mean as the new plan
 (Williams et al. 2018, "Information-theoretic model predictive control: theory and applications to autonomous driving", IEEE Transactions
 on Robotics 34(6), algorithm 2). The cost of a sample is the same as in `mpc.py`:
 
     sum_k w_k |p_k - target_k| + v |yaw_k - yaw target|^2 + t |tilt_k|^2 + |R u_k|^2 + |S (u_k - u_(k-1))|^2 + q |(p_k, q_k)|^2
 
-with a price per metre beyond the depth limits. If the task observes the shortest way (`way`), the target is the point of the way that the
-observation shows. If the task observes the nearest solids (`solids`), `avoiding` adds a price of the clearance. `sampling` has the draws,
-the cost and the weights. The model is the sheet's vehicle; the state and the current come from `observer.Observer`, that is, from the noisy
-readings. The states of the thrusters' lags follow from the observed actions.
+plus a cost per metre beyond the depth limits. If the task observes the shortest way (`way`), the target is the point of the way that the
+observation shows. If the task observes the nearest solids (`solids`), `avoiding` adds a cost for too small a clearance. `sampling` computes
+the draws, the cost and the weights. The model is the sheet's vehicle; the state and the current come from `observer.Observer`, that is,
+from the noisy readings. The states of the thrusters' lags follow from the observed actions.
 
 The draws are a function of the run's seed, the episode and the step. If no sample has a finite cost, the plan stays, and the failure is
-counted. So are steps that took longer than the agent's step (a simulation waits for them; a vehicle would not).
+counted. Plans that took longer than the agent's step are counted too (a simulation waits for them; a vehicle would not).
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class MPPIController(Planner):
         return self.vehicle.action(plan[0])
 
     def _follow_lags(self, i: int, first: bool, previous: Floats) -> None:
-        """Move row i's actuators by a step with the previous action (n_u,)."""
+        """Simulate the actuators of row i for one step with the previous action (n_u,)."""
         lags = self.lags
         lags.reset(np.array([0]), [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], np.zeros(6))
         if not first:

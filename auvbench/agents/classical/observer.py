@@ -3,11 +3,12 @@
 The observation has the noisy position error and yaw error and the previous action. The filter predicts with
 the sheet's equations and the commanded forces, and corrects with the two readings. So it estimates
 what the observation need not contain: roll, pitch, velocities, and a current that is constant in the world
-(without a current, predictions would be wrong while the water moves). If the task observes velocities or gravity, these are
-additional readings. Positions are relative to the reference, or to the goal if the task observes it: a dock
-does not move, but the reference of docking does. The gain follows the estimated state (Sola 2017, "Quaternion
-kinematics for the error-state Kalman filter", section 5; covariance in Joseph's form): drag grows with speed, and a
-gain for a vehicle at rest lets the estimate of the current grow without bound at 1 m/s.
+(without this estimate, predictions would be wrong in a current). If the task observes velocities or gravity, these are
+additional readings. Positions are relative to the reference, or to the goal if the task observes the goal: a dock
+does not move, but the reference of docking does. The filter is an error-state Kalman filter (Sola 2017, "Quaternion
+kinematics for the error-state Kalman filter", section 5; covariance in Joseph's form). It linearises about the
+estimated state, because drag grows with speed: with the gain of a vehicle at rest, the estimate of the current would
+grow without bound at 1 m/s.
 """
 
 from __future__ import annotations
@@ -27,20 +28,20 @@ from auvbench.vehicles.symbolic import RIGID, Direct, SymbolicModel, require
 
 Floats = NDArray[np.float64]
 
-# Standard deviation of accelerations that the model lacks, and drifts of the other estimates.
+# Standard deviations of the process noise: accelerations that the model lacks, drift of the current, drift of the pose.
 FORCE_NOISE = 0.15  # m/s2 and rad/s2, over one second
 CURRENT_DRIFT = 0.05  # m/s, over one second
 POSE_DRIFT = 1e-3  # m and rad, over one second
-# Standard deviations at the first reading: at rest, level, in still water.
+# Standard deviations of the initial estimate: a vehicle at rest, level, in still water.
 FIRST = {"tilt": 0.1, "velocity": 0.3, "current": 0.3}  # rad, m/s and rad/s, m/s
 ERRORS = 15
 """Number of errors that the filter estimates: position (world), rotation (body), velocity (body) and current (world)."""
 # Smallest assumed noise of a reading, even if the configuration has no noise.
 SMALLEST_NOISE = 0.01  # m, rad, m/s, rad/s
-# Beyond this no state is plausible: the equations have diverged from the vehicle, and the filter restarts.
+# Largest plausible state. A larger state means that the filter has diverged; it then restarts.
 LARGEST_STATE = 1e4  # m, m/s, rad/s
 
-# Blocks of true values that the filter reads, with their places among its errors.
+# Observation blocks without noise that the filter reads, each with the filter errors that it measures (see ERRORS).
 MEASURED = {"gravity": slice(3, 5), "velocity": slice(6, 9), "angular_velocity": slice(9, 12)}
 READ = (*MEASURED, "velocity_error", "goal_error", "preview")
 
@@ -58,7 +59,7 @@ class Observer:
         body_frame = spec.blocks["position_error"].axes == BODY
         self._read = {name: spec[name] for name in READ if body_frame and name in spec.blocks}
         self._preview = config.task.preview if "preview" in self._read else None
-        # The reference of a path moves with the vehicle; the reference of a trajectory in time does not.
+        # On a path, the reference advances with the vehicle; on a trajectory, it advances with time.
         self._with_vehicle = TASKS[config.task.name].path
         self.body_frame = body_frame
         substeps = max(1, int(np.ceil(self.dt / min(0.1, model.longest_step) - 1e-9)))
@@ -96,7 +97,9 @@ class Observer:
             self.first[i] = False
 
     def reference(self, i: int, interval: float, count: int) -> Floats:
-        """Return the positions (count, 3) in m of row i's reference at multiples of `interval` s: from the preview, then straight on."""
+        """Return the positions (count, 3) in m of row i's reference at multiples of `interval` s. After the preview's last point, the
+        reference is assumed to move straight on.
+        """
         times = interval * np.arange(1, count + 1)
         points, velocity = self.ahead[i], self.target[i]
         apart = 0.0 if self._preview is None else self._preview.interval
@@ -125,7 +128,7 @@ class Observer:
                 self._begin(i)
         predicted = float(frames.yaw(x[3:7]))
         if self.body_frame:
-            # The readings do not contain the yaw in the world: its value only defines the axes.
+            # The readings do not contain the yaw in the world, so the predicted yaw defines the axes.
             yaw, position = predicted, -turned(error, predicted)
         else:
             yaw, position = float(wrap(np.arctan2(error[1], error[0]) - yaw_error)), -error
@@ -178,7 +181,7 @@ class Observer:
                 # Rotation from the predicted to the measured direction, to first order.
                 off = np.cross(reading, -R[2])[:2]
             else:
-                off = reading - x[errors.start + 1 : errors.stop + 1]  # a quaternion has one number more
+                off = reading - x[errors.start + 1 : errors.stop + 1]  # quaternion: 4 numbers, error: 3
             innovation = np.concatenate([innovation, off])
             H = np.concatenate([H, np.eye(ERRORS)[errors]])
         N = np.diag(np.full(len(H), SMALLEST_NOISE**2))
@@ -198,7 +201,7 @@ class Observer:
         m is 3 in the body frame, whose readings do not contain the yaw, else 4.
         """
         far, turn = self._noise
-        # How a small rotation in body axes changes the yaw; not defined where the vehicle points up or down.
+        # Derivative of the yaw by a small rotation in body axes, bounded for a vehicle that points up or down.
         turning = R[2] * [0.0, 1.0, 1.0] / max(R[2, 1] ** 2 + R[2, 2] ** 2, 0.01)
         missing = position - x[:3]
         H = np.eye(3, ERRORS)

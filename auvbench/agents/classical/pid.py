@@ -26,8 +26,8 @@ Floats = NDArray[np.float64]
 
 HOLDING = np.radians(30.0)  # largest yaw error at which the integral of the heading grows
 STEERED = 2.0
-"""Smallest bandwidth of the heading loop in rad/s if guidance by a way or a sonar turns the bow: with 0.6 rad/s, the moment of a cross
-current keeps a BlueROV2 up to 60 degrees off its course"""
+"""Smallest bandwidth of the heading loop in rad/s if the guidance by a way or a sonar commands the heading. With 0.6 rad/s, the moment of a
+cross current keeps a BlueROV2 up to 60 degrees off its course"""
 STEEPEST = np.radians(35.0)  # largest commanded flight-path angle
 RUDDER_GAIN = 4.0  # rad of rudder per rad of yaw error; the hull damps the turn by itself
 TURNING_RADIUS = 14.0  # turning radius in m of the Tethys at full rudder, 0.9 m/s and 0.064 rad/s
@@ -37,7 +37,7 @@ LEAD_GAIN = 0.35  # rad of elevator per rad of commanded flight-path angle
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PIDController | FinController:
-    """Return the PID baseline for a vehicle: with thrusters, or with propeller and fins."""
+    """Return the PID baseline for a vehicle with thrusters, or for a vehicle with propeller and fins."""
     fins = any(isinstance(unit, Fin) for unit in vehicle.units)
     return FinController(config, vehicle) if fins else PIDController(config, vehicle)
 
@@ -83,7 +83,7 @@ class PIDController(Cascade):
         self.integral += np.where(free[:, None], step * miss, 0.0)
         if self.gains.heading_integral_time is not None:
             error = self.heading_error()
-            holds = free & (np.abs(error) < HOLDING)  # nor while the vehicle turns to a new heading
+            holds = free & (np.abs(error) < HOLDING)  # not during a turn to a new heading
             self.heading_integral += np.where(holds, error * self.dt / self.gains.heading_integral_time, 0.0)
 
 
@@ -91,9 +91,9 @@ class FinController:
     """Classical baseline for torpedo-shaped vehicles: propeller, rudder, elevator, buoyancy.
 
     Line-of-sight guidance (Fossen 2021, section 12.3): the rudder turns the bow towards the waypoint, the
-    elevator sets a flight-path angle towards its depth. If the waypoint is within the turning circle, the
-    vehicle first moves on until it can reach it. On a path, it aims at the point of the tangent that is
-    `TURNING_RADIUS` ahead, and keeps the path's speed.
+    elevator sets a flight-path angle towards the waypoint's depth. If the waypoint is within the turning circle, the
+    vehicle first moves straight on until the waypoint is outside the circle. On a path, the vehicle aims at the point
+    of the tangent that is `TURNING_RADIUS` ahead, and keeps the path's speed.
 
     Signs come from the sheet: at forward speed, a fin behind the origin that turns about +z moves the bow to
     starboard; a fin that turns about +y raises the bow.
@@ -119,7 +119,7 @@ class FinController:
         self.estimate = Estimator(1.0 / config.step.frequency, gains.filter_time, spec)
         self.span = vehicle.command_limits
         self.share = np.linalg.pinv(vehicle.allocation[:1])[:, 0]
-        """(n_u,) share of each thruster in a surge force"""
+        """(n_u,) thrust of each thruster per newton of surge force"""
         self.reset(np.empty(0, dtype=np.int64))
 
     def reset(self, episodes: Integers) -> None:
@@ -175,7 +175,7 @@ class FinController:
         return turn, climb
 
     def _thrust(self) -> Floats:
-        """Return the thrusters' actions (n, n_u): full thrust, or the thrust for a path's speed."""
+        """Return the thrusters' actions (n, n_u): full thrust to a waypoint, or the thrust that keeps a path's speed."""
         now, g = self.estimate, self.gains
         if not self.follows:
             return np.full((len(now.error), len(self.vehicle.units)), g.effort)
@@ -185,8 +185,8 @@ class FinController:
         return np.clip(vehicle.action(push[:, None] * self.share), -g.effort, g.effort)
 
     def _to_waypoint(self, level: Floats) -> Floats:
-        """Return the yaw error (n,) to steer by; zero while the vehicle moves away from a waypoint inside the
-        turning circle.
+        """Return the yaw error (n,) in rad to correct; 0 while the vehicle moves straight away from a waypoint inside
+        its turning circle.
         """
         error = self.estimate.yaw_error
         # Distance of the waypoint from the centre of the tightest turn towards it.

@@ -1,4 +1,4 @@
-"""Implement the loop that the planning controllers (MPC, MPPI) share: improve a plan for each vehicle at each step."""
+"""Common loop of the planning controllers (MPC, MPPI): improve the plan of each vehicle at each step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 Floats = NDArray[np.float64]
 
-# distance in m between a plan and the depth limits
+# smallest distance in m of a plan from the depth limits
 DEPTH_MARGIN = 0.7
 # Iterations at the beginning of an episode, from a plan without thrust; later steps take one iteration each.
 FIRST_ITERATIONS = 8
@@ -29,10 +29,11 @@ FIRST_ITERATIONS = 8
 class Planner:
     """Controller of position, and of yaw if the task has its own yaw, for vehicles with only thrusters.
 
-    A subclass has the plans, and improves one of them in `plan`.
+    A subclass stores the plans; its method `plan` improves the plan of one vehicle.
 
     Attributes:
-        row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
+        row_by_row: True: an action takes as long in a batch as in a batch of one, so a test divides its episodes among
+            processes.
 
     Raises:
         ConfigError: the vehicle has other actuators than thrusters, or the task shows obstacles only by a range sensor.
@@ -49,7 +50,7 @@ class Planner:
         self.turns = TASKS[config.task.name].has_yaw
         self.room = room(config.task)
         self.planned = self.failed = self.late = 0
-        """counters since the creation: steps, plans that were not improved, and steps that took longer than the agent's step"""
+        """counters since the creation: plans, plans that could not be improved, and plans that took longer than the agent's step"""
 
     def reset(self, episodes: Integers) -> None:
         self.observer.reset(len(episodes))
@@ -94,9 +95,9 @@ def refuse_ranges(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
 
 
 def room(task: Any) -> Floats:
-    """Return how far plans may go down (negative) and up from the start, (2,) m; infinite if the depth is unknown.
+    """Return how far plans may go down (negative) and up from the start, in m: (2,).
 
-    If the task fixes the depth at the start, the first reading gives the depth of the waypoint.
+    The result is infinite if the task does not fix the depth of the start, because planners do not observe the depth.
     """
     start, far = (task.start[2], 0.0) if TASKS[task.name].fixed_start else (0.0, math.inf)
     low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far

@@ -3,9 +3,9 @@
     F = F_goal + sum over nearest echoes of  repulsion (1 / rho - 1 / influence) / rho^2  away from the echo,   rho < influence
 
 after O. Khatib, "Real-time obstacle avoidance for manipulators and mobile robots", International Journal of Robotics Research 5(1), 1986.
-rho is the distance of an echo from the hull. The source has one nearest point for each obstacle; a sonar does not tell obstacles apart, so
-here each of SECTORS sectors round the vehicle has one nearest echo. F is a velocity, and F_goal is the velocity of the PID guidance. If F
-vanishes, or turns to and fro, before the goal, the vehicle stays in a local minimum.
+rho is the distance of an echo from the hull. Khatib uses the nearest point of each obstacle. A sonar does not tell obstacles apart, so here
+each of SECTORS sectors round the vehicle has one nearest echo. F is a velocity, and F_goal is the velocity of the PID guidance. If F
+vanishes or alternates in direction before the goal, the vehicle stays in a local minimum.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ TOUCHING = 0.05
 
 
 def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PotentialController:
-    """Return the controller.
+    """Return the potential-field controller for a vehicle with thrusters.
 
     Raises:
         ConfigError: the reference has its own yaw, no observed sonar looks ahead, or the vehicle steers by fins.
@@ -58,7 +58,7 @@ def controller(config: schema.TrainConfig, vehicle: VehicleModel) -> PotentialCo
 
 
 class PotentialController(PIDController):
-    """PID with the guidance of a potential field."""
+    """PID controller whose guidance follows a potential field."""
 
     def __init__(self, config: schema.TrainConfig, vehicle: VehicleModel) -> None:
         super().__init__(config, vehicle)
@@ -70,7 +70,7 @@ class PotentialController(PIDController):
 
 
 class PotentialGuidance(FreeWayGuidance):
-    """Move down a potential, with the echoes that `FreeWayGuidance` remembers."""
+    """Guidance along the force of a potential field, computed from the echoes that `FreeWayGuidance` stores."""
 
     def __init__(
         self, config: schema.TrainConfig, key: str, vehicle: VehicleModel, spec: ObservationSpec
@@ -90,7 +90,7 @@ class PotentialGuidance(FreeWayGuidance):
         pull = (fastest / np.maximum(to_goal, 1e-9))[:, None] * error[:, :2]
         force = pull + self.repelled(echoes)
         course = np.arctan2(force[:, 1], force[:, 0])
-        # The vehicle moves where its sonar looks: it first turns.
+        # The vehicle turns before it moves, so that its sonar looks in the direction of motion.
         speed = np.minimum(np.hypot(force[:, 0], force[:, 1]), fastest) * np.maximum(np.cos(course), 0.0) ** 2
         level = speed[:, None] * np.stack([np.cos(course), np.sin(course)], axis=1)
         climb = np.clip(error[:, 2] / np.maximum(to_goal, NEAR) * speed, -FASTEST_CLIMB, FASTEST_CLIMB)

@@ -11,7 +11,7 @@ from auvbench.dynamics.compiled import compiled
 from auvbench.dynamics.random import uniform
 from auvbench.vehicles.vehicle_model import VehicleModel
 
-# A separate stream, in addition to the streams in dynamics/random.py.
+# Random stream of the actions, in addition to the streams in dynamics/random.py.
 ACTION = 0x80
 
 

@@ -1,6 +1,7 @@
-"""Guide vehicles along a known way, round obstacles that a sonar shows, or at an altitude that an echo sounder shows.
+"""Guide vehicles along a known way, round obstacles that a sonar shows, or at an altitude that an echo sounder measures.
 
-The controllers of `cascade` use this guidance if the task observes a way or such a sensor. The guidance knows the sensor's configuration.
+The controllers of `cascade` use this guidance if the task observes a way, a sonar or an echo sounder. The guidance knows the sensor's
+configuration.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MARGIN = 0.45
-"""Margin on each side of the vehicle in a way between echoes, m"""
+"""Clearance that a free way needs on each side of the vehicle, m"""
 LOOK_AHEAD = 6.0
 """Length over which a way must be free, m"""
 TURNS = np.radians(np.arange(-90.0, 91.0, 5.0))
@@ -30,7 +31,7 @@ TURNS = np.radians(np.arange(-90.0, 91.0, 5.0))
 KEEPING = 0.3
 """Cost of changing the direction by 1 rad, in rad of deviation from the goal's bearing"""
 NEAR = 1.0
-"""Horizontal distance to the goal below which the way does not become steeper, m"""
+"""Smallest horizontal distance to the goal that the commanded slope assumes, m: near the goal, the slope stops growing"""
 FASTEST = 0.6
 """Largest speed in m/s: above it, a BlueROV2 raises its bow, and its sonar does not look ahead"""
 STOPPING = 0.5
@@ -117,8 +118,8 @@ class WayGuidance:
 class FreeWayGuidance:
     """Steer in the direction nearest to the goal in which a way as wide as the vehicle is free.
 
-    After the vector field histogram of Borenstein and Koren (IEEE Transactions on Robotics and Automation 7(3), 1991), with the echoes
-    of the last seconds in place of a grid, moved by dead reckoning.
+    After the vector field histogram of Borenstein and Koren (IEEE Transactions on Robotics and Automation 7(3), 1991). In place of a grid,
+    it stores the echoes of the last seconds, and moves them by dead reckoning.
     """
 
     turns = True
@@ -166,17 +167,17 @@ class FreeWayGuidance:
         off = np.abs(_wrap(TURNS - bearing[:, None]))
         cost = off + KEEPING * np.abs(TURNS - self.course[:, None])
         enough = free >= np.minimum(LOOK_AHEAD, to_goal)[:, None]
-        # If no way is free for long enough, take the longest.
+        # If no direction is free far enough, choose the direction with the longest free way.
         cost = np.where(enough.any(axis=1, keepdims=True), np.where(enough, cost, np.inf), -free)
         best = np.argmin(cost, axis=1)
         rows = np.arange(len(best))
         course = TURNS[best]
         speed = np.minimum(np.hypot(wanted[:, 0], wanted[:, 1]), FASTEST)
         speed = np.minimum(speed, STOPPING * np.maximum(free[rows, best], 0.0))
-        # The vehicle moves where its sonar looks: it first turns.
+        # The vehicle turns before it moves, so that its sonar looks in the direction of motion.
         speed = speed * np.maximum(np.cos(course), 0.0) ** 2
         level = speed[:, None] * np.stack([np.cos(course), np.sin(course)], axis=1)
-        # The vehicle climbs and sinks only while it moves ahead: a beam shows little above and below it.
+        # The vehicle climbs and sinks only while it moves ahead: the sonar sees little above and below the vehicle.
         climb = np.clip(error[:, 2] / np.maximum(to_goal, NEAR) * speed, -FASTEST_CLIMB, FASTEST_CLIMB)
         self.course = course
         return np.concatenate([level, climb[:, None]], axis=1), course
@@ -230,7 +231,7 @@ class AltitudeGuidance:
         self.held: Floats = np.full(n, np.inf)
         """(n,) last accepted distance in m; infinite before the first one"""
         self.doubts = np.zeros(n, dtype=np.int64)
-        """(n,) number of distances rejected since the last accepted one"""
+        """(n,) number of distances rejected since the last accepted distance"""
 
     def memory(self) -> dict[str, NDArray[Any]]:
         """Return the arrays that are carried from step to step."""
@@ -239,7 +240,7 @@ class AltitudeGuidance:
     def steer(
         self, observation: Floats, error: Floats, wanted: Floats, velocity: Floats, yaw_rate: Floats
     ) -> tuple[Floats, Floats | None]:
-        """Return the commanded velocity (n, 3) in m/s, level axes, and no yaw error; see `FreeWayGuidance.steer` for the arguments."""
+        """Return the commanded velocity (n, 3) in m/s, level axes, and None for the yaw error; see `FreeWayGuidance.steer`."""
         distance, confidence, age = observation[:, self.block].T
         near = (np.abs(distance - self.held) <= GLITCH) | (self.doubts >= PATIENCE) | np.isinf(self.held)
         believed = near & (confidence >= SURE)

@@ -1,7 +1,7 @@
 """Sample, simulate and weigh plans for `mppi.py`.
 
-A plan has a command for each of `NODES` intervals of the horizon. Samples are the plan with correlated noise. The simulator's own batch
-(`simulators.fossen`) moves one vehicle for each sample, so that the model has the simulator's equations, thruster curves and lags.
+A plan has a command for each of `NODES` intervals of the horizon. A sample is the plan plus correlated noise. The simulator itself
+(`simulators.fossen`) simulates the samples as a batch of vehicles, so the model has the simulator's equations, thruster curves and lags.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LONGEST_SUBSTEP = 0.1
 STABLE = 2.0
 """Longest substep as a multiple of the vehicle's shortest time constant; RK4 is stable up to 2.78"""
 POINTS = 513
-"""Number of points in the tables of commands by thrust"""
+"""Number of points in each table that maps thrusts to commands"""
 SERVED = 0.99
 """An axis gets its own noise only if the thrusters can give at least this share of a wrench along only this axis"""
 DEPTH_PRICE = 1e3
@@ -45,21 +45,21 @@ TILT_WEIGHT = 5.0
 """Weight of the squared sine of the tilt in m2 (the cost of roll and pitch), if the task has its own yaw"""
 
 PRICES = record(
-    position=(),  # weight of the distance in m, squared below 1 m
+    position=(),  # weight of the distance in m, or of its square if the distance is below 1 m
     spin=(),  # s2 m, weight of squared roll and pitch rates
     turn=(),  # s2 m, weight of the squared yaw rate
     effort=(),  # weight of the squared thrust, as a share of the range
     change=(),  # weight of the squared change of thrust, as a share of the range
-    yaw=(),  # m2
-    tilt=(),  # m2
-    depth=(),  # 1/m
+    yaw=(),  # m2, weight of the squared yaw error
+    tilt=(),  # m2, weight of the squared sine of the tilt
+    depth=(),  # 1/m, weight of the distance beyond the depth limits
 )
 """Weights of the terms of a cost"""
 AIM = record(
     position=(3,),  # m
     course=(2,),  # cosine and sine of the yaw
     low=(),  # m, lower depth limit
-    high=(),  # m
+    high=(),  # m, upper depth limit
 )
 """Target of a vehicle at a node"""
 
@@ -83,7 +83,8 @@ def draw(
 ) -> None:
     """Write n samples of a plan: first the plan itself, then pairs of the plan plus noise and the plan minus the same noise.
 
-    The noise along an axis is e_k = keep e_(k-1) + sqrt(1 - keep^2) w_k with standard normal w. Sigma is its covariance.
+    The noise along an axis is e_k = keep e_(k-1) + sqrt(1 - keep^2) w_k with standard normal w. In `control`, u is the plan, v a sample,
+    and Sigma the covariance of the noise.
     """
     nodes, n, n_u = commands.shape
     m, points = mix.shape[1], table.shape[1]
@@ -92,7 +93,7 @@ def draw(
     for a in range(n_u):
         per_newton[a] = (points - 1) / (high[a] - low[a])
     for first in range(-1, n, 2):
-        # The first pair is the plan without noise; only its second half is stored.
+        # In the first pair the noise is 0, so only the pair's second sample, the plan itself, is stored.
         second = first + 1
         total = 0.0
         e[:] = 0.0
@@ -129,7 +130,7 @@ def charge(
     force: Floats,  # (n, n_u) N, of the last command
     shares: Floats,  # (n_u,) 1/N, of the thrusters' ranges
     before: Floats,  # (n, n_u) in and out: force as a share of the range
-    # Viewed as floats: numba compares the types of records again in each call.
+    # Records are passed as floats, because numba compares the types of records again in each call.
     aims: Floats,  # record of AIM
     weights: Floats,  # record of PRICES
     cost: Floats,  # (n,) in and out
@@ -142,7 +143,7 @@ def charge(
         position = vector(poses[i].position)
         away = subtract(position, target)
         distance = math.sqrt(dot(away, away))
-        # Distance instead of its square: far and near waypoints have the same pull.
+        # The cost is the distance, not its square, so that far and near waypoints have the same pull.
         total = prices.position * distance * min(distance, 1.0)
         p, q, r = vector(velocities[i].angular)
         total += prices.spin * (p * p + q * q) + prices.turn * (r * r)
@@ -181,7 +182,7 @@ def weights(cost: Floats, control: Floats, temperature: float, control_cost: flo
         return None
     least = cost[finite].min()
     scale = max(temperature * (np.median(cost[finite]) - least), np.finfo(np.float64).tiny)
-    # Where most samples have the least cost, another may be infinitely far from it.
+    # If most samples have the least cost, `scale` is tiny, and the exponent of another sample may overflow.
     with np.errstate(over="ignore"):
         exponent = np.where(finite, -(cost - least) / scale - control_cost * control, -np.inf)
     weight = np.exp(exponent - exponent.max())
@@ -189,8 +190,8 @@ def weights(cost: Floats, control: Floats, temperature: float, control_cost: flo
 
 
 def axes(allocation: Floats, shares: Floats) -> Floats:
-    """Return thrusts (n_u, 6) in N that push a vehicle along or turn it about each of its axes. They are scaled so that one thruster uses
-    its whole range. An axis on which the thrusters cannot act without other axes has zeros.
+    """Return thrusts (n_u, 6) in N: column j gives a wrench along axis j only, scaled so that one thruster uses its whole range. The column
+    is 0 if the thrusters cannot act on axis j without acting on other axes.
 
     Args:
         allocation: (6, n_u) wrench per newton of each thruster.
@@ -233,7 +234,7 @@ class Sampler:
         prices["yaw"], prices["tilt"] = (YAW_WEIGHT, TILT_WEIGHT) if turns else (0.0, 0.0)
         prices["depth"] = DEPTH_PRICE
         self.prices = prices.view(np.float64).reshape(2, -1)
-        """(2, size) weights at the nodes before the last node, and at the last node"""
+        """(2, size) weights of the cost: row 0 for all nodes before the last node, row 1 for the last node"""
         self.thrusts, self.commands = np.zeros((2, NODES, algo.samples, len(vehicle.units)))
         self.cost, self.control = np.zeros(algo.samples), np.zeros(algo.samples)
         self.before = np.zeros(self.model.command_force.shape)
@@ -254,7 +255,7 @@ class Sampler:
             key: seed, episode, step and iteration of the draws.
 
         Returns:
-            Whether a sample has a finite cost; otherwise the plan is unchanged.
+            Whether any sample has a finite cost. If False, the plan is unchanged.
         """
         algo = self.algo
         self.draw(plan, key)

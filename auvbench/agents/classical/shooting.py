@@ -32,7 +32,7 @@ TILT_WEIGHT = 5.0
 
 
 class Plan:
-    """States (n_x, N + 1) at the nodes and thrusts (n_u, N) between them, in N."""
+    """Plan of one vehicle: states X (n_x, N + 1) at the nodes, and thrusts U (n_u, N) in newtons between the nodes."""
 
     def __init__(self, X: Floats, U: Floats) -> None:
         self.X = X
@@ -44,7 +44,7 @@ class Plan:
         self.reference: Floats = np.zeros((U.shape[1], 3))
         """(N, 3) future positions of the reference at the nodes, m"""
         self.yaw: float | None = None
-        """desired yaw in rad; None if it is free"""
+        """desired yaw in rad; None if the task prescribes no yaw"""
         self.solids: Floats | None = None
         """(k, size) solids near the vehicle, see `Avoidance.solids`; None or (0, size): open water"""
 
@@ -57,7 +57,7 @@ class Plan:
 
 
 class Program:
-    """Optimal control problem, linearised about a plan and solved once per call."""
+    """Optimal control problem. Each call of `improve` linearises the problem about a plan and solves it once."""
 
     def __init__(self, model: SymbolicModel, algo: MPC, avoidance: Avoidance | None = None) -> None:
         ca = require()
@@ -103,7 +103,7 @@ class Program:
         return Plan(X, np.zeros((self.model.n_u, self.N)))
 
     def simulate(self, plan: Plan, state: Floats, current: Floats) -> None:
-        """Compute the nodes from a state (n_x,) and the plan's thrusts."""
+        """Compute the plan's states at the nodes by simulating its thrusts from a state (n_x,)."""
         plan.X[:, 0] = state
         for k in range(self.N):
             x = plan.X[:, k : k + 1]
@@ -114,7 +114,7 @@ class Program:
     def improve(self, plan: Plan, state: Floats, current: Floats) -> bool:
         """Improve a plan by one iteration from an estimated state (n_x,).
 
-        Return False if the solver failed: then the thrusts are unchanged, and the next call simulates the plan again.
+        Return False if the solver failed. The thrusts are then unchanged, and the next call computes the states at the nodes anew.
         """
         solved = self._iterate(plan, state, current)
         if not solved:
@@ -174,12 +174,10 @@ class Program:
         return x, slope[:, :, :n_x], slope[:, :, n_x:]
 
     def _substep(self, rates: Direct, x: Floats, u: Floats, c: Floats) -> tuple[Floats, Floats]:
-        """Make one linearly implicit midpoint step of states (n_x, m); return it with its derivatives (m,
-        n_x, n_x + n_u).
+        """Return states (n_x, m) after one linearly implicit midpoint step, and their derivatives (m, n_x, n_x + n_u).
 
         The step is x + h (1 - h/2 J)^-1 f(x): second-order, and stable however fast the roll of a light
-        vehicle is damped (Hairer and Wanner 1996, section IV.7). The derivatives ignore that J itself
-        changes.
+        vehicle is damped (Hairer and Wanner 1996, section IV.7). The derivatives take J as constant.
         """
         n_x = self.model.n_x
         h = self.interval / self.substeps
@@ -195,9 +193,10 @@ class Program:
         return end, slope
 
     def _cost(self, plan: Plan, S: Floats, d: Floats) -> tuple[Floats, Floats]:
-        """Return Hessian (n + 1, n + 1) and gradient (n + 1,) in the changes of the blocks and the slack."""
+        """Return the cost's Hessian (n + 1, n + 1) and gradient (n + 1,) with respect to the blocks' changes and the slack."""
         n_u, n = self.model.n_u, S.shape[2]
-        # Distance instead of its square, by iterative reweighting: far and near waypoints have the same pull.
+        # The cost is the distance, not its square, so that far and near waypoints have the same pull. Iterative
+        # reweighting makes it quadratic.
         ahead = plan.reference.T
         distance = np.linalg.norm(plan.X[:3, 1:] - ahead, axis=0)
         w = (self.position_weight[1:] / np.sqrt(np.maximum(distance, 1.0)))[:, None]
@@ -205,8 +204,8 @@ class Program:
         r = (w * (plan.X[:3, 1:].T - ahead.T + d[1:, :3])).ravel()
         H = np.zeros((n + 1, n + 1))
         g = np.zeros(n + 1)
-        # Roll and pitch rates have a cost, so that a plan does not tumble through attitudes that the filter would
-        # lose. The yaw rate has a cost if the task has no yaw of its own: a light vehicle would spin as it moves.
+        # Roll and pitch rates have a cost, so that a plan does not tumble through attitudes at which the filter would
+        # diverge. If the task has no yaw of its own, the yaw rate also has a cost: without it, a light vehicle would spin.
         spun = slice(10, 13 if plan.yaw is None else 12)
         spin = np.sqrt(self.spin_weight) * S[1:, spun].reshape(-1, n)
         rates = np.sqrt(self.spin_weight) * (plan.X[spun, 1:].T + d[1:, spun]).ravel()
@@ -220,7 +219,7 @@ class Program:
             value, slope = self._nearness(plan, plan.solids, S, d)
             H[:n, :n] += self.clearance_weight * slope.T @ slope
             g[:n] += self.clearance_weight * slope.T @ value
-        # Costs of thrust and of its changes from block to block. The variables are changes of the blocks' present thrusts.
+        # Costs of the thrust and of its change between blocks. The variables are additions to the plan's present thrusts.
         U = plan.U[:, self._first] / self.scale[:, None]
         applied = plan.applied / self.scale
         for b, length in enumerate(BLOCKS):

@@ -1,8 +1,8 @@
 """Control by adaptive integral sliding modes of velocity and heading.
 
 After X. Wang, Z. Sha and F. Zhang, "Adaptive integral sliding mode control for attitude tracking of
-underwater robots with large range pitch variations in confined space", arXiv:2405.00269 (2024). Their law for
-the attitude of an ROV is applied here to the errors of this task: an integral sliding surface, the model's
+underwater robots with large range pitch variations in confined space", arXiv:2405.00269 (2024). Their law controls
+the attitude of an ROV; here it controls velocity and heading. It has an integral sliding surface, the model's
 wrench as equivalent control, and a switching gain that grows while the state is off the surface. A saturation
 within a boundary layer replaces the sign function (Slotine and Li 1991, section 7.2). The gain decays inside
 the layer, so that noise does not raise it permanently.
@@ -46,7 +46,7 @@ class SMCController(Cascade):
 
     def law(self, wanted: Floats, velocity: Floats) -> Floats:
         g, now = self.gains, self.estimate
-        # The heading follows its own velocity: turning towards the waypoint.
+        # The heading error becomes a commanded yaw rate, so the fourth error is an error of the yaw rate.
         turn = g.heading_bandwidth * now.yaw_error + now.turning - now.yaw_rate
         self._errors = np.column_stack([wanted - velocity, turn])
         surface = self._errors + g.surface * self.integral
@@ -54,7 +54,7 @@ class SMCController(Cascade):
         self._off = np.abs(surface) - g.boundary_layer
         wrench = np.zeros((len(wanted), 6))
         wrench[:, :3] = self.mass[:3] * push[:, :3] + self._drag(wanted)
-        # slope of the force over the error, within the layer
+        # yaw acceleration per error of the yaw rate within the boundary layer, 1/s
         slope = g.surface + g.switching_gain / g.boundary_layer
         wrench[:, YAW] = self.turning_mass(slope) * push[:, 3]
         return wrench

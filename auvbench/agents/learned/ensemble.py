@@ -22,7 +22,7 @@ Floats = NDArray[np.float32]
 LEAST_SCALE = 1e-3
 """smallest scale by which inputs and changes are divided"""
 BOUND_WEIGHT = 0.01
-"""weight of the distance between the bounds of the variance in the loss (Chua et al. 2018, appendix A.1)"""
+"""weight, in the loss, of the distance between the variance's upper and lower bound (Chua et al. 2018, appendix A.1)"""
 
 
 class Ensemble(nn.Module):
@@ -33,7 +33,7 @@ class Ensemble(nn.Module):
         n_in: size of an input.
         n_out: size of a change.
         widths: sizes of the hidden layers.
-        seed: seed of the first weights.
+        seed: seed of the initial weights.
     """
 
     def __init__(self, members: int, n_in: int, n_out: int, widths: Sequence[int], seed: int) -> None:
@@ -46,9 +46,9 @@ class Ensemble(nn.Module):
             self.weights.append(nn.Parameter(weight))
             self.biases.append(nn.Parameter(torch.zeros(members, 1, fan_out)))
         self.high = nn.Parameter(torch.full((n_out,), 0.5))
-        """(n_out,) largest logarithm of the variance"""
+        """(n_out,) upper bound of the logarithm of the variance"""
         self.low = nn.Parameter(torch.full((n_out,), -10.0))
-        """(n_out,) least logarithm of the variance"""
+        """(n_out,) lower bound of the logarithm of the variance"""
         self.input_mean: Tensor
         self.input_scale: Tensor
         self.output_scale: Tensor
@@ -62,20 +62,24 @@ class Ensemble(nn.Module):
         return int(self.weights[0].shape[0])
 
     def forward(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Return mean and logarithm of the variance (members, n, n_out) of scaled changes for scaled inputs (members, n, n_in)."""
+        """Return the mean and the logarithm of the variance of scaled changes, (members, n, n_out) each.
+
+        Args:
+            rows: (members, n, n_in) scaled inputs.
+        """
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             rows = nn.functional.silu(torch.baddbmm(bias, rows, weight))
         mean, spread = torch.baddbmm(self.biases[-1], rows, self.weights[-1]).chunk(2, dim=2)
         return mean, bounded(spread, self.low, self.high)
 
     def scale_to(self, inputs: Tensor, changes: Tensor) -> None:
-        """Scale inputs (n, n_in) to mean 0 and deviation 1, and changes (n, n_out) by their root mean square."""
+        """Set the scales from data: inputs (n, n_in) get mean 0 and deviation 1, changes (n, n_out) a root mean square of 1."""
         self.input_mean.copy_(inputs.mean(0))
         self.input_scale.copy_(inputs.std(0).clamp_min(LEAST_SCALE))
         self.output_scale.copy_(changes.square().mean(0).sqrt().clamp_min(LEAST_SCALE))
 
     def folded(self) -> list[tuple[Tensor, Tensor]]:
-        """Return weights and biases of the layers, with the scales of inputs and outputs in the first and the last.
+        """Return weights and biases of the layers. The first layer includes the inputs' scaling, the last the outputs' scaling.
 
         The last layer gives the mean change and the unbounded logarithm of the variance of the scaled change.
         """

@@ -26,15 +26,15 @@ MOTION = ("velocity", "angular_velocity", "gravity")
 SIZE = 9
 """Number of values of a motion"""
 REWARDS = ("thesis", "tracking", "goal", "exponential")
-"""rewards that are functions of the predicted numbers"""
+"""rewards that can be computed from the predicted observation"""
 TASKS_KNOWN = ("waypoint", "station_keeping")
-"""tasks whose reference stands still, and whose reward and end are functions of the predicted numbers"""
+"""tasks with a fixed reference, whose reward and end can be computed from the predicted observation"""
 STEEPEST = 1e-2
 """Smallest squared cosine of the pitch by which the yaw rate is divided"""
 
 
 class Prediction:
-    """Networks of an ensemble, ready to simulate plans."""
+    """Networks of an ensemble, prepared for the fast simulation of plans."""
 
     def __init__(self, ensemble: Ensemble) -> None:
         layers = ensemble.folded()
@@ -57,7 +57,7 @@ class Prediction:
         horizon, n, n_u = actions.shape
         before = torch.cat([previous.expand(1, n, n_u), actions[:-1]])
         commands = torch.cat([before, actions], dim=2).reshape(1, horizon * n, 2 * n_u)
-        # The part of the first layer that the actions give, for all steps at once.
+        # Contribution of the actions to the first layer, for all steps at once.
         pushed = torch.bmm(commands.expand(self.members, -1, -1), self._action).add_(self._bias)
         pushed = pushed.view(self.members, horizon, n, -1).transpose(0, 1).contiguous()
         states = torch.empty(horizon + 1, self.members, n, SIZE)
@@ -98,11 +98,11 @@ def moved(states: Tensor, dt: float) -> tuple[Tensor, Tensor]:
 
 
 def followed(aim: Tensor, states: Tensor, dt: float) -> Tensor:
-    """Return the position error in m and the yaw error in rad (4,) after a step, relative to a reference that stands still.
+    """Return the position error in m and the yaw error in rad (4,) after a step, relative to a fixed reference.
 
     Args:
         aim: (4,) errors before the step.
-        states: (2, 9) motions before and after it.
+        states: (2, 9) motions before and after the step.
         dt: s, duration of the step.
     """
     displacement, turn = moved(states, dt)
@@ -187,7 +187,7 @@ class Returns:
             )
         weight = self._gamma ** torch.arange(len(reward), dtype=torch.float32)[:, None, None]
         weight = torch.where(over, weight, torch.cat([weight[:-1], weight[-1:] * self._tail]))
-        # A step counts if no earlier one ended the episode.
+        # A step counts if no earlier step ended the episode.
         alive = torch.ones_like(reward)
         alive[1:] = torch.cumprod((~over[:-1]).float(), dim=0)
         return (alive * weight * reward).sum(0)

@@ -1,7 +1,7 @@
 """Create SB3's learners from the configuration, write them as plain files, and check them for NaN.
 
-A run that continued with a NaN would waste its budget and overwrite its last good checkpoint. The worker
-checks the environments' observations and rewards.
+A run that continued with a NaN would waste its budget and overwrite its last good checkpoint. The checks here are of
+losses and weights; the worker checks the environments' observations and rewards.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def make(config: schema.TrainConfig, environment: VecEnv) -> BaseAlgorithm:
 
 
 def algorithm(algo: Any) -> type[BaseAlgorithm]:
-    """Return SB3's class of the algorithm, or the class with compiled updates."""
+    """Return the algorithm's class of SB3, or its subclass with compiled updates if `algo.updates` is "compiled"."""
     module, _, name = AGENTS[algo.agent].algorithm.partition(":")
     if getattr(algo, "updates", "sb3") == "compiled":
         module = "auvbench.agents.learned.compiled"
@@ -57,8 +57,9 @@ def algorithm(algo: Any) -> type[BaseAlgorithm]:
 
 
 def arguments(config: schema.TrainConfig, environment: VecEnv) -> dict[str, Any]:
-    """Return the arguments of the learner: keys of `config.algo` with the same name, and arguments that auvbench names or computes
-    differently.
+    """Return the arguments of SB3's learner.
+
+    A key of `config.algo` that SB3 has under the same name is passed on. The other arguments are computed from the configuration.
     """
     algo: Any = config.algo
     parameters = inspect.signature(resolve(AGENTS[algo.agent].algorithm)).parameters
@@ -122,9 +123,9 @@ def policy_arguments(algo: Network) -> dict[str, Any]:
 
 
 def files(model: BaseAlgorithm, normaliser: VecNormalize) -> dict[str, bytes]:
-    """Return a trained model as files by name: a plain dictionary of tensors, and the statistics."""
+    """Return the files of a trained model by name: a plain dictionary of tensors, and the running statistics."""
     weights, arrays = io.BytesIO(), io.BytesIO()
-    # Copies, since a tensor may be a view of a larger one, which would be written as a whole.
+    # Copies, because a tensor may be a view of a larger tensor, and torch would write the whole larger tensor.
     torch.save({name: tensor.clone() for name, tensor in model.policy.state_dict().items()}, weights)
     np.savez(arrays, **statistics(normaliser))  # type: ignore[arg-type]
     return {WEIGHTS: weights.getvalue(), STATISTICS: arrays.getvalue()}
@@ -177,7 +178,7 @@ def check_parameters(model: BaseAlgorithm) -> None:
 
 @contextmanager
 def diagnosed(model: BaseAlgorithm) -> Iterator[None]:
-    """If an error occurs while weights are not finite, report the weights as its cause.
+    """If an error occurs and weights are not finite, raise a `TrainingError` about the weights instead.
 
     If a NaN appears within an update, torch's distributions raise an error of many lines before the weights
     are checked.

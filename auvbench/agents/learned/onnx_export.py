@@ -1,8 +1,8 @@
 """Write a trained policy as an ONNX file: observations scaled and clipped, the network, actions clipped.
 
 PyTorch's exporter records the deterministic action, so any policy whose action depends only on the present
-observation can be exported. Scaling is done in float64, as in the policy itself, so that the network gets the
-same bits.
+observation can be exported. Scaling is done in float64, as in the policy itself, so that the network gets
+bit-identical inputs.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ NOTES = (
     "denotation",
     "overload",
 )
-"""Fields of onnx.proto that do not affect the numbers"""
+"""Fields of onnx.proto that do not affect the computed actions"""
 
 Floats = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def build(
             )
         assert program is not None
         model = program.model_proto
-    # PyTorch raises exceptions of all kinds for what it cannot record or translate
+    # PyTorch raises exceptions of many types for operations that it cannot record or translate.
     except Exception as error:
         cause = error
         while cause.__cause__ is not None and isinstance(cause.__cause__, Exception):
@@ -92,7 +92,7 @@ def build(
 
 
 def _drop_notes(model: Any) -> None:
-    """Clear the exporter's notes, which contain paths of this machine, and its inferred values."""
+    """Clear the notes of the exporter, which contain paths of this machine, and the shapes that it inferred."""
     waiting = [model]
     while waiting:
         message = waiting.pop()
@@ -127,12 +127,12 @@ class _Action(torch.nn.Module):
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep the exporter's notes off the terminal, and allow it to record distributions."""
+    """Silence the exporter's messages, and switch off the argument checks of distributions."""
     distribution = torch.distributions.Distribution
     checked = distribution._validate_args
     log = logging.getLogger("torch.onnx")
     level = log.level
-    # The bounds of a normal distribution are checked in Python code, which cannot be recorded.
+    # A distribution checks its parameters in Python code, which the exporter cannot record.
     distribution.set_default_validate_args(False)
     log.setLevel(logging.ERROR)
     try:

@@ -6,7 +6,7 @@ acting and fitting. Unlike in the paper, plans are improved by the weights of MP
 instead of by the cross-entropy method, and the reward is the task's own (`imagined.Returns`). Networks and optimizer are PyTorch's; no
 other library is used.
 
-The learner knows the observation, the action and the reward's formula. It knows nothing of the vehicle but the number of actuators.
+The learner knows the observation, the action and the reward's formula. About the vehicle, it knows only the number of actuators.
 
 Draws are functions of the run's seed, the episode and the step, so a checkpoint needs no state of a generator.
 """
@@ -99,7 +99,7 @@ class Transitions:
 
 
 class Plans:
-    """The plans of a batch of episodes, and what their draws depend on."""
+    """Plans of a batch of episodes, with the stream, episodes and steps from which their random draws follow."""
 
     def __init__(self, episodes: Integers, stream: int, horizon: int, n_u: int) -> None:
         self.stream = stream
@@ -109,21 +109,21 @@ class Plans:
         self.aims: Floats = np.zeros((len(episodes), 4), dtype=np.float32)
         """(n, 4) estimates of position error (m, level axes) and yaw error (rad)"""
         self.motions: Floats = np.zeros((len(episodes), SIZE), dtype=np.float32)
-        """(n, 9) last motions"""
+        """(n, 9) motions at the previous step"""
         self.running = np.arange(len(episodes))
 
     def begin(self, rows: NDArray[np.integer]) -> None:
-        """Begin the next episodes in rows."""
+        """Begin the next episode in each of the given rows."""
         self.episodes[rows] += 1
         self.steps[rows] = 0
         self.actions[rows] = 0.0
 
 
 class PETSLearner:
-    """Probabilistic ensembles with trajectory sampling, behind the contract of `auvbench.agents.base.Learner`.
+    """Probabilistic ensembles with trajectory sampling, with the interface of `auvbench.agents.base.Learner`.
 
     Attributes:
-        row_by_row: a batch does not make an action faster, so processes share the episodes of a test.
+        row_by_row: True: an action takes as long in a batch as in a batch of one, so a test divides its episodes among processes.
     """
 
     exact_resume = True
@@ -194,7 +194,7 @@ class PETSLearner:
         return np.array(plan[0])
 
     def _estimate(self, reading: Floats, plans: Plans, i: int) -> None:
-        """Estimate row i's position and yaw errors: the mean of its readings, each moved with the vehicle since then.
+        """Estimate row i's position and yaw errors by the mean of all readings, each corrected for the motion since the reading.
 
         After 1 / `reading_share` steps, each new reading has the weight `reading_share`, so that old readings fade.
         """
@@ -209,7 +209,9 @@ class PETSLearner:
         plans.aims[i], plans.motions[i] = read, motion
 
     def _improve(self, plan: Floats, reading: Floats, aim: Floats, generator: np.random.Generator) -> bool:
-        """Replace a plan (H, n_u) by the weighted mean of samples about it; return whether a sample has a finite return."""
+        """Replace a plan (H, n_u) by the weighted mean of samples about it. Return False, with the plan unchanged, if no sample has a
+        finite return.
+        """
         assert self._prediction is not None
         actions = self._samples(plan, generator)
         noise = generator.standard_normal((self._horizon, self._prediction.members, 1, SIZE), np.float32)
@@ -238,7 +240,7 @@ class PETSLearner:
         return np.asarray(np.clip(plan[:, None] + both, -1.0, 1.0))
 
     def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:
-        """Train as the contract says: act, and fit the ensemble to all transitions every `algo.fit_every` steps.
+        """Train as `Learner.learn` requires: act, and fit the ensemble to all transitions every `algo.fit_every` steps.
 
         Raises:
             TrainingError: a weight, an observation or a reward is not finite.
@@ -273,7 +275,7 @@ class PETSLearner:
         return self._act(self._observation, self._training)
 
     def _explore(self, steps: int) -> Floats:
-        """Return random actions (n, n_u) with the time constant of the samples' noise."""
+        """Return random actions (n, n_u), correlated in time like the noise of the samples."""
         assert self._explored is not None
         white = np.random.default_rng([self._seed, EXPLORE, steps]).standard_normal(self._explored.shape)
         fresh = math.sqrt(1.0 - self._keep**2)
@@ -311,7 +313,7 @@ class PETSLearner:
         """Read the file of `save` without unpickling.
 
         Raises:
-            RunError: the file is missing, damaged, or of other networks than the configuration's.
+            RunError: the file is missing, damaged, or does not fit the networks of the configuration.
         """
         weights = read_weights(folder / FILE, self.ensemble.state_dict())
         for name in ("input_scale", "output_scale"):
@@ -373,6 +375,6 @@ class PETSLearner:
 
 
 def _passed(before: int, steps: int, algo: Any) -> bool:
-    """Return whether a fit is due: the step passed the end of the random actions, or a multiple of `fit_every` after it."""
+    """Return whether a fit became due after step `before`: at the end of the random actions, then every `fit_every` steps."""
     start, every = algo.learning_starts, algo.fit_every
     return bool(before < start or (steps - start) // every > (before - start) // every)

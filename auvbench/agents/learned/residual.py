@@ -34,11 +34,14 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Arrays = dict[str, NDArray[Any]]
 
 _MEMORY = "residual"
-"""name of the controller in a checkpoint"""
+"""name of the controller's arrays in a checkpoint"""
 
 
 class Base:
-    """Controller below N policies: appends its action to their observations, and adds a share of their actions to its action.
+    """Classical controller of N vehicles, to which a residual policy adds.
+
+    `extend` appends the controller's action to the observation of the policy. `compose` adds a share of the policy's
+    action to the controller's action.
 
     Raises:
         ConfigError: the controller cannot steer the vehicle, or cannot do the task.
@@ -49,14 +52,14 @@ class Base:
         assert isinstance(algo, PPOResidual | SACResidual)
         own = dataclasses.replace(config, algo=algo.residual.base)
         self.share = algo.residual.share
-        # Only these controllers are allowed, since they have `memory`.
+        # The configuration allows only controllers that have the method `memory`.
         self._controller: Any = make(own, vehicle)
         self._beginner: Any = make(own, vehicle)
         self.action: NDArray[np.float64] = np.empty((0, len(vehicle.actuators)))
         """(n, n_u) the controller's actions of this step"""
 
     def reset(self, n: int) -> None:
-        """Begin `n` new episodes, and forget everything else."""
+        """Begin `n` new episodes, and forget all earlier episodes."""
         self._controller.reset(np.arange(n))
         self.action = np.zeros((n, self.action.shape[1]))
 
@@ -66,7 +69,9 @@ class Base:
         return _extended(observation, self.action)
 
     def begin(self, rows: Integers, observation: Observations) -> Observations:
-        """Begin episodes in rows (k,) with first observations (k, n_obs); return them extended."""
+        """Begin new episodes in the rows (k,). Return their first observations (k, n_obs) with the controller's actions
+        appended, (k, n_obs + n_u).
+        """
         self._beginner.reset(rows)
         self.action[rows] = np.clip(self._beginner.act(observation), -1.0, 1.0)
         fresh = self._beginner.memory()
@@ -118,7 +123,7 @@ class ResidualVecEnv(VecEnvWrapper):
         return self.begin(observation)
 
     def begin(self, observation: Observations) -> Observations:
-        """Begin all episodes; return the first observations (n, n_obs), extended."""
+        """Begin all episodes; return the first observations (n, n_obs) with the controller's actions appended."""
         self.base.reset(self.num_envs)
         return self.base.extend(observation)
 
@@ -131,7 +136,7 @@ class ResidualVecEnv(VecEnvWrapper):
         ended = np.flatnonzero(done)
         if not len(ended):
             return self.base.extend(observation), reward, done, infos
-        # The last observation of an episode belongs to its controller; the next episode begins with a fresh one.
+        # First extend the last observation of each ended episode; then reset the controller for the next episode.
         last = observation.copy()
         last[ended] = [infos[i]["terminal_observation"] for i in ended]
         extended = self.base.extend(last)
@@ -171,7 +176,7 @@ class ResidualLearner(SB3Learner):
         return self._residual_environment
 
     def _frozen(self, model: BaseAlgorithm) -> Agent:
-        # With a separate controller, because the training's controller continues after the test.
+        # The test has its own controller, because the controller in training continues its episodes after the test.
         return ResidualAgent(super()._frozen(model), Base(self._config, self._vehicle))
 
     def load(self, folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""Stable-Baselines3's algorithms as learners: normalised, checked for NaN, resumed with the same bits."""
+"""Stable-Baselines3's algorithms as learners, with normalisation, checks for NaN, and bit-identical resumption."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 
 
 class SB3Learner:
-    """One of Stable-Baselines3's algorithms behind the contract of `auvbench.agents.base.Learner`.
+    """One of Stable-Baselines3's algorithms with the interface of `auvbench.agents.base.Learner`.
 
     Attributes:
         model: SB3's learner during training; None in a process that only tests.
@@ -41,7 +41,7 @@ class SB3Learner:
         self._tested: Agent | None = None  # agent in the present test
 
     def reset(self, episodes: Integers) -> None:
-        """Begin episodes (n,). During training, the present policy acts in them."""
+        """Begin the episodes (n,) of a test. During training, the test uses the present policy."""
         if self.model is not None:
             self._tested = self._frozen(self.model)
         assert self._tested is not None, "neither trained nor loaded"
@@ -71,11 +71,11 @@ class SB3Learner:
         )
 
     def _faced(self, environment: Batch) -> Any:
-        """Return the environment as SB3 expects it; its `transition` is the result of its last step."""
+        """Return the environment with SB3's interface. Its attribute `transition` is the result of the last step."""
         return AuvVecEnv(environment, detailed=False)
 
     def learn(self, environment: Batch, config: schema.TrainConfig, callbacks: Callbacks) -> None:
-        """Train as the contract says; PPO may exceed the budget by up to a rollout, as SB3 does.
+        """Train as `Learner.learn` requires. As in SB3, PPO may exceed the budget by up to one rollout.
 
         Raises:
             TrainingError: a weight, a loss, an observation or a reward is not finite.
@@ -98,7 +98,7 @@ class SB3Learner:
             model.learn(
                 callbacks.total_steps,
                 callback=Follower(lambda: face.transition, callbacks),
-                # every update; for off-policy algorithms SB3 counts episodes
+                # SB3 counts updates for on-policy algorithms, and episodes for off-policy algorithms.
                 log_interval=1 if on_policy else 10,
             )
 
@@ -112,14 +112,12 @@ class SB3Learner:
         """Read the files of `save` without unpickling.
 
         Raises:
-            RunError: a file is missing, damaged, or of another network than the configuration's.
+            RunError: a file is missing, damaged, or does not fit the network of the configuration.
         """
         self._tested = LearnedPolicy(self._config, folder, self._vehicle)
 
     def network(self) -> Network | None:
-        """Return the loaded policy as a network; None if its actions need more than the network (see
-        `FrozenPolicy`).
-        """
+        """Return the network of the loaded policy; None if its actions also need an LSTM's state or a controller."""
         network: Callable[[], Network | None] | None = getattr(self._tested, "network", None)
         return None if network is None else network()
 
@@ -166,12 +164,12 @@ class Follower(BaseCallback):
         self._callbacks = callbacks
 
     def _on_training_start(self) -> None:
-        # By now the learner and `learn` have drawn numbers and set up state, which a checkpoint replaces.
+        # SB3 has already drawn random numbers and set up its state; a checkpoint now replaces this state.
         if self._callbacks.begin():
             self.num_timesteps = self.model.num_timesteps
 
     def _on_rollout_start(self) -> None:
-        # The last transition is stored and the networks are updated.
+        # SB3 has stored the last transition and updated the networks, so the state is complete.
         learners.check_losses(self.model)
         if isinstance(self.model, OnPolicyAlgorithm):
             # A long rollout follows, so checking every weight costs little in comparison.
@@ -180,11 +178,11 @@ class Follower(BaseCallback):
 
     def _on_step(self) -> bool:
         spent = self._callbacks.step(self.num_timesteps, self._transition())
-        self.model.start_time += round(spent * 1e9)  # steps per second must count only training
+        self.model.start_time += round(spent * 1e9)  # a test must not reduce steps per second
         return True
 
     def _on_training_end(self) -> None:
-        # A callback that returned False would end training in mid-step, with incomplete state.
+        # If a callback stopped the training within a step, the state is incomplete and not checked.
         if self.model.num_timesteps >= self.model._total_timesteps:
             learners.check_losses(self.model)
 

@@ -1,11 +1,11 @@
-"""Capture and restore a Stable-Baselines3 learner, so that the restored learner continues with the same bits.
+"""Capture and restore a Stable-Baselines3 learner, so that the restored learner continues bit-identically.
 
-The state is captured at the start of a rollout: then the learner has stored its last transition and updated
-its networks, and has nothing in local variables. `restore` needs a learner that was built in the ordinary way
-and has begun `learn`, because building and beginning draw random numbers and reset what is restored here. A
+The state is captured at the start of a rollout: at this point, the learner has stored its last transition and updated
+its networks, and keeps no state in local variables. `restore` needs a learner that has begun `learn`, because the
+learner's creation and the beginning of `learn` draw random numbers and overwrite the state that `restore` sets. A
 checkpoint stores the environments separately.
 
-Written for Stable-Baselines3 2.9.2; docs/resume.md lists what it stores.
+Written for Stable-Baselines3 2.9.2; docs/resume.md lists what `capture` stores.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def check_replay(buffer: ReplayBuffer, num_timesteps: int) -> None:
     """Check that only the learner has filled its replay buffer, because checkpoints store the buffer's rows by number.
 
     Raises:
-        TrainingError: other code has filled it, too.
+        TrainingError: other code has also filled the buffer.
     """
     rows = num_timesteps // buffer.n_envs
     if rows % buffer.buffer_size != buffer.pos or (rows >= buffer.buffer_size) != buffer.full:
@@ -134,8 +134,8 @@ def _networks(model: BaseAlgorithm) -> dict[str, dict[str, Any]]:
 def plain(node: Any) -> Any:
     """Return the same values with new containers and interned strings.
 
-    The written bytes then depend only on the values. A pickle refers back to objects that it has met before,
-    and a restored optimizer shares other objects than an optimizer that was never saved.
+    The bytes that `torch.save` writes then depend only on the values. Otherwise they would also depend on which objects
+    are shared: a pickle writes a shared object once, and a restored optimizer does not share the same objects as before.
     """
     if isinstance(node, Mapping):
         return {plain(key): plain(value) for key, value in node.items()}
@@ -193,7 +193,7 @@ def _restore_learner_arrays(model: BaseAlgorithm, arrays: Arrays) -> None:
     size = model._stats_window_size
     model.ep_info_buffer = deque((dict(zip(keys, row, strict=True)) for row in rows), maxlen=size)
     model.ep_success_buffer = deque(arrays["ep_success"], maxlen=size)
-    # In place: they are new tensors of SB3, without other references.
+    # In place: SB3 has just created these tensors, and no other object refers to them.
     for name, tensor in _lstm_states(model).items():
         tensor.copy_(torch.from_numpy(arrays[name]))
 
@@ -251,8 +251,8 @@ def _restore_pending(model: BaseAlgorithm, rows: list[list[Any]]) -> None:
 
 
 def _capture_generators(components: Components, model: BaseAlgorithm) -> None:
-    """Add Python's, NumPy's and torch's generators, and the action space's, which draws off-policy learners'
-    first actions.
+    """Add the states of the random generators of Python, NumPy, torch and the action space. The action space's generator
+    draws the first actions of off-policy learners.
     """
     version, words, gauss = random.getstate()
     kind, keys, position, has_gauss, cached = np.random.get_state(legacy=True)  # noqa: NPY002
@@ -270,7 +270,7 @@ def _capture_generators(components: Components, model: BaseAlgorithm) -> None:
 
 
 def _restore_generators(components: Components, model: BaseAlgorithm) -> None:
-    """Restore the generators; call it last, since building and loading may draw."""
+    """Restore the random generators. Call this last, because the other steps of `restore` may draw random numbers."""
     arrays, values = components.arrays[_GENERATORS], components.values[_GENERATORS]
     python, legacy = values["python"], values["numpy"]
     random.setstate((python["version"], tuple(int(word) for word in arrays["python"]), python["gauss"]))

@@ -1,8 +1,7 @@
-"""Act with a trained policy in a test: read without unpickling, checked, deterministic, independent of the
-batch.
+"""Act with a trained policy in a test.
 
-A damaged file may still load: a flipped bit may give an infinite weight or a negative variance. Without
-checks, such a model would steer the vehicle and be scored.
+The actions are deterministic and do not depend on the batch size. The files are read without unpickling, and checked:
+a damaged file may still load with an infinite weight or a negative variance, and the damaged policy would be scored.
 """
 
 from __future__ import annotations
@@ -31,8 +30,8 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 Floats = NDArray[np.float64]
 
 ROWS = 64
-"""Number of rows of every forward pass: matrix products of another shape may round differently, and a row of
-a table must not depend on how many episodes were tested together.
+"""Number of rows of every forward pass. It is fixed because matrix products of another shape may round differently,
+and an episode's result must not depend on how many episodes are tested together.
 """
 
 ALIGNED = 16
@@ -44,7 +43,7 @@ episode's actions would depend on its index in the batch.
 
 @contextmanager
 def aligned(layers: list[torch.nn.Linear]) -> Iterator[None]:
-    """Replace the layers' weights by views with aligned rows."""
+    """Give the layers inputs with aligned rows (see ALIGNED)."""
     hooks = [layer.register_forward_pre_hook(_spaced) for layer in layers]
     try:
         yield
@@ -74,7 +73,7 @@ class Forward:
         """Begin `n` episodes."""
 
     def __call__(self, block: int, rows: torch.Tensor) -> torch.Tensor:
-        """Return actions (ROWS, n_u) for the block-th observations (ROWS, d) of the batch."""
+        """Return actions (ROWS, n_u) for observations (ROWS, d), which are block number `block` of the batch."""
         with aligned(self._uneven):
             return self._policy._predict(rows, deterministic=True)
 
@@ -88,7 +87,7 @@ class RecurrentForward(Forward):
         lstm = self._policy.lstm_actor
         shape = (lstm.num_layers, ROWS, lstm.hidden_size)
         self._states = [(torch.zeros(shape), torch.zeros(shape)) for _ in range(0, n, ROWS)]
-        self._begins = torch.zeros(ROWS)  # none within a batch: `reset` begins all of them
+        self._begins = torch.zeros(ROWS)  # 0: only `reset` begins episodes
 
     def __call__(self, block: int, rows: torch.Tensor) -> torch.Tensor:
         with aligned(self._uneven):
@@ -105,7 +104,7 @@ def forward_of(policy: BasePolicy) -> Forward:
 
 Scaling = tuple[Floats, Floats, float]
 Network = tuple[BasePolicy, Scaling | None]
-"""policy, and mean, scale and clip of its observations"""
+"""policy, and mean, scale and clip that normalise its observations (None: no normalisation)"""
 
 
 class FrozenPolicy:
@@ -154,7 +153,7 @@ class LearnedPolicy(FrozenPolicy):
     """Trained policy in a test: its weights and statistics are read without unpickling.
 
     Raises:
-        RunError: a file is missing, damaged, or of another network than the configuration's.
+        RunError: a file is missing, damaged, or does not fit the network of the configuration.
     """
 
     def __init__(self, config: schema.TrainConfig, folder: Path, vehicle: VehicleModel) -> None:
@@ -212,7 +211,7 @@ def read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, 
     """Return the tensors of a policy.
 
     Raises:
-        RunError: the file cannot be read, is of another network, or contains a number that is not finite.
+        RunError: the file cannot be read, belongs to another network, or contains a number that is not finite.
     """
     try:
         weights = archives.weights(_read(path))
@@ -231,7 +230,7 @@ def read_weights(path: Path, expected: Mapping[str, torch.Tensor]) -> dict[str, 
 
 
 def _fault(value: Any, like: Any) -> str:
-    """Return what is wrong with an array or tensor that must have the shape and type of `like`; '' if nothing is."""
+    """Return how an array or tensor differs from `like` in shape or type, or that it is not finite; '' if it is right."""
     if value is None:
         return "is missing"
     if not isinstance(value, type(like)):

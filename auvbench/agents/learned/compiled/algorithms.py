@@ -35,9 +35,9 @@ class Temperature:
         return float(np.exp(self._learned.values[0, 0]))
 
     def update(self, density: Floats) -> dict[str, float]:
-        """Take one gradient step on the entropy coefficient, which drives the policy's entropy to the target.
+        """Take one gradient step on the entropy coefficient, so that the policy's entropy approaches its target.
 
-        Return {"ent_coef_loss": loss}; {} if the coefficient is constant.
+        Return {"ent_coef_loss": loss}, or {} if the coefficient is constant.
 
         Args:
             density: log-densities (n,) of the policy's actions.
@@ -86,8 +86,8 @@ class Sample:
 
         Args:
             critic: critic of observations and actions.
-            objective: function that returns a value and its negative gradient, for outputs (K, n, o) of the
-                critic.
+            objective: function of the critic's outputs (K, n, o) that returns the value to maximise and the negative
+                gradient of this value.
             temperature: weight of the entropy.
         """
         n = len(self.observation)
@@ -108,7 +108,9 @@ class Compiled:
     """
 
     counts_batches = True
-    """whether SB3's own training passes may update the statistics of normalisation layers"""
+    """whether `train` puts SB3's modules into training mode, in which their passes update the statistics of
+    normalisation layers
+    """
 
     def train(self: Any, gradient_steps: int, batch_size: int = 64) -> None:
         """Update `gradient_steps` times, and log the means of the losses as SB3 does."""
@@ -221,7 +223,7 @@ class TQC(Soft, sb3_contrib.TQC):
 class CrossQ(Compiled, sb3_contrib.CrossQ):
     """SAC without target networks, with batch renormalisation (Bhatt et al. 2024)."""
 
-    counts_batches = False  # `_update` counts the layers' batches
+    counts_batches = False  # `_update` itself updates the statistics of the layers
 
     def _setup_model(self) -> None:
         super()._setup_model()
@@ -250,7 +252,7 @@ class CrossQ(Compiled, sb3_contrib.CrossQ):
         """Update the critics once; return their loss."""
         n = len(action)
         drawn = self._actor.sample(following)
-        # One pass for both, so that both count in the statistics of the batch.
+        # One pass for present and next inputs, so that the batch's statistics include both.
         inputs = np.concatenate([observation, action], axis=1)
         next_inputs = np.concatenate([following, drawn.action], axis=1)
         gradient, q = self._critic.forward(np.concatenate([inputs, next_inputs]), training=True)

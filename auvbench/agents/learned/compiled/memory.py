@@ -20,8 +20,8 @@ Floats = NDArray[np.float32]
 
 
 def rows(networks: Sequence[Sequence[torch.Tensor]]) -> torch.Tensor:
-    """Move parameters of K networks of one shape into an array (K, P), which becomes their memory; return it."""
-    none = torch.empty(0)  # there may be no parameter
+    """Move the parameters of K networks of one shape into an array (K, P), and return it. The tensors become views of it."""
+    none = torch.empty(0)  # `torch.cat` needs a tensor, and a network may have no parameter
     flat = torch.stack(
         [
             torch.cat([none, *(tensor.detach().reshape(-1) for tensor in parameters)])
@@ -40,15 +40,16 @@ def _views(flat: torch.Tensor, like: Sequence[torch.Tensor]) -> list[torch.Tenso
 
 
 class Trained:
-    """Parameters of K networks with their gradient and an optimizer of SB3, whose state is in the same kind
-    of array.
+    """Parameters of K networks in one array, with arrays of the same shape for their gradient and for the moments of
+    SB3's optimizer.
 
     Args:
         networks: parameters of each network.
         optimizer: optimizer of these parameters; None if they are never updated by gradients.
 
     Attributes:
-        values, gradient: (K, P).
+        values: (K, P) parameters.
+        gradient: (K, P) gradient of the parameters.
     """
 
     def __init__(self, networks: Sequence[Sequence[torch.Tensor]], optimizer: Any) -> None:
@@ -64,7 +65,10 @@ class Trained:
             self._adopt()
 
     def _adopt(self, *_: Any) -> None:
-        """Take over the optimizer's state: none at first, copies after `load_state_dict`."""
+        """Copy the optimizer's state, if it has any, into this object's arrays, and let the optimizer use these arrays.
+
+        Called also after the optimizer's `load_state_dict`, which gives the optimizer tensors of its own.
+        """
         state = self._optimizer.state
         self._step.zero_()
         self._moments.zero_()
@@ -87,8 +91,8 @@ class Trained:
 
 
 Gradient = Callable[[Floats, bool], Floats]
-"""Function of the gradient of the outputs (K, n, o). With True it stores the gradient of the parameters;
-otherwise it returns the gradient of the inputs (n, d), summed over networks.
+"""Function of the outputs' gradient (K, n, o) and a flag. If the flag is True, it stores the gradient of the parameters.
+Otherwise it returns the gradient of the inputs (n, d), summed over networks.
 """
 
 
@@ -128,7 +132,7 @@ class Networks(Trained):
         ).numpy()
 
     def forward(self, x: Floats, training: bool = False, first: int | None = None) -> tuple[Gradient, Floats]:
-        """Return a function of the outputs' gradient, and the outputs (K, n, o), for inputs (n, d).
+        """Return the backward pass (see `Gradient`) and the outputs (K, n, o) for inputs (n, d).
 
         Args:
             x: inputs (n, d).
@@ -168,8 +172,8 @@ def batch(model: OffPolicyAlgorithm, n: int) -> tuple[Floats, ...]:
     """Draw n transitions as SB3 does, each of `model.n_steps` steps or fewer where the episode ended.
 
     Returns:
-        Observation (n, d), action (n, n_u), following observation (n, d), reward (n, 1) and discount (n, 1),
-            which is 0 if the episode ended for another reason than its time limit.
+        Observation (n, d), action (n, n_u), following observation (n, d), reward (n, 1) and discount (n, 1). The
+            discount is 0 if the episode ended for another reason than its time limit.
     """
     assert model.replay_buffer is not None
     drawn: Any = model.replay_buffer.sample(n, env=model.get_vec_normalize_env())

@@ -33,7 +33,7 @@ STATISTICS = np.dtype(
         ("inverse", np.float32),  # reciprocal deviation
         ("average", np.float32),  # batch mean
         ("share", np.float32),  # derivative of the variance with respect to the batch variance
-        ("pull", np.float32),  # derivative of the negative subtracted mean with respect to the batch mean
+        ("pull", np.float32),  # derivative of the negative subtracted mean with respect to the batch variance
     ]
 )
 """Record that `normalise` stores for each input"""
@@ -51,10 +51,10 @@ def normalise(
     mode: int,
     momentum: float,
 ) -> None:
-    """Store the scaled rows of the flat `x` (n, d) in the flat `y` (n, d), and update the running statistics.
+    """Store the normalised rows of `x` (n, d) in `y` (n, d), and update the running statistics. Both arrays are flat.
 
     Args:
-        x, y, n: inputs, outputs, rows.
+        x, y, n: inputs, outputs, number of rows.
         affine: scales (d,), then shifts (d,).
         mean, variance: running statistics (d,), updated unless `mode` is RUNNING.
         stored: (d,) records of STATISTICS, overwritten with what `normalise_gradient` needs.
@@ -109,7 +109,7 @@ def normalise_gradient(
     Args:
         x, n, affine, stored, mode: see `normalise`.
         slope: overwritten.
-        gradient: gradient of scales (d,) and shifts (d,), overwritten; () if it is not needed.
+        gradient: gradient of scales (d,) and shifts (d,), overwritten; empty if it is not needed.
     """
     d = stored.shape[0]
     factor = affine[:d] * stored.inverse
@@ -149,8 +149,7 @@ def forward(
     mode: int,
     momentum: float,
 ) -> tuple[Floats, Floats, Any, Floats]:
-    """Return what `backward` needs (hidden outputs, scaled inputs, stored statistics), and the outputs (K, n,
-    o).
+    """Return hidden outputs, scaled inputs and stored statistics, all for `backward`, and the outputs (K, n, o).
 
     Args:
         values: parameters (K, P).

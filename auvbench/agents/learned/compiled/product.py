@@ -29,9 +29,9 @@ Vector = NDArray[np.float32]
 
 
 def _tile(rows: int, vectors: int) -> Any:
-    """Return a function for compiled code that computes `rows` x `vectors * WIDTH` of a product.
+    """Return a function for compiled code that computes a tile of `rows` x `vectors * WIDTH` numbers of a matrix product.
 
-    Its arguments: left matrix, offset of the tile's first row, strides of rows and columns; packed panel;
+    The function's arguments: left matrix, offset of the tile's first row, strides of rows and columns; packed panel;
     length of the sums; result, offset of the tile, stride of rows. Matrices are flat arrays.
     """
 
@@ -101,7 +101,7 @@ def _generate(rows: int, vectors: int, context: Any, builder: Any, signature: An
 
 
 def _columns(rows: int, vectors: int) -> Any:
-    """Return a compiled function for `vectors * WIDTH` columns of a product, or fewer at its right edge."""
+    """Return a compiled function that computes `vectors * WIDTH` columns of a product, or fewer at the product's right edge."""
     columns = vectors * WIDTH
     many, single = _tile(rows, vectors), _tile(1, vectors)
 
@@ -168,7 +168,7 @@ def product(
 ) -> None:
     """Store A (m, k) times B (k, n) in the contiguous C (m, n).
 
-    Arrays are flat; strides of A and B are in numbers.
+    Arrays are flat. The strides of A and B count numbers, not bytes.
     """
     if m == 1 and b_column == 1:  # the gradient of a single output: packing would take longer
         c[:n] = 0.0
