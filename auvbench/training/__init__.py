@@ -1,4 +1,4 @@
 """Train one run: the worker process, the training loop, interruption, checkpoints.
 
-Nothing is imported here, so that reading files does not import torch.
+This module imports nothing, so that code that only reads the files of a run does not import torch.
 """

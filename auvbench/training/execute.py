@@ -40,8 +40,9 @@ def check_runnable(config: schema.TrainConfig) -> None:
     vehicle and take seconds to build. ROS 2 servers are not contacted, since they may start later.
 
     Raises:
-        ConfigError: the vehicle cannot do the task or lacks the failing actuator, the controller cannot steer
-            it, the learner cannot learn the task, Gazebo is not installed, or a start or a goal is inside a solid.
+        ConfigError: the vehicle cannot do the task or lacks the actuator that is configured to fail, the controller cannot
+            steer the vehicle, the learner cannot learn the task, Gazebo is not installed, or a start or a goal is inside a
+            solid.
         VehicleError: Gazebo cannot simulate the vehicle.
         MissingExtraError: the controller, or train.log, needs a package that is not installed.
     """
@@ -117,12 +118,12 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
         except LockLostError:
             raise  # the run and its manifest belong to another process now
         except (KeyboardInterrupt, Exception) as error:
-            interrupted = interruption.cause(error)  # a library may have caught it on the way
+            interrupted = interruption.cause(error)  # a library may have raised another error instead
             if interrupted is not None:
                 with suppress(OSError):
                     close("interrupted")
                 raise interrupted from (None if interrupted is error else error)
-            # A full disk cannot store the manifest either, and the first error is the cause.
+            # On a full disk, writing the manifest fails, too. Then only the first error is reported, because it is the cause.
             with suppress(OSError):
                 note()
                 worker.fail(run, error)
@@ -130,13 +131,13 @@ def execute(run: RunDirectory, watch: Watch | None = None) -> dict[str, Any]:
                 raise
             raise TrainingError(f"{run.id}: {type(error).__name__}: {error}") from error
     if stop.signal is not None:
-        # The signal arrived when nothing was left to stop here, but a command with several runs must know of it.
+        # The signal arrived after the training had ended, but a command that carries out several runs must stop.
         raise interruption.Interrupted(stop.signal, f"{run.path}: complete")
     return manifest
 
 
 def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity.Entry]:
-    """Check an agent that does not learn; return the files to record in the manifest (a policy file's, for `algo=onnx`)."""
+    """Check an agent that does not learn. Return the files to record in the manifest: the policy's files for `algo=onnx`, else none."""
     if complete.releases(config):
         _try(config)
     if config.algo.agent in AGENTS.own and (check := AGENTS[config.algo.agent].check):
@@ -156,7 +157,7 @@ def _admit(run: RunDirectory, config: schema.TrainConfig) -> dict[str, integrity
 
 
 def _try(config: schema.TrainConfig) -> None:
-    """Use the parts of installed packages once, so that a defect fails the run at its start."""
+    """Make one step with the parts of installed packages, so that a run with a defective part fails at its start."""
     from auvbench.envs.batch import Batch
 
     batch = Batch(config, 1)

@@ -35,7 +35,7 @@ GRACE = 20.0  # s to reach the next checkpoint after SIGTERM; by default, SLURM 
 
 @dataclass
 class Session:
-    """One training, as its learner sees it (`agents.base.Callbacks`)."""
+    """Training of one run; its methods are the `agents.base.Callbacks` that the learner calls."""
 
     run: RunDirectory
     learner: Learner
@@ -44,7 +44,7 @@ class Session:
     total_steps: int
     """budget in environment steps"""
     checkpointer: Checkpointer
-    """checkpointer after `prepare`, with its `parts`"""
+    """checkpointer whose `prepare` was called and whose `parts` are set"""
     episodes: EpisodeLog
     events: EventWriter
     reporter: Reporter
@@ -76,7 +76,7 @@ class Session:
             self._stop_time = self._stop_time or time.monotonic()
             if not self.learner.exact_resume or time.monotonic() - self._stop_time > GRACE:
                 self._leave(self._checkpoint_note())
-        if records := transition.records[:: self.environment.team]:  # one of a team
+        if records := transition.records[:: self.environment.team]:  # one record per team
             self.episodes.append(steps, records)
             for record in records:
                 self.reporter.episode(record["outcome"] == "success", float(record["return"]))
@@ -112,7 +112,7 @@ class Session:
         self.events.write(scalars, steps)
 
     def end(self) -> None:
-        """Save the last checkpoint, and run a final validation if it is due; call it when the learner has
+        """Save the last checkpoint, and run a final validation if it is due. Call this method when the learner has
         returned.
 
         Raises:
@@ -187,10 +187,10 @@ def learn(
     Raises:
         TrainingError: an observation or a reward is not finite, the learner ended too early, or the disk is full, read-only or
             failing.
-        Interrupted: `stop` was set. A learner with exact resume then has a checkpoint, unless the next one took too long.
+        Interrupted: `stop` was set. A learner with exact resume was saved first, unless it reached its next checkpoint too late.
     """
     begun = time.monotonic()
-    # Durations of the phases of earlier attempts that managed to write the manifest.
+    # Total durations of the phases in earlier attempts, as far as these attempts wrote them to the manifest.
     earlier: dict[str, float] = run.manifest().get("phases", {})
     train = config.train
     checkpointer = Checkpointer(
@@ -219,7 +219,7 @@ def learn(
         }
         return {name: round(earlier.get(name, 0.0) + seconds, 3) for name, seconds in spent.items()}
 
-    # The same in every attempt of a run, but different after the run is created again.
+    # The tracker's key is the same in every attempt of a run. If the run is removed and created again, the key changes.
     key = digest_of([run.id, run.manifest()["created"]], 32)
     tracker = tracking.start(train.log, key, run.config(), run.id)
     with storage(f"cannot write the records of {run.path}"):
@@ -269,7 +269,7 @@ def learn(
             writer.close()
     trained = time.monotonic()
     with storage(f"cannot write {run.model}"):
-        # Flushed before the manifest records the files, so that a power loss right after it leaves an intact run.
+        # Sync the files to disk before the manifest records them: the run is then intact even after a power loss.
         written = [name for name in (EPISODES, EVENTS, VALIDATION) if (run.path / name).exists()]
         for name in written:
             fsync(run.path / name)

@@ -4,7 +4,7 @@
 Each test applies the present policy, deterministic and with frozen normalisation statistics, to the scenarios of
 `conf/protocol/validation.yaml`. These scenarios have their own stream of random numbers, so that early stopping and the
 choice of a policy use no test scenario. The tests draw from no generator that training uses: the trained weights
-have the same bits with and without these tests.
+are bit-identical with and without these tests.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from auvbench.runs.progress import EpisodeLog
 
 
 def columns(task: str) -> tuple[str, ...]:
-    """Return the columns for a task; docs/runs.md defines them.
+    """Return the columns of `train/validation.csv` for a task; docs/runs.md defines them.
 
-    All columns but the last have the same bits whenever the run is repeated.
+    If the run is repeated, all columns but the last (wall time) are bit-identical.
     """
     rates = (f"{outcome}_rate" for outcome in TASKS[task].outcomes)
     means = (f"mean_{name}" for name in _means(task))
@@ -38,7 +38,7 @@ def columns(task: str) -> tuple[str, ...]:
 
 
 def _means(task: str) -> list[str]:
-    """Return the record columns whose means are written: steps, duration and, if it is a column, the task's primary measure."""
+    """Return the record columns whose means are written: steps, duration, and the task's primary measure if the record has it."""
     primary = TASKS[task].primary.removeprefix("mean_")
     return ["steps", "duration_s", *([primary] if primary in record_columns(task) else [])]
 
@@ -50,7 +50,7 @@ class Validator:
         config: resolved, plain configuration of the run.
         every: environment steps between two tests.
         path: path of the CSV file.
-        keep: number of bytes to keep when a run continues; None starts a new file.
+        keep: number of bytes of the file to keep when a run continues; None starts a new file.
         show: function called after each test with the rates by name and the step, for example to log them.
 
     Attributes:
@@ -79,7 +79,7 @@ class Validator:
         self._log.flush()
 
     def is_due(self, steps: int, n: int) -> bool:
-        """Return whether the last step of n environments passed a multiple of the interval.
+        """Return whether a test is due: the last step of n environments passed a multiple of the interval.
 
         Args:
             steps: environment steps after this step.
@@ -88,9 +88,10 @@ class Validator:
         return steps // self._every > (steps - n) // self._every
 
     def is_owed(self, steps: int, n: int) -> bool:
-        """Return whether the policy at the end of a training, after `steps` steps of n environments, must still be tested.
+        """Return whether the final policy of a training must still be tested, after `steps` steps of n environments.
 
-        It must if the last step passed no multiple of the interval, and this process has not tested the policy at this step.
+        The final test is owed if the last step passed no multiple of the interval, and this process has not tested the policy at
+        this step.
         """
         return steps % self._every >= n and self._tested != steps
 

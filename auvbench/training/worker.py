@@ -1,8 +1,8 @@
 """Carry out one run in one process: `python -m auvbench.training.worker RUN_DIR` trains or resumes a frozen
 run directory.
 
-Every backend starts this worker, so that a run is the same on every backend: one thread of arithmetic, the
-run's lock held, output appended to the run's `train/log.txt`, an error written into its manifest.
+Every backend starts this worker, so that a run is the same on every backend. The worker computes with one thread, holds
+the run's lock, appends output to the run's `train/log.txt`, and writes an error into the run's manifest.
 
 Exit codes: 0 complete, 1 failed (the manifest has the error), 2 no such run, 75 locked by another process,
 130 or 143 interrupted by SIGINT or SIGTERM after saving.
@@ -72,12 +72,12 @@ def work(path: str | Path, *, target: str = TARGET, log: bool = False) -> int:
 
 
 def carry_out(run: RunDirectory, function: Target, request: Request | None = None) -> None:
-    """Call `function(run)` with the run's lock held; record an exception in the manifest before raising it.
+    """Call `function(run)` while this process holds the run's lock. Record an exception in the manifest before raising it.
 
     Args:
         run: run directory.
         function: function that carries out the run.
-        request: request of `interruption.immediate`, if it handles the signals.
+        request: result of `interruption.immediate` if it handles the signals, else None.
 
     Raises:
         KeyboardInterrupt: the run was interrupted, even if a library raised another error instead.
@@ -99,14 +99,14 @@ def carry_out(run: RunDirectory, function: Target, request: Request | None = Non
                 raise interrupted from (None if interrupted is error else error)
             with contextlib.suppress(OSError):  # on a full disk, report the first error
                 if not (run.manifest()["state"] == "failed" and run.manifest()["error"]):
-                    fail(run, error)  # unless the loop has recorded the failure
+                    fail(run, error)  # unless the training loop has recorded the failure
             raise
 
 
 def _resolve(target: str) -> Target:
     function: Target = registry.resolve(target)
     if (torch := sys.modules.get("torch")) is not None:
-        torch.set_num_threads(1)  # also if it was imported before
+        torch.set_num_threads(1)  # torch may have been imported with more threads
     return function
 
 
@@ -122,7 +122,7 @@ class WorkerDied(Exception):
 
 
 def fail(run: RunDirectory, error: BaseException) -> None:
-    """Mark a run as failed. The caller must hold its lock."""
+    """Mark a run as failed in its manifest. The caller must hold the run's lock."""
     name = type(error).__name__
     detail = {
         "type": name,
@@ -153,7 +153,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--target", default=TARGET, help="module:function that carries out the run")
     parser.add_argument("--log", action="store_true", help="append output to the run's train/log.txt")
     parser.add_argument(
-        "--parent", type=int, help="pid of the parent process; the worker is killed when it ends"
+        "--parent", type=int, help="pid of the parent process; the worker is killed when the parent ends"
     )
     options = parser.parse_args(arguments)
     if options.parent is not None:

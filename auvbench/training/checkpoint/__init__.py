@@ -1,4 +1,5 @@
-"""Checkpoints from which a run continues with the same bits; docs/resume.md explains them.
+"""Checkpoints from which a run continues bit-identically; docs/resume.md explains them.
 
-A training loop uses `saver.Checkpointer`. Nothing is imported here, so that reading files does not import torch.
+A training loop uses `saver.Checkpointer`. This module imports nothing, so that code that only reads the files of a run does
+not import torch.
 """

@@ -1,4 +1,4 @@
-"""Extend a run to a larger budget from its last checkpoint, with the same bits as one longer run."""
+"""Extend a run to a larger budget from its last checkpoint. The result is bit-identical to one longer run."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from auvbench.vehicles import sheet
 
 
 def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
-    """Copy a checkpoint, its replay segments and the logs up to it into another run's directory.
+    """Copy a checkpoint, its replay segments and the logs up to the checkpoint into another run's directory.
 
     The checkpoint itself is moved into place last and atomically. A kill before that leaves a run without a
     checkpoint, and the next call copies again. Nothing changes in `source`.
@@ -52,7 +52,7 @@ def seed(source: Path, checkpoint: Checkpoint, target: Path) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Extension:
-    """A run of the same configuration with a larger budget; the original run does not change."""
+    """Extension of the run `run`: `target` has the same configuration with a larger budget. `run` does not change."""
 
     run: RunDirectory
     config: dict[str, Any]
@@ -61,7 +61,7 @@ class Extension:
     """checkpoint from which `target` begins; None if `target` has begun already"""
 
     def begin(self, command: str = "") -> RunDirectory:
-        """Create the extended run with the checkpoint, unless it has begun; return it.
+        """Create the extended run from the checkpoint, unless the extended run has already begun; return the extended run.
 
         Args:
             command: command line, for the manifest.
@@ -74,7 +74,7 @@ class Extension:
 
 
 def prepare(run: RunDirectory, total_steps: int) -> Extension:
-    """Check whether a run can be extended; write nothing.
+    """Check that a run can be extended, and return the extension; write nothing.
 
     Args:
         run: trained run with at least one checkpoint.
@@ -96,7 +96,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
         raise RunError(f"{run.path} is locked by {run_status.holder}; extend it when it has ended")
     larger = copy.deepcopy(config)
     larger["train"]["total_steps"] = total_steps
-    # The run's folder may have been moved; neither key is part of the identity.
+    # Place the extended run next to the run, whose folder may have been moved. Both keys are not part of a run's identity.
     larger["output"], larger["name"] = str(run.path.parent.parent), run.path.parent.name
     typed(OmegaConf.create(larger))
     target = place(larger)
@@ -109,7 +109,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
 
 
 def has_begun(run: RunDirectory) -> bool:
-    """Return whether a run is complete or has its own checkpoint, and so needs no checkpoint from a shorter run."""
+    """Return whether a run is complete or has a checkpoint, so that it needs no checkpoint of a shorter run."""
     return run.exists() and (run.manifest()["state"] == "complete" or bool(CheckpointStore(run.path).steps()))
 
 

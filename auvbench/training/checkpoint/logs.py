@@ -74,7 +74,7 @@ class LogMark:
     """SHA-256 of the file's first `bytes` bytes"""
 
     def holds(self, path: Path) -> bool:
-        """Return whether the file still begins with the content at the checkpoint."""
+        """Return whether the file still begins with the content that it had at the checkpoint."""
         return self.bytes == 0 or sha256_of_prefix(path, self.bytes) == self.sha256
 
 

@@ -73,7 +73,7 @@ class ReplayStore:
         return segment
 
     def load(self, buffer: Ring, segments: Iterable[Segment], rows: int) -> None:
-        """Fill a new buffer with the content that the saved buffer had after `rows` rows, the same bits.
+        """Fill a new buffer with exactly the content that the saved buffer had after `rows` rows.
 
         Raises:
             OSError, ValueError, KeyError: a segment is not readable; check with `Segment.holds` first.
@@ -96,7 +96,7 @@ CLOCK = "clock"
 
 
 class Stateful(Protocol):
-    """Part of a run that has its own state, such as the environments or a recorder; the learner is separate."""
+    """Part of a run, other than the learner, that has its own state: for example the environments, or a recorder."""
 
     def state_dict(self) -> Mapping[str, NDArray[Any]]: ...
 
@@ -104,7 +104,7 @@ class Stateful(Protocol):
 
 
 class Checkpointer:
-    """Saves a run so that it continues with the same bits.
+    """Saves a run so that it can continue bit-identically.
 
     Call the methods in this order:
 
@@ -113,7 +113,7 @@ class Checkpointer:
         ... build environments, learner, writers of the logs ...
         checkpointer.parts = {"environment": batch}
         checkpointer.restore(learner)       # when the learner is about to begin
-        checkpointer.save(learner, steps)   # when its state is complete
+        checkpointer.save(learner, steps)   # when the learner's state is complete
 
     Args:
         run: directory of the run.
@@ -124,7 +124,7 @@ class Checkpointer:
 
     Attributes:
         parts: other objects with state, by name.
-        flush: function called before the logs are measured; must flush their writers' buffers.
+        flush: function that flushes the buffers of the logs' writers; called before the logs are measured.
         saved_hook: function called after each checkpoint.
         resumed: checkpoint from which the run continues; None for a new run.
         saved: number of checkpoints that this process has written.
@@ -170,7 +170,7 @@ class Checkpointer:
         return self.resumed
 
     def restore(self, learner: Learner) -> int:
-        """Restore the parts and the learner from the checkpoint; return its step, 0 for a new run.
+        """Restore the parts and the learner from the checkpoint; return the checkpoint's step, or 0 for a new run.
 
         Raises:
             RunError: the checkpoint belongs to another learner.

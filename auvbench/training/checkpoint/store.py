@@ -1,8 +1,8 @@
 """Store checkpoints on disk: named components and a manifest with sizes and hashes.
 
-A checkpoint is written under a hidden name, fsynced, and renamed to `<step>`; older ones are deleted after
-that. So one complete checkpoint exists at every moment after the first. A directory named after a step is
-complete unless the disk damaged it, which the hashes detect. Nothing is unpickled: tensors are read with
+A checkpoint is written under a hidden name, fsynced, and renamed to `<step>`. Older checkpoints are deleted only
+after the renaming, so a run that has written a checkpoint always has a complete one. A directory named after a step
+is complete unless the disk damaged it, which the hashes detect. Nothing is unpickled: tensors are read with
 `weights_only=True`, arrays with `allow_pickle=False`, everything else is JSON.
 """
 
@@ -66,7 +66,7 @@ class CheckpointStore:
 
     Args:
         run: directory of the run.
-        keep: number of complete checkpoints to keep, at least 1; with 2, a run survives damage to the newest.
+        keep: number of complete checkpoints to keep, at least 1; with 2, a run survives damage to its newest checkpoint.
     """
 
     def __init__(self, run: Path, keep: int = 2) -> None:
@@ -89,7 +89,7 @@ class CheckpointStore:
         segments: tuple[Segment, ...] = (),
         logs: Mapping[str, LogMark] | None = None,
     ) -> Path:
-        """Write a checkpoint, then delete older ones beyond `keep`; return its directory.
+        """Write a checkpoint, then delete all but the newest `keep` checkpoints; return the new checkpoint's directory.
 
         Raises:
             TrainingError: the disk is full, read-only or failing; nothing half-written remains, and older
@@ -129,7 +129,7 @@ class CheckpointStore:
         return self._find()[0]
 
     def _find(self) -> tuple[Checkpoint | None, list[int]]:
-        """Return the newest intact checkpoint and the steps of the newer, damaged ones; warn about each damaged one."""
+        """Return the newest intact checkpoint and the steps of newer, damaged checkpoints; warn about each damaged checkpoint."""
         damaged: list[tuple[int, ValueError]] = []
         checkpoint = None
         for step in self.steps():
@@ -140,7 +140,7 @@ class CheckpointStore:
                 damaged.append((step, error))
         for step, reason in damaged:
             if checkpoint is None and isinstance(reason, LogMismatchError):
-                # Starting over would discard good training because of an edited table.
+                # Starting at step 0 would discard a good checkpoint only because a log was edited.
                 raise RunError(
                     f"cannot resume {self.run} at step {step}: {reason}; restore that file, or remove "
                     f"{self.folder} to train from step 0"
@@ -184,7 +184,7 @@ class CheckpointStore:
         for name, mark in manifest.logs.items():
             if not mark.holds(child(self.run, name)):
                 raise LogMismatchError(
-                    f"{name} no longer begins with the {mark.bytes} bytes that it had then"
+                    f"{name} no longer begins with the {mark.bytes} bytes that it had at the checkpoint"
                 )
         return Checkpoint(path, step, Components.read(contents), manifest.replay, manifest.logs)
 
@@ -205,7 +205,7 @@ class CheckpointStore:
             warnings.warn(f"cannot delete old checkpoints in {self.folder}: {error}", CheckpointWarning, 2)
 
     def _remove(self, path: Path) -> None:
-        """Rename a checkpoint's directory, then delete it, so that a half-deleted one never looks like a checkpoint."""
+        """Rename a checkpoint's directory, then delete it, so that a half-deleted directory never looks like a checkpoint."""
         aside = path.with_name(f".{path.name}.removed")
         shutil.rmtree(aside, ignore_errors=True)
         path.rename(aside)
