@@ -1,4 +1,4 @@
-"""Read a policy from a file: an ONNX network and, next to it, a card in JSON that describes its numbers.
+"""Read a policy from a file: an ONNX network and, next to it, a card in JSON that describes the network's inputs and outputs.
 
 Reading needs only NumPy and ONNX Runtime: no torch, no Stable-Baselines3, no compiled code. The network takes
 raw observations (n, n_obs) in the units of the environment and returns actions (n, n_u) in [-1, 1]; scaling
@@ -6,7 +6,7 @@ and clipping are in the file.
 
 ONNX Runtime reads and runs the file in a separate process, which cannot open files and has limits of memory
 and time (`auvbench/untrusted/sandbox.py`). Therefore a file may contain any operators: a file that crashes,
-never ends or takes all memory gives a one-line error. The answers are checked: they must have the right
+never ends or takes all memory gives a one-line error. The network's answers are checked: they must have the right
 shape, be the same for the same observation, and be valid actions.
 """
 
@@ -179,15 +179,15 @@ def content(path: Path, limit: int) -> bytes:
 
 
 class Policy:
-    """A loaded network that can act.
+    """Network of an ONNX file, loaded in a separate process, that computes actions.
 
     Args:
         data: content of the ONNX file.
         where: name of the file, for messages.
-        observations: length of an observation; None: any.
-        actions: number of actuators; None: any.
-        card: card of the file; must have as many names as the network has inputs and outputs.
-        rows: rows of each forward pass (see `ROWS`), unless the file fixes them; 1 is fastest for one
+        observations: length of an observation; None allows any length.
+        actions: number of actuators; None allows any number.
+        card: card of the file. It must name each number of an observation and each actuator.
+        rows: number of rows of each forward pass (see `ROWS`), unless the file fixes this number; 1 is fastest for one
             observation.
         seconds: largest processor time for each answer, s.
 
@@ -237,7 +237,7 @@ class Policy:
         self.n_observations, self.n_actions = width, first.shape[1]
 
     def _opened(self, data: bytes, seconds: int) -> tuple[Port, Port]:
-        """Start the process of the policy; return its input and its output."""
+        """Start the process of the policy; return the network's input and output."""
         try:
             self._child = sandbox.Child(sandbox.POLICY, data, seconds=seconds)
             ports, _ = self._child.answer()
@@ -254,11 +254,11 @@ class Policy:
             raise PolicyError(f"{self.where}: {error}") from error
 
     def act(self, observation: NDArray[np.floating]) -> Floats:
-        """Return actions (n, n_u) in [-1, 1] for raw observations (n, n_obs) in their units.
+        """Return actions (n, n_u) in [-1, 1] for raw observations (n, n_obs) in the units of the environment.
 
         Raises:
             PolicyError: the answer has a NaN, an infinity, an action out of range, or the wrong shape, or the
-                process has ended.
+                policy's process has ended.
         """
         rows = np.ascontiguousarray(observation, dtype=self.input.type)
         if rows.ndim != 2:
@@ -280,7 +280,7 @@ class Policy:
         """Return the unchecked answer (n, ...) to observations (n, n_obs).
 
         Raises:
-            ValueError: the process gives no answer, or an answer of another form.
+            ValueError: the policy's process gives no answer, or an answer with a wrong type or number of rows.
         """
         try:
             note, arrays = self._child.ask({"rows": self._rows}, {"data": rows})
@@ -321,7 +321,7 @@ def load(
 
 
 def read(path: Path | str) -> tuple[bytes, Card | None, bytes | None]:
-    """Return an ONNX file's bytes, its card, and the card's bytes; None without a card.
+    """Return an ONNX file's bytes, its card, and the card's bytes. Without a card, the last two are None.
 
     Raises:
         PolicyError: a file cannot be read, or the card belongs to another file.

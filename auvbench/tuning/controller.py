@@ -98,7 +98,7 @@ def worth(score: Score, objective: Objective) -> str:
 
 
 AT_ONCE = 8
-"""Number of simultaneous runs with a backend that has no limit, such as a cluster with a queue"""
+"""Number of simultaneous runs on a backend without its own limit, such as a cluster with a queue"""
 HELD_FOR = 60.0
 """Time in s to wait for a run that is still locked, for example by a worker of an earlier, killed controller"""
 TRIES = 3
@@ -107,7 +107,7 @@ TRIES = 3
 
 @dataclass(slots=True)
 class TrialRuns:
-    """Runs of one trial, with functions to call when all runs are complete or one run has failed."""
+    """Runs of one trial. `done` is called when all runs are complete, `failed` when one run has failed."""
 
     unfinished: set[Path]
     """incomplete runs"""
@@ -116,7 +116,7 @@ class TrialRuns:
 
 
 class Controller(Loop):
-    """Scheduling loop that gets its runs from a search; the backend's target is `runs.TARGET`."""
+    """Scheduling loop that gets its runs from a search. The backend's workers must call `runs.TARGET`."""
 
     view: StudyView
 
@@ -125,7 +125,7 @@ class Controller(Loop):
         self.study, self.search = study, search
         self.plan = search.plan
         self.jobs: list[TrialRuns] = []
-        self.locked: dict[Path, float] = {}  # when each locked run was found locked
+        self.locked: dict[Path, float] = {}  # monotonic time in s at which each run was found locked
         self.started: dict[Path, int] = {}
         self.stopped = ""
         self.confirmed = False
@@ -168,7 +168,7 @@ class Controller(Loop):
         self._enter(prepared, done, failed)
 
     def _begin_confirmation(self) -> bool:
-        """Begin the trainings of the best and the untuned settings with fresh seeds; return False if there are none to begin."""
+        """Begin the trainings of the best and the untuned settings with fresh seeds. Return False without a best trial or fresh seeds."""
         best = self.search.best
         if best is None or not self.plan.tune.fresh_seeds:
             return False
@@ -190,7 +190,7 @@ class Controller(Loop):
     def _enter(
         self, directories: list[RunDirectory], done: Callable[[], None], failed: Callable[[str], None]
     ) -> None:
-        # Two trials with equal settings share their runs; a run may also outlive its failed trial.
+        # Start no run twice: two trials with equal settings share their runs, and a run may continue after its trial failed.
         claimed = {path for job in self.jobs for path in job.unfinished} | self.locked.keys()
         claimed |= {run.path for run in (*self.waiting, *self.active.values())}
         fresh = {run.path: run for run in directories if run.path not in claimed}

@@ -55,14 +55,14 @@ class Journal(BaseJournalBackend):
             return
         except (OSError, ValueError) as error:
             raise RunError(f"{path}: cannot be read: {error}") from error
-        for line in data.split(b"\n")[:-1]:  # a text after the last line break was truncated by a kill
+        for line in data.split(b"\n")[:-1]:  # a kill cut off any text after the last line break
             self._take(line)
 
     def _take(self, line: bytes) -> None:
         try:
             log = reading.json_value(line)
             if not isinstance(log, dict) or log.pop(DIGEST, "") != self._digest(log):
-                raise ValueError("its digest does not match it and the lines before it")
+                raise ValueError("its digest does not match this line and the lines before")
         except ValueError as error:
             why = str(error).splitlines()[0]
             raise RunError(
@@ -82,7 +82,7 @@ class Journal(BaseJournalBackend):
         return self.logs[log_number_from:]
 
     def append_logs(self, logs: list[dict[str, Any]]) -> None:
-        """Append operations; they are on the disk when this returns.
+        """Append operations to the journal, and sync the file to disk before returning.
 
         Raises:
             LockLostError: another process has the lock of the study.
@@ -122,7 +122,7 @@ class Plan:
     base: dict[str, Any]
     """plain configuration of a run; a trial sets algo, seed, name, output and budget"""
     tune: Tune
-    """settings of the search; its space has all ranges of the study"""
+    """settings of the search; `tune.space` has all ranges of the study"""
     protocol: schema.Protocol
     command: Prose
     version: str = __version__
@@ -166,7 +166,7 @@ class StudyFolder:
         """Lock the study for this process.
 
         Raises:
-            RunError: another process has the lock, the folder is not writable, or a link leads out of it.
+            RunError: another process has the lock, the folder is not writable, or a link leads out of the folder.
         """
         place = self.path / CONTROLLER
         with storage(f"cannot write {self.path}"):
@@ -176,7 +176,7 @@ class StudyFolder:
         return lock.acquire(place)
 
     def write(self, plan: Plan) -> None:
-        """Write the plan. When a study continues, the new command may have changed the number of trials and the fresh seeds."""
+        """Write the plan to study.json. When a study continues, the plan may have another number of trials and other fresh seeds."""
         with storage(f"cannot write {self.plan_path}"):
             write_json(self.plan_path, asdict(plan))
 
@@ -224,7 +224,7 @@ def refuse_change(folder: StudyFolder, stored: Plan, typed: Plan) -> None:
         ]
         more = f" and {len(changed) - 4} more" if len(changed) > 4 else ""
         raise ConfigError(
-            f"{folder.path}: the study has other values: {', '.join(shown)}{more}; type the old values to continue, "
+            f"{folder.path}: the study has other values: {', '.join(shown)}{more}; give the old values to continue, "
             "or name=NAME for another study"
         )
 

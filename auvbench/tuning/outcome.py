@@ -29,20 +29,20 @@ from auvbench.tuning.folder import Plan, StudyFolder
 from auvbench.tuning.search import ERROR, Trials, open_study
 
 FEWEST_TRIALS = 10
-"""Number of different scores of complete trials that the importances of the keys need at least"""
+"""Smallest number of different scores, among the complete trials, from which the importances of the keys are computed"""
 
 _STATES = {TrialState.COMPLETE: "done", TrialState.PRUNED: "pruned", TrialState.RUNNING: "running"}
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """Comparison of the best and the untuned settings in one measure, with seeds and scenarios outside the search."""
+    """Comparison of the best and the untuned settings in one measure. The seeds and scenarios are not those of the search."""
 
     measure: Measure
     tuned: Estimate
     untuned: Estimate
     difference: Estimate
-    """tuned less untuned; for learners, the difference of typical trainings, with infinite limits below five trainings"""
+    """tuned minus untuned. For learners, the difference between typical trainings; its limits are infinite below five trainings"""
     trainings: int = 0
     """number of trainings with tuned and with untuned settings; 0 for a controller"""
     reliability: Reliability | None = None
@@ -72,7 +72,7 @@ class Outcome(Trials):
 
     @property
     def steps(self) -> int:
-        """Return the environment steps of the search's trainings, up to the last rung that each trial has completed."""
+        """Return the total environment steps of the search's trainings. Each trial counts up to the last rung that it has completed."""
         seeds = len(self.plan.tune.seeds) if self.plan.learns else 0
         return seeds * sum(trial.last_step or 0 for trial in self.trials)
 
@@ -89,8 +89,8 @@ class Outcome(Trials):
 
     @property
     def evaluator(self) -> PedAnovaImportanceEvaluator:
-        """Return PED-ANOVA (Watanabe, Bansal & Hutter 2023), which measures how important each setting is for
-        being among the best tenth of the trials.
+        """Return PED-ANOVA (Watanabe, Bansal & Hutter 2023). It measures how important each setting is for a trial to be
+        among the best tenth of the trials.
         """
         return PedAnovaImportanceEvaluator(target_quantile=max(0.1, 5 / max(FEWEST_TRIALS, self.complete)))
 

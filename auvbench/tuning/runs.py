@@ -1,4 +1,4 @@
-"""Create the run directories of a study's trials, and carry out one: train it, then test it."""
+"""Create the run directories of a study's trials, and carry out a run: train it, then test it."""
 
 from __future__ import annotations
 
@@ -38,8 +38,7 @@ def of_trial(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int)
 
 
 def prepare(plan: Plan, study: StudyFolder, algo: Mapping[str, Any], rung: int) -> list[RunDirectory]:
-    """Create the runs that bring a trial to a rung; a later rung continues from the checkpoint of the
-    previous rung.
+    """Create the runs of a trial at a rung. After the first rung, they continue from the checkpoints of the previous rung.
 
     Raises:
         RunError: the run of the previous rung is missing or damaged.

@@ -1,6 +1,6 @@
-"""Search settings with an Optuna study whose trials climb rungs, which are growing training budgets.
+"""Search settings with an Optuna study. A trial climbs rungs, which are increasing training budgets.
 
-The search decides what to train next; it trains nothing itself.
+The search decides what to train next; it does not train.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def of_plain(plain: Any) -> Score:
 
 @dataclass(frozen=True, slots=True)
 class Objective:
-    """The measures that decide which trial is best."""
+    """Measures that decide which trial is best: `measure`, and `then` between trials with an equal rate in `measure`."""
 
     measure: Measure
     then: Measure
@@ -95,8 +95,8 @@ class Objective:
     def _joined(self, agent: Agent, value: float, then: float) -> float:
         """Return one number that ranks by both measures.
 
-        If the first measure is a rate, the second one changes the number by less than one episode would, so that it decides
-        only between equal rates. Otherwise the second measure has no effect.
+        If the first measure is a rate, the second measure changes the number by less than one episode would. So the second
+        measure decides only between equal rates. If the first measure is not a rate, the second measure has no effect.
         """
         score = self.measure.sign * value
         if not self.measure.rate or not math.isfinite(then):
@@ -119,7 +119,7 @@ def objective(name: str, then: str) -> Objective:
 
 
 def tested(runs: Sequence[RunDirectory], protocol: str) -> Agent:
-    """Check the digests of the runs' files and return their validation episodes as one `Agent`.
+    """Return the validation episodes of runs as one `Agent`, after a check of the files' digests.
 
     Raises:
         RunError: an evaluation is missing or damaged, or the runs have different scenarios.
@@ -149,7 +149,7 @@ ERROR = "error"
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of a search: to train a trial up to a rung."""
+    """One step of a search: the training of a trial up to a rung."""
 
     trial: int
     rung: int
@@ -192,7 +192,7 @@ def sampler(plan: Plan, begun: int) -> BaseSampler:
     startup, seed = plan.tune.startup, (plan.seed + begun) % (1 << 32)
     if plan.tune.sampler == "random":
         return RandomSampler(seed=seed)
-    # constant_liar keeps simultaneous trials apart.
+    # constant_liar prevents simultaneous trials from getting similar settings.
     return TPESampler(multivariate=True, constant_liar=True, n_startup_trials=startup, seed=seed)
 
 
@@ -203,7 +203,7 @@ def pruner(plan: Plan) -> BasePruner:
 
 
 class _Halving(SuccessiveHalvingPruner):
-    """Asynchronous successive halving (Li et al. 2020) in rungs, which need not be powers of the reduction factor."""
+    """Asynchronous successive halving (Li et al. 2020) with rungs that need not be powers of the reduction factor."""
 
     def prune(self, study: Study, trial: FrozenTrial) -> bool:
         in_rungs = copy.copy(trial)
@@ -281,7 +281,7 @@ class Search(Trials):
         self.queue: deque[Step] = deque()
         for frozen in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
             trial = Trial(study, frozen._trial_id)
-            for dimension in plan.dimensions:  # A kill may have cut off the remaining parameters.
+            for dimension in plan.dimensions:  # After a kill, the journal may lack some parameters.
                 trial._suggest(dimension.key, dimension.distribution)
             self._advance(trial)
 
@@ -289,7 +289,7 @@ class Search(Trials):
         """Return the next step to train; None if the search waits for a result or is over."""
         if self.plan.tune.preset and not self.trials:
             first = of_preset(self.plan.base["algo"], self.plan.dimensions)
-            self.study.enqueue_trial(first, skip_if_exists=True)  # after a kill, it may already wait
+            self.study.enqueue_trial(first, skip_if_exists=True)  # it may already be queued after a kill
         while not self.queue and len(self.trials) < self.limit:
             self._advance(self.study.ask({d.key: d.distribution for d in self.plan.dimensions}))
         return self.queue.popleft() if self.queue else None

@@ -48,11 +48,11 @@ class Dimension:
         return tuple(str(choice) for choice in choices)
 
     def plain(self, value: Value) -> Any:
-        """Return the configuration value that a parameter stands for."""
+        """Return the configuration value of a trial's parameter."""
         return copy.deepcopy(self.values[self.choices.index(str(value))]) if self.choices else value
 
     def parameter(self, value: Any) -> Value | None:
-        """Return the parameter that stands for a configuration value; None for a value outside of the range."""
+        """Return the trial's parameter for a configuration value; None for a value outside of the range."""
         if self.choices:
             return self.choices[self.values.index(value)] if value in self.values else None
         return value if isinstance(value, int | float) and self.distribution._contains(value) else None
@@ -64,7 +64,9 @@ class Dimension:
         return (self.distribution.low, self.distribution.high)
 
     def at_end(self, value: Value) -> bool:
-        """Return whether a parameter is nearer to an end of its range than 2 % of the range, on a log scale if the range is logarithmic."""
+        """Return whether a parameter is within 2 % of an end of its range, in percent of the range and, for a logarithmic range, on a log
+        scale.
+        """
         distribution = self.distribution
         if isinstance(distribution, CategoricalDistribution) or distribution.single():
             return False
@@ -172,7 +174,7 @@ def validate_space(
     """Check that the algorithm accepts the ends of every range, and each choice.
 
     Raises:
-        ConfigError: a value is rejected; the message names it.
+        ConfigError: the algorithm rejects a value; the message names the value.
     """
     first = {dimension.key: dimension.ends()[0] for dimension in dimensions}
     for dimension in dimensions:
@@ -184,7 +186,7 @@ def validate_space(
 
 
 def of_preset(algo: Mapping[str, Any], dimensions: Sequence[Dimension]) -> dict[str, Value]:
-    """Return the parameters of a trial with the preset's values of `algo`; leave out values outside of their range."""
+    """Return the parameters of a trial whose settings are the preset's values, without values outside of their range."""
     values = flat(algo, GROUP)
     found = {d.key: d.parameter(values[d.key]) for d in dimensions}
     return {key: value for key, value in found.items() if value is not None}
