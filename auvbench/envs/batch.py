@@ -1,6 +1,6 @@
-"""A batch of N environments: simulator, task and disturbances under one step, with automatic reset.
+"""A batch of N environments. One `step` advances simulator, task and disturbances, and begins new episodes automatically.
 
-An environment is one vehicle, or a team, whose vehicles are consecutive rows (`tasks.formation`).
+An environment contains one vehicle or a team. The vehicles of a team are consecutive rows (`tasks.formation`).
 
 The four interfaces (`gym_env`, `vector_env`, `sb3`, `parallel_env`) only translate the batch to the conventions of other libraries.
 """
@@ -48,7 +48,7 @@ class Transition:
 
     observation: NDArray[
         np.float32
-    ]  # (n, n_obs); if an episode ended, with `autoreset`: the first of the next episode
+    ]  # (n, n_obs); with `autoreset`, a row whose episode ended has the first observation of the next episode
     reward: Floats  # (n,)
     terminated: Booleans  # (n,) collision, out of bounds, or a success that ends the episode
     truncated: Booleans  # (n,) the time limit is reached
@@ -59,16 +59,16 @@ class Transition:
 
 
 class Batch:
-    """N environments.
+    """N environments that are advanced together.
 
     Args:
         config: typed configuration.
         n: number of environments, each with a vehicle or a team; None: `algo.n_envs`. The attribute `n` is the number
             of vehicles.
         seed: seed of all draws; None: `config.seed`.
-        test: draw from the streams of test protocols.
-        validation: draw from the streams of validation.
-        autoreset: begin the next episode in the step that ended one.
+        test: draw from the random streams of test protocols.
+        validation: draw from the random streams of validation scenarios.
+        autoreset: begin the next episode of an environment in the step that ends its episode.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Batch:
     ) -> None:
         self.config = config
         self.team = config.task.team
-        """Number of vehicles in an environment; they begin and end together"""
+        """Number of vehicles in an environment; their episodes begin and end together"""
         self.n = self.team * int(config.algo.n_envs if n is None else n)
         self.vehicle = sheet.load(config.vehicle)
         self.simulator = make_simulator(config.simulator, self.vehicle, self.n, config.disturbance)
@@ -147,7 +147,7 @@ class Batch:
         self.task.reseed(seed, indices)
 
     def reseed_each(self, indices: NDArray[np.int64], seeds: Sequence[int]) -> None:
-        """Give each of the environments `indices` (k,) a seed; it then draws as a single environment with this seed.
+        """Give each of the environments `indices` (k,) its own seed. Each then draws like a single environment with its seed.
 
         Raises:
             ConfigError: a seed is not in 0 .. 2^32 - 1.
@@ -225,7 +225,7 @@ class Batch:
         return start
 
     def _measured(self) -> tuple[Floats, Floats]:
-        """Return the poses (n, 7) and velocities (n, 6) of the measurements that arrive now, or the estimates."""
+        """Return the poses (n, 7) and velocities (n, 6) for the observation: measurements that arrive now, or navigation's estimates."""
         if self.navigation is not None:
             return self.navigation.pose, self.navigation.velocity
         if self.disturbances is None:
@@ -234,7 +234,7 @@ class Batch:
 
     @property
     def _moved(self) -> Any:
-        """The current simulator, together with the sensors that sample its steps; the simulator may have been replaced."""
+        """Return the simulator, wrapped so that sensors sample its steps. A property, because `simulator` may be replaced."""
         return self.simulator if self.navigation is None else self.navigation.watched(self.simulator)
 
     def _observe(self, indices: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
@@ -265,7 +265,8 @@ class Batch:
         """Compute a step up to the observation; return how many episodes ended."""
         admit(action, self._action)
         task, simulator = self.task, self.simulator
-        # A subclass of FossenSimulator, for example of a plug-in, may override any method. Threads would split a team.
+        # The compiled path is only for FossenSimulator itself, because a subclass, e.g. a plug-in's, may override any method.
+        # Large batches of teams do not use it, because its threads would split a team.
         alone = self.n < THREADED or self.team == 1
         if self.disturbances is None and type(simulator) is FossenSimulator and alone:
             if self.n < THREADED:
@@ -274,7 +275,7 @@ class Batch:
             failed = [count for count in counts if count < 0]
             return task.checked(
                 max(failed) if failed else sum(counts)
-            )  # of several failures, the failure of the first environment
+            )  # if several environments failed, report the first of them
         task.protect(*self._measured(), self._action)
         command = task.add_noise(self._action)
         power = simulator.power
@@ -311,8 +312,8 @@ class Batch:
         return count
 
     def _conclude(self, ended_count: int) -> Transition:
-        """Return the transition of a computed step; begin the next episode of the `ended_count` environments whose
-        episode ended.
+        """Return the transition of a computed step in which `ended_count` episodes ended. With `autoreset`, begin the next
+        episodes of their environments.
         """
         task = self.task
         observation = task.observation
@@ -347,8 +348,8 @@ class Batch:
         return state
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Restore a state of `state_dict`. If the simulator cannot (`capabilities.exact_resume`), the present
-        episodes begin again with the same draws, and `restarted` has their first observations.
+        """Restore a state of `state_dict`. If the simulator cannot restore its state (`capabilities.exact_resume`), the
+        present episodes begin again with the same draws, and `restarted` has their first observations.
         """
         self.task.seed = int(state["seed"])
         self.task.load_state_dict(_below(state, "task."))
@@ -379,7 +380,7 @@ def admit(action: Any, clipped: Floats) -> None:
     """Write actions (n, n_u), clipped to [-1, 1], to `clipped`.
 
     Raises:
-        ActionError: their shape or type is wrong, or one of them is NaN or infinite.
+        ActionError: the actions have a wrong shape or type, a NaN or an infinity.
     """
     values = np.asarray(action)
     if values.shape != clipped.shape:
@@ -388,7 +389,7 @@ def admit(action: Any, clipped: Floats) -> None:
         )
     if values.dtype.kind not in "fiub":
         raise ActionError(f"an action of type {values.dtype}: must be numbers")
-    # One type, so that `clip` is compiled once.
+    # Always the same type, so that `clip` is compiled only once.
     bad = clip(np.ascontiguousarray(values, dtype=np.float64), clipped)
     if bad >= 0:
         numbers = ", ".join(f"{value:g}" for value in values[bad])
@@ -397,7 +398,7 @@ def admit(action: Any, clipped: Floats) -> None:
 
 @compiled()
 def clip(action: Floats, clipped: Floats) -> int:
-    """Write `action` (n, n_u), clipped to [-1, 1]; return the first row with a NaN or an infinity, else -1."""
+    """Write `action` (n, n_u), clipped to [-1, 1], to `clipped`. Return the index of the first row with a NaN or an infinity, else -1."""
     for i in range(action.shape[0]):
         for j in range(action.shape[1]):
             value = action[i, j]

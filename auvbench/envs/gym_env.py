@@ -23,18 +23,18 @@ _FIRST = np.zeros(1, dtype=np.int64)
 
 
 class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
-    """One vehicle and its task: `auvbench/Waypoint-v1`, `auvbench/Docking-v1` and the others.
+    """One vehicle and its task: `auvbench/Waypoint-v1`, `auvbench/Docking-v1` and the other ids of single vehicles.
 
     Args:
         overrides: overrides as on the command line, e.g. `["reward.k=40", "vehicle=rexrov"]`, or one string with
             spaces between them.
         config: typed configuration, instead of overrides and keywords.
-        render_mode: None, `rgb_array` (a picture (352, 832, 3) of the episode so far) or `ansi` (a line).
+        render_mode: None, `rgb_array` (a picture (352, 832, 3) of the episode so far) or `ansi` (a line of text).
         conf: folder with your own configuration files, which is searched first.
         keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance` and the other keys of
             `settings.KEYS`: short forms of overrides.
 
-    With the same seed and actions, it gives the same floats as environment 0 of `AuvVectorEnv`.
+    With the same seed and actions, observations and rewards are bit-identical to those of environment 0 in `AuvVectorEnv`.
     `auvbench.envs.info` describes `info`.
 
     Raises:
@@ -75,7 +75,7 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
 
         Args:
             seed: whole number of any size; seeds of 2^32 and more are hashed to 32 bits.
-            options: `pose`, and `waypoint` or `distance`, which replace drawn ones; see
+            options: `pose` replaces the drawn start; `waypoint` or `distance` replaces the drawn goal. See
                 `auvbench.envs.settings.places`.
 
         Raises:
@@ -101,7 +101,7 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._under_way and self.batch.task.episodes[0].steps == settings.STEPS < steps:
             warnings.warn(
                 f"an episode was cut short after {settings.STEPS} steps, though the task allows {steps}: "
-                f"type gymnasium.make(..., max_episode_steps={steps})",
+                f"use gymnasium.make(..., max_episode_steps={steps})",
                 AuvbenchWarning,
                 stacklevel=3,
             )

@@ -1,4 +1,4 @@
-"""Make `info`: all interfaces have the same keys; the values are numbers or arrays of numbers.
+"""Create the dictionaries `info`. All interfaces have the same keys; the values are numbers or arrays of numbers.
 
 =============  ==================================================================================================
 `pose`         (7,) x, y, z in m, quaternion w, x, y, z: pose without noise; world axes (ENU)
@@ -10,8 +10,8 @@
                1 capsule, 2 cylinder, 3 box, 4 plane, 5 bottom, -1 none
 =============  ==================================================================================================
 
-As in Gymnasium's vector environments, each key of a batch has an array of n rows; the key with an underscore before
-it says which rows are valid.
+As in Gymnasium's vector environments, each value for a batch is an array of n rows. The key `_<key>` has a mask (n,) of
+the rows that are valid.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ WHOLE = ("episode", "environment", "outcome", "steps", "hit", "infeasible_steps"
 
 
 def numbers(record: Record) -> dict[str, int | float]:
-    """Return a record as numbers: `outcome` as an index into OUTCOMES, `hit` as an index into KINDS, without other text columns."""
+    """Return a record as numbers: `outcome` as an index into OUTCOMES, `hit` as an index into KINDS. Other texts are left out."""
     codes: dict[str, Any] = {"outcome": OUTCOMES.index(str(record["outcome"]))}
     if "hit" in record:
         codes["hit"] = KINDS.index(str(record["hit"])) if record["hit"] else NOTHING
@@ -57,7 +57,7 @@ def single(state: State, i: int, record: Record | None = None) -> dict[str, Any]
 
 
 def batch(state: State, success: NDArray[np.bool_], rows: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return the info of n environments; `rows` (n,) marks valid rows, and `success` (n,) successful ends."""
+    """Return the info of n environments. `rows` (n,) marks the valid rows, `success` (n,) the episodes that ended with success."""
     return {
         "pose": state.pose.copy(),
         "_pose": rows.copy(),

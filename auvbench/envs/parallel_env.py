@@ -52,10 +52,10 @@ def make(
 
 
 class AuvParallelEnv(ParallelEnv):  # type: ignore[misc]
-    """One team of `vehicle_0`, `vehicle_1` and so on, which begin and end together.
+    """One team of vehicles `vehicle_0`, `vehicle_1` and so on, whose episodes begin and end together.
 
-    With the same seed and actions, it gives the same floats as the first team of a `Batch`. `auvbench.envs.info` describes
-    `info`, in which `record` is the team's.
+    With the same seed and actions, observations and rewards are bit-identical to those of the first team in a `Batch`.
+    `auvbench.envs.info` describes `info`; `record` in it describes the whole team.
 
     Args:
         config: typed configuration with a task of teams.

@@ -70,8 +70,8 @@ def own_style(style: dict[str, Any]) -> Iterator[None]:
 
 
 def speed(frequency: float) -> float | int:
-    """Return the pictures per second of a film in real time: one per agent step. A whole number is an int, for film
-    writers.
+    """Return the pictures per second of a real-time film with one picture per agent step. A whole number is returned as an
+    int, as film writers need it.
     """
     return int(frequency) if float(frequency).is_integer() else frequency
 
@@ -81,7 +81,7 @@ class Trail:
     """Trail of an episode so far: T steps, T + 1 positions."""
 
     waypoint: Floats  # (3,) m, waypoint or other goal of the task
-    dock_yaw: float | None = None  # rad, yaw with which a dock is entered
+    dock_yaw: float | None = None  # rad, yaw of a vehicle that enters the dock
     outlines: Callable[[Floats, Floats, float], Floats] | None = None
     """Function that returns the segments of the world inside a box at a time (see `Task.outlines`); None in open water"""
     moves: bool = False
@@ -114,7 +114,7 @@ def panels(
     dock_yaw: float | None = None,
     outlines: Floats | None = None,
 ) -> tuple[Any, Any, Any, Any]:
-    """Return four axes with everything that does not move: in space, from above, distance over time, commands over time.
+    """Return four axes with the fixed parts of a picture: in space, from above, distance over time, commands over time.
 
     Args:
         task: task whose tolerance and depth limits are drawn.
@@ -125,12 +125,12 @@ def panels(
         end: end of the time axes, s.
         farthest: end of the axis of distances, m.
         force: end of the axis of commands, N.
-        dock_yaw: yaw with which a dock at the waypoint is entered, rad.
+        dock_yaw: yaw of a vehicle that enters the dock at the waypoint, rad.
         outlines: segments (k, 2, 3) of solids, m.
     """
     from matplotlib.patches import Circle
 
-    # The layout engine ignores the labels of the 3-D axes. The narrow second column keeps them off the third column.
+    # The layout engine ignores the labels of the 3-D axes. The narrow second column keeps these labels off the third column.
     grid = figure.add_gridspec(2, 4, width_ratios=[1.5, 0.15, 1.2, 1.2])
     space: Any = figure.add_subplot(grid[:, 0], projection="3d")
     above, time, command = (figure.add_subplot(place) for place in (grid[:, 2], grid[0, 3], grid[1, 3]))
@@ -165,7 +165,7 @@ def panels(
         from auvbench.worlds.outlines import clipped
 
         inside = clipped(outlines, middle - half, middle + half)
-        # A gap after each segment: one line for all of them.
+        # NaN after each segment is a gap, so that a single line can show all segments.
         lines = np.concatenate([inside, np.full((len(inside), 1, 3), np.nan)], axis=1).reshape(-1, 3)
         space.plot(*lines.T, color=SOLID, linewidth=0.6)
         above.plot(*lines[:, :2].T, color=SOLID, linewidth=0.6)
@@ -250,7 +250,7 @@ class Scene:
         return len(self._trail.command[0]) if self._trail.command else 0
 
     def _prepare(self, position: Floats) -> None:
-        """Draw axes that contain the trail and space for its continuation."""
+        """Draw axes that contain the trail and leave space for its continuation; keep them as pixels."""
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
         from matplotlib.layout_engine import ConstrainedLayoutEngine
@@ -298,7 +298,7 @@ class Scene:
         self._background = self._canvas.copy_from_bbox(figure.bbox)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Canvases cannot be copied to another process; the copy creates its own.
+        # A canvas cannot be copied to another process; the copied scene creates a new canvas.
         names = ("_task", "_duration", "_force", "_trail", "_low", "_high", "_end")
         return {name: getattr(self, name) for name in names} | {"_farthest": 0.0, "_canvas": None}
 

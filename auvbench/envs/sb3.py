@@ -46,8 +46,8 @@ def make(
 
 
 class AuvVecEnv(VecEnv):
-    """Environments of a `Batch` for SB3's learners; as they expect, the next episode begins in the step that ends an
-    episode.
+    """Environments of a `Batch` for SB3's learners. As these learners expect, the step that ends an episode also begins the
+    next episode.
 
     Args:
         batch: batch with automatic reset.

@@ -58,14 +58,14 @@ def configuration(
     conf: str | Path | None = None,
     **keywords: Any,
 ) -> schema.TrainConfig:
-    """Return the configuration of an environment: the given one, or one composed from the package's files.
+    """Return the configuration of an environment: `config` if given, else a configuration composed from the package's files.
 
     Args:
         config: typed configuration; all other arguments must then be left out.
         overrides: overrides as on the command line: a sequence, or one string with spaces between them.
         conf: folder that is searched before the package's files, e.g. with your own vehicle in `<conf>/vehicle/`.
             Unlike the command line, Python does not search `./conf` by default.
-        keywords: values of KEYS; None has no effect. `overrides` take precedence.
+        keywords: values for the keywords of KEYS; None has no effect. `overrides` take precedence.
 
     Raises:
         ConfigError: a keyword, a key, a type or a value is wrong, or there is no folder `conf`.
@@ -103,7 +103,7 @@ def split(overrides: Overrides) -> list[str]:
 
 
 def refuse_team(config: schema.TrainConfig) -> None:
-    """Raise ConfigError for a team; call it in an interface with one vehicle in an episode."""
+    """Raise ConfigError for a team; for interfaces whose episodes have only one vehicle."""
     if config.task.team > 1:
         raise ConfigError(
             f"task.vehicles={config.task.team}: this interface has one vehicle in an episode; use auvbench.parallel_env or "
@@ -113,7 +113,7 @@ def refuse_team(config: schema.TrainConfig) -> None:
 
 @lru_cache(maxsize=256)
 def _composed(overrides: tuple[str, ...]) -> schema.TrainConfig:
-    """Return a composed configuration, cached: composing takes tenths of a second, and the package's files do not
+    """Return a composed configuration from a cache. Composing takes tenths of a second, and the package's files do not
     change.
     """
     return _compose(overrides, None)
@@ -127,8 +127,8 @@ def _compose(overrides: Sequence[str], folder: Path | None) -> schema.TrainConfi
 
 
 def limited(config: schema.TrainConfig, steps: int | None) -> schema.TrainConfig:
-    """Return the configuration with another limit of an episode's steps. None and STEPS, which Gymnasium passes by
-    default, change nothing; -1 sets the limit to 10 million steps.
+    """Return the configuration with another step limit per episode. None and STEPS, which Gymnasium passes by default,
+    change nothing; -1 sets the limit to 10 million steps.
 
     Raises:
         ConfigError: the limit is less than 1 but not -1, or too small for the task.
@@ -186,9 +186,10 @@ def places(options: Mapping[str, Any], count: int, task: tasks.Task, bounds: Flo
     """Return starts and goals of `count` environments as arguments of `Batch.reset`: pose, waypoint, distance.
 
     Args:
-        options: `pose` (7,) for all or (count, 7): x, y, z in m and a quaternion w, x, y, z, which is normalised; or
-            (3,), (4,): x, y, z, and yaw in rad. `waypoint` (3,) or (count, 3) in m, or `distance`, one number or
-            (count,) in m, to which the drawn waypoint is moved (tasks with a free goal).
+        options: options by name, each as one value for all environments or with `count` rows. `pose`: x, y, z in m and a
+            quaternion w, x, y, z, which is normalised (7,); or x, y, z and yaw in rad (4,); or only x, y, z (3,). For tasks
+            with a free goal, `waypoint`: x, y, z in m (3,); or `distance`: distance in m to which the drawn waypoint is
+            moved.
         count: number of environments.
         task: task with the depth limits.
         bounds: largest position errors (3,) of the observation space, m.

@@ -34,14 +34,14 @@ def make_simulator(
 ) -> Simulator:
     """Return the simulator that the configuration names.
 
-    Its step is at most the shortest time constant of all vehicles that may be drawn, even if the configuration allows
-    more. RK4 is stable up to 2.78 time constants: the margin is for currents, and for turns faster than with thrust
-    only.
+    The simulator's step is at most the shortest time constant of all vehicles that may be drawn, even if the
+    configuration allows a longer step. RK4 is stable up to 2.78 time constants. The margin is for currents, and for
+    vehicles that turn faster than their thrust could turn them.
 
     Args:
         disturbance: disturbance that may draw vehicles; None if all vehicles equal the sheet.
-        stand_in: model to simulate instead of `vehicle`: the same vehicle with other commands. The longest step is
-            that of `vehicle`.
+        stand_in: model to simulate instead of `vehicle`: the same vehicle with other commands. The longest step still
+            follows from `vehicle`.
     """
     limit = _shortest_time_constant(vehicle, disturbance)
     sheet.refuse_stiff_vehicle(vehicle.name, limit)
@@ -67,5 +67,5 @@ def _shortest_time_constant(vehicle: VehicleModel, disturbance: schema.Disturban
 
 
 def at_frequency(config: schema.TrainConfig, frequency: float) -> schema.TrainConfig:
-    """Return the configuration with another duration of the agent step."""
+    """Return the configuration with another frequency of agent steps, Hz."""
     return dataclasses.replace(config, step=dataclasses.replace(config.step, frequency=frequency))

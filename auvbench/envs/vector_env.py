@@ -41,12 +41,12 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
 
     Args:
         num_envs: number of environments.
-        overrides: see `AuvEnv`, as for all arguments that are not described here.
+        overrides: see `AuvEnv`.
         config: typed configuration, instead of overrides and keywords.
         autoreset_mode: when the next episode of an environment begins. `NEXT_STEP`, as in Gymnasium's own vector
-            environments: in the next step, whose action is ignored and whose reward is 0. `SAME_STEP`: in the same
-            step; `info["final_obs"]` then has the last observation, and `info["final_info"]` the info of the end.
-            `DISABLED`: by `reset(options={"reset_mask": ...})`.
+            environments: in the next step, whose action is ignored and whose reward is 0. `SAME_STEP`: in the step
+            that ends an episode; `info["final_obs"]` then has the last observation of the ended episode, and
+            `info["final_info"]` its last info. `DISABLED`: only by `reset(options={"reset_mask": ...})`.
         max_episode_steps: limit that replaces `task.max_steps`; 1000, which Gymnasium passes by default, changes
             nothing, and -1 sets the limit to 10 million steps.
         render_mode: see `AuvEnv`; `render` returns one picture or line per environment.
@@ -116,8 +116,9 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
             seed: one seed, with which environment i draws from (seed, i); or one seed for each environment, which
                 then draws like a single environment with this seed (None: its next episode). Seeds of 2^32 and more
                 are hashed to 32 bits.
-            options: `reset_mask` (n,) of booleans; `pose`, and `waypoint` or `distance`, which replace drawn ones:
-                one value, or a row for each environment that is reset (`auvbench.envs.settings.places`).
+            options: `reset_mask` (n,) of booleans; `pose`, which replaces the drawn start; `waypoint` or `distance`,
+                which replaces the drawn goal. Each of the last three has one value for all environments, or a row for
+                each environment that is reset (`auvbench.envs.settings.places`).
 
         Raises:
             ConfigError: a seed or an option is wrong.
