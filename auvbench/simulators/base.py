@@ -1,4 +1,4 @@
-"""Define the contract of simulators: N copies of one vehicle, advanced together.
+"""Interface of simulators. A simulator advances N copies of one vehicle together.
 
 A simulator does not know tasks or rewards. World ENU with the surface at z = 0, body FLU, quaternion (w, x,
 y, z) body to world, SI units.
@@ -71,11 +71,11 @@ class WavySimulator(Simulator, Protocol):
     """A simulator with `capabilities.waves`."""
 
     def set_waves(self, waves: Waves) -> None:
-        """Set the waves. The caller keeps the arrays; a step of T seconds adds T to `waves.time`."""
+        """Set the waves. The simulator uses the caller's arrays without a copy; a step of T seconds adds T to `waves.time`."""
 
 
 class DrawnSimulator(Simulator, Protocol):
-    """A simulator with `capabilities.vehicles`."""
+    """A simulator with `capabilities.vehicles`, in which each vehicle may differ from the sheet."""
 
     def set_vehicles(self, indices: IntArray, changes: NDArray[Any]) -> None:
         """Set how vehicles `indices` (k,) differ from the sheet: records (k,) of `layout.CHANGE`.
@@ -85,14 +85,14 @@ class DrawnSimulator(Simulator, Protocol):
 
 
 class VehicleBatch:
-    """Common arrays of the simulators in this process (`Simulator`), and their substeps.
+    """Arrays and substeps that the simulators running in this process have in common.
 
     Attributes in addition to `Simulator`'s:
-        current: (n, 8) velocity of the current at the top (3), its change from top to bottom (3), z of the top,
-            1 / thickness. `set_current` writes it.
+        current: (n, 8) velocity of the current above the depths in which it changes (3), change of the velocity over
+            these depths (3), z of their top, 1 / their thickness. `set_current` writes this array.
         external_wrench: (n, 6) force (N) and moment (N m) at the body origin, body axes, added to the actuators'
             wrench; it acts until it is changed.
-        scales: (n, 6) last scales that `reset` was given.
+        scales: (n, 6) scales of the last `reset`.
 
     Raises:
         ConfigError: a number is out of range.

@@ -48,8 +48,8 @@ T = TypeVar("T")
 
 @cache
 def _threads(count: int, _process: int) -> ThreadPoolExecutor:
-    """Return threads that all simulators of this process share; threads of the parent process do not survive
-    a fork.
+    """Return `count` threads that all simulators of a process share. `_process` is the process id: threads do not survive a
+    fork, so a forked process needs its own threads.
     """
     return ThreadPoolExecutor(count, thread_name_prefix="simulator")
 
@@ -57,7 +57,7 @@ def _threads(count: int, _process: int) -> ThreadPoolExecutor:
 class FossenSimulator(VehicleBatch):
     """N copies of a vehicle, integrated with RK4 in substeps no longer than `max_step`.
 
-    A vehicle's trajectory has the same bits in a batch of any size and with any number of threads.
+    A vehicle's trajectory is bit-identical for any batch size and any number of threads.
 
     Args:
         vehicle: vehicle to simulate.
@@ -80,8 +80,8 @@ class FossenSimulator(VehicleBatch):
             False,
         )
         self._plans: dict[float, tuple[int, float, NDArray[Any]]] = {}
-        """Number of substeps, their length in s, and the actuators' discretisation for half a substep, by duration of a
-        step in s
+        """For each duration of a step in s: number of substeps, length of a substep in s, and the actuators' discretisation
+        for half a substep
         """
         self._n_blocks = -(-n // layout.LANES)
         shares = np.linspace(0, self._n_blocks, (threads if n >= THREADED else 1) + 1).astype(int).tolist()
@@ -91,7 +91,7 @@ class FossenSimulator(VehicleBatch):
             if first < last
         ]
         self.set_waves(still(n))
-        # One block of parameters serves all vehicles until one of them differs.
+        # One block of parameters is used for all vehicles until a vehicle differs.
         rows = parameter_rows(vehicle, np.ones((1, len(SCALES))))
         self._parameters = np.repeat(rows.T, layout.LANES, axis=1).reshape(1, -1)
         self._scaled = False
@@ -142,8 +142,8 @@ class FossenSimulator(VehicleBatch):
         self.waves.time += duration
 
     def each(self, function: Callable[[int, int], T]) -> list[T]:
-        """Return `function(start, stop)` for each thread's range of vehicles; the calling thread does the
-        first range.
+        """Return `function(start, stop)` for each thread's range of vehicles. The calling thread computes the first
+        range.
         """
         own, *others = self._ranges
         if not others:
@@ -201,7 +201,7 @@ class FossenSimulator(VehicleBatch):
             self._load_parameters(np.arange(self.n))
 
     def _load_parameters(self, lanes: IntArray) -> None:
-        """Write the parameters of vehicles `lanes` (k,) for their `scales` and `changes`."""
+        """Write the parameters of vehicles `lanes` (k,), computed with the vehicles' `scales` and `changes`."""
         if not self._scaled:
             self._scaled = True
             self._parameters = np.repeat(self._parameters, self._n_blocks, axis=0)
@@ -219,8 +219,8 @@ def make(settings: simulators.Fossen, vehicle: VehicleModel, n: int, longest: fl
 def parameter_rows(
     vehicle: VehicleModel, scales: FloatArray, changes: NDArray[Any] | None = None
 ) -> FloatArray:
-    """Return parameters (k, PARAMETER_ROWS) of k vehicles: the sheet with `changes` (k,), if any, and then with properties scaled
-    by `scales` (k, 6).
+    """Return parameters (k, PARAMETER_ROWS) of k vehicles: the sheet's values, changed by `changes` (k,) if given, then multiplied by
+    `scales` (k, 6).
     """
     mass, buoyancy, inertia, added, damping, thrust = (scales[:, j, None] for j in range(6))
     own = layout.unchanged(len(scales)) if changes is None else changes
@@ -244,11 +244,11 @@ def parameter_rows(
         ("D_n", own["quadratic_damping"] * vehicle.quadratic_damping),
     ):
         rows[name]["linear"], rows[name]["angular"] = np.split(damping * coefficients, 2, axis=1)
-    # The mass of `changes` keeps the net buoyancy.
+    # If `changes` changes the mass, the buoyancy changes with the weight, so that the net buoyancy stays.
     sheet = vehicle.buoyancy + ((own["mass"] - 1.0) * vehicle.weight + own["net_buoyancy"])
     weight, lift = mass * vehicle.weight, buoyancy * np.maximum(sheet, 0.0)[:, None]
     r_b = np.tile(vehicle.center_of_buoyancy, (len(scales), 1))
-    if changes is not None:  # -0.0 + 0.0 would change a bit
+    if changes is not None:  # adding 0.0 would turn -0.0 into 0.0
         r_b[:, 2] += own["center_of_buoyancy_z"]
     rows["B_minus_W"] = (lift - weight)[:, 0]
     rows["B_r_b_minus_W_r_g"] = lift * r_b - weight * r_g
@@ -310,7 +310,7 @@ def discretise(vehicle: VehicleModel, duration: float) -> NDArray[Any]:
     """Return exact discretisations (n_u,) of all actuators for one duration in s, records of `layout.DISCRETE`."""
     table = np.zeros(len(vehicle.units), layout.DISCRETE)
     table["half_step"] = duration
-    done: dict[Lag, tuple[FloatArray, FloatArray]] = {}  # a group of thrusters shares its lag
+    done: dict[Lag, tuple[FloatArray, FloatArray]] = {}  # the thrusters of a group have the same lag
     for row, unit in zip(table, vehicle.units, strict=True):
         order = unit.lag.order
         if order == 0:

@@ -1,4 +1,4 @@
-"""Check simulators of installed packages: methods and arrays when a simulator is made, the arrays also after each step and reset."""
+"""Check simulators of installed packages: methods and arrays at creation, and the arrays again after each step and reset."""
 
 from __future__ import annotations
 

@@ -115,8 +115,7 @@ def integrate(
     times = sample_times(duration, sample)
     poses, velocities = [simulator.pose[0].copy()], [simulator.velocity[0].copy()]
     for before, after in pairwise(times.tolist()):
-        # The same duration for all whole intervals, instead of differences of rounded times, gives the same floats
-        # each time.
+        # All whole intervals get exactly the same duration; differences of rounded times would vary in the last bits.
         simulator.step(action, min(sample, duration - before) if after == duration else sample)
         if not (np.isfinite(simulator.pose).all() and np.isfinite(simulator.velocity).all()):
             raise IntegrationError(
