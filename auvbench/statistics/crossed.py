@@ -13,8 +13,8 @@ has the variance Var(a)/S + Var(b)/E + Var(r)/(S E). This variance is estimated 
     B = variance between the scenarios' means / E   expected value Var(b)/E + Var(r)/(S E)
     R = mean square of the residuals / (S E)        expected value            Var(r)/(S E)
 
-(two-way layout without replication: Searle, Casella & McCulloch, Variance Components, 1992, chapter 4). Each source
-has its own quantile of Student's t, and the squares add up (Howe 1974, JASA 69:789):
+(two-way layout without replication: Searle, Casella & McCulloch, Variance Components, 1992, chapter 4). Seeds and
+scenarios have their own quantiles of Student's t, and the squares add up (Howe 1974, JASA 69:789):
 
     half width² = A t(S - 1)² + max(B - R, 0) t(E - 1)²
 
@@ -94,8 +94,8 @@ def crossed(
     is missing, which is a good approximation if few are.
 
     For a rate, an agent with x successes in n trials, where x is 0 or n, gets the variance of the rate
-    (x + 1)/(n + 2), because no failure in n trials does not prove a failure rate of zero. It counts as variance
-    between seeds if the agent has several seeds, otherwise as variance between scenarios.
+    (x + 1)/(n + 2), because no failure in n trials does not prove a failure rate of zero. This variance counts as
+    variance between seeds if the agent has several seeds, otherwise as variance between scenarios.
 
     Args:
         data: an array (S_i, E) per agent; the columns are the same E scenarios for all agents.
@@ -125,7 +125,8 @@ def crossed(
             mean[i], columns[i], between[i], residual[i] = _layout(x, present)
     covariance, episodes = _covariance(columns, paired)
     if rate:
-        # With one scenario the variance between scenarios is unknown; `limits` counts it as one trial instead.
+        # With one scenario, the variance between scenarios is unknown. It is set to 0, and `limits` takes the scenario
+        # as a single trial.
         single = np.flatnonzero((episodes == 1) & (seeds > 1))
         covariance[single, single] = 0.0
         for edge in np.flatnonzero((mean == 0.0) | (mean == 1.0)):
@@ -181,12 +182,12 @@ def _covariance(columns: FloatArray, paired: bool) -> tuple[FloatArray, FloatArr
 def within(
     low: ArrayLike, value: ArrayLike, high: ArrayLike, least: ArrayLike, most: ArrayLike
 ) -> tuple[FloatArray, FloatArray]:
-    """Return an interval cut to the range [least, most], and widened to the value if the value is outside."""
+    """Return the interval [low, high], cut to the range [least, most] but widened to contain the value."""
     return np.minimum(np.maximum(low, least), value), np.maximum(np.minimum(high, most), value)
 
 
 def limits(table: Crossed, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and the upper limit of each agent's rate or mean, q standard errors away; q is (n,) or (n, m)."""
+    """Return the lower and the upper limit of each agent's rate or mean, at q standard errors; q is (n,) or (n, m)."""
     shape = (-1,) + (1,) * (q.ndim - 1)
     mean, variance = table.mean.reshape(shape), table.variance.reshape(shape)
     if not table.rate:

@@ -34,7 +34,7 @@ class Pairs:
 
 
 def pairs(table: Crossed, confidence: float = 0.95) -> Pairs:
-    """Return all differences of agents with one run each; the intervals are not corrected for their number.
+    """Return all differences of agents with one run each. The intervals are not corrected for multiple comparisons.
 
     The interval is the paired t interval for means, and Newcombe's square-and-add interval for rates. `table`
     must have covariances (`crossed.crossed` with `paired`).
@@ -89,8 +89,8 @@ def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
     """Return McNemar's two-sided mid-p value from the discordant counts: b scenarios in which only the first
     agent succeeds, and c in which only the second does.
 
-    With k = min(b, c) and X from Binomial(b + c, 1/2), the value is 2 P(X <= k) - P(X = k). Its error rate is
-    closer to the nominal level than the exact test's, which is too low (Fagerland, Lydersen & Laake 2013, BMC
+    With k = min(b, c) and X from Binomial(b + c, 1/2), the value is 2 P(X <= k) - P(X = k). The error rate of this test
+    is closer to the nominal level than that of the exact test, which is too low (Fagerland, Lydersen & Laake 2013, BMC
     Med. Res. Methodol. 13:91).
 
     >>> f"{float(mcnemar(1, 7)):.4f}"

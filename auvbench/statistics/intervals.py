@@ -53,7 +53,8 @@ def score_interval(rate: ArrayLike, n: ArrayLike, z: ArrayLike) -> tuple[FloatAr
         center = p + z**2 / (2 * n)
         half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
         low, high = (center - half) / (1 + z**2 / n), (center + half) / (1 + z**2 / n)
-    # The limits are exact at the edges; rounding must not leave 1e-18 there. Unknown values stay NaN.
+    # For a rate of 0 the lower limit is exactly 0, and for a rate of 1 the upper limit is exactly 1, without rounding errors
+    # such as 1e-18. Unknown values stay NaN.
     low = np.where((p <= 0) & np.isfinite(low), 0.0, np.clip(low, 0, 1))
     return low, np.where((p >= 1) & np.isfinite(high), 1.0, np.clip(high, 0, 1))
 
@@ -88,7 +89,7 @@ class Spread:
                 (self.seeds * over_seeds**2 + self.scenarios * over_scenarios**2)
                 / (self.seeds + self.scenarios)
             )
-        # If one part is 0, use the quantile of the other part: 0/0 above gives NaN if both are 0.
+        # If one part of the variance is 0, use the quantile of the other part. If both are 0, 0/0 above has given NaN.
         combined = np.where(self.scenarios == 0, over_seeds, combined)
         return np.where(self.seeds == 0, over_scenarios, combined)
 
@@ -132,7 +133,7 @@ def limits(successes: float, n: float, alpha: float) -> tuple[float, float]:
 
 
 def trials_that_bound(rate: float, confidence: float = 0.95) -> int:
-    """Return the smallest number of trials that, if none fails, shows a failure rate below `rate`.
+    """Return the smallest number of trials that shows a failure rate below `rate` if no trial fails.
 
     This is the exact form of the "rule of three": about 3 / rate trials at 95 % confidence.
 

@@ -1,6 +1,6 @@
-"""Compute how many seeds and episodes resolve a difference, by simulating the statistical test of a report.
+"""Compute how many seeds and episodes are needed to detect a difference, by simulating the statistical test of a report.
 
-Each replication draws test results of two agents whose true values differ by the difference to resolve. The
+Each replication draws test results of two agents whose true values differ by the difference to detect. The
 model of trainings comes from existing runs (`spread_of_rates`, `spread_of_means`) or from the command line.
 """
 
@@ -100,7 +100,7 @@ class SeedSpread:
 
     sd: float
     df: float
-    """degrees of freedom: number of seeds less one, summed over agents"""
+    """degrees of freedom: number of seeds minus one, summed over agents"""
     variances: tuple[tuple[float, float, int], ...] = ()
     """Three numbers per agent: the variance between seeds, the part of it that comes from the random outcomes of episodes, and the
     degrees of freedom; empty for means"""
@@ -108,8 +108,8 @@ class SeedSpread:
     def upper(self, confidence: float = 0.9) -> float:
         """Return the upper confidence limit of the standard deviation, if trainings are normally distributed.
 
-        Without `variances` this is the chi-squared limit. With them it is the Q profile (Viechtbauer 2007,
-        Stat. Med. 26:37): the standard deviation at which variances as small as the agents' have the
+        Without `variances`, this is the chi-squared limit. With `variances`, it is the Q-profile limit (Viechtbauer
+        2007, Stat. Med. 26:37): the standard deviation at which variances as small as the agents' variances have the
         probability 1 - confidence.
         """
         from scipy.stats import chi2  # imported late: takes half a second, and most commands do not need it
@@ -139,8 +139,8 @@ def _profiled(variances: Sequence[tuple[float, float, int]], q: float) -> float:
 def spread_of_rates(data: Sequence[FloatArray]) -> tuple[SeedSpread, float]:
     """Return the spread between seeds, in logits, and the standard deviation between scenarios, in probits.
 
-    Seeds: the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)) of x successes in E episodes, less
-    its part due to the random outcomes of episodes, 1/(x + 1/2) + 1/(E - x + 1/2). Agents are weighted by how
+    Seeds: the variance of the empirical logits log((x + 1/2)/(E - x + 1/2)) of x successes in E episodes, minus the
+    part due to the random outcomes of episodes, 1/(x + 1/2) + 1/(E - x + 1/2). Agents are weighted by how
     precisely their variance is known (Paule & Mandel 1982, J. Res. Natl. Bur. Stand. 87:377): an agent that
     never failed has almost no weight. Agents with one seed do not contribute.
 
@@ -196,7 +196,8 @@ def _scenario_sd(shares: Sequence[tuple[float, float]]) -> float:
 def spread_of_means(data: Sequence[FloatArray]) -> tuple[SeedSpread, float, float]:
     """Return the spread between seeds and the standard deviations between scenarios and of the residuals.
 
-    The three are pooled over agents. Agents with one seed, one episode or a missing value do not contribute.
+    The three standard deviations are pooled over agents. Agents with one seed, one episode or a missing value do not
+    contribute.
 
     Args:
         data: values (S_i, E) of each agent, in the measure's unit.
@@ -232,11 +233,11 @@ def simulated_power(
     replications: int = 200,
     seed: int = 0,
 ) -> FloatArray:
-    """Return the power (len(levels),) at each level: the share of comparisons that find the difference with the
-    right sign.
+    """Return the power at each level, (len(levels),): the share of simulated comparisons that find the difference with
+    the right sign.
 
-    For a rate against a controller, either value may be the learner's. Both cases are simulated, and the lower
-    power is returned.
+    In a comparison of rates with a controller, either of the two values may belong to the learner. Both cases are
+    simulated, and the lower power is returned.
 
     Args:
         model: model of trainings.
@@ -244,7 +245,7 @@ def simulated_power(
         S: number of trainings of each learner.
         E: number of test episodes of each training.
         levels: error rates of the interval, after any correction.
-        against_controller: whether one side is a controller.
+        against_controller: whether one of the two agents is a controller.
         replications: number of simulated comparisons.
         seed: seed of the simulation.
     """
@@ -314,7 +315,7 @@ def trainings_that_decide(
         error: standard error over scenarios.
         t: quantile of the interval over scenarios.
         level: error rate of the interval.
-        margin: margin of equivalence: an interval within it decides, too; NaN without one.
+        margin: margin of equivalence; an interval within the margin decides the comparison, too. NaN: no margin.
         power: required share of decided comparisons.
         above: number of existing trainings, which leave the comparison open.
 

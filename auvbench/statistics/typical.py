@@ -10,16 +10,16 @@ measure of training s in scenario e, and y[e] the measure of a controller,
 The sample's median m differs from theta by two independent errors:
 
 * few trainings: [l, u] is an interval of the median from order statistics, for any shape of the tails;
-* few scenarios, shared by all trainings: s = t g, with Student's quantile t, and g the paired standard error
-  over scenarios of the middle half of the trainings.
+* few scenarios, shared by all trainings: s = t g, with Student's quantile t. g is the paired standard error over
+  scenarios, computed from the middle half of the trainings.
 
 With d the difference of the medians,
 
     low = d - join(m - l, s)        high = d + join(u - m, s)        join(a, s) = max(sqrt(a² + s²), a + (sqrt(2) - 1) s)
 
-This is square-and-add (Newcombe 1998, Stat. Med. 17:873; Zou & Donner 2008, Stat. Med. 27:1693). The second
-part of `join` prevents a long arm, caused by a few failed trainings, from hiding the error of the scenarios.
-With several learners, the squares of their arms (m - l or u - m) add up; a controller has l = m = u.
+This is square-and-add (Newcombe 1998, Stat. Med. 17:873; Zou & Donner 2008, Stat. Med. 27:1693). If a few failed
+trainings make m - l or u - m large, the second part of `join` prevents this distance from hiding the error of the
+scenarios. With several learners, the squares of their distances m - l (or u - m) add up; a controller has l = m = u.
 docs/statistics-appendix.md has the measured error rates.
 
 All functions accept leading axes, to compute many simulated tables at once.
@@ -86,8 +86,8 @@ def median_interval(values: ArrayLike, level: ArrayLike = ALPHA) -> tuple[FloatA
     With 2 to `FEWEST` - 1 values the limits are infinite. With more values, but fewer than `trainings_needed`,
     the interval is the whole range of the values, widened at each end by c = level^(-1/(n-1)) / 2 - 1 times the
     range. This is valid if the distribution of trainings has a single peak, at the median. All n values are on
-    one side of the median with probability 2 (1/2)^n; then the nearest value is more than c ranges away from the
-    median with probability at most (1 + c)^-(n-1).
+    one side of the median with probability 2 (1/2)^n. In this case, the nearest value is more than c times the range
+    away from the median with probability at most (1 + c)^-(n-1).
 
     Args:
         values: (..., n), one per training; n = 1 is a controller, whose value is exact.
@@ -143,7 +143,7 @@ def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
     """Return the standard error (...) over scenarios of the mean of differences (..., E); NaN for means over one scenario.
 
     For rates, two scenarios are added: one with the difference 1, and one with -1 (Bonett & Price 2012, J.
-    Educ. Behav. Stat. 37:479). Otherwise E scenarios without a difference would have no error.
+    Educ. Behav. Stat. 37:479). Without these two, the standard error would be 0 if no scenario has a difference.
     """
     E = difference.shape[-1]
     if not rate:
@@ -154,7 +154,7 @@ def scenario_error(difference: FloatArray, rate: bool = False) -> FloatArray:
 
 
 def join(trainings: ArrayLike, scenarios: ArrayLike) -> FloatArray:
-    """Return the distance of an interval's limit from the estimate, joined from the errors of trainings and scenarios."""
+    """Return the distance of an interval's limit from the estimate, given its parts from the trainings and the scenarios."""
     a, s = np.asarray(trainings, dtype=np.float64), np.asarray(scenarios, dtype=np.float64)
     return np.maximum(np.hypot(a, s), a + KEPT * s)
 
@@ -178,7 +178,7 @@ class Sample:
 
 
 def sample(x: FloatArray) -> Sample:
-    """Return the sample of values (..., n, E), none of which may be missing."""
+    """Return the sample of values (..., n, E); no value may be missing."""
     return Sample(np.asarray(x.mean(axis=-1)), middle_half(x))
 
 
@@ -202,7 +202,7 @@ class Contrast:
 
     @cached_property
     def error(self) -> FloatArray:
-        """Return the standard error (...) over scenarios, which all trainings share because they met the same scenarios."""
+        """Return the standard error (...) over scenarios. It is common to all trainings, which are tested in the same scenarios."""
         total = sum(w * sample.middle for sample, w in zip(self.samples, self.weights, strict=True))
         return scenario_error(np.asarray(total), self.rate)
 
