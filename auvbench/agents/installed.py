@@ -108,7 +108,7 @@ def action_fault(action: Any, n: int, n_u: int) -> str:
 class PluginLearner(PluginAgent):
     """Wrapper of a plug-in agent that learns.
 
-    `learn`, `save`, `restore`, `replay` and `exact_resume` are those of the plug-in's agent, without checks: the
+    `learn`, `save`, `restore`, `replay` and `exact_resume` come directly from the plug-in's agent, without checks: the
     worker reports exceptions during training.
     """
 

@@ -62,7 +62,7 @@ class Batch:
     """N environments that are advanced together.
 
     Args:
-        config: typed configuration.
+        config: complete configuration.
         n: number of environments, each with a vehicle or a team; None: `algo.n_envs`. The attribute `n` is the number
             of vehicles.
         seed: seed of all draws; None: `config.seed`.

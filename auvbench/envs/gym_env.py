@@ -28,13 +28,13 @@ class AuvEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     Args:
         overrides: overrides as on the command line, e.g. `["reward.k=40", "vehicle=rexrov"]`, or one string with
             spaces between them.
-        config: typed configuration, instead of overrides and keywords.
+        config: complete configuration, instead of overrides and keywords.
         render_mode: None, `rgb_array` (a picture (352, 832, 3) of the episode so far) or `ansi` (a line of text).
         conf: folder with your own configuration files, which is searched first.
         keywords: `task`, `vehicle`, `k`, `frequency` (Hz), `noise`, `disturbance` and the other keys of
             `settings.KEYS`: short forms of overrides.
 
-    With the same seed and actions, observations and rewards are bit-identical to those of environment 0 in `AuvVectorEnv`.
+    With the same seed and actions, this environment and environment 0 of `AuvVectorEnv` give bit-identical floats.
     `auvbench.envs.info` describes `info`.
 
     Raises:

@@ -54,11 +54,11 @@ def make(
 class AuvParallelEnv(ParallelEnv):  # type: ignore[misc]
     """One team of vehicles `vehicle_0`, `vehicle_1` and so on, whose episodes begin and end together.
 
-    With the same seed and actions, observations and rewards are bit-identical to those of the first team in a `Batch`.
+    With the same seed and actions, this environment and the first team of a `Batch` give bit-identical floats.
     `auvbench.envs.info` describes `info`; `record` in it describes the whole team.
 
     Args:
-        config: typed configuration with a task of teams.
+        config: complete configuration with a task for teams.
     """
 
     metadata = {"name": "auvbench/Formation-v0", "render_modes": [], "is_parallelizable": True}  # noqa: RUF012

@@ -61,7 +61,7 @@ def configuration(
     """Return the configuration of an environment: `config` if given, else a configuration composed from the package's files.
 
     Args:
-        config: typed configuration; all other arguments must then be left out.
+        config: complete configuration; if it is given, all other arguments must be left out.
         overrides: overrides as on the command line: a sequence, or one string with spaces between them.
         conf: folder that is searched before the package's files, e.g. with your own vehicle in `<conf>/vehicle/`.
             Unlike the command line, Python does not search `./conf` by default.

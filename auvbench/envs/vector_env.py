@@ -42,7 +42,7 @@ class AuvVectorEnv(VectorEnv[Arrays, Arrays, Arrays]):
     Args:
         num_envs: number of environments.
         overrides: see `AuvEnv`.
-        config: typed configuration, instead of overrides and keywords.
+        config: complete configuration, instead of overrides and keywords.
         autoreset_mode: when the next episode of an environment begins. `NEXT_STEP`, as in Gymnasium's own vector
             environments: in the next step, whose action is ignored and whose reward is 0. `SAME_STEP`: in the step
             that ends an episode; `info["final_obs"]` then has the last observation of the ended episode, and

@@ -90,8 +90,8 @@ def mcnemar(b: ArrayLike, c: ArrayLike) -> FloatArray:
     agent succeeds, and c in which only the second does.
 
     With k = min(b, c) and X from Binomial(b + c, 1/2), the value is 2 P(X <= k) - P(X = k). The error rate of this test
-    is closer to the nominal level than that of the exact test, which is too low (Fagerland, Lydersen & Laake 2013, BMC
-    Med. Res. Methodol. 13:91).
+    is closer to the nominal level than the error rate of the exact test, which is too low (Fagerland, Lydersen & Laake
+    2013, BMC Med. Res. Methodol. 13:91).
 
     >>> f"{float(mcnemar(1, 7)):.4f}"
     '0.0391'

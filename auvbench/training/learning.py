@@ -179,7 +179,7 @@ def learn(
 
     Args:
         run: frozen directory of the run.
-        config: typed configuration of the run.
+        config: configuration of the run.
         watch: function called with each report of progress.
         stop: request to save and stop; a signal sets it.
         note: function called after each checkpoint with entries for the manifest.

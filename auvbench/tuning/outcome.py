@@ -36,7 +36,7 @@ _STATES = {TrialState.COMPLETE: "done", TrialState.PRUNED: "pruned", TrialState.
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """Comparison of the best and the untuned settings in one measure. The seeds and scenarios are not those of the search."""
+    """Comparison of the best and the untuned settings in one measure, with seeds and scenarios that the search did not use."""
 
     measure: Measure
     tuned: Estimate

@@ -7,8 +7,8 @@ after T. I. Fossen and A. P. Aguiar, "A uniform semiglobal exponential stable ad
 guidance law for 3-D path following", Automatica 163, 111556 (2024); compared with `GNC/ALOS3D.m` of
 github.com/cybergalactic/MSS, commit 108ceda48c5f. pi_h and pi_v are azimuth and elevation of the path, y_e
 and z_e the errors across it, beta_hat and alpha_hat the learned crab angle and angle of attack. The
-projection follows the paper: an estimate slows down before it stops at its limit. In `ALOS3D.m` the factor c of the
-projection is always 1, so that an estimate stops abruptly.
+projection follows the paper: an estimate that exceeds its limit slows down, and stops at the limit plus `BEYOND`. In
+`ALOS3D.m` the factor c of the projection is always 1, so that an estimate stops abruptly.
 
 In `ALOS3D.m`, azimuths are clockwise from north, y_e is to starboard and z_e downwards. Here azimuths are
 counter-clockwise and y_e is to port, which mirrors both sides of the first equation; z_e stays positive

@@ -48,7 +48,7 @@ class Estimator:
     """Latest readings of N vehicles, and velocities from them.
 
     Yaw is the bearing of the waypoint minus the yaw error. If the task observes velocities, the estimator takes them
-    from the observation. Otherwise it differentiates the position error, and smooths the result by a first-order
+    from the observation. Otherwise it computes differences of successive readings, and smooths them by a first-order
     low-pass filter with exact discretisation.
 
     Args:
@@ -271,7 +271,7 @@ class Cascade:
 
         Args:
             miss: (n, 3) commanded velocity minus present velocity, m/s.
-            scale: (n,) applied share of the wrench: 1 unless a thruster saturates.
+            scale: (n,) applied share of the wrench: 1 unless a thruster saturates or thrust would tilt the vehicle too far.
         """
 
     def turning_mass(self, rate: float) -> float:

@@ -97,7 +97,7 @@ def refuse_ranges(config: schema.TrainConfig, vehicle: VehicleModel) -> None:
 def room(task: Any) -> Floats:
     """Return how far plans may go down (negative) and up from the start, in m: (2,).
 
-    The result is infinite if the task does not fix the depth of the start, because planners do not observe the depth.
+    The result is infinite if the task does not fix the depth of the start, because the depth is then unknown.
     """
     start, far = (task.start[2], 0.0) if TASKS[task.name].fixed_start else (0.0, math.inf)
     low, high = task.depth_low + DEPTH_MARGIN - far, task.depth_high - DEPTH_MARGIN + far

@@ -2,7 +2,7 @@
 
 The ensemble predicts the change of the motion: velocity, angular velocity and direction of gravity, in body axes. The other observed
 numbers follow from the motion by their definitions (`auvbench.blocks`): the vehicle moves with its velocity and turns with its yaw rate,
-both integrated by the trapezoidal rule, and the error is the reference less the position. Nothing here depends on the vehicle.
+both integrated by the trapezoidal rule, and the error is the reference minus the position. This module does not depend on the vehicle.
 
 Each member of the ensemble simulates every plan to its end with its own draws (trajectory sampling "TS infinity" of Chua et al. 2018, with
 one particle per member). All plans have the same draws, so that differences between plans have less noise.

@@ -342,7 +342,7 @@ class PETSLearner:
         return Components(tensors={"ensemble": plain(networks)}, arrays={"plans": arrays})
 
     def restore(self, components: Components) -> None:
-        """Restore the result of `state` in a learner that has begun `learn`.
+        """Restore the result of `state` in a learner whose `learn` is running.
 
         Raises:
             RunError: the checkpoint belongs to other networks.

@@ -140,7 +140,7 @@ class SB3Learner:
         return state.capture(model)
 
     def restore(self, components: Components) -> None:
-        """Restore a checkpoint in a learner that has begun `learn`.
+        """Restore a checkpoint in a learner whose `learn` is running.
 
         Raises:
             RunError: the checkpoint belongs to another kind of learner or to other networks.

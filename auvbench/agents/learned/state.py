@@ -1,7 +1,7 @@
 """Capture and restore a Stable-Baselines3 learner, so that the restored learner continues bit-identically.
 
 The state is captured at the start of a rollout: at this point, the learner has stored its last transition and updated
-its networks, and keeps no state in local variables. `restore` needs a learner that has begun `learn`, because the
+its networks, and keeps no state in local variables. `restore` needs a learner whose `learn` is running, because the
 learner's creation and the beginning of `learn` draw random numbers and overwrite the state that `restore` sets. A
 checkpoint stores the environments separately.
 
@@ -55,7 +55,7 @@ def capture(model: BaseAlgorithm) -> Components:
 def restore(
     model: BaseAlgorithm, components: Components, restarted: NDArray[np.float32] | None = None
 ) -> None:
-    """Restore `components` in a learner that has begun `learn`.
+    """Restore `components` in a learner whose `learn` is running.
 
     Args:
         restarted: first observations (n, d) of the episodes that the environments had to restart.

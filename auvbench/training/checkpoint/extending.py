@@ -96,7 +96,7 @@ def prepare(run: RunDirectory, total_steps: int) -> Extension:
         raise RunError(f"{run.path} is locked by {run_status.holder}; extend it when it has ended")
     larger = copy.deepcopy(config)
     larger["train"]["total_steps"] = total_steps
-    # Place the extended run next to the run, whose folder may have been moved. Both keys are not part of a run's identity.
+    # Place the extended run next to the run, whose folder may have been moved. Neither key is part of a run's identity.
     larger["output"], larger["name"] = str(run.path.parent.parent), run.path.parent.name
     typed(OmegaConf.create(larger))
     target = place(larger)

@@ -169,7 +169,7 @@ def _parameters(network: Sequence[Any]) -> list[torch.Tensor]:
 
 
 def batch(model: OffPolicyAlgorithm, n: int) -> tuple[Floats, ...]:
-    """Draw n transitions as SB3 does, each of `model.n_steps` steps or fewer where the episode ended.
+    """Draw n transitions as SB3 does. A transition has `model.n_steps` steps, or fewer if the episode ended earlier.
 
     Returns:
         Observation (n, d), action (n, n_u), following observation (n, d), reward (n, 1) and discount (n, 1). The
