@@ -108,12 +108,11 @@ def _choice(shown: str, key: str, value: Any, options: Sequence[str], node: Any)
         return ""
     if isinstance(value, list):
         missing = [str(item) for item in value if str(item) not in options]
-        if not missing:
-            return (
-                f"{shown}: takes one name; for several (a grid) type auvbench train -m "
-                f"{key}={','.join(map(str, value))}"
-            )
-        return f"{key}={short(missing[0], 60)}: no such option; {closest(missing[0], options)}"
+        return (
+            f"{key}={short(missing[0], 60)}: no such option; {closest(missing[0], options)}"
+            if missing
+            else ""
+        )
     if isinstance(value, dict) or (value is None and key in ("experiment", "search")):
         return ""
     values = (

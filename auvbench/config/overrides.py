@@ -48,8 +48,8 @@ def read(overrides: Sequence[str]) -> list[str]:
     """Return the overrides in Hydra's grammar.
 
     Raises:
-        ConfigError: an override has no key, removes a key, sets a key of Hydra that has no effect, or has an
-            invisible character or too many digits.
+        ConfigError: an override has no key, removes a key, sets a key of Hydra that has no effect, names several
+            options of a group that takes one, or has an invisible character or too many digits.
 
     >>> read(["train.total_steps=1e6", "output=Größe", "algo.gamma=0.9"])
     ['train.total_steps=1000000', "output='Größe'", 'algo.gamma=0.9']
@@ -70,12 +70,34 @@ def read(overrides: Sequence[str]) -> list[str]:
                 "runs, launcher=NAME "
                 "to choose where they are trained"
             )
+        if several := _of_one_group(override):
+            raise ConfigError(several)
         if (digits := max(map(len, re.findall(r"\d+", override)), default=0)) > DIGITS:
             raise ConfigError(f"{key}: a number has {digits:,} digits; must have at most {DIGITS}")
         hidden = next((character for character in override if unicodedata.category(character) == "Cf"), None)
         if hidden is not None:
             raise ConfigError(f"{override}: contains U+{ord(hidden):04X}, an invisible character; remove it")
     return [_read(override) for override in overrides]
+
+
+def _of_one_group(override: str) -> str:
+    """Return the error for a list of options of a group, of which Hydra would silently use only the last; '' if there is no error.
+
+    `disturbance` takes a list, and a list with an unknown option has its own error.
+    """
+    key, _, value = override.partition("=")
+    names = re.fullmatch(r"\[\s*([\w./-]+(?:\s*,\s*[\w./-]+)*)\s*\]", value)
+    if names is None or key == "disturbance":
+        return ""
+    options = re.split(r"\s*,\s*", names[1])
+    if not set(options) <= set(folders.options(key)):
+        return ""
+    hint = (
+        f"; for several (a grid) type auvbench train -m {key}={','.join(options)}"
+        if options[1:]
+        else f"; type {key}={options[0]}"
+    )
+    return f"{override}: takes one name{hint}"
 
 
 def _read(override: str) -> str:

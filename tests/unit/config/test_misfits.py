@@ -54,6 +54,8 @@ def test_the_examples_in_the_documentation(module: object) -> None:
         ("experiment=mine.yml", "put the file into conf/experiment/mine.yaml, then experiment=mine"),
         ("step=10", "no such option; valid: default, or set one of step.frequency"),
         ("algo=null", "no such option; valid: adrc, "),
+        ("vehicle=[bluerov2,bluerov2_wu2018]", "takes one name; for several (a grid) type auvbench train -m vehicle=bluerov2,bluerov2_wu2018"),
+        ("vehicle=[bluerov2]", "takes one name; type vehicle=bluerov2"),
         ("algo=[ppo,sac]", "takes one name; for several (a grid) type auvbench train -m algo=ppo,sac"),
         ("experiment=[quickstart,nope]", "experiment=nope: no such option"),
         ("analysis=3", "an analysis is declared in the file of an experiment"),
