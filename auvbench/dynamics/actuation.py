@@ -1,12 +1,12 @@
 """Compiled actuators: static curve once per step, exact linear dynamics per half substep, wrench.
 
-A command passes: normalised command -> static curve -> linear dynamics (exactly discretised for half a
-substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor (k n|n|, n in rad/s) or identity
--> effectiveness -> wrench [e; r x e] per newton (tau = T f, Fossen 2011, section 12.3).
+A command passes through these steps: normalised command -> static curve -> linear dynamics (exactly discretised for
+half a substep, so that the stages of RK4 at 0, h/2 and h see the exact state) -> rotor (k n|n|, n in rad/s) or
+identity -> effectiveness -> wrench [e; r x e] per newton (tau = T f, Fossen 2011, section 12.3).
 
-Tables (n_u, LANES) have a row for each actuator: `value`, the static curve's value for the command; `output`, after the
-dynamics; `thrust`, effectiveness times thrust scale; `kept` and `moved`, A and B of lags that differ between vehicles.
-`inner` (states, LANES) are the states of all dynamics.
+Tables (n_u, LANES) have a row for each actuator: `value` is the static curve's value for the command, `output` the
+output of the dynamics, and `thrust` the effectiveness times the thrust scale. `kept` and `moved` are A and B of lags
+that differ between vehicles. `inner` (states, LANES) contains the states of all dynamics.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def interpolated(tables: FloatArray, row: int, points: int, position: float) -> 
 
 @inline
 def polynomial(tables: FloatArray, row: int, points: int, x: float) -> float:
-    """Return the value at x of the polynomial whose coefficients of x^0, x^1, ... are a row, by Horner's rule."""
+    """Return a polynomial's value at x by Horner's rule; the row contains the coefficients of x^0, x^1, ..."""
     total: float = tables[row, points - 1]
     for k in range(points - 2, -1, -1):
         total = total * x + tables[row, k]
@@ -112,7 +112,7 @@ def report(
 
 @njit(nogil=True)
 def apply_thrust(ws: Record, actuators: Record, output: FloatArray, thrust: FloatArray) -> None:
-    """Set tau to the external wrench plus the thrusters' wrench; `thrust` is a factor on each thruster's output."""
+    """Set tau to the external wrench plus the thrusters' wrench; `thrust` is a factor on each thruster's force."""
     tau, external, force = ws.tau, ws.external, ws.force
     for lane in range(LANES):
         put3(tau.force, lane, three(external.force, lane))
@@ -154,7 +154,7 @@ def hold_commands(
     moved: FloatArray,
     own_lags: bool,
 ) -> None:
-    """Start a step: static curves, commanded forces and power, present outputs, first wrench."""
+    """Start a step: compute static curves, commanded forces and power, present outputs and the first wrench."""
     last = command.shape[0] - 1
     for lane in range(LANES):
         i = min(block * LANES + lane, last)
@@ -171,7 +171,7 @@ def hold_commands(
         if actuators[a].kind == DROP_WEIGHT:
             first = actuators[a].first_state
             for lane in range(LANES):
-                # Released for good by a command above one half.
+                # A command above one half releases the weight for good.
                 if value[a, lane] > 0.5:
                     inner[first, lane] = 1.0
     report(block * LANES, actuators, tables, value, force, power)
@@ -185,7 +185,7 @@ def hold_commands(
 def _outputs(
     actuators: Record, discrete: Record, value: FloatArray, output: FloatArray, inner: FloatArray
 ) -> None:
-    """Write the output of each actuator's dynamics in its present state, y = C x."""
+    """Write each actuator's output y = C x for the present state x of its dynamics."""
     for a in range(actuators.shape[0]):
         order, first, C = actuators[a].order, actuators[a].first_state, discrete[a].C
         if order == 0:
@@ -202,7 +202,7 @@ def _outputs(
 
 @inline
 def _scaled_lag(actuator: Record) -> bool:
-    """Return whether a vehicle's factor on lags applies to an actuator: it applies to thrusters with a first-order lag."""
+    """Return whether an actuator is a thruster with a first-order lag: only these lags have a factor for each vehicle."""
     return bool(actuator.kind == THRUSTER and actuator.order == 1 and actuator.rate == 0.0)
 
 
@@ -210,9 +210,9 @@ def _scaled_lag(actuator: Record) -> bool:
 def _discretise_lags(
     ws: Record, actuators: Record, discrete: Record, kept: FloatArray, moved: FloatArray
 ) -> None:
-    """Write A and B (n_u, LANES) of first-order lags; a vehicle's time constant is the sheet's, multiplied by `lag_factor`.
+    """Write A and B (n_u, LANES) of first-order lags with the sheet's time constants multiplied by each vehicle's `lag_factor`.
 
-    A = exp(-h / T) becomes A^(1 / factor), and B keeps the static gain; a factor of 1 keeps all bits.
+    A = exp(-h / T) becomes A^(1 / factor), and B changes so that the static gain stays. A factor of 1 changes no bit.
     """
     for a in range(actuators.shape[0]):
         if not _scaled_lag(actuators[a]):
@@ -223,9 +223,9 @@ def _discretise_lags(
             moved[a, lane] = B * ((1.0 - kept[a, lane]) / (1.0 - A))
 
 
-# One function for each order of x' = A x + B u, y = C x: in loops over the order the state would go through memory. Each takes
-# whole tables and an index, because a view costs more than the arithmetic, and reads the coefficients before the loop, so that the
-# compiler knows that no store can change them.
+# There is one function for each order of x' = A x + B u, y = C x, because a loop over the order would keep the state in memory.
+# Each function takes whole tables and an index, because a view costs more than the arithmetic. It reads the coefficients before
+# the loop, so that the compiler knows that no store can change the coefficients.
 
 
 @njit(nogil=True)

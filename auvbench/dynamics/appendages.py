@@ -3,12 +3,13 @@
 The kernel uses this module only for vehicles with such actuators, before every Runge-Kutta stage, because a fin's force
 depends on the flow at that stage.
 
-* Fin: lift and drag from the local relative flow, in the plane normal to the hinge; the hinge is normal to the x axis. Both are
-  linear in the angle of attack up to stall, with another slope beyond it. The model and the factor cos^2(sweep) are those of
-  gz-sim's LiftDrag system, for which the LRAUV's parameters were written.
-* Mass shifter: moves weight along its axis; changes the restoring moment (its effect on M_RB and its own inertia are neglected).
-* Buoyancy engine: rho g (V - V_neutral) upward at its position.
-* Drop weight: once released, its weight upward at its position (its mass stays in M_RB, its volume in B).
+* Fin: lift and drag from the local relative flow, in the plane normal to the hinge; the hinge is normal to the x axis. Lift and
+  drag are linear in the angle of attack, with one slope up to stall and another slope beyond stall. The model and the factor
+  cos^2(sweep) come from gz-sim's LiftDrag system, for which the LRAUV's parameters were written.
+* Mass shifter: moves weight along its axis, which changes the restoring moment (its effect on M_RB and its own inertia are
+  neglected).
+* Buoyancy engine: the force rho g (V - V_neutral) upward at the engine's position.
+* Drop weight: after its release, an upward force equal to its weight, at its position (its mass stays in M_RB, its volume in B).
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ FloatArray = NDArray[np.float64]
 
 @njit(nogil=True)
 def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
-    """Return the force on a fin turned by `angle` about its hinge that moves at `v` through the water.
+    """Return the force on a fin that is turned by `angle` about its hinge and moves at `v` through the water.
 
     At angle 0 the chord points along the body's x axis; `fin` is an `ACTUATOR`.
     """
@@ -56,7 +57,7 @@ def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
     if square == 0.0:
         return 0.0, 0.0, 0.0
     attack = math.atan2(-dot(across, normal), dot(across, chord))
-    # A fin acts the same with either edge forward, so the angle is folded into a quarter turn.
+    # A fin has the same lift and drag with either edge forward, so the angle is reduced to at most a quarter turn.
     if attack > 0.5 * math.pi:
         attack -= math.pi
     elif attack < -0.5 * math.pi:
@@ -66,7 +67,7 @@ def lift_and_drag(v: Vector, angle: float, fin: Record) -> Vector:
     C_L = math.copysign(max(fin.lift_slope * within + fin.lift_slope_stall * beyond, 0.0), attack)
     C_D = abs(fin.drag_slope * within + fin.drag_slope_stall * beyond)
     cos2_sweep = square / (square + spanwise * spanwise)
-    # Dynamic pressure times area, per m/s: below it multiplies vectors of the length of `across`.
+    # Dynamic pressure times area, divided by the speed, because the vectors that it multiplies below have the speed as length.
     pressure = 0.5 * fin.density * square * fin.area * cos2_sweep / math.sqrt(square)
     return subtract(scale(C_L * pressure, cross(hinge, across)), scale(C_D * pressure, across))
 
@@ -86,7 +87,7 @@ def add_appendages(ws: Record, actuators: Record, output: FloatArray) -> None:
             if actuator.kind == FIN:
                 f = lift_and_drag(plus_cross(v_r, omega, r), output[a, lane], actuator)
             elif actuator.kind == MASS_SHIFTER:
-                # A couple: the weight m g leaves its place and comes back at `output` along the axis.
+                # A torque without a force: the weight m g moves by `output` along the axis, and the total weight stays.
                 arm = actuator.upward * output[a, lane]
                 subtract3(torque, lane, scale(arm, cross(vector(actuator.axis), up)))
                 continue

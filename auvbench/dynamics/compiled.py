@@ -38,9 +38,9 @@ INLINED: dict[str, Any] = {"forceinline": True, "no_cpython_wrapper": True, **NO
 
 
 class Inlined(CPUDispatcher):
-    """A compiled function that has no entry point for Python, which runs its source instead.
+    """A compiled function without an entry point for Python; a call from Python runs the source.
 
-    The entry point of each small function would take a third of the time to compile a loop.
+    Entry points for all small functions would take a third of the time that a loop needs to compile.
     """
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
@@ -48,14 +48,15 @@ class Inlined(CPUDispatcher):
 
 
 def inline(function: F) -> F:
-    """Compile a small function into its callers, so that its tuples cost nothing and the callers' loops stay
-    vectorised. Python runs its source.
+    """Compile a small function into its callers; a call from Python runs the source.
+
+    The function's tuples then cost nothing, and the callers' loops stay vectorised.
     """
     return _inner(function, INLINED)
 
 
 def called(function: F) -> F:
-    """Compile a larger function that only compiled functions call. Python runs its source."""
+    """Compile a larger function that only compiled functions call; a call from Python runs the source."""
     return _inner(function, {**INLINED, "forceinline": False})
 
 
@@ -79,16 +80,15 @@ def _borrowed(typing: Any, array: Any) -> Any:
 
 @inline
 def borrowed(array: Any) -> Any:
-    """Return an array without its owner, which the caller must keep alive.
+    """Return an array without a reference to its owner; the caller must keep the owner alive.
 
-    With the owner, numba would count references for each row, which costs more than the rest of a loop over episodes.
+    With the reference, numba would count references for each row. That costs more than the rest of a loop over episodes.
     """
     return array if INTERPRETED else _borrowed(array)  # type: ignore[call-arg]
 
 
 def compiled(*folders: str, **options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """Compile as `njit` does, without the interpreter's lock, and with a cache that is valid until one of the sources
-    changes.
+    """Compile as `njit` does, without the interpreter's lock, and with a cache that a change of any source invalidates.
 
     Args:
         folders: folders of the package whose functions or constants the function uses, in addition to its own folder.
@@ -119,15 +119,15 @@ class Stored(CPUDispatcher):
         general = tuple(map(_of_any_stride, arguments))
         with global_compiler_lock, ExitStack() as self._locks:
             entry = super().compile(general if result is None else result(*general))
-        if general != arguments:  # found at once by the next call
+        if general != arguments:  # so that the next call with these types finds the compiled code at once
             self._insert([kind._code for kind in arguments], entry, False)  # type: ignore[attr-defined]
         return entry
 
 
 def _of_any_stride(kind: Any) -> Any:
-    """Return the type of a column or a table for any number of rows.
+    """Return the type of a column or a table, changed so that any number of rows has the same type.
 
-    For NumPy, a column with one row is contiguous and one with two rows is not; numba would compile a function for each.
+    NumPy calls a column with one row contiguous, but not a column with two rows; numba would compile the function twice.
     """
     if isinstance(kind, types.UniTuple) and isinstance(kind.dtype, types.Array) and kind.count > 1:
         return types.UniTuple(kind.dtype.copy(layout="A"), kind.count)  # type: ignore[no-untyped-call]
@@ -142,10 +142,9 @@ PATIENCE = 300.0
 
 
 def _compile_alone(dispatcher: Any) -> None:
-    """Before a function that is not in the cache is compiled, print a line, once per process, and wait for a process that compiles
-    it already.
+    """Let one process at a time compile a function that is not in the cache, and announce the compilation.
 
-    The workers of a command need the same functions at the same time.
+    The workers of a command need the same functions at the same time: one worker compiles, the other workers wait for its cache.
     """
     stored = dispatcher._cache.load_overload
     index = Path(dispatcher._cache._cache_file._index_path)

@@ -4,8 +4,8 @@
     eta' = J(eta) nu
 
 with nu_r = nu - nu_c and, for a current that is constant in the world, nu_c' = [-omega x v_c; 0] in body axes (Fossen 2011, chapters
-3, 4, 6 and section 8.3); the gradient of a current over depth is left out of nu_c'. tau is the wrench of thrusters, appendages and
-external causes. Both Coriolis terms are evaluated through momenta: with linear momentum p and angular momentum h, C(nu) nu =
+3, 4, 6 and section 8.3); nu_c' leaves out the gradient of a current over depth. tau is the wrench of thrusters, appendages and
+external causes. Both Coriolis terms are computed from momenta: with linear momentum p and angular momentum h, C(nu) nu =
 [omega x p; v x p + omega x h] (Fossen 2011, theorem 3.2). The inverse of M_RB + M_A is computed once for each set of parameters.
 
     in the code     in Fossen's book
@@ -14,7 +14,7 @@ external causes. Both Coriolis terms are evaluated through momenta: with linear 
     m_r_g, I_b      m r_g and the inertia about the origin CO
     p, h            momenta [p; h] = M nu
     up              the world's z axis in body axes, R^T [0; 0; 1]; Fossen's points down
-    share, ahead    of Runge-Kutta: b_i h of this stage, and the time from the substep's start to the next stage
+    share, ahead    Runge-Kutta: b_i h of this stage, and the time from the substep's start to the next stage
 
 Attitude is a quaternion (w, x, y, z), body to world. It has length 1 at the start of each substep; it is not normalised at the stages.
 
@@ -67,7 +67,7 @@ from auvbench.dynamics.water import through_water
 
 @inline
 def damping(linear: Rows, quadratic: Rows, lane: int, v: Vector) -> Vector:
-    """Return (D + D_n(v)) v with D_n(v) = diag(D_n |v|), of three degrees of freedom (Fossen 2011, chapter 6)."""
+    """Return (D + D_n(v)) v for three degrees of freedom, with D_n(v) = diag(D_n |v|) (Fossen 2011, chapter 6)."""
     D, D_n = three(linear, lane), three(quadratic, lane)
     return times(add(D, times(D_n, absolute(v))), v)
 
@@ -111,7 +111,7 @@ def acceleration(vehicle: Record, lane: int, force: Vector, torque: Vector) -> t
 
 @inline
 def integrate(x: Rows, y: Rows, s: Rows, lane: int, rate: Vector, share: float, ahead: float) -> None:
-    """Add `share` rate to the sum s of the stages, and put the next stage y at x + `ahead` rate."""
+    """Do s += share rate, the sum over the stages, and y = x + ahead rate, the state at the next stage."""
     add3(s, lane, scale(share, rate))
     put3(y, lane, add(three(x, lane), scale(ahead, rate)))
 
@@ -137,7 +137,7 @@ def runge_kutta_stage(ws: Record, share: float, ahead: float, with_extra: bool) 
         q, v, omega = four(y.attitude, lane), three(y.velocity, lane), three(y.rates, lane)
         R, v_c, v_r = through_water(ws, lane)
 
-        # M_RB nu = [p; h]; M_A nu_r = [p_A; h_A], here of the diagonal of M_A; h becomes h + h_A.
+        # M_RB nu = [p; h], M_A nu_r = [p_A; h_A], here only with the diagonal of M_A. Then h is increased by h_A.
         p, h = rigid_body_momentum(vehicle, lane, v, omega)
         p_A = times(diagonal(vehicle.M_A_coriolis.M11, lane), v_r)
         h = add(h, times(diagonal(vehicle.M_A_coriolis.M22, lane), omega))

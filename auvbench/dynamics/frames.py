@@ -20,18 +20,18 @@ _SIGNS = np.array([1.0, -1.0, -1.0])
 
 
 def flip(vectors: ArrayLike) -> FloatArray:
-    """Return vectors (..., 3), or wrenches and velocities (..., 6), in the other convention; its own inverse.
+    """Convert vectors (..., 3), or wrenches and velocities (..., 6), from FLU to FRD or from FRD to FLU.
 
     >>> flip([1.0, 2.0, 3.0])
     array([ 1., -2., -3.])
     """
     array = np.asarray(vectors, dtype=np.float64)
-    # Adding zero turns -0 into 0, which is what a reader of a file expects.
+    # Adding zero turns -0 into 0, because readers of a file expect 0.
     return np.asarray(array * np.tile(_SIGNS, array.shape[-1] // 3) + 0.0)
 
 
 def flip_pose(pose: ArrayLike) -> FloatArray:
-    """Return poses (..., 7) = x y z qw qx qy qz in the other convention; its own inverse."""
+    """Convert poses (..., 7) = x y z qw qx qy qz from FLU to FRD or from FRD to FLU."""
     signs = np.concatenate([_SIGNS, [1.0], _SIGNS])
     return np.asarray(np.asarray(pose, dtype=np.float64) * signs + 0.0)
 
@@ -55,7 +55,7 @@ def euler(quaternion: ArrayLike) -> FloatArray:
     """
     R = rotation(quaternion)
     phi = np.arctan2(R[..., 2, 1], R[..., 2, 2])
-    # Better than arcsin near a quarter turn, where the slope of arcsin is infinite.
+    # More accurate than arcsin near a quarter turn, where the slope of arcsin is infinite.
     theta = np.arctan2(-R[..., 2, 0], np.hypot(R[..., 2, 1], R[..., 2, 2]))
     return np.stack([phi, theta, np.arctan2(R[..., 1, 0], R[..., 0, 0])], axis=-1)
 
@@ -90,7 +90,7 @@ _HALF = 0.5**0.5
 
 
 def ned(vector: Sequence[float]) -> tuple[float, float, float]:
-    """Convert a vector (3,) from world axes east, north, up to north, east, down; its own inverse.
+    """Convert a vector (3,) from world axes east, north, up to north, east, down, or back.
 
     >>> ned((1.0, 2.0, 3.0))
     (2.0, 1.0, -3.0)
@@ -102,8 +102,8 @@ def ned(vector: Sequence[float]) -> tuple[float, float, float]:
 def ned_attitude(quaternion: Sequence[float]) -> tuple[float, float, float, float]:
     """Convert the attitude (w, x, y, z) of an FLU body in an ENU world to the attitude of the FRD body in an NED world.
 
-    It is (0, a, a, 0) q (0, 1, 0, 0) up to a sign, with a^2 = 1/2. A body with its bow to the east has a yaw of 90
-    degrees:
+    The result is (0, a, a, 0) q (0, 1, 0, 0) up to a sign, with a^2 = 1/2. A body with its bow to the east has a yaw
+    of 90 degrees in NED:
 
     >>> ned_attitude((1.0, 0.0, 0.0, 0.0))
     (0.7071067811865476, 0.0, 0.0, 0.7071067811865476)

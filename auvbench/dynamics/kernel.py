@@ -52,7 +52,7 @@ FloatArray = NDArray[np.float64]
 PARTS = 6.0, 3.0, 3.0, 6.0
 """1 / b_i of the stages of the classical Runge-Kutta method"""
 AHEAD = 0.5, 0.5, 1.0, 0.0
-"""Time from the start of a substep to the next stage, as a share of the substep"""
+"""Time from the start of a substep to the next stage, as a fraction of the substep"""
 
 
 @inline
@@ -128,7 +128,7 @@ def advance(
     external: FloatArray,  # (n, 6) body wrench
     waves: tuple[FloatArray, FloatArray, FloatArray],  # components, rays, time of `waves.Waves`
     parameters: FloatArray,  # (n_blocks, rows * LANES), or one row for all blocks
-    # Seen as floats: numba compares the types of records anew in each call.
+    # The next two arrays are passed as floats, because numba compares the types of records again in each call.
     actuators: FloatArray,  # records of ACTUATOR (n_u,)
     discrete: FloatArray,  # records of DISCRETE (n_u,) for half a substep
     tables: FloatArray,  # (k, points)
@@ -139,7 +139,7 @@ def advance(
     substeps: int,
     h: float,
 ) -> None:
-    """Advance vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with the command held."""
+    """Advance the vehicles of `blocks` by `substeps` RK4 steps of `h` seconds with a constant command."""
     off_diagonal, dynamic, appendages, early_plugin, own_lags = flags
     components, rays, time = waves
     wavy = components.shape[0] > 0
@@ -147,7 +147,7 @@ def advance(
     units, lags = actuators.view(ACTUATOR), discrete.view(DISCRETE)
     poses, velocities = pose.view(POSE)[:, 0], velocity.view(VELOCITY)[:, 0]
     currents, externals = current.view(CURRENT)[:, 0], external.view(WRENCH)[:, 0]
-    # One piece of memory on a cache line's boundary: vectors of 64 bytes that straddle two lines cost twice.
+    # One piece of memory starts at a cache line's boundary, because a 64-byte vector across two lines costs twice as much.
     rows = ROWS + 5 * n_u + count
     memory = np.empty((rows + 1) * LANES)
     skip = (-memory.ctypes.data % 64) // 8
@@ -176,21 +176,21 @@ def advance(
             if wavy:
                 move_water(ws, block, currents, components, rays, time, step * h, h / 2.0)
             _begin(ws)
-            # The classical Runge-Kutta method; one call in the source, so that it is compiled once.
+            # The classical Runge-Kutta method, as a loop, so that the stage is not compiled four times.
             for stage in range(4):
                 share, ahead = h / PARTS[stage], h * AHEAD[stage]
                 if dynamic and (stage == 1 or stage == 3):
                     advance_actuators(ws, units, lags, value, output, thrust, inner, kept, moved, own_lags)
                 if not (off_diagonal or appendages or early_plugin or wavy):
-                    # With the constant the compiler drops the terms of the off-diagonal added mass, so that
-                    # vehicles without it do not pay for it.
+                    # With the constant False, the compiler drops the terms of `ws.extra`, so that they cost
+                    # vehicles without these terms nothing.
                     runge_kutta_stage(ws, share, ahead, False)
                     continue
                 if off_diagonal:
                     put_off_diagonal(ws)
                 elif wavy:
                     clear_wrench(ws)
-                if early_plugin:  # no sheet has off-diagonal added mass as well
+                if early_plugin:  # no sheet with this plugin has off-diagonal added mass
                     put_early(ws)
                 if appendages:
                     apply_thrust(ws, units, output, thrust)
@@ -214,8 +214,9 @@ def commanded(
     force: FloatArray,  # (n, n_u) out: N of the thrusters
     power: FloatArray,  # (n,) out: electrical W
 ) -> None:
-    """Write the static curves' values, the forces and the powers of commands, for simulators in other programs. `force` and
-    `power` have the same bits as the results of `advance`.
+    """Write the static curves' values, forces and powers of commands, for external simulators.
+
+    `force` and `power` have the same bits as the results of `advance`.
     """
     n, n_u = command.shape
     value = np.empty((n_u, LANES))

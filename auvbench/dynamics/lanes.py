@@ -1,4 +1,4 @@
-"""Read and write the records of `layout`: one vehicle of a block, a field, a discretisation.
+"""Read and write the records of `layout`: one vehicle of a block, a single field, or a discretisation.
 
 Only this module and `vectors` use numeric indices of vectors and matrices.
 """
@@ -12,19 +12,19 @@ from auvbench.dynamics.layout import Matrix, Pair, Quaternion, Record, Rows, Vec
 # --- Access to one lane of a block ------------------------------------------------------------------------------------------------
 @inline
 def three(rows: Rows, lane: int) -> Vector:
-    """Return the vector (3, LANES) of one vehicle."""
+    """Return one vehicle's vector from rows (3, LANES)."""
     return rows[0, lane], rows[1, lane], rows[2, lane]
 
 
 @inline
 def four(rows: Rows, lane: int) -> Quaternion:
-    """Return the quaternion (4, LANES) of one vehicle."""
+    """Return one vehicle's quaternion from rows (4, LANES)."""
     return rows[0, lane], rows[1, lane], rows[2, lane], rows[3, lane]
 
 
 @inline
 def matrix(rows: Rows, lane: int) -> Matrix:
-    """Return the matrix (3, 3, LANES) of one vehicle."""
+    """Return one vehicle's matrix from rows (3, 3, LANES)."""
     return (
         (rows[0, 0, lane], rows[0, 1, lane], rows[0, 2, lane]),
         (rows[1, 0, lane], rows[1, 1, lane], rows[1, 2, lane]),
@@ -34,13 +34,13 @@ def matrix(rows: Rows, lane: int) -> Matrix:
 
 @inline
 def diagonal(rows: Rows, lane: int) -> Vector:
-    """Return xx yy zz of the symmetric matrix (6, LANES) of one vehicle."""
+    """Return xx, yy, zz of one vehicle's symmetric matrix from rows (6, LANES)."""
     return rows[0, lane], rows[1, lane], rows[2, lane]
 
 
 @inline
 def off_diagonal(rows: Rows, lane: int) -> Vector:
-    """Return xy xz yz of the symmetric matrix (6, LANES) of one vehicle."""
+    """Return xy, xz, yz of one vehicle's symmetric matrix from rows (6, LANES)."""
     return rows[3, lane], rows[4, lane], rows[5, lane]
 
 
@@ -54,13 +54,13 @@ def symmetric_of(diagonal: Vector, off_diagonal: Vector) -> Matrix:
 
 @inline
 def symmetric(rows: Rows, lane: int) -> Matrix:
-    """Return the symmetric matrix (6, LANES) of one vehicle."""
+    """Return one vehicle's symmetric matrix from rows (6, LANES)."""
     return symmetric_of(diagonal(rows, lane), off_diagonal(rows, lane))
 
 
 @inline
 def put3(rows: Rows, lane: int, a: Vector) -> None:
-    """Write the vector (3, LANES) of one vehicle."""
+    """Write one vehicle's vector to rows (3, LANES)."""
     rows[0, lane] = a[0]
     rows[1, lane] = a[1]
     rows[2, lane] = a[2]
@@ -68,7 +68,7 @@ def put3(rows: Rows, lane: int, a: Vector) -> None:
 
 @inline
 def put4(rows: Rows, lane: int, q: Quaternion) -> None:
-    """Write the quaternion (4, LANES) of one vehicle."""
+    """Write one vehicle's quaternion to rows (4, LANES)."""
     rows[0, lane] = q[0]
     rows[1, lane] = q[1]
     rows[2, lane] = q[2]
@@ -77,7 +77,7 @@ def put4(rows: Rows, lane: int, q: Quaternion) -> None:
 
 @inline
 def add3(rows: Rows, lane: int, a: Vector) -> None:
-    """Add to the vector (3, LANES) of one vehicle."""
+    """Add a to one vehicle's vector in rows (3, LANES)."""
     rows[0, lane] += a[0]
     rows[1, lane] += a[1]
     rows[2, lane] += a[2]
@@ -85,7 +85,7 @@ def add3(rows: Rows, lane: int, a: Vector) -> None:
 
 @inline
 def add4(rows: Rows, lane: int, q: Quaternion) -> None:
-    """Add to the quaternion (4, LANES) of one vehicle."""
+    """Add q to one vehicle's quaternion in rows (4, LANES)."""
     rows[0, lane] += q[0]
     rows[1, lane] += q[1]
     rows[2, lane] += q[2]
@@ -94,7 +94,7 @@ def add4(rows: Rows, lane: int, q: Quaternion) -> None:
 
 @inline
 def subtract3(rows: Rows, lane: int, a: Vector) -> None:
-    """Subtract from the vector (3, LANES) of one vehicle."""
+    """Subtract a from one vehicle's vector in rows (3, LANES)."""
     rows[0, lane] -= a[0]
     rows[1, lane] -= a[1]
     rows[2, lane] -= a[2]
@@ -102,19 +102,19 @@ def subtract3(rows: Rows, lane: int, a: Vector) -> None:
 
 @inline
 def vector(a: Rows) -> Vector:
-    """Return the numbers of a field (3,)."""
+    """Return a field (3,) as a tuple."""
     return a[0], a[1], a[2]
 
 
 @inline
 def quaternion(a: Rows) -> Quaternion:
-    """Return the numbers of a field (4,)."""
+    """Return a field (4,) as a tuple."""
     return a[0], a[1], a[2], a[3]
 
 
 @inline
 def set3(field: Rows, a: Vector) -> None:
-    """Write a field (3,)."""
+    """Write a tuple to a field (3,)."""
     field[0] = a[0]
     field[1] = a[1]
     field[2] = a[2]
@@ -122,7 +122,7 @@ def set3(field: Rows, a: Vector) -> None:
 
 @inline
 def set4(field: Rows, q: Quaternion) -> None:
-    """Write a field (4,)."""
+    """Write a tuple to a field (4,)."""
     field[0] = q[0]
     field[1] = q[1]
     field[2] = q[2]

@@ -28,14 +28,14 @@ Matrix = tuple[Vector, Vector, Vector]
 
 
 def record(**fields: Any) -> np.dtype[Any]:
-    """Return a record of `fields`: each value is a shape of floats, a type, or another record."""
+    """Return a record type with `fields`; each value is a shape of floats, a type, or another record type."""
     return np.dtype(
         (np.record, [(n, t) if not isinstance(t, tuple) else (n, np.float64, t) for n, t in fields.items()])
     )
 
 
 def side_by_side(one: np.dtype[Any]) -> np.dtype[Any]:
-    """Return the record `one` for LANES vehicles: each number becomes a row of LANES."""
+    """Return the record type `one` for LANES vehicles: each number becomes a row of LANES numbers."""
     fields: dict[str, Any] = {}
     for name in one.names or ():
         kind = one[name]
@@ -49,7 +49,7 @@ VELOCITY = record(linear=(3,), angular=(3,))  # nu = [v; omega], m/s and rad/s
 WRENCH = record(force=(3,), torque=(3,))  # N, N m
 CURRENT = record(
     velocity=(3,),  # world axes, m/s, at depths above `top`
-    change=(3,),  # velocity at the bottom of the profile less `velocity`, m/s
+    change=(3,),  # velocity at the bottom of the profile minus `velocity`, m/s
     top=(),  # z, m
     per_thickness=(),  # 1/m; 0: uniform
 )
@@ -80,9 +80,9 @@ VEHICLE = record(
     displaced_r_b=(3,),  # rho V r_b, kg m
 )
 PARAMETER_ROWS = VEHICLE.itemsize // 8
-# How a vehicle differs from its sheet. Factors by axis, unless a field says otherwise.
+# How a vehicle differs from its sheet. The numbers are factors, one for each axis, unless a comment says otherwise.
 CHANGE = record(
-    mass=(),  # it does not change the net buoyancy
+    mass=(),  # factor on the mass; the net buoyancy stays
     inertia=(3,),  # about the centre of gravity
     added_mass=(6,),
     linear_damping=(6,),
@@ -96,7 +96,7 @@ ADDED = "net_buoyancy", "center_of_buoyancy_z"
 
 
 def unchanged(n: int) -> NDArray[Any]:
-    """Return changes (n,) of `CHANGE` that change nothing."""
+    """Return records (n,) of `CHANGE` for vehicles that do not differ from their sheet."""
     changes = np.zeros(n, CHANGE)
     for name in CHANGE.names or ():
         changes[name] = 0.0 if name in ADDED else 1.0
@@ -110,13 +110,13 @@ WORKSPACE = side_by_side(
         x=STATE,  # at the start of a substep
         y=STATE,  # at the present stage
         s=STATE,  # sum of the stages
-        tau=WRENCH,  # of thrusters, appendages and `external`
+        tau=WRENCH,  # sum of the wrenches of thrusters, appendages and `external`
         external=WRENCH,
         current=CURRENT,
-        # Terms beyond a diagonal added mass: momenta of its off-diagonal entries, and a wrench to subtract.
+        # Terms that a diagonal added mass does not have: momenta of the off-diagonal entries, and a wrench to subtract.
         extra=record(p=(3,), h=(3,), force=(3,), torque=(3,)),
-        force=(),  # N of the thruster at hand
-        # Waves: where and when they act, and the acceleration of the water, world axes.
+        force=(),  # force of the present thruster, N
+        # Waves: the position and time for which they are computed, and the water's acceleration in world axes.
         waves=record(x=(), y=(), depth=(), time=(), acceleration=(3,)),
     )
 )
@@ -141,14 +141,14 @@ ACTUATOR = record(
     # Dynamics.
     order=np.int64,
     first_state=np.int64,  # index of this actuator's first state among the states of all actuators
-    rate=(),  # largest rate of a rate-limited actuator, per second; 0: none
+    rate=(),  # largest rate of a rate-limited actuator, per second; 0: no limit
     # Thruster.
     rotor=(),  # force over n |n| with n in rad/s, N s2/rad2; 0 where the curve gives newtons
     per_newton=WRENCH,  # wrench [e; r x e]
-    force_scale=(),  # factor on the force at which the table of power is read
+    force_scale=(),  # factor on the force before the table of power is read
     power_scale=(),  # factor on the table's power
     points_per_newton=(),  # points of the table of power per newton
-    # All others.
+    # All actuators except thrusters.
     position=(3,),  # m
     axis=(3,),
     upward=(),  # mass shifter: its weight, N; buoyancy engine: N per m3; drop weight: N when released

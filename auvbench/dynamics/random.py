@@ -46,7 +46,7 @@ MESSAGE = 15
 """loss of messages between vehicles"""
 BLOCK = 0x80
 """observation blocks of installed packages"""
-# Streams 64 to 127 are those of packages' disturbances.
+# Disturbances of installed packages use streams 64 to 127.
 TEST = 0x100
 """Test protocols draw from `stream | TEST`, so that no training scenario is a test scenario."""
 VALIDATION = 0x200

@@ -9,8 +9,8 @@ measurements (docs/gazebo.md). C depends on the release:
 * `gz-sim-8.11` and all earlier releases (measured with the plugin of 8.11.0): C differs from C_A in two entries,
   C(0,5) = +A_22 v where C_A has -A_22 v, so that this force equals Fossen's, and C(5,0) = -A_33 w where C_A has A_22 v.
 
-A_22 and A_33 are the added masses in sway and heave, kg; v and w the velocities through the water. With the two
-entries the term is not skew-symmetric, so it does work, and surge with heave turns a vehicle in yaw.
+A_22 and A_33 are the added masses in sway and heave, kg; v and w are the velocities through the water. These two
+entries make C not skew-symmetric: the term does work, and motion in surge and heave turns a vehicle in yaw.
 
 Sources: gazebosim/gz-sim, src/systems/hydrodynamics/Hydrodynamics.cc, gz-sim8_8.6.0 and 57e28a0 (#3456, released in 8.12.0).
 Other properties of the plugin are not copied: its added mass is a force from the previous step, and up to 8.11 its
@@ -58,8 +58,9 @@ def rigid_body_mass(mass: float, center_of_gravity: ArrayLike, inertia: ArrayLik
 
 
 def coriolis(M: ArrayLike, nu: ArrayLike) -> FloatArray:
-    """Return C(nu) (6, 6), skew-symmetric, of a symmetric mass matrix, M_RB or M_A (Fossen 2011, theorem 3.2). The
-    kernel computes the product C(nu) nu from momenta.
+    """Return the skew-symmetric C(nu) (6, 6) for a symmetric mass matrix, M_RB or M_A (Fossen 2011, theorem 3.2).
+
+    The kernel does not use this function: it computes the product C(nu) nu from momenta.
     """
     M = np.asarray(M, dtype=np.float64)
     nu = np.asarray(nu, dtype=np.float64)
@@ -72,7 +73,7 @@ def coriolis(M: ArrayLike, nu: ArrayLike) -> FloatArray:
 
 
 def early(M_A: FloatArray, nu: FloatArray) -> FloatArray:
-    """Return the wrench (6,), N and N m, by which the plugin of `gz-sim-8.11` exceeds the plugin of `gz-sim-8.12`.
+    """Return the wrench of the `gz-sim-8.11` plugin minus the wrench of the `gz-sim-8.12` plugin: (6,), N and N m.
 
     Args:
         M_A: (6, 6) added mass, kg, kg m, kg m2.

@@ -52,7 +52,7 @@ def dot(a: Vector, b: Vector) -> float:
 
 @inline
 def cross(a: Vector, b: Vector) -> Vector:
-    """Return a x b = S(a) b (definition 2.2)."""
+    """Return a x b = S(a) b (Fossen 2011, definition 2.2)."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 

@@ -1,4 +1,4 @@
-"""Compute the water around the vehicles of a block: current at their depth, velocity through the water, and Gazebo's early term."""
+"""Compute, for the vehicles of a block, the current at each depth, the velocity through the water, and Gazebo's early term."""
 
 from __future__ import annotations
 

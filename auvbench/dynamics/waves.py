@@ -8,7 +8,7 @@ At depth d, a component of amplitude a, wave number k, frequency w (w^2 = g k) a
 (Faltinsen 1990, chapter 2; z is up here). The components add up. A vehicle feels v as part of the water's velocity and
 v' as the inertia force (M_A + rho V) v' of the accelerated water: added mass and Froude-Krylov force, the latter at the
 centre of buoyancy. v' is the local derivative, as in linear theory: terms of second order in the wave's steepness are
-left out. Both are computed once per substep, for its middle, at the position that the vehicle reaches then.
+left out. v and v' are computed once per substep, for the middle of the substep and the vehicle's position at that time.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ GAMMA = {"jonswap": 3.3, "pierson_moskowitz": 1.0}
 LOWEST, HIGHEST = 0.4, 6.0
 """Band of the components' frequencies, as multiples of the peak frequency; it contains 99.9 % of the energy"""
 DEEPEST = 32.0
-"""Value of k d from which on exp(-k d) stays constant, at 1e-14"""
+"""Value of k d above which exp(-k d) no longer decreases but stays at 1e-14"""
 
-# Taylor coefficients of sine, cosine and, about -1/2, the exponential function.
+# Taylor coefficients of sine and cosine about 0, and of the exponential function about -1/2.
 S3, S5, S7, S9, S11, S13 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(3, 14, 2))
 C2, C4, C6, C8, C10, C12, C14 = ((-1.0) ** (n // 2) / math.factorial(n) for n in range(2, 15, 2))
 E0, E1, E2, E3, E4, E5, E6, E7, E8, E9, E10 = (math.exp(-0.5) / math.factorial(n) for n in range(11))
@@ -83,15 +83,16 @@ def still(n: int) -> Waves:
 
 
 def on(components: FloatArray, n: int) -> Waves:
-    """Return waves of `components` (m, 3) on n vehicles; the caller writes the rays."""
+    """Return waves with `components` (m, 3) for n vehicles; all rays are zero until the caller writes them."""
     return Waves(components, np.zeros((-(-n // LANES), len(components), 3, LANES)), np.zeros(n))
 
 
 def density(frequency: FloatArray, height: float, period: float, spectrum: str) -> FloatArray:
     """Return the spectral density S(w) in m2 s at angular frequencies > 0; for JONSWAP, without a constant factor.
 
-    JONSWAP (Hasselmann et al. 1973) and, with a peak enhancement of 1, Pierson-Moskowitz (1964), in the form of
-    DNV-RP-C205, section 3.5; Fossen 2021, section 10.2. With the constant factor, the integral would be (height / 4)^2.
+    The spectra are JONSWAP (Hasselmann et al. 1973) and, with a peak enhancement of 1, Pierson-Moskowitz (1964), in the
+    form of DNV-RP-C205, section 3.5; Fossen 2021, section 10.2. JONSWAP's constant factor, which this function leaves
+    out, would make the integral (height / 4)^2.
 
     Args:
         frequency: angular frequencies, rad/s.
@@ -109,8 +110,9 @@ def density(frequency: FloatArray, height: float, period: float, spectrum: str) 
 def components(height: float, period: float, spectrum: str, gravity: float) -> FloatArray:
     """Return the components (COMPONENTS, 3) of a sea, in the form of `Waves.components`.
 
-    Each component represents a bin of the spectrum: it has the bin's energy and its variance of the surface's velocity.
-    Bins are chosen so that the mean of a bin's share of the energy and its share of the variance is the same for all.
+    Each component represents a bin of the spectrum and has the bin's energy and the bin's variance of the surface's
+    velocity. A bin has a fraction of the total energy and a fraction of the total variance; the mean of these two
+    fractions is the same for all bins.
     """
     peak = 2.0 * math.pi / period
     w = np.linspace(LOWEST * peak, HIGHEST * peak, 20_001)
@@ -130,8 +132,9 @@ def components(height: float, period: float, spectrum: str, gravity: float) -> F
 
 @inline
 def sine_cosine(turns: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle in turns, within 3e-9, with vector instructions and the same bits on every
-    machine.
+    """Return sine and cosine of an angle in turns, with an error of at most 3e-9.
+
+    This function compiles to vector instructions and returns the same bits on every machine.
     """
     half = math.pi * (turns - np.floor(turns + 0.5))
     q = half * half
@@ -142,8 +145,9 @@ def sine_cosine(turns: float) -> tuple[float, float]:
 
 @inline
 def decay(depth: float) -> float:
-    """Return exp(-depth) for a depth >= 0 in units of 1/k, with a relative error of at most 1e-9, also with vector
-    instructions and the same bits on every machine.
+    """Return exp(-depth) for a depth >= 0 in units of 1/k, with a relative error of at most 1e-9.
+
+    This function compiles to vector instructions and returns the same bits on every machine.
     """
     x = 0.5 - min(depth, DEEPEST) * (1.0 / DEEPEST)
     e = E0 + x * (
@@ -167,7 +171,7 @@ def move_water(
     begin: float,
     half: float,
 ) -> None:
-    """Set the water's velocity and acceleration for the substep that begins `begin` s into the step and lasts 2 `half` s."""
+    """Set the water's velocity and acceleration for a substep of 2 `half` s that starts `begin` s after the step's start."""
     last = time.shape[0] - 1
     x, current, waves = ws.x, ws.current, ws.waves
     for lane in range(LANES):
@@ -200,8 +204,9 @@ def move_water(
 def pressure_head(
     components: FloatArray, rays: FloatArray, lane: int, time: float, x: float, y: float, z: float
 ) -> tuple[float, float, float]:
-    """Return the waves' pressure head at a point (pressure / (density gravity), the sum of a exp(-k d) cos theta) in m, its variance
-    over time in m2, and its mean frequency in Hz.
+    """Return the waves' pressure head at a point, m, the head's variance over time, m2, and the head's mean frequency, Hz.
+
+    The pressure head is pressure / (density gravity), the sum of a exp(-k d) cos theta over the components.
 
     Args:
         components: (m, 3) components of `Waves`.
@@ -226,8 +231,9 @@ def pressure_head(
 
 @njit(nogil=True)
 def add_water_inertia(ws: Record) -> None:
-    """Add the force of the accelerated water, (M_A + rho V) v' at the present stage: subtract it from `ws.extra`, which
-    `runge_kutta_stage` subtracts.
+    """Add the force of the accelerated water at the present stage, (M_A + rho V) v'.
+
+    The function subtracts the force from the wrench of `ws.extra`, because `runge_kutta_stage` subtracts that wrench.
     """
     vehicle, y, extra = ws.vehicle, ws.y, ws.extra
     M_A = vehicle.M_A
