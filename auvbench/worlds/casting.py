@@ -1,6 +1,6 @@
-"""Find the nearest of many solids: along rays, and from points.
+"""Find the nearest of many solids along a ray or from a point.
 
-`first_hit` and `nearest_surface` are for one ray and one point, `cast` and `clearance` for batches.
+`first_hit` is for one ray and `nearest_surface` for one point; `cast` is for many rays and `clearance` for many points.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def passes(v: Vector, direction: Vector, reach: float, longest: float) -> bool:
 def range_to(
     s: Record, heights: Floats, time: float, origin: Vector, direction: Vector, longest: float
 ) -> float:
-    """Return the distance in m along a ray to a solid's surface; infinity, or more than `longest`, if the ray does not reach it.
+    """Return the distance in m along a ray to a solid's surface; more than `longest`, or infinity, if the ray does not reach the surface.
 
     This function is not inlined into its callers: a ray misses most solids, and a short loop is twice as fast.
     """
@@ -92,10 +92,10 @@ def distance_to(s: Record, heights: Floats, time: float, point: Vector, longest:
 def first_hit(
     solids: Any, heights: Floats, time: float, origin: Vector, direction: Vector, longest: float
 ) -> tuple[float, int]:
-    """Return the distance in m along a ray to the first surface and the index of its solid; `longest` and NOTHING without a surface
-    nearer than `longest`.
+    """Return the distance in m along a ray to the first surface, and the index of the solid with this surface.
 
-    For a ray that starts inside a solid, the surface of that solid counts.
+    If no surface is nearer than `longest`, the result is `longest` and NOTHING. A ray that starts inside a solid hits the surface of
+    that solid from inside.
 
     Args:
         solids: (n,) records of SOLID.
@@ -128,7 +128,7 @@ def nearest_along(
     stop: int,
     longest: float,
 ) -> float:
-    """Return the distance in m along several rays to the nearest surface that any of them meets; `longest` if none is nearer.
+    """Return the smallest distance in m to a surface along any of several rays; `longest` if no surface is nearer.
 
     Args:
         solids: (n,) records of SOLID.
@@ -149,7 +149,7 @@ def nearest_along(
 
 @compiled("dynamics")
 def range_below(solids: Any, heights: Floats, time: float, point: Vector, longest: float) -> float:
-    """Return the distance in m from a point down to the first surface; `longest` if none is nearer."""
+    """Return the distance in m from a point down to the first surface; `longest` if no surface is nearer."""
     distance, _ = first_hit(solids, heights, time, point, (0.0, 0.0, -1.0), longest)
     return distance
 
@@ -158,7 +158,7 @@ def range_below(solids: Any, heights: Floats, time: float, point: Vector, longes
 def nearest_surface(
     solids: Any, heights: Floats, time: float, point: Vector, longest: float
 ) -> tuple[float, int, Vector]:
-    """Return the signed distance in m to the nearest solid, its index, and the gradient of the distance; see `first_hit`.
+    """Return the signed distance in m to the nearest solid, the solid's index, and the gradient of the distance; see `first_hit`.
 
     Without a solid nearer than `longest`, the result is `longest`, NOTHING and a zero vector.
     """
@@ -205,9 +205,7 @@ def clearance(
     nearest: Integers,
     gradients: Floats,
 ) -> None:
-    """Write the signed distances (k,) of `points` (k, 3) to the nearest solids, their indices (k,) and the gradients (k, 3); see
-    `nearest_surface`.
-    """
+    """Write `nearest_surface` of each of `points` (k, 3): signed distances (k,), indices of solids (k,) and gradients (k, 3)."""
     solids, heights = borrowed(solids), borrowed(heights)
     for r in range(distances.shape[0]):
         distance, index, (x, y, z) = nearest_surface(solids, heights, time, triple(points[r]), longest)

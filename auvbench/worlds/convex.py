@@ -1,13 +1,13 @@
 """Sphere, capsule, cylinder, box and plane, each in its own axes with its centre at the origin.
 
-* `*_distance`: signed distance of a point in m, negative inside, and its gradient, a unit vector out of the solid. Forms of
-  Quilez, "Distance functions" (iquilezles.org/articles/distfunctions).
+* `*_distance`: signed distance of a point in m, negative inside, and the gradient of this distance, a unit vector out of the solid.
+  The formulas are from Quilez, "Distance functions" (iquilezles.org/articles/distfunctions).
 * `*_span`: the part of a ray inside the solid, as two distances along the ray in m. The shapes are convex, so this part is one
-  interval. It is the overlap of the intervals of simpler shapes (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986); for a
-  capsule it is their hull.
+  interval: the overlap of the intervals of simpler shapes (Kay and Kajiya, "Ray tracing complex scenes", SIGGRAPH 1986) or, for a
+  capsule, the hull of these intervals.
 
-The discriminant of a quadratic is computed from the point of the ray nearest to the centre, which keeps its digits far away (Haines et
-al., "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019, chapter 7).
+The discriminant of a quadratic is computed from the point of the ray nearest to the centre. This keeps the precision for rays that
+start far away (Haines et al., "Precision improvements for ray/sphere intersection", Ray Tracing Gems, 2019, chapter 7).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from auvbench.dynamics.vectors import add, dot, scale
 MISS = (math.inf, -math.inf)
 EVERYWHERE = (-math.inf, math.inf)
 PARALLEL = 1e-30
-"""Squared sine of the angle between a ray and an axis below which both count as parallel"""
+"""Largest squared sine of the angle between a ray and an axis that are treated as parallel"""
 
 Signed = tuple[float, Vector]
 """Signed distance in m, and its gradient."""
@@ -91,7 +91,7 @@ def plane_distance(p: Vector) -> Signed:
 
 @inline
 def first_crossing(span: Pair) -> float:
-    """Return the distance along a ray to the first point on the surface, from outside or from inside; infinity if none."""
+    """Return the distance along a ray to the first point on the surface, from outside or inside; infinity if the ray has no such point."""
     enter, leave = span
     if enter > leave or leave < 0.0:
         return math.inf
@@ -143,7 +143,7 @@ def tube_span(o: Vector, d: Vector, radius: float) -> Pair:
 
 @inline
 def slab_span(o: float, d: float, half: float) -> Pair:
-    """Return the part of a ray between two planes; o and d are its coordinates normal to them."""
+    """Return the part of a ray between the planes at +-`half`; o and d are the ray's origin and direction along the planes' normal."""
     if d == 0.0:
         return EVERYWHERE if abs(o) <= half else MISS
     a, b = (-half - o) / d, (half - o) / d

@@ -31,7 +31,7 @@ FINEST, COARSEST = 0.1, 100.0
 DEEPEST = 11_000.0
 """Largest depth, m; no sea is deeper"""
 UNEVEN = 0.01
-"""Largest error of a coordinate, as a share of the spacing; files have rounded coordinates"""
+"""Largest error of a coordinate, as a fraction of the spacing; more than 0, because files have rounded coordinates"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +75,7 @@ def read(path: Path | str, digest: str = "") -> Grid:
 
 @lru_cache(maxsize=4)
 def _parsed(data: bytes, ending: str) -> Grid:
-    """Return the grid in a file's bytes; cached, since each batch of environments reads it."""
+    """Return the grid in a file's bytes; cached, because each batch of environments reads the file."""
     found: Mapping[str, NDArray[Any]]
     if ending == ".npz":
         found = archives.arrays(data)
@@ -86,7 +86,7 @@ def _parsed(data: bytes, ending: str) -> Grid:
 
 
 def _grid(found: Mapping[str, NDArray[Any]], is_table: bool, digest: str) -> Grid:
-    """Return the grid of named arrays; a table has one row for each point, otherwise x (columns,), y (rows,) and z (rows, columns)."""
+    """Return the grid from a table with one row for each point, or from arrays x (columns,), y (rows,) and z (rows, columns)."""
     what = "column" if is_table else "array"
     for name in found:
         if name not in (*COORDINATES, *HEIGHTS):
@@ -128,7 +128,7 @@ def _numbers(values: NDArray[Any], name: str) -> Floats:
 
 
 def _spread(x: Floats, y: Floats, z: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return x (columns,), y (rows,) and z (rows, columns) of points in any order; a missing point is NaN."""
+    """Return x (columns,), y (rows,) and z (rows, columns) of a grid whose points come in any order; z of a missing point is NaN."""
     if not (np.isfinite(x).all() and np.isfinite(y).all()):
         raise ValueError("has a point without coordinates")
     xs, column = np.unique(x, return_inverse=True)

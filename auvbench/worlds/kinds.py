@@ -15,4 +15,4 @@ SPHERE, CAPSULE, CYLINDER, BOX, PLANE, TERRAIN = range(6)
 KINDS = ("sphere", "capsule", "cylinder", "box", "plane", "bottom")
 """names of the kinds"""
 NOTHING = -1
-"""Index that stands for no solid"""
+"""Index returned if no solid is found"""

@@ -1,4 +1,4 @@
-"""Draw solids as line segments for pictures: outlines that a person recognises; rays do not use them."""
+"""Draw solids as line segments for pictures. Only pictures use these outlines: rays and clearances use the exact solids."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _joined(points: Floats) -> Segments:
 
 
 def _circle(centre: Floats, u: Floats, v: Floats, turns: float = 1.0) -> Segments:
-    """Return a circle with radii u and v (3,), or a part of it."""
+    """Return a circle with the perpendicular radius vectors u and v (3,), or an arc of it if `turns` is less than 1."""
     angles = np.linspace(0.0, 2.0 * math.pi * turns, round(SIDES * turns) + 1)[:, None]
     return _joined(centre + np.cos(angles) * u + np.sin(angles) * v)
 
@@ -97,7 +97,7 @@ def _upright(solid: Any, low: Floats, high: Floats) -> Segments:
     )
     ends = [centre - half, centre + half]
     lines = [np.array([[ends[0] + r, ends[1] + r]]) for r in (u, v, -u, -v)]
-    # A long solid may have both ends outside the picture: a ring near the picture's middle shows it.
+    # A long solid may have both ends outside the picture, so a third ring is drawn near the picture's middle.
     length = float(solid["half"][2])
     along = float(np.clip((0.5 * (low + high) - centre) @ axes[2], -length, length))
     rings = [_circle(point, u, v) for point in [*ends, centre + along * axes[2]]]

@@ -43,12 +43,13 @@ def scatter(
     gap: float,
     free: float,
 ) -> Floats:
-    """Return discs (k, 3): x, y and radius in m. Darts are thrown until `count` discs have room, or `DARTS` for each disc are used
-    (Poisson-disc sampling).
+    """Return random discs (k, 3): x, y and radius in m.
+
+    Darts are thrown until `count` discs are placed or `DARTS` darts for each disc are thrown (Poisson-disc sampling).
 
     Args:
         key: key of the draws.
-        attempt: number of the attempt with this key; each attempt draws other discs.
+        attempt: number of the attempt with this key; each attempt draws different discs.
         count: number of discs.
         arena: distance from start to goal and margin on all sides, m.
         radii: smallest and largest radius, m.
@@ -112,9 +113,9 @@ def place_of(cell: int, rows: int, columns: int, margin: float) -> tuple[float, 
 def search(
     room: Floats, rows: int, columns: int, start: int, goal: int, least: float
 ) -> tuple[float, NDArray[np.int64]]:
-    """Return the length in m of the shortest way by Dijkstra's algorithm, and for each cell the cell before it on its way from the start.
+    """Return the length in m of the shortest way by Dijkstra's algorithm, and the predecessor of each cell on its way from the start.
 
-    The length is infinite without a way. The start and the cells that were not reached have -1.
+    The length is infinite if no way exists. The predecessor is -1 for the start and for cells that were not reached.
 
     Args:
         room: (rows * columns,) distance of each cell from the obstacles, m.
@@ -149,10 +150,10 @@ def search(
 
 @compiled("dynamics")
 def shortest_way(discs: Floats, radius: float, distance: float, margin: float) -> tuple[float, float]:
-    """Return the length in m of the shortest way from start to goal, and its mean distance in m from the discs, less the radius.
+    """Return the length in m of the shortest way from start to goal, and the mean clearance in m of a vehicle on this way.
 
-    Dijkstra's algorithm runs on a map with cells of CELL m and eight neighbours. A cell is free if a vehicle of this radius touches
-    no disc anywhere in it. The length is infinite if no way leads to the goal.
+    Dijkstra's algorithm runs on a map with cells of CELL m and eight neighbours. A cell is free if a vehicle of this radius at any
+    point of the cell touches no disc. The length is infinite if no way leads to the goal.
     """
     rows, columns, start, goal = grid_of(distance, margin)
     room = np.empty(rows * columns)

@@ -19,7 +19,7 @@ from auvbench.worlds.passage import CELL, grid_of, place_of, search
 from auvbench.worlds.solids import triple
 
 MARGIN = 0.5
-"""Distance between the vehicle and solids on a way, m. If no way keeps this distance, half of it is tried, then 0"""
+"""Smallest distance between the vehicle and solids on a way, m; `route` tries half of it, then 0, if no way keeps it"""
 CORNERS = 64
 """Largest number of points of a way"""
 LEVEL = 0.5
@@ -41,7 +41,7 @@ def visible(room: Floats, columns: int, first: int, second: int, least: float) -
 
 @njit(nogil=True)
 def pulled(cells: Any, room: Floats, columns: int, least: float) -> Any:
-    """Return the cells that are the corners of a way after it is pulled tight like a string, with both ends."""
+    """Return the cells at the corners and both ends of a way after the way is pulled tight like a string."""
     corners = [cells[0]]
     at = 0
     while at < len(cells) - 1:
@@ -65,7 +65,7 @@ def leg(corners: Floats, k: int) -> float:
 def route(
     solids: Any, heights: Floats, start: Vector, goal: Vector, radius: float, side: float, out: Floats
 ) -> int:
-    """Write the corners of the shortest way, with its ends, to `out` (CORNERS, 3), in m; return their number, 0 without a way.
+    """Write the corners and ends of the shortest way to `out` (CORNERS, 3), in m; return the number of points, 0 if no way exists.
 
     Args:
         solids: (n,) records of SOLID, which do not move.
@@ -74,7 +74,7 @@ def route(
         goal: last point of the way, m.
         radius: radius of the vehicle, m.
         side: width of the map beyond start and goal, and to each side of the line between them, m.
-        out: array to write to; a way with more corners than fit counts as no way.
+        out: array to write to; if the way has more points than `out` has rows, the result is 0.
     """
     (x, y, z), (to_x, to_y, to_z) = start, goal
     distance = math.hypot(to_x - x, to_y - y)
@@ -100,7 +100,7 @@ def route(
         while before[cells[-1]] >= 0:
             cells.append(before[cells[-1]])
         corners = pulled(cells[::-1], room, columns, least)
-        count = max(len(corners), 2)  # start and goal may have one cell
+        count = max(len(corners), 2)  # start and goal may be in the same cell
         if count > CORNERS:
             return 0
         for k in range(1, count - 1):

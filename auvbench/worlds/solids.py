@@ -1,7 +1,7 @@
 """Solids as records, and the functions that make them.
 
-A solid has a kind, a pose, sizes and a constant velocity. Its own axes are three unit vectors in world axes: a capsule and a cylinder
-lie along the third, a plane is normal to it.
+A solid has a kind, a pose, sizes and a constant velocity. A solid's own axes are three unit vectors in world axes. The third vector is
+the axis of a capsule or cylinder, and the normal of a plane.
 """
 
 from __future__ import annotations
@@ -19,23 +19,24 @@ from auvbench.worlds.kinds import BOX, CAPSULE, CYLINDER, PLANE, SPHERE, TERRAIN
 
 SOLID = record(
     kind=np.int64,
-    # m, at time 0: the centre; of a plane, one of its points; of terrain, its vertex (0, 0) at height 0
+    # m, position at time 0: the solid's centre; a point of a plane; the vertex (0, 0) of terrain, at height 0
     position=(3,),
     velocity=(3,),  # m/s
-    along_x=(3,),  # unit vectors of its own axes, in world axes
+    along_x=(3,),  # unit vectors of the solid's own axes, in world axes
     along_y=(3,),
     along_z=(3,),
-    radius=(),  # m, of a sphere, capsule or cylinder
-    # m, half of the sides of a box; the third is half of the length of a capsule's or cylinder's axis
+    radius=(),  # m, radius of a sphere, capsule or cylinder
+    # m, half the sides of a box; for a capsule or cylinder, the third number is half the length of the axis
     half=(3,),
     reach=(),  # m, radius of the sphere around the position that contains the solid
-    first=np.int64,  # of terrain: index of its vertex (0, 0) in the array of heights
+    # The remaining fields describe terrain.
+    first=np.int64,  # index of the vertex (0, 0) in the array of heights
     columns=np.int64,  # vertices along x
     rows=np.int64,  # vertices along y
     spacing=(),  # m between vertices
-    lowest=(),  # m, of its heights
-    highest=(),
-    cosine=(),  # of the angle between its steepest triangle and the horizontal
+    lowest=(),  # m, lowest height
+    highest=(),  # m, highest height
+    cosine=(),  # cosine of the angle between the steepest triangle and the horizontal
 )
 
 STILL = (0.0, 0.0, 0.0)
@@ -74,7 +75,7 @@ def cylinder(
 def box(
     centre: ArrayLike, sides: ArrayLike, axes: ArrayLike | None = None, velocity: ArrayLike = STILL
 ) -> Solids:
-    """Return a box (1,); `axes` (3, 3) has the directions of its sides in m as rows; None: the world's axes."""
+    """Return a box (1,) with `sides` (3,) in m; the rows of `axes` (3, 3) are the sides' directions, by default the world's axes."""
     half = 0.5 * np.asarray(sides, dtype=np.float64)
     return _solid(
         BOX,
@@ -86,7 +87,7 @@ def box(
 
 
 def plane(point: ArrayLike, normal: ArrayLike) -> Solids:
-    """Return a plane (1,) through a point; the side that its normal does not point to is solid."""
+    """Return a plane (1,) through a point; `normal` points to the water, the other side is solid."""
     return _solid(PLANE, point, STILL, _with_third(normal))
 
 
@@ -94,11 +95,11 @@ def terrain(heights: Floats, spacing: float, corner: ArrayLike, yaw: float = 0.0
     """Return a height field (1,): two triangles for each cell of a regular grid, which repeats beyond its edges.
 
     Args:
-        heights: heights (rows, columns) over the corner, m; each row runs along the field's x axis.
+        heights: heights (rows, columns) relative to the corner, m; each row runs along the field's x axis.
         spacing: distance between vertices, m.
         corner: position (3,) of vertex (0, 0) at height 0, m.
         yaw: angle of the field's x axis from east, rad.
-        first: index of its vertex (0, 0) in the array of heights, to which the caller adds `heights.ravel()`.
+        first: index of vertex (0, 0) in the world's array of heights; the caller puts `heights.ravel()` there.
     """
     east, north = np.roll(heights, -1, 1), np.roll(heights, -1, 0)
     opposite = np.roll(east, -1, 0)
@@ -188,13 +189,13 @@ def position_at(s: Record, time: float) -> Vector:
 
 @inline
 def to_solid(s: Record, v: Vector) -> Vector:
-    """Return a vector in a solid's own axes."""
+    """Convert a vector from world axes to a solid's own axes."""
     return dot(triple(s.along_x), v), dot(triple(s.along_y), v), dot(triple(s.along_z), v)
 
 
 @inline
 def to_world(s: Record, v: Vector) -> Vector:
-    """Return a vector, given in a solid's own axes, in world axes."""
+    """Convert a vector from a solid's own axes to world axes."""
     x, y, z = v
     level = add(scale(x, triple(s.along_x)), scale(y, triple(s.along_y)))
     return add(level, scale(z, triple(s.along_z)))

@@ -1,7 +1,7 @@
 """A height field in its own axes: heights at the vertices of a regular grid, two triangles for each cell.
 
-The diagonal of a cell goes from its lower left to its upper right vertex. The grid repeats beyond its edges, so that each
-point has ground below it. Coordinates `u`, `v` are x and y in cells.
+The diagonal of a cell goes from the lower left to the upper right vertex. The grid repeats beyond its edges, so that each
+point has ground below it. Coordinates `u`, `v` are x and y in units of the cell size.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Corners = tuple[float, float, float, float]
 """Heights of the corners of a cell in m: lower left, lower right, upper left, upper right."""
 
 MARGIN = 1e-6
-"""Distance above the highest and below the lowest point within which a ray is followed, m"""
+"""Distance by which the slab that contains all heights is made thicker on each side, m"""
 
 
 @inline
@@ -38,7 +38,7 @@ def corners_of(s: Record, heights: Floats, i: int, j: int) -> Corners:
 
 @inline
 def ground(corners: Corners, u: float, v: float) -> float:
-    """Return the height in m at a point of a cell; u and v are in [0, 1] from its lower left corner."""
+    """Return the height in m at a point of a cell; u and v in [0, 1] are measured from the cell's lower left corner."""
     a, b, c, d = corners
     return a + (b - a) * u + (d - b) * v if u >= v else a + (d - c) * u + (c - a) * v
 
@@ -53,7 +53,7 @@ def boundary(u: float, du: float, i: int) -> float:
 
 @inline
 def between_heights(s: Record, z: float, dz: float, longest: float) -> tuple[float, float]:
-    """Return where a ray enters and leaves the slab between the lowest and the highest point."""
+    """Return the distances along a ray at which the ray enters and leaves the slab between the lowest and the highest point."""
     low, high = s.lowest - MARGIN, s.highest + MARGIN
     if dz == 0.0:
         return 0.0, longest if low <= z <= high else -1.0
@@ -63,10 +63,10 @@ def between_heights(s: Record, z: float, dz: float, longest: float) -> tuple[flo
 
 @inline
 def terrain_range(s: Record, heights: Floats, o: Vector, d: Vector, longest: float) -> float:
-    """Return the distance in m along a ray to the ground, from either side; infinity if it exceeds `longest`, which must be finite.
+    """Return the distance in m along a ray to the ground, from above or below; infinity if no hit is within `longest` (finite).
 
-    The ray goes from cell to cell (Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", Eurographics 1987). Its
-    height over a triangle is linear, so that the signs at both ends of each part show whether the ray crosses the ground.
+    The ray goes from cell to cell (Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", Eurographics 1987). The
+    ray's height above a triangle is linear. The signs of this height at both ends of each part show whether the ray crosses the ground.
     """
     (x, y, z), (dx, dy, dz) = o, d
     u, v, du, dv = x / s.spacing, y / s.spacing, dx / s.spacing, dy / s.spacing
@@ -141,8 +141,9 @@ def upward(corners: Corners, spacing: float, u: float, v: float) -> Vector:
 def terrain_distance(s: Record, heights: Floats, p: Vector, longest: float) -> Signed:
     """Return the signed distance of a point from the ground, negative below it.
 
-    If its absolute value is at least `longest`, the result is a lower bound: the distance along z times the cosine of the steepest
-    slope. The nearest triangle is not farther than the ground along z, so only a square of that half width is searched.
+    The distance along z times the cosine of the steepest slope is a lower bound of the distance. If this bound is at least `longest`,
+    the result is the bound. The nearest triangle is not farther than the distance along z, so the search covers only a square with this
+    distance as half width.
     """
     x, y, z = p
     side = s.spacing

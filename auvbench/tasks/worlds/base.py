@@ -21,7 +21,7 @@ class Episode(NamedTuple):
     goal: Floats  # (3,) m
     key: Key  # key of its draws
     line: Floats | None = None
-    """Path (k, 3) of the task, m; None: the task has no path, or the world does not depend on it"""
+    """Path (k, 3) of the task, m; None: the task has no path, or the world does not depend on the path"""
 
     def draws(self, block: int) -> tuple[float, float, float, float]:
         """Return four random numbers in (0, 1); each `block` has its own numbers."""
@@ -41,21 +41,21 @@ class World:
     most: int = 1
     """Largest number of solids"""
     inside: ClassVar[str] = "inside the bottom"
-    """Where a point outside of the water is, for messages"""
+    """Text of error messages for a point that is not in the water"""
     follows: ClassVar[bool] = False
     """Whether the world depends on the path of the task"""
     heights: Floats = NO_HEIGHTS
-    """Heights of its terrain, m"""
+    """Heights of the world's terrain, m"""
     middle: tuple[float, float] = (0.0, 0.0)
     """x and y in m of a point that the world covers"""
     fingerprint: bytes = b""
-    """Digest that identifies its terrain; empty: the heights identify it"""
+    """Digest that identifies the world's terrain; empty: the heights identify the terrain"""
 
     def __init__(self, settings: Any, depth_low: float, radius: float) -> None:
         self.settings, self.depth_low, self.radius = settings, depth_low, radius
 
     def draw(self, episode: Episode) -> tuple[Solids, Mapping[str, float]]:
-        """Return the solids (k,) of an episode, and the numbers of `fields` by name, which the episode stores.
+        """Return the solids (k,) of an episode, and a number for each name in `fields`, which the episode stores.
 
         Raises:
             ConfigError: the world cannot be drawn.
@@ -63,7 +63,7 @@ class World:
         raise NotImplementedError
 
     def covers(self, point: Floats) -> bool:
-        """Return whether the world is known at a point (3,) in m."""
+        """Return whether the world's data include a point (3,) in m."""
         return True
 
     fields: ClassVar[tuple[str, ...]] = ()
@@ -72,12 +72,12 @@ class World:
     def stand(self, episode: Episode, rises: NDArray[np.float64], highest: float) -> float:
         """Return z in m of a bottom's reference level.
 
-        With `depth`, the level is at that depth. Otherwise the bottom's highest point is `altitude` below start, goal and path.
+        If `depth` is set, the level is at that depth. Otherwise the bottom's highest point is `altitude` below start, goal and path.
 
         Args:
             episode: episode with start and goal.
-            rises: heights (2,) of the mean bottom over the reference level, below start and goal, m.
-            highest: height of the bottom's highest point over the mean bottom, m.
+            rises: heights (2,) of the mean bottom above the reference level, m, at the places of start and goal.
+            highest: height of the bottom's highest point above the mean bottom, m.
         """
         if self.settings.depth is not None:
             return -float(self.settings.depth)

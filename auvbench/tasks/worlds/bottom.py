@@ -18,7 +18,7 @@ from auvbench.worlds.solids import terrain
 
 
 class BottomWorld(World):
-    """Bottom from a grid of heights. Beyond its edges, the grid is mirrored, so that the bottom is everywhere and has no step.
+    """Bottom from a grid of heights. The grid is mirrored beyond its edges, so that the bottom has no end and no step.
 
     Raises:
         ConfigError: the file has no regular grid of heights.
@@ -55,7 +55,7 @@ def grid_of(settings: Bottom) -> grids.Grid:
     """Return the grid of a bottom's file.
 
     Raises:
-        ConfigError: no file is named, it has no regular grid of heights, or it has another SHA-256.
+        ConfigError: the configuration names no file, or the file has no regular grid of heights, or not the configured SHA-256.
     """
     bottom = settings.bottom
     if not bottom.file:
@@ -69,7 +69,7 @@ def grid_of(settings: Bottom) -> grids.Grid:
 
 
 def settled(config: DictConfig, settings: Bottom) -> DictConfig:
-    """Return a composed configuration with the digest of its bottom's file.
+    """Return a composed configuration with the SHA-256 of the bottom's file.
 
     Args:
         config: composed configuration.

@@ -18,14 +18,14 @@ HULL = record(
     first=(),  # m, x of the first sphere's centre in body axes
     spacing=(),  # m between centres along x
     count=np.int64,
-    near=(),  # m, clearance below which time is counted
+    near=(),  # m, clearance below which the time near solids is counted
 )
 
 FIELDS = (
     ("solids", "i8"),  # number of solids in the world
     ("contact", "i8"),  # 1 + index of the solid that the vehicle has hit; 0: none
-    ("clearance", "f8"),  # m, smallest so far
-    ("near_time", "f8"),  # s with a clearance below `near`
+    ("clearance", "f8"),  # m, smallest clearance so far
+    ("near_time", "f8"),  # s, time with a clearance below `near`
 )
 """Fields of an episode in a world with solids"""
 

@@ -17,19 +17,19 @@ from auvbench.worlds.solids import box, cylinder, none, plane, sphere
 MOST = 256
 """Largest number of obstacles"""
 TRIES = 20
-"""Largest number of fields that are drawn in search of one that the vehicle can pass"""
+"""Largest number of fields that are drawn until the vehicle can pass a field"""
 SIZES = 10_000
-"""First block of draws of the obstacles' kinds and heights; smaller blocks draw their places"""
+"""First block of draws of the obstacles' kinds and heights; smaller blocks draw the obstacles' places"""
 MOTIONS = SIZES + MOST
 """First block of draws of the obstacles' motions"""
 
 
 class FieldWorld(World):
-    """Field of obstacles, drawn again until the vehicle can pass between them, as seen from above."""
+    """Field of obstacles. The field is drawn again until, seen from above, the vehicle can pass between the obstacles."""
 
     most = MOST + 1
     inside = "inside an obstacle or the bottom"
-    fields = ("way_ratio", "way_clearance_m")  # of the shortest way from start to goal
+    fields = ("way_ratio", "way_clearance_m")  # numbers of the shortest way from start to goal
 
     def draw(self, episode: Episode) -> tuple[Solids, Mapping[str, float]]:
         s = self.settings
@@ -61,7 +61,7 @@ class FieldWorld(World):
         )
 
     def _move(self, obstacle: Solids, share: float, bearing: float) -> None:
-        """Let an obstacle (1,) move in a horizontal direction if its draw `share` is below the share of moving obstacles."""
+        """Give an obstacle (1,) a horizontal velocity if the draw `share` in (0, 1) is below the fraction of moving obstacles."""
         if share < self.settings.moving:
             angle = 2.0 * math.pi * bearing
             obstacle["velocity"] = (
@@ -71,9 +71,7 @@ class FieldWorld(World):
             )
 
     def _obstacle(self, k: int, disc: Floats, episode: Episode) -> Any:
-        """Return obstacle k (1,): a cylinder from the surface to the depth limit, or a sphere or a box near the depths of start and
-        goal.
-        """
+        """Return obstacle k (1,): a cylinder over all depths, or a sphere or box near the depths of start and goal."""
         kind, height, turn, shape = episode.draws(SIZES + k)
         x, y, radius = disc.tolist()
         along = episode.goal[:2] - episode.start[:2]

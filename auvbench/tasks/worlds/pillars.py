@@ -17,7 +17,7 @@ TRIES = 64
 
 
 class PillarsWorld(World):
-    """Pillars on a circle round the goal. The direction of the first pillar is drawn so that the start is free, unless `turn` gives it."""
+    """Pillars on a circle round the goal. `turn` is the first pillar's direction; by default, it is drawn so that the start is free."""
 
     most = 64
     inside = "inside a pillar"

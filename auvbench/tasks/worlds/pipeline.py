@@ -1,4 +1,4 @@
-"""A pipeline on a rough or flat bottom: below the path of the task or, in tasks without one, from the start to the goal and beyond."""
+"""A pipeline on a rough or flat bottom, below the task's path; in tasks without a path, from the start to the goal and beyond."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ FINE = 0.5
 
 
 class PipelineWorld(RoughWorld):
-    """Pipe on the bottom: a chain of capsules between points of the bottom. Between its points, the pipe spans hollows and cuts
-    into hills.
+    """Pipe on the bottom: a chain of capsules between points of the bottom.
+
+    Between two such points, the pipe is straight: it spans hollows and cuts into hills.
     """
 
     most = 1 + MOST
@@ -73,7 +74,7 @@ class PipelineWorld(RoughWorld):
                 out = end - inner
                 ends.append(end + s.beyond * out / max(float(np.hypot(*out)), 1e-9))
             return np.array([ends[0], *line, ends[1]])
-        # Block 0 draws the bottom.
+        # The course uses block 1, because block 0 draws the bottom.
         phase, size, turn, _ = episode.draws(1)
         way = episode.goal[:2] - episode.start[:2]
         distance = float(np.hypot(*way))

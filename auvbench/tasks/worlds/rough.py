@@ -1,4 +1,4 @@
-"""A fractal bottom: one grid of heights, on which each episode draws a place and a direction."""
+"""A fractal bottom: one grid of heights for all episodes; each episode draws the grid's place and direction."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from auvbench.worlds.solids import laid, terrain
 
 
 class RoughWorld(World):
-    """Fractal bottom. Its grid is drawn with `world.seed`, by default 0."""
+    """Fractal bottom. The seed of its grid is `world.seed`, by default 0."""
 
     def __init__(self, settings: Any, depth_low: float, radius: float) -> None:
         super().__init__(settings, depth_low, radius)

@@ -13,7 +13,7 @@ from auvbench.worlds.solids import plane
 
 
 class SlopeWorld(World):
-    """Plane bottom. The direction of its slope is drawn, unless `direction` gives it."""
+    """Plane bottom. `direction` gives the direction of its slope; without `direction`, each episode draws one."""
 
     def draw(self, episode: Episode) -> tuple[Solids, Mapping[str, float]]:
         s = self.settings

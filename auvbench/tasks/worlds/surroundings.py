@@ -29,7 +29,7 @@ Integers = NDArray[np.int64]
 FAR = 1e6
 """Clearance if no solid is near, m"""
 SIDE = 8.0
-"""Margin round start and goal within which the shortest way is searched, m, in worlds without their own margin"""
+"""Margin round start and goal within which the shortest way is searched, m, for worlds without a key `margin`"""
 WAY = (("way", "f8", (CORNERS, 3)), ("way_corners", "i8"))
 """Fields of an episode whose shortest way is observed: corners in m and their number"""
 
@@ -48,7 +48,7 @@ class Surroundings:
         self.hull = hull_of(config.world, vehicle)
         """Hull of the vehicle, a record (1,) of HULL"""
         kind = resolve(WORLDS[self.settings.name].code)
-        # A way must be wide enough for the vehicle in each direction.
+        # A way must be wide enough for the vehicle at any heading.
         self.radius = float(self.hull["radius"][0] - self.hull["first"][0])
         self.world: World = kind(self.settings, config.task.depth_low, self.radius)
         self.solids = np.zeros((n, self.world.most), SOLID)
@@ -64,7 +64,7 @@ class Surroundings:
 
     @property
     def loops(self) -> tuple[Any, ...]:
-        """Return the last arguments of the loop over steps."""
+        """Return the arguments that a world adds to the loop over steps, after all other arguments."""
         return self.solids, self.heights, self.hull
 
     def draw(self, task: Task, indices: Integers) -> None:
@@ -88,7 +88,7 @@ class Surroundings:
                 self._find_way(i, e, episode)
 
     def _find_way(self, i: int, e: Any, episode: Episode) -> None:
-        """Write the shortest way of an episode with solids to its fields.
+        """Write the shortest way of an episode with solids to the episode's fields.
 
         Raises:
             ConfigError: no way leads to the goal.
@@ -141,14 +141,12 @@ class Surroundings:
         return bool(getattr(self.settings, "moving", 0.0) > 0.0)
 
     def outlines(self, i: int, count: int, low: Floats, high: Floats, time: float) -> Floats:
-        """Return segments (k, 2, 3) in m that draw the solids of episode i, `time` s after its start, inside a box with the corners `low`
-        and `high`.
-        """
+        """Return segments (k, 2, 3) in m that draw episode i's solids `time` s after its start, in a box with corners `low` and `high`."""
         return outlines(self.solids[i, :count], self.heights, low, high, time)
 
     def name(self, i: int, count: int) -> str:
         """Return the name of the world of episode i: two worlds with the same solids have the same name."""
-        # Rounded to a nanometre: the last bit may differ between machines.
+        # Rounded to a nanometre, because the last bit may differ between machines.
         columns = [
             np.round(np.asarray(self.solids[i, :count][name], float), 9) + 0.0 for name in SOLID.names or ()
         ]
@@ -157,7 +155,7 @@ class Surroundings:
         return f"{self.settings.name}-{digest.hexdigest()[:8]}"
 
     def columns(self, e: Any, i: int) -> dict[str, Any]:
-        """Return the columns that the world adds to the record of episode i, which has ended; `e` is the episode."""
+        """Return the columns that the world adds to the record of episode i after its end; `e` is the row of the episode."""
         hit = self.solids[i, e.contact - 1]["kind"] if e.contact else None
         return {
             "world": self.name(i, int(e.solids)),
@@ -173,7 +171,7 @@ class Surroundings:
 
 
 def hull_of(world: Solid, vehicle: VehicleModel) -> Any:
-    """Return the hull of a vehicle (1,), a record of HULL: spheres in a row along its x axis."""
+    """Return the hull of a vehicle as a record (1,) of HULL: spheres in a row along the vehicle's x axis."""
     radius, length = vehicle.hull if world.vehicle_radius is None else (world.vehicle_radius, 0.0)
     count = 1 + int(np.ceil(length / radius))
     hull = np.zeros(1, HULL)
