@@ -56,7 +56,7 @@ def correct_depth(d: Record, p: Record) -> None:
 
 @row
 def correct_heading(d: Record, p: Record) -> None:
-    """Turn the estimated yaw towards the compass's heading, by the share of the error that the time constant allows."""
+    """Turn the estimated yaw towards the compass's heading, by the fraction of the error that follows from the time constant."""
     share = 1.0 - math.exp(-1.0 / (p.heading_rate * p.settling))
     way = turn((0.0, 0.0, share * wrap(d.heading - d.predicted_heading)))
     put_attitude(d.attitude, multiply(way, attitude_of(d.attitude)))

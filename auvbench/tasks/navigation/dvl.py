@@ -1,4 +1,4 @@
-"""DVL: four beams to the bottom, at least three of which must return. Otherwise it may measure relative to a layer of the water.
+"""DVL: four beams to the bottom, at least three of which must return. With water track, it can measure the water instead.
 
 Beam i points along b_i = (sin t cos a_i, sin t sin a_i, -cos t), with the tilt t and azimuths a_i of 45, 135, 225 and 315 degrees, in
 body axes (forward, port, up). It measures b_i . (v + w x l). The velocity is the least-squares solution of the valid beams, so that with
@@ -6,7 +6,7 @@ four beams its standard deviations are s / (sqrt(2) sin t) along x and y and s /
 
 Water track has the same geometry: a beam measures b_i . (v - c + w x l), with the current c in the middle of the layer. A beam is valid
 only if it meets no solid before the far end of the layer (Water Linked's DVL A50: 1.5 to 4.5 m below the DVL, at 2 Hz). Each ping without
-bottom lock measures the water; a real A50 measures one or the other, as its computer commands. Left out: this command, the change of the
+bottom lock measures the water; a real A50 measures bottom or water, as its computer commands. Left out: this command, the change of the
 current and the motion of waves within the layer, the bias that a bottom beyond the layer may cause, and water with too few scatterers.
 Bursts interrupt only the bottom lock.
 """
@@ -52,8 +52,9 @@ def beam(p: Record, i: int) -> Vector:
 
 @row
 def beam_sd(d: Record, p: Record) -> float:
-    """Return the standard deviation of a beam in m/s. The figure of merit is the standard deviation of a horizontal velocity from
-    four beams.
+    """Return the standard deviation of a beam's velocity in m/s.
+
+    The figure of merit is the standard deviation of a horizontal velocity from four beams.
     """
     return float(d.merit * math.sqrt(2.0) * p.dvl_sine)
 
@@ -141,7 +142,7 @@ def through_water(d: Record) -> Vector:
 
 @row
 def relative(d: Record) -> Vector:
-    """Return the estimate's velocity in m/s, world axes, relative to what the last ping measured: bottom or water."""
+    """Return the estimate's velocity in m/s, world axes, relative to the bottom or the water, whichever the last ping measured."""
     return through_water(d) if d.on_water > 0 else triple(d.velocity)
 
 
@@ -161,7 +162,7 @@ def with_errors(d: Record, velocity: Vector) -> Vector:
 
 @row
 def is_clear(p: Record, solids: Any, heights: Any, time: float, origin: Vector, way: Vector) -> bool:
-    """Return whether a beam meets no solid before the far end of the layer of water; see `height_along` for the arguments."""
+    """Return whether a beam meets no solid before the far end of the water layer; for the arguments, see `height_along`."""
     end = p.dvl_water_far / p.dvl_cosine
     distance, _ = first_hit(solids, heights, time, origin, way, end + 1.0)
     return bool(distance > end)
@@ -185,10 +186,10 @@ def sense_water(
 
 @called
 def sense(e: Record, d: Record, p: Record, stream: int, solids: Any, heights: Any, water: Record) -> None:
-    """Ping: measure the beams' velocities and the DVL's velocity over the bottom. Without bottom lock, a DVL with water track measures them
-    relative to the water.
+    """Ping: measure the beams' velocities and the DVL's velocity.
 
-    `water` is the current as `Simulator.set_current` stores it.
+    The velocities are relative to the bottom or, for a DVL with water track and without bottom lock, to the water. `water` is the
+    current as `Simulator.set_current` stores it.
     """
     rotation = rotation_matrix(attitude_of(d.true_attitude))
     lever = triple(p.dvl_lever)

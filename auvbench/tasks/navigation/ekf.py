@@ -7,10 +7,9 @@ position exactly ("stochastic cloning": Roumeliotis and Burdick, ICRA 2002). A m
 
 Biases are modelled as random walks. The estimate moves with each IMU sample; the covariance moves when a reading arrives and at the end of
 an agent step. Updates are scalar, in Joseph's form. Other errors that last an episode (iron, density, alignment) are not states: they
-enlarge the standard deviation of each reading, as if they were independent at each reading. After many rejected readings of a
-sensor in a row, the
-filter accepts its readings until one passes the gate, as ArduPilot's EKF3 does after a time-out. Model, modem and water track are
-exceptions.
+enlarge the standard deviation of each reading, as if they were independent at each reading. After many rejected readings of a sensor in a
+row, the filter accepts all readings of this sensor until a reading passes the gate, as ArduPilot's EKF3 does after a time-out. For model,
+modem and water track, the filter never does this.
 """
 
 from __future__ import annotations
@@ -67,7 +66,7 @@ class Work(NamedTuple):
     gain: Floats  # (s,)
     shared: Floats  # (s,) P times the derivatives
     change: Floats  # (s,) change of the states
-    innovation: Floats  # (3, s), covariance of a position's innovation in the first columns
+    innovation: Floats  # (3, s); the first three columns are the covariance of a position's innovation
 
 
 @row
@@ -91,7 +90,7 @@ def begin(P: Floats, p: Record) -> None:
         P[j, j] = p.model_current**2
     if p.scale_state > 0:
         P[p.scale_state, p.scale_state] = p.dvl_scale**2
-    if p.bias_state > 0:  # The constant error is part of the first yaw, too.
+    if p.bias_state > 0:  # The compass's constant error is also an error of the first yaw.
         k, north, variance = p.bias_state, ATTITUDE + 2, p.heading_bias**2
         P[k, k] = variance
         P[k, north] = P[north, k] = -variance
@@ -158,7 +157,7 @@ def three(P: Floats, i: int, j: int) -> Vector:
 
 @called
 def propagate(d: Record, p: Record, P: Floats) -> None:
-    """Move the covariance over the time since the last propagation: P = F P F^T + Q."""
+    """Propagate the covariance over the time since the last propagation: P = F P F^T + Q."""
     T = d.elapsed
     if T <= 0.0:
         return
@@ -167,7 +166,7 @@ def propagate(d: Record, p: Record, P: Floats) -> None:
         x, v, a = three(P, 0, j), three(P, VELOCITY, j), three(P, ATTITUDE, j)
         errors = carried(T, R, C, x, v, a, three(P, ACCELERATION_BIAS, j), three(P, RATE_BIAS, j))
         (P[0, j], P[1, j], P[2, j]), (P[3, j], P[4, j], P[5, j]), (P[6, j], P[7, j], P[8, j]) = errors
-    for i in range(MOVING):  # (F P) F^T: its columns of the biases equal the columns of F P
+    for i in range(MOVING):  # (F P) F^T; the columns of the biases are the same as in F P
         row = P[i]
         x, v, a = (row[0], row[1], row[2]), (row[3], row[4], row[5]), (row[6], row[7], row[8])
         errors = carried(T, R, C, x, v, a, (row[9], row[10], row[11]), (row[12], row[13], row[14]))
@@ -231,10 +230,10 @@ def update(
         work: its `change` gets the change of the states.
         sensor: DVL, DEPTH, HEADING, MODEL, GNSS, MODEM or WATER.
         part: axis or beam of a reading of DVL, MODEL, GNSS or WATER, which the gate judges separately; 0 for other sensors.
-        innovation: reading less prediction.
+        innovation: reading minus prediction.
         sd: standard deviation of the reading.
         first: first state that the reading depends on.
-        stop: state after the last one.
+        stop: index after the last state that the reading depends on.
     """
     noise, y = (p.inflation * sd) ** 2, innovation
     for j in range(first, stop):
@@ -246,11 +245,11 @@ def update(
     gated = sensor * PARTS + part
     if nis <= p.gate:
         d.rejected[gated] = 0
-    # The readings of these three are never accepted by force: a sheet, a beacon or the current may stay wrong.
+    # Readings of these three sensors that fail the gate are never accepted: a sheet, a beacon or the current may stay wrong.
     elif sensor in (MODEL, MODEM, WATER) or d.rejected[gated] < GATED:
         d.rejected[gated] += 1
         return False
-    else:  # The covariance is wrong. The states of the reading get the innovation as uncertainty; other states keep theirs.
+    else:  # The covariance is wrong. The reading's states get the innovation as uncertainty; other states keep their uncertainty.
         for j in range(first, min(first + 3, stop)):
             P[j, :] = 0.0
             P[:, j] = 0.0
@@ -280,7 +279,7 @@ def absorb(P: Floats, work: Work, y: float, s: float) -> None:
 
 @called
 def inject(d: Record, p: Record, P: Floats, work: Work) -> None:
-    """Add the change of the states to the estimate, and turn the covariance with it (Sola, eq. 314)."""
+    """Add the change of the states to the estimate, and rotate the covariance of the attitude error with it (Sola, eq. 314)."""
     x = work.change
     put(d.position, add(triple(d.position), (x[0], x[1], x[2])))
     put(d.velocity, add(triple(d.velocity), (x[3], x[4], x[5])))
@@ -317,10 +316,10 @@ def put_row(work: Work, first: int, vector: Vector) -> None:
 
 @row
 def velocity_row(d: Record, p: Record, way: Vector, work: Work) -> None:
-    """Write the derivatives of the velocity at the DVL along a direction in body axes: h = (1 + k) way . (R^T v + w x l), with v - c
-    instead of v if the last ping was to the water.
+    """Write the derivatives of the velocity at the DVL along a direction in body axes.
 
-    The rates w are the measured rates less the gyro bias, so that the column of the gyro bias is [l]x.
+    This velocity is h = (1 + k) way . (R^T v + w x l), with v - c instead of v if the last ping measured the water. The rates w are the
+    measured rates minus the gyro bias, so that the column of the gyro bias is [l]x.
     """
     seen = scale(1.0 + d.scale, way)
     x, y, _ = along = product(rotation_matrix(attitude_of(d.attitude)), seen)
@@ -336,7 +335,7 @@ def velocity_row(d: Record, p: Record, way: Vector, work: Work) -> None:
 
 @row
 def heading_row(d: Record, p: Record, work: Work) -> float:
-    """Write the derivatives of the compass's heading; return the squared cosine of the pitch. Near 0, the heading is not defined."""
+    """Write the derivatives of the compass's heading; return the squared cosine of the pitch, near 0 if the heading is undefined."""
     R = rotation_matrix(attitude_of(d.attitude))
     x, y, z = R[0][0], R[1][0], R[2][0]
     level = x * x + y * y
@@ -350,7 +349,7 @@ def heading_row(d: Record, p: Record, work: Work) -> float:
 
 @called
 def correct_velocity(d: Record, p: Record, P: Floats, work: Work) -> None:
-    """Correct the estimate by the DVL's last ping: by its velocity, or by its beams if only three are valid."""
+    """Correct the estimate by the DVL's last ping: by the velocity, or by the valid beams if only three beams are valid."""
     propagate(d, p, P)
     error = subtract(triple(d.dvl_velocity), triple(d.predicted_velocity))
     work.change[:] = 0.0
@@ -407,7 +406,7 @@ def correct_heading(d: Record, p: Record, P: Floats, work: Work) -> None:
 
 @called
 def remember(d: Record, p: Record, P: Floats, k: int) -> None:
-    """Copy the present position's covariance to the position at a USBL's last ping or a beacon's last message, which begins at state k."""
+    """Copy the covariance of the present position to the position at a USBL's last ping or a beacon's last message, states k to k + 2."""
     propagate(d, p, P)
     for j in range(P.shape[0]):
         P[k, j], P[k + 1, j], P[k + 2, j] = three(P, 0, j)
@@ -417,16 +416,16 @@ def remember(d: Record, p: Record, P: Floats, k: int) -> None:
 
 @row
 def put_sight(p: Record, way: Vector, work: Work) -> None:
-    """Write the derivatives of the position at the ping, along a direction."""
+    """Write the derivatives of the position at the ping along a direction."""
     work.slope[:] = 0.0
     put_row(work, p.ping_state, way)
 
 
 @called
 def correct_fix(d: Record, p: Record, P: Floats, work: Work) -> None:
-    """Correct the estimate by the USBL's position: by its range, and by its directions across the estimated line of sight.
+    """Correct the estimate by the USBL's position: by the range and by both components perpendicular to the line of sight.
 
-    The gate judges range and directions together.
+    The gate judges the range and the two components together.
     """
     propagate(d, p, P)
     k, boat = p.ping_state, triple(p.usbl_position)

@@ -164,7 +164,7 @@ class Watched:
     """A simulator that lets navigation sensors measure during each of its steps.
 
     Args:
-        simulator: wrapped simulator; all attributes except `step` are its own.
+        simulator: wrapped simulator; the wrapper has the same attributes except `step`.
         navigation: sensors, which measure each interval of a step.
     """
 
@@ -172,7 +172,7 @@ class Watched:
         self.simulator, self.navigation = simulator, navigation
 
     def __getattr__(self, name: str) -> Any:
-        if name == "simulator":  # while a copy is made
+        if name == "simulator":  # the attribute is missing while a copy is made
             raise AttributeError(name)
         return getattr(self.simulator, name)
 

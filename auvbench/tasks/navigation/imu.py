@@ -1,8 +1,8 @@
 """IMU: means of specific force and angular rates over each interval, with white noise and a bias.
 
 The bias is a constant of the episode plus a first-order Gauss-Markov process, which moves once per agent step by its exact discretisation.
-An IMU with coning and sculling compensation gives such means: without errors, their sum over the intervals is the motion. The rotation of
-the Earth is left out.
+An IMU with coning and sculling compensation gives such means: without sensor errors, the motion follows exactly from them. The rotation
+of the Earth is left out.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 @row
 def begin(e: Record, d: Record, p: Record, stream: int) -> None:
-    """Draw the constant biases; the processes begin at 0."""
+    """Draw the constant biases; the Gauss-Markov processes start at 0."""
     a, b, c, x = normals(e, d, stream, 13)
     y, z, _, _ = normals(e, d, stream, 14)
     put(d.turn_on_acceleration, scale(p.accelerometer_turn_on, (a, b, c)))
@@ -35,10 +35,9 @@ def begin(e: Record, d: Record, p: Record, stream: int) -> None:
 
 @row
 def decayed(walk: float, tau: float, seconds: float) -> tuple[float, float]:
-    """Return the factor by which a Gauss-Markov process decays in `seconds`, and the standard deviation of the noise that is added
-    meanwhile.
+    """Return a Gauss-Markov process's decay factor over `seconds`, and the standard deviation of the noise added in this time.
 
-    `walk` is the driving density: the stationary standard deviation is walk sqrt(tau / 2).
+    `walk` is the density of the driving noise: the stationary standard deviation is walk sqrt(tau / 2).
     """
     phi = math.exp(-seconds / tau)
     return phi, walk * math.sqrt(0.5 * tau * (1.0 - phi * phi))
@@ -65,7 +64,7 @@ def moved(
 
     Args:
         before: attitude at the start of the interval.
-        after: attitude at its end.
+        after: attitude at the end of the interval.
         gained: change of the velocity in world axes, m/s.
         gravity: acceleration of gravity, m/s2.
         seconds: length of the interval.

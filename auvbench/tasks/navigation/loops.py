@@ -47,7 +47,7 @@ Integers = NDArray[np.int64]
 Shown: TypeAlias = tuple[Floats, Floats, Floats]
 """Arrays (n, 3) that blocks of the estimate read, in the order of `records.BELIEF`"""
 Sea: TypeAlias = tuple[Any, ...]
-"""Components, rays and time of `dynamics.waves.Waves`: for all vehicles, or the rays of a block of vehicles and the time of one of them"""
+"""Components, rays and time of `dynamics.waves.Waves` for all vehicles; for one vehicle, the rays of its block and its time"""
 
 FASTEST = 50.0
 """Largest speeds of a usable estimate, m/s and rad/s (`blocks.FASTEST`)"""
@@ -282,15 +282,16 @@ def sample_rows(
             episodes[i], states[i], p, covariances[i], work, stream, true_pose[i], true_velocity[i],
             solids[i, : counts[i]], heights, water[i], power[i], (components, rays[i // LANES], times[i]), i % LANES, seconds,
         )  # fmt: skip
-    memory[:] = 0.0  # numba frees an array after its last use, and does not count the use of borrowed views
+    memory[:] = 0.0  # keeps `memory` alive: numba frees an array after its last use and ignores borrowed views
 
 
 @compiled("dynamics", "worlds", "tasks", ".")
 def range_rows(
     first: int, stop: int, episodes: Any, states: Any, parameters: Any, covariances: Floats, stream: int
 ) -> None:
-    """In the teams of rows first .. stop - 1, measure ranges to beacons whose turn begins now, and correct the estimates by messages that
-    arrive now. Call `sample_rows` first, which moves the estimates.
+    """Measure ranges to beacons whose turn begins now, and correct the estimates by messages that arrive now.
+
+    The rows first .. stop - 1 are whole teams. Call `sample_rows` first, which moves the estimates.
     """
     p, memory = parameters[0], np.zeros((ekf.WORK, covariances.shape[1]))
     work, covariances = ekf.work_in(borrowed(memory)), borrowed(covariances)

@@ -1,9 +1,10 @@
 """Use the vehicle's sheet as a sensor of the velocity through the water, which works without bottom lock of the DVL.
 
-The sheet's equations of motion are integrated with the agent's commands. They take attitude and rates from the estimate, but have a
-velocity of their own, so that its errors are independent of the errors of the estimate (Hegrenaes and Hallingstad, "Model-aided INS with
-sea current estimation for robust underwater navigation", IEEE Journal of Oceanic Engineering 36, 2011). A DVL measures the velocity over
-ground, and the sheet gives the velocity through the water. Their difference is the current, which is two states of the filter.
+The sheet's equations of motion are integrated with the agent's commands. The equations take attitude and rates from the estimate but
+integrate their own velocity, so that the errors of this velocity are independent of the errors of the estimate (Hegrenaes and Hallingstad,
+"Model-aided INS with sea current estimation for robust underwater navigation", IEEE Journal of Oceanic Engineering 36, 2011). A DVL
+measures the velocity over ground, and the sheet gives the velocity through the water. The difference of the two velocities is the current,
+which is two states of the filter.
 """
 
 from __future__ import annotations
@@ -82,7 +83,7 @@ def put_derivatives(d: Record, way: Vector, work: ekf.Work) -> None:
 
 @called
 def correct(d: Record, p: Record, P: Floats, work: ekf.Work, velocity: Vector) -> None:
-    """Correct the estimate by the sheet's velocity in m/s, body axes, if it is due."""
+    """Correct the estimate by the sheet's velocity in m/s, body axes, if a correction is due."""
     if not is_due(d, MODEL):
         return
     d.due[MODEL] = d.time + 1.0 / p.model_rate

@@ -1,14 +1,13 @@
 """Acoustic modem: ranges to the beacons of a team, which are vehicles that send their estimated position (docs/navigation.md).
 
 The receiver measures the one-way travel time of a message; clocks are synchronous. The message contains the sender's estimated position at
-the time of sending, and the covariance of this position. It arrives after the transmission time and the travel time of the sound.
-The range therefore
-belongs to a past position of the receiver, which is a state of the filter, as for a USBL.
+the time of sending, and the covariance of this position. The message arrives after the transmission time and the travel time of the sound.
+The range therefore belongs to a past position of the receiver, which is a state of the filter, as for a USBL.
 
-A beacon's position error lasts, so that a second range adds little information. The filter models this error as a first-order
-autoregressive process with a correlation time. It multiplies the stated variance by the number of messages that have as much information
-as one independent message (Bayley and Hammersley, "The effective number of independent observations in an autocorrelated time series", JRSS
-Supplement 8, 1946). Beacons do not use ranges, so that no information returns to its source and is counted twice.
+A beacon's position error persists, so that a second range adds little information. The filter models this error as a first-order
+autoregressive process with a correlation time. The filter multiplies the stated variance by the number of messages that together have as
+much information as one independent message (Bayley and Hammersley, "The effective number of independent observations in an autocorrelated
+time series", JRSS Supplement 8, 1946). Beacons do not use ranges, so that no information returns to its source and is counted twice.
 """
 
 from __future__ import annotations
@@ -53,8 +52,9 @@ def next_speaker(d: Record, p: Record) -> int:
 
 @row
 def hears(e: Record, d: Record, p: Record, stream: int) -> bool:
-    """Return whether the vehicle uses the message of the turn that has begun: a beacon sends it, the vehicle is not a beacon, and it
-    receives the message.
+    """Return whether the vehicle uses the message of the present turn.
+
+    The vehicle uses the message if a beacon sends it and the vehicle receives it and is not itself a beacon.
     """
     from_beacon = d.speaker < p.beacons and e.environment // VEHICLE >= p.beacons
     return bool(from_beacon and not misses(e, p, d.speaker, d.turn - 1, stream))
@@ -101,7 +101,7 @@ def along(S: Floats, k: int, way: Vector) -> float:
 
 @row
 def bend(total: float, radial: float, r: float) -> float:
-    """Return the root mean square (m) of the second-order term of a range, c^2 / 2r for an error c across the line of sight.
+    """Return the root mean square (m) of a range's second-order term, c^2 / 2r for an error c perpendicular to the line of sight.
 
     Args:
         total: trace of the covariance of the relative position, m2.
@@ -114,7 +114,7 @@ def bend(total: float, radial: float, r: float) -> float:
 
 @row
 def independent(d: Record, p: Record) -> float:
-    """Return how many messages of the beacon have as much information about its position as one independent message."""
+    """Return how many messages of a beacon have as much information about the beacon's position as one independent message."""
     last = d.beacon_sent[d.speaker]
     kept = math.exp((last - d.sent) / p.modem_memory) if last >= 0.0 else 0.0
     return (1.0 + kept) / (1.0 - kept)

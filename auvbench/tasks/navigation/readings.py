@@ -29,11 +29,10 @@ class Reading:
 
 
 def readings(navigation: Navigation, i: int) -> dict[str, Reading]:
-    """Return the last readings of environment i by sensor. A sensor is left out if it has no reading yet or its next reading is under way.
+    """Return the last readings of environment i by sensor, except for sensors without a reading or with a reading under way.
 
-    Each covariance includes the errors that last an episode, even if they are states of auvbench's filter, and not the filter's
-    `inflation`.
-    A velocity relative to the water is left out, so that no program mistakes it for a velocity over ground.
+    Each covariance includes the errors that last an episode, even if these errors are states of auvbench's filter. It does not include
+    the filter's `inflation`. A velocity relative to the water is left out, so that no program mistakes it for a velocity over ground.
 
     Returns:
         `imu`: specific force in m/s2 and rates in rad/s; `dvl`: velocity in m/s, body axes, at the DVL; `depth`: height in m;
@@ -86,7 +85,7 @@ def _of_velocity(d: Any, p: Any) -> Floats:
     level = math.sqrt(0.5) * p.dvl_sine
     signs = np.array([(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)])
     beams = np.column_stack([level * signs, np.full(BEAMS, -p.dvl_cosine)])[np.array(d.valid) > 0]
-    if len(beams) < 3:  # The last ping gave no velocity; the reading is an earlier one.
+    if len(beams) < 3:  # The last ping gave no velocity, so the reading is from an earlier ping.
         beams = np.column_stack([level * signs, np.full(BEAMS, -p.dvl_cosine)])
     beam_sd = d.merit * math.sqrt(2.0) * p.dvl_sine
     slow = (p.dvl_scale**2 + p.dvl_mounting**2) * float(np.dot(d.dvl_velocity, d.dvl_velocity))

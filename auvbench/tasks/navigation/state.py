@@ -1,4 +1,4 @@
-"""Define the fields in which an episode stores its sensors and its estimate, and the parameters of both."""
+"""Define the fields that store the sensors and the estimate of an episode, and the parameters of sensors and estimator."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ DVL, DEPTH, HEADING, MODEL, USBL, GNSS, MODEM, WATER = 0, 1, 2, 3, 4, 5, 6, 7
 """Index of a sensor in `due`, `arrives`, `stamp`, `nis` and so on. WATER is the DVL's water track: its pings are due and arrive
 with the DVL's pings."""
 SOON = 1e-6
-"""Tolerance of times, s: a measurement that is due this soon is due now"""
+"""Tolerance of times, s: a measurement that is due within this time is due now"""
 NEVER = 1e300
 """Arrival time of a sensor that has no reading under way, s"""
 
@@ -63,7 +63,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("beam_velocity", "f8", _Q),  # m/s, measured
     ("dvl_velocity", "f8", _V),  # m/s, measured, body axes at the DVL
     ("predicted_velocity", "f8", _V),  # m/s, velocity that the estimate predicts for the last ping
-    ("altitude", "f8"),  # m, measured; 0: none
+    ("altitude", "f8"),  # m, measured altitude; 0: no altitude measured
     # Depth and heading
     ("depth_scale", "f8"),
     ("depth_offset", "f8"),  # m
@@ -93,17 +93,17 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("speaker", "i8"),  # index in the team of the vehicle that speaks in the last turn
     ("sent", "f8"),  # s, sending time of the last message that is heard from a beacon
     ("measured_range", "f8"),  # m
-    ("range_position", "f8", _V),  # m, present estimate of the own position at that time
-    ("beacon", "f8", _V),  # m, the beacon's estimate of its own position at that time
+    ("range_position", "f8", _V),  # m, present estimate of the receiver's position at the sending time
+    ("beacon", "f8", _V),  # m, the beacon's estimate of the beacon's position at the sending time
     ("stated", "f8", (3, 3)),  # m2, covariance of the beacon's estimate
     ("beacon_sent", "f8", (MOST,)),  # s, sending time of the last range to each beacon; -1: none
     # Values of each sensor
     ("due", "f8", _S),  # s, time of the next measurement
     ("arrives", "f8", _S),  # s, arrival time of the reading under way
     ("stamp", "f8", _S),  # s, measuring time of the last valid reading that arrived
-    ("rejected", "i8", (32,)),  # number of readings in a row that failed the gate; four parts of each sensor
+    ("rejected", "i8", (32,)),  # number of readings in a row that failed the gate; four counters for each sensor
     ("nis", "f8", _S),  # sum of normalised innovations squared
-    ("innovations", "f8", _S),  # number of these innovations
+    ("innovations", "f8", _S),  # number of innovations in `nis`
     # Estimate
     ("position", "f8", _V),
     ("velocity", "f8", _V),  # m/s, world axes
@@ -190,7 +190,7 @@ def parameters(config: schema.TrainConfig, gravity: float) -> dict[str, Any]:
         "dvl_lever": [0.0] * 3 if dvl is None else dvl.lever,
         "dvl_altitudes": [0.0] * pings if dvl is None else dvl.altitudes,
         "dvl_periods": [1.0] * pings if dvl is None else [1.0 / rate for rate in dvl.rates],
-        "dvl_sine": 0.0 if dvl is None else math.sin(dvl.tilt),  # of a beam's tilt
+        "dvl_sine": 0.0 if dvl is None else math.sin(dvl.tilt),  # sine of a beam's tilt
         "dvl_cosine": 1.0 if dvl is None else math.cos(dvl.tilt),
         "dvl_flattest": 0.0 if dvl is None else math.cos(dvl.incidence),
         **{f"dvl_{name}": 0.0 if dvl is None else float(getattr(dvl, name)) for name in _DVL},

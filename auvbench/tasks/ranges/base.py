@@ -1,7 +1,7 @@
-"""Base class of range sensors: a function of one episode, and the sensor's state in this episode.
+"""Base class of range sensors: a function for one episode, and the sensor's state in this episode.
 
-A sensor measures the solids from the true pose at the end of an agent step or, with delayed measurements, from the delayed pose. It changes
-its state once for each step of the episode, so that observing again changes nothing.
+A sensor measures the solids from the true pose at the end of an agent step or, with delayed measurements, from the delayed pose. The
+sensor changes its state once in each step of the episode, so that a second observation of the same step is equal to the first.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from auvbench.worlds.casting import nearest_along
 Floats = NDArray[np.float64]
 
 NOW = 1e-9
-"""Tolerance of times, as a share of a period: a ping that is due this soon is due now"""
+"""Tolerance of times, as a fraction of a period: a ping that is due within this time is due now"""
 
 
 class Scene(NamedTuple):
@@ -34,11 +34,11 @@ class Scene(NamedTuple):
 
     solids: Any  # (most,) records, the first `n_solids` exist
     n_solids: int
-    heights: Any  # m, of terrain
+    heights: Any  # heights of terrain, m
     time: float  # s since the start of the episode
     position: Vector  # m, world axes
-    rotation: Matrix  # from body to world axes
-    stream: int  # flag of the streams of random numbers
+    rotation: Matrix  # rotation from body to world axes
+    stream: int  # flag of the random streams: TEST, VALIDATION or 0
 
 
 @row
@@ -50,7 +50,7 @@ def scene(solids: Any, n_solids: int, heights: Any, time: float, pose: Any, stre
 
 @row
 def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: int, longest: float) -> float:
-    """Return the distance in m of the nearest echo of some rays, or `longest`.
+    """Return the distance in m of the nearest echo along several rays; `longest` if no surface is nearer.
 
     Args:
         scene: solids and the vehicle's pose.
@@ -67,7 +67,7 @@ def distance_along(scene: Scene, rotation: Matrix, rays: Any, first: int, stop: 
 
 @row
 def draws(e: Record, p: Record, stream: int, block: int) -> tuple[float, float, float, float]:
-    """Return four draws in (0, 1) of a sensor in this step; each `block` has its own draws."""
+    """Return four random numbers in (0, 1) for a sensor in this step; each `block` has its own numbers."""
     return uniform4(e.seed, RANGE | stream, p.channel + block, e.steps, e.episode, e.environment)
 
 
@@ -158,7 +158,7 @@ class RangeSensor:
         """Directions (k, 3) of the rays, unit vectors in body axes"""
         self.state = records.state(n, (*self.fields, ("step", "i8")), owner)
         """State (n,) of the sensor in each episode"""
-        # Not a field of the records: each shape of a record's fields needs its own compiled code.
+        # `memory` is not a field of the records, because each shape of a record's fields needs its own compiled code.
         self.memory: Floats = np.zeros((n, size * (1 + slots)))
         """Present measurement of each episode, followed by the delayed measurements (`keep`)"""
 
@@ -167,7 +167,7 @@ class RangeSensor:
         raise NotImplementedError
 
     def size(self) -> int:
-        """Return the number of values of a measurement that an episode stores; 0: none."""
+        """Return the number of values of a measurement that an episode stores; 0: it stores no measurement."""
         return 0
 
     def more(self) -> dict[str, Any]:

@@ -43,7 +43,7 @@ UNSURE_SHARE = 0.94 - SURE_SHARE
 UNSURE_JUMPS = (1.0 - SURE_JUMPS * SURE_SHARE) / UNSURE_SHARE
 
 INNER, OUTER = 6, 12
-"""Number of rays at half of the cone's half angle, and at its whole half angle"""
+"""Number of rays on the ring at half of the cone's half angle, and on the ring at the whole half angle"""
 
 
 @row

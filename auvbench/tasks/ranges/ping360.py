@@ -46,7 +46,7 @@ def turned(rotation: Matrix, yaw: float) -> Matrix:
 
 @row
 def beam_of(count: int, p: Record) -> int:
-    """Return the index in the scan of beam number `count` of the episode."""
+    """Return the index in the scan, 0 .. beams - 1, of the beam that is sent as number `count` of the episode."""
     if p.to_and_fro == 0:
         return int(count % p.beams)
     place = count % (2 * p.beams)
@@ -67,7 +67,7 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
         if e.steps == 0:
             memory[:] = 0.0
             d.sector = -1
-        # Earlier beams would be overwritten.
+        # Beams before these are not needed: later beams of the same sectors overwrite them.
         for count in range(max(done, last - 2 * p.beams), last):
             beam = beam_of(count, p)
             sector = beam * p.sectors // p.beams
@@ -87,7 +87,7 @@ class ScanningSonar(RangeSensor):
     """Scanning sonar whose beam is one ray wide and several rays high."""
 
     sense = staticmethod(sense)
-    fields = (("sector", "i8"),)  # sector of the last beam; -1: none
+    fields = (("sector", "i8"),)  # sector of the last beam; -1: no beam yet
 
     def directions(self) -> Floats:
         elevations = spread(self.settings.beam, RAYS)

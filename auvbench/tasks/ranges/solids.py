@@ -19,7 +19,7 @@ from auvbench.worlds.kinds import PLANE
 
 @row
 def level(scene: Scene, v: tuple[float, float, float], out: Any) -> None:
-    """Write a vector that is given in world axes in levelled body axes, which have only the yaw of the body."""
+    """Convert a vector from world axes to levelled body axes, which have only the body's yaw, and write it to `out`."""
     c, s = scene.rotation[0][0], scene.rotation[1][0]
     size = (c * c + s * s) ** 0.5
     if size > 0.0:
