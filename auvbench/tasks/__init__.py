@@ -1,1 +1,1 @@
-"""Tasks: scenario, observation, reward and ends of an episode, and disturbances."""
+"""Tasks: scenarios, observations, rewards, outcomes and disturbances of episodes."""

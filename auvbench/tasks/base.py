@@ -52,8 +52,8 @@ _TAKEN = (
 )
 """Attributes of every task that `Task._take` creates; a pickled task does not contain them"""
 GUARDED = ("draw_rows", "step_rows", "own_metrics", "records")
-"""Methods that `installed.guard` replaces if a package provides the task or the reward. If a package provides a block, it replaces
-`observe`.
+"""Methods that `installed.guard` replaces if a package provides the task or the reward. If a package provides a block,
+`installed.guard` replaces `observe`.
 """
 
 
@@ -81,7 +81,7 @@ class Task:
     """`preview_row(e, p, points)`, for tasks with the block `preview`: writes the future positions (points, 3) of the
     reference"""
     relocate: ClassVar[Callable[..., None]]
-    """`relocate(e, p)`, optional: writes the reference after the start of an episode was replaced"""
+    """`relocate(e, p)`, optional: called after an episode's start was replaced; writes the reference for the new start"""
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
     """fields of an episode in addition to `records.EPISODE`: (name, type) or (name, type, shape)"""
     transient: ClassVar[tuple[str, ...]] = ()
@@ -101,7 +101,7 @@ class Task:
     """Whether agents never know the true reference: the task writes the vehicle's estimate of the reference into `believed`, even if the
     vehicle knows its pose"""
     owners: tuple[str, str] | None = None
-    """Names of task and reward for messages; None if neither comes from a package. `installed` checks the results of both"""
+    """Names of task and reward for messages; None if neither comes from a package. `installed` checks the results of task and reward"""
 
     def __init__(
         self,
@@ -131,13 +131,13 @@ class Task:
         """Whether a block of the observation reads the vehicle's velocity"""
         self._names = names = tasks.blocks(config.task)
         self.block_owners = {name: owner_of_block(name, config.task) for name in config.task.block_packages}
-        """Name in messages of each block that a package provides, by block; `installed` checks the numbers that these blocks write"""
+        """Name for messages of each block from a package, by the block's name; `installed` checks the numbers that these blocks write"""
         codes = [spec.name for spec in loops.observed(names)]
         self._codes = np.array([codes.index(name) for name in names], dtype=np.int64)
         self._sizes = np.array([len(self.spec.blocks[name].labels) for name in names], dtype=np.int64)
         shared, owner_name = _shared(config), owner("task", config.task)
         self.sensors = ranges.make(config, n, shared)
-        """Range sensors; None if the task has none"""
+        """Range sensors; None if the observation has no range sensor"""
         self.parameters = records.one_row(self.own_parameters(config.task), shared, owner_name)
         """(1,) parameters of the task"""
         records.check_names(config.reward, owner("reward", config.reward))
@@ -149,7 +149,7 @@ class Task:
         self.world = worlds.make(config, vehicle, n)
         """World with the solids in the water; None in open water"""
         self.filter = filters.make(config, vehicle, self.spec, n)
-        """Filter of the agent's commands; None without one"""
+        """Filter of the agent's commands; None if the configuration has no filter"""
         self.own_fields = (*self.fields, *(self.world.fields if self.world else ()))
         """fields of an episode in addition to `records.EPISODE`"""
         self.episodes = records.table(n, self.own_fields, owner_name)
@@ -165,7 +165,7 @@ class Task:
         """Episodes (n,) as the estimator believes them to be; observations read them. None: observations read the true episodes"""
         self.believed_preview: Floats = np.zeros((n if estimated else 0, points, 3))
         self.estimated: Callable[[int], dict[str, float]] | None = None
-        """Function that returns the columns that the estimator of environment i adds to the record"""
+        """Function that returns the columns that the estimator adds to the record of environment i"""
         self._reward, self._sight = functions.function_of(config.reward), functions.sight_of(config.reward)
         self._take(interpreted=False)
         self.seed = int(seed)
@@ -231,8 +231,9 @@ class Task:
         """Arguments that the filter takes from the task"""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the attributes that `__setstate__` creates: NumPy would copy a view as a separate
-        array, which no longer follows the episodes.
+        """Return the state without the attributes that `__setstate__` creates.
+
+        NumPy would copy a view as a separate array, which would no longer change with the episodes.
         """
         return {
             name: value
@@ -257,8 +258,9 @@ class Task:
         return {}
 
     def reseed(self, seed: int, indices: Integers | None = None) -> None:
-        """Reset the episode counters of all or some environments, so that episode 0 of a seed comes next. Environment i draws from
-        (seed, i); team t draws from (seed, t).
+        """Reset the episode counters of all or some environments, so that episode 0 of a seed comes next.
+
+        Environment i draws from (seed, i); with teams, team t draws from (seed, t).
         """
         rows = np.arange(self.n) if indices is None else indices
         if len(rows) == self.n:
@@ -268,15 +270,16 @@ class Task:
         self.episodes.episode[rows] = -1
 
     def reseed_each(self, indices: Integers, seeds: Integers) -> None:
-        """Reset the episode counters of environments `indices` (k,), so that episode 0 of their `seeds` (k,) comes next. Each one draws the
-        same numbers as environment 0 of its seed.
+        """Reset the episode counters of environments `indices` (k,), so that episode 0 of their `seeds` (k,) comes next.
+
+        Each of these environments draws the same numbers as environment 0 with its seed.
         """
         self.episodes.seed[indices] = seeds
         self.episodes.environment[indices] = VEHICLE * (indices % self.team)
         self.episodes.episode[indices] = -1
 
     def assign(self, episodes: Integers, environment: int = 0) -> None:
-        """Let each team (or each environment without teams) begin episode `episodes[i]` of `environment` at its next reset."""
+        """Make `episodes[i]` of `environment` the next episode of team i, or of environment i in a task without teams."""
         self.episodes.episode = np.repeat(episodes, self.team) - 1
         self.episodes.environment = environment + VEHICLE * (self._all % self.team)
 
@@ -302,13 +305,14 @@ class Task:
         return self.loops.step(start, stop, *motion, *self._arrays, self.reward, *self._around)
 
     def interpret(self) -> None:
-        """From now on run the task's functions, reward and blocks as Python, which checks their indices. The functions of
-        `rows` that they call stay compiled.
+        """Run the task's functions, reward and blocks as Python from now on, so that Python checks array indices.
+
+        The functions of `rows` that they call stay compiled.
         """
         self._take(interpreted=True)
 
     def place(self, indices: Integers, pose: Floats, waypoint: Floats | None = None) -> None:
-        """Replace the drawn start poses (k, 7) of environments that were just reset; with `waypoint` (k, 3), the goals too."""
+        """Replace the drawn start poses (k, 7) of environments that were just reset, and their goals if `waypoint` (k, 3) is given."""
         if waypoint is not None:
             self.reference[indices] = waypoint
         e, p = self.episodes, self.parameters[0]
@@ -387,9 +391,9 @@ class Task:
         """Return observations (n, n_obs) from measured poses and velocities; with `indices`, renew only these rows.
 
         Args:
-            pose: (n, 7)
-            velocity: (n, 6)
-            indices: indices of environments; None: all.
+            pose: (n, 7) measured poses.
+            velocity: (n, 6) measured velocities.
+            indices: indices of environments; None: all environments.
             seats: (n, 7) poses from which range sensors measure; None: `pose`.
         """
         rows = self._all if indices is None else indices
@@ -401,7 +405,7 @@ class Task:
         return self.observation
 
     def begin_belief(self, indices: Integers) -> None:
-        """Copy episodes that begin into the believed episodes: at the start, the vehicle knows its mission plan."""
+        """Copy the episodes that begin now into the believed episodes, because a vehicle knows its mission plan at the start."""
         for name in self.episodes.dtype.names:
             self.believed[name][indices] = self.episodes[name][indices]
         self.believed_preview[indices] = self.preview[indices]
@@ -419,8 +423,9 @@ class Task:
         return None
 
     def outlines(self, i: int, low: Floats, high: Floats, time: float) -> Floats:
-        """Return segments (k, 2, 3) in m that draw the solids of environment i inside a box, `time` s after the start of the episode. The
-        world must not be open water.
+        """Return segments (k, 2, 3) in m that draw environment i's solids inside a box, `time` s after the start of the episode.
+
+        The world must not be open water.
         """
         assert self.world is not None
         return self.world.outlines(i, int(self.episodes[i].solids), low, high, time)
@@ -434,7 +439,7 @@ class Task:
         return [self._counted(self.measured(int(i))) for i in indices]
 
     def measured(self, i: int) -> Record:
-        """Return the record of environment i's episode as measured, before `limits` replace the errors of a failed episode."""
+        """Return the record of environment i's episode as measured: `limits` do not replace the errors of a failed episode."""
         names = self.name, self.world_name, self.navigation_name
         return record_of(self._totals(i), *names, filtered=self.filter is not None)
 
@@ -566,8 +571,9 @@ def _shared(config: schema.TrainConfig) -> dict[str, float]:
 
 
 def _limits(config: schema.TrainConfig) -> dict[str, float]:
-    """Return the values by name that `Metric.failed` refers to: the time limit in s and, for auvbench's own tasks
-    with bounds, the bounds in m.
+    """Return the values that replace errors of failed episodes, by the names of `Metric.failed`.
+
+    These values are the time limit in s and, for auvbench's own tasks with bounds, the bounds in m.
     """
     task = config.task
     limits = {"time": schema.step_limit(task, config.step.frequency) / config.step.frequency}

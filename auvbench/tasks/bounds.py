@@ -1,6 +1,4 @@
-"""Compute the bounds of an observation, from the largest distance to the reference and the largest errors of
-readings.
-"""
+"""Compute the bounds of an observation from the largest distance to the reference and the largest errors of readings."""
 
 from __future__ import annotations
 
@@ -55,8 +53,9 @@ def _true_bounds(config: schema.TrainConfig, vehicle: VehicleModel, seconds: flo
 
 def top_speed(vehicle: VehicleModel, disturbance: schema.Disturbance) -> float:
     """Return a speed over ground in m/s that no vehicle exceeds for long: speed through the water plus speed of the water.
-    Along each body axis, the speed through the water is the terminal speed under full thrust and net buoyancy, for the
-    drawn vehicle with the most thrust and the least damping. The result is infinite if an axis has no damping.
+
+    Along each body axis, the speed through the water is the terminal speed under full thrust and net buoyancy. The vehicle is
+    the drawn vehicle with the most thrust and the least damping. The result is infinite if an axis has no damping.
     """
     drawn = disturbance.randomisation
     vehicle = extreme(vehicle, disturbance, -1.0)

@@ -35,9 +35,9 @@ from auvbench.tasks.rows import (
 )
 
 ALIGNED = 1.0 / 3.0
-"""Angle to the dock's axis up to which the reference is the dock, as a share of the cone's angle"""
+"""Largest angle to the dock's axis at which the reference is the dock, as a fraction of the cone's angle"""
 TURNED = 2.0
-"""Angle to the dock's axis from which the reference leads round the dock, as a share of the cone's angle"""
+"""Smallest angle to the dock's axis at which the reference leads round the dock, as a multiple of the cone's angle"""
 
 
 @row
@@ -46,7 +46,7 @@ def seen_from_dock(e: Record, position: Vector) -> tuple[float, float]:
     (x, y, z), (dock_x, dock_y, dock_z) = position, triple(e.goal)
     dx, dy, dz = x - dock_x, y - dock_y, z - dock_z
     yaw = e.reference_yaw
-    # The axis points out of the dock: against the way in.
+    # The axis points out of the dock, opposite to the direction in which a vehicle enters.
     along = -dx * math.cos(yaw) - dy * math.sin(yaw)
     squared = dx * dx + dy * dy + dz * dz
     return math.sqrt(squared), math.atan2(math.sqrt(max(squared - along * along, 0.0)), along)
@@ -159,10 +159,10 @@ class DockingTask(TrackingTask):
     step = staticmethod(step)
     relocate = staticmethod(relocate)
     fields = (
-        ("dock_distance", "f8"),  # m, now
-        ("dock_yaw_error", "f8"),  # rad, now
-        ("speed", "f8"),  # m/s relative to the dock, now
-        ("dock_angle", "f8"),  # rad, to the axis of the dock, now
+        ("dock_distance", "f8"),  # m, present distance from the dock
+        ("dock_yaw_error", "f8"),  # rad, present yaw error, absolute value
+        ("speed", "f8"),  # m/s, present speed relative to the dock
+        ("dock_angle", "f8"),  # rad, present angle to the dock's axis
     )
     transient = ("dock_angle",)
     reference_columns: ClassVar[tuple[str, ...]] = (

@@ -1,5 +1,4 @@
-"""List columns and blocks that fingerprints cover (`evaluation.reference`), for all of auvbench's own tasks except
-waypoint.
+"""List the columns and blocks that fingerprints cover (`evaluation.reference`), for all of auvbench's tasks except waypoint.
 
 The lists must not grow, so that a new metric or block does not change the fingerprints of published results.
 """

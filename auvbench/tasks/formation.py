@@ -83,7 +83,7 @@ def bend(e: Record, s: float, axis: int) -> float:
 
 @row
 def lead(e: Record, time: float) -> tuple[float, float, float]:
-    """Set the reference to the leader's at `time` s; return the cosine and sine of the leader's course, and its yaw rate (rad/s)."""
+    """Set the reference to the leader's reference at `time` s; return cosine, sine and rate of change (rad/s) of the leader's course."""
     follow(e, time)
     vx, vy, _ = triple(e.reference_velocity)
     s, squared = e.rate * time, max(vx * vx + vy * vy, 1e-12)
@@ -107,7 +107,7 @@ def take_slot(e: Record, c: float, s: float, turning: float) -> None:
 
 @row
 def ahead(e: Record, s: float) -> tuple[float, float, float, float, float]:
-    """Return the leader's position (m) at the curve's parameter s, and the cosine and sine of its course."""
+    """Return the leader's position (m) at the curve's parameter s, and the cosine and sine of the leader's course."""
     vx, vy = slope(e, s, X), slope(e, s, Y)
     level = math.sqrt(max(vx * vx + vy * vy, 1e-12))
     return place(e, s, X), place(e, s, Y), place(e, s, Z), vx / level, vy / level
@@ -165,8 +165,9 @@ def step(e: Record, v: Vehicle, p: Record) -> int:
 
 @compiled("dynamics", ".")
 def meet(first: int, stop: int, pose: Floats, episodes: Any, preview: Floats, parameters: Any) -> None:
-    """Update references, previews, separations and outcomes of the teams in rows first .. stop - 1, before `e.steps` counts the new
-    step.
+    """Update references, previews, separations and outcomes of the teams in rows first .. stop - 1.
+
+    Call this function before the loop over the vehicles, in which `e.steps` increases.
     """
     p = parameters[0]
     n, pose, preview = p.vehicles, borrowed(pose), borrowed(preview)
@@ -243,17 +244,17 @@ def exchange(
 ) -> None:
     """Pass the messages of the present step within teams.
 
-    The vehicles of a team take turns: each one sends a message every `vehicles` turns. The message has the vehicle's readings at the last
-    step before the turn begins. It arrives after the transmission time and the travel time of the sound. At the start of an episode, each
-    vehicle knows the readings of all others.
+    The vehicles of a team take turns: each vehicle sends a message every `vehicles` turns. The message contains the vehicle's readings at
+    the last step before the turn begins. The message arrives after the transmission time and the travel time of the sound. At the start of
+    an episode, each vehicle knows the readings of all other vehicles.
 
     Args:
         firsts: rows of the first vehicle of each team.
-        pose: (n, 7) measured.
-        velocity: (n, 6) measured.
+        pose: (n, 7) measured poses.
+        velocity: (n, 6) measured velocities.
         offset: (n, 4) errors of the readings.
         true: (n,) episodes with the true positions.
-        episodes: (n,) episodes, as the vehicles believe them to be.
+        episodes: (n,) episodes as the vehicles believe them to be.
         parameters: (1,) parameters of the task.
         stream: flag of the random streams.
     """
@@ -310,18 +311,18 @@ class FormationTask(TrajectoryTrackingTask):
         ("slot", "f8", (3,)),  # m, axes of the leader's reference
         ("met", "i8"),  # number of the last step that `meet` has judged
         ("ends", "i8"),  # outcome of the team
-        ("error", "f8", (3,)),  # m, position less reference
+        ("error", "f8", (3,)),  # m, position minus reference
         (
             "edges",
             "f8",
             (MOST,),
-        ),  # m^2, sums of the squared errors of the positions relative to the vehicles after this one in the team
+        ),  # m^2, for each later vehicle of the team: sum of squared errors of the position relative to that vehicle
         ("separation", "f8"),  # m, smallest distance between two vehicles so far; in the first row of a team
         ("collided", "i8"),  # 1: two vehicles collided; in the first row of a team
         ("said", "f8", (6,)),  # m and m/s, world axes: position and velocity in the vehicle's last message
         ("said_at", "f8"),  # s, time at which the sending of the last message began; -1: never
         ("heard", "f8", (MOST, 6)),  # last message of each vehicle that arrived
-        ("heard_at", "f8", (MOST,)),  # s
+        ("heard_at", "f8", (MOST,)),  # s, sending time of each message in `heard`
         ("age_sum", "f8"),  # s, sum of the ages of the messages over steps and vehicles
     )
     transient = ("ends", "error", "said", "said_at", "heard", "heard_at", "age_sum", "separation")

@@ -55,7 +55,7 @@ def _class(name: str, owner: str) -> Callable[..., Task]:
 
 
 def guard(task: Task) -> None:
-    """From now on, check the results of functions from packages: those of the task, its reward and its blocks."""
+    """Check, from now on, the results of a package's functions: functions of the task, the reward and blocks of the observation."""
     if task.owners:
         _guard_functions(task, *task.owners)
     if task.block_owners:
@@ -162,7 +162,7 @@ def telling(owner: str, what: str) -> Iterator[None]:
 def _finite_check(task: Task, owner: str) -> Callable[[Integers, str], None]:
     """Return a function that checks that the fields of episodes are finite after a package's function wrote them."""
     e, kind = task.episodes, task.episodes.dtype
-    # All numbers of an episode at once, for speed: a record is aligned, so that its size is a whole number of words.
+    # For speed, all numbers of an episode are checked at once. A record is aligned, so that its size is a whole number of words.
     words = np.ndarray((task.n, kind.itemsize // 8), np.float64, e)
     floats = [
         kind.fields[name][1] // 8 + word

@@ -1,10 +1,10 @@
 """Make the loops over episodes of each task and of the observation from source text.
 
 numba stores compiled code only for functions of a module; closures, and functions given as arguments, would compile
-again in every process. So each loop is a source text that names the functions of one task and one reward, and is
-executed in the task's module. numba finds stored code by a function's name, and would confuse two loops with one
+again in every process. So each loop is a source text that names the functions of one task and one reward. The text is
+executed in the task's module. numba finds stored code by a function's name, and would confuse two loops with the same
 name. The name therefore contains a digest of all sources that the loop calls directly; `compiled` adds the sources
-that it calls indirectly.
+that the loop calls indirectly.
 """
 
 from __future__ import annotations
@@ -219,7 +219,7 @@ def _of_task(
     pays = plain_function(reward)
     compile_row = row_compiler(interpreted)
     compiled_rows = {name: compile_row(function) for name, function in {**named, "reward": pays}.items()}
-    # A bearing costs as much as the rest of a step: it is computed only if the reward reads it.
+    # A bearing costs as much as the rest of a step, so it is computed only if the reward reads it.
     turn = ["turn_own(e, v)"] if has_yaw else ["turn_to(e, v)"] if _mentions(pays, "yaw_error") else []
     lines = {
         "clear": clear,
@@ -247,8 +247,10 @@ def _of_task(
 
 
 def observed(names: Iterable[str]) -> tuple[blocks.BlockSpec, ...]:
-    """Return the blocks in the order of their codes. First come all of auvbench's blocks that are not sensors and do not read an
-    estimate, a team or a task's own fields, so that most tasks share one compiled function. The other blocks of `names` follow.
+    """Return the blocks in the order of their codes: common blocks of auvbench, then the other blocks of `names`.
+
+    Common blocks are not sensors and do not read an estimate, a team or a task's own fields. All of them are in the result, so that
+    most tasks share one compiled function.
     """
     special = {READS, "task", "team"}
     own = [name for name in BLOCKS.own if not BLOCKS[name].sensor and not special & {*BLOCKS[name].reads}]
@@ -308,7 +310,7 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
 
 
 class Maker:
-    """Execute the source of loops in the module of the first function that they call."""
+    """Execute the source of loops in the module of the first function that the loops call."""
 
     def __init__(
         self,
@@ -354,7 +356,7 @@ def _filled(template: str, lines: Mapping[str, Iterable[str]]) -> str:
 
 
 def plain_function(function: Any) -> Any:
-    """Return the Python function behind a compiled one."""
+    """Return the Python function of a compiled function; a function that is not compiled is returned unchanged."""
     return getattr(function, "py_func", function)
 
 
@@ -364,7 +366,7 @@ def row_compiler(interpreted: bool) -> Callable[..., Any]:
 
 
 def _mentions(function: Any, name: str) -> bool:
-    """Return whether a function, or one that it calls by a name of its module, mentions a name."""
+    """Return whether the code of a function mentions `name`, or the code of functions that it calls by a name of its module."""
     visited: set[CodeType] = set()
     waiting = [plain_function(function)]
     while waiting:

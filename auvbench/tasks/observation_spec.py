@@ -23,7 +23,7 @@ from auvbench.vehicles.vehicle_model import VehicleModel
 def observation_spec(
     task: tasks.Task, actuators: Sequence[str], position_bounds: Sequence[float] = (math.inf,) * 3
 ) -> ObservationSpec:
-    """Return the observation of a task: its blocks in their order, then its blocks of earlier steps (`task.history`).
+    """Return the observation of a task: the task's blocks in order, then the same blocks of earlier steps (`task.history`).
 
     Args:
         task: task with the names of the blocks (`observation`) and the frame of the position error
@@ -109,7 +109,7 @@ def check_vehicle(task: tasks.Task, vehicle: VehicleModel) -> None:
     """Reject a task that needs forces which the vehicle's thrusters cannot give.
 
     Raises:
-        ConfigError: the vehicle cannot do the task; the error names the tasks that it can do.
+        ConfigError: the vehicle cannot do the task; the error names tasks that the vehicle can do.
     """
     free = [spec.name for spec in TASKS.values() if not spec.needs_thrusters]
     controlled = vehicle.allocation[[0, 1, 2, 5]]

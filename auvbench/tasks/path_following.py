@@ -45,7 +45,7 @@ SAMPLES = 16
 
 @row
 def hermite(e: Record, progress: float, axis: int, last: int) -> tuple[float, float]:
-    """Return position and slope (per unit of progress) of the path along an axis; `last`: index of its last point."""
+    """Return position and slope (per unit of progress) of the path along an axis; `last` is the index of the path's last point."""
     k = min(max(int(progress), 0), last - 1)
     s = progress - k
     p, q = e.points[k, axis], e.points[k + 1, axis]
@@ -99,7 +99,7 @@ def search(e: Record, last: int, farthest: float) -> None:
 
 @row
 def follow(e: Record, last: int, p: Record) -> None:
-    """Set the reference to the point at the progress; at the end of the path its velocity is 0."""
+    """Set the reference to the point of the path at `e.progress`; at the end of the path, the reference's velocity is 0."""
     place, (vx, vy, vz) = path(e, e.progress, last)
     scale = p.speed / math.sqrt(1e-12 + vx * vx + vy * vy + vz * vz)
     vx, vy, vz = vx * scale, vy * scale, vz * scale
@@ -130,7 +130,7 @@ def draw(e: Record, p: Record, stream: int) -> float:
     last = p.waypoints - 1
     follow(e, last, p)
     start_in_ball(e, p.start_radius, p, u, v, w)
-    # Search only as far as the ball of starts round the first point reaches: a path may return to its beginning.
+    # The search is limited to the ball of starts round the first point, because a path may return to its beginning.
     search(e, last, 1.0 + 2.0 * p.start_radius / p.spacing)
     follow(e, last, p)
     return wrap(2.0 * math.pi * heading)
@@ -147,7 +147,7 @@ def draw_path(e: Record, p: Record, stream: int) -> None:
         bearing, slope, _, _ = drawn(e, stream, 1 + k)
         course = 2.0 * math.pi * bearing if k == 0 else course + p.turn * (2.0 * bearing - 1.0)
         climb = p.climb * (2.0 * slope - 1.0)
-        # If a point is nearer to a depth limit than the margin, the next point is not nearer still.
+        # If a point is nearer to a depth limit than the margin, the next point must not be even nearer.
         bottom, top = min(low, z), max(high, z)
         height = z + p.spacing * math.sin(climb)
         if height < bottom or height > top:
@@ -170,7 +170,7 @@ def relocate(e: Record, p: Record) -> None:
 
 @row
 def refer(e: Record, v: Vehicle, p: Record) -> None:
-    """Add the error of the speed along the path to its sum, and move the reference."""
+    """Add the error of the speed along the path to the sum of these errors, and move the reference."""
     last = p.waypoints - 1
     (vx, vy, vz), (wx, wy, wz) = triple(e.reference_velocity), world_velocity(v)
     along = vx * wx + vy * wy + vz * wz
@@ -208,7 +208,7 @@ class PathFollowingTask(TrackingTask):
     fields = (
         ("points", "f8", (MOST_POINTS, 3)),  # m
         ("progress", "f8"),  # 0 at the first point, 1 at the second, and so on
-        ("speed_error_sum", "f8"),  # m/s
+        ("speed_error_sum", "f8"),  # m/s, sum over steps
     )
     reference_columns = (
         *fingerprint.COLUMNS,
@@ -231,7 +231,7 @@ class PathFollowingTask(TrackingTask):
         from scipy.interpolate import CubicHermiteSpline  # this import takes a quarter of a second
 
         points = np.array(self.episodes[i].points[: self._last() + 1])
-        # The slopes of Catmull and Rom are central differences, and differences at the ends.
+        # The slopes of Catmull and Rom are central differences, and one-sided differences at the ends.
         curve = CubicHermiteSpline(np.arange(len(points)), points, np.gradient(points, axis=0))
         return np.asarray(curve(np.linspace(0.0, self._last(), SAMPLES * self._last() + 1)))
 

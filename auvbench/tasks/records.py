@@ -53,7 +53,7 @@ _YAW: Fields = (
 BELIEF: Fields = (
     ("position_sd", "f8", (3,)),  # m
     ("specific_force", "f8", (3,)),  # m/s2
-    ("sensor_age", "f8", (3,)),  # s, of DVL, depth and heading
+    ("sensor_age", "f8", (3,)),  # s, ages of the last readings of DVL, depth sensor and compass
 )
 """Further fields of a believed episode, which blocks of the estimate read"""
 LOST = 1000.0
@@ -72,7 +72,7 @@ _STEP: Fields = (
     (
         "yaw_error",
         "f8",
-    ),  # rad, yaw of the reference less yaw; if the reference has no yaw, its bearing less yaw
+    ),  # rad, the reference's yaw minus the vehicle's yaw; for a reference without a yaw, its bearing minus the vehicle's yaw
     ("detour", "f8"),  # m, from the reference to the goal; 0 unless the task writes it
     ("to_go", "f8"),  # m, distance + detour, for rewards
 )
@@ -81,8 +81,9 @@ _STEP: Fields = (
 
 @cache
 def _interned(fields: tuple[tuple[Any, ...], ...]) -> np.dtype[Any]:
-    """Return the same dtype object for equal fields: numba looks up the type in each call, ten times faster if it is the
-    same object.
+    """Return the same dtype object for equal fields.
+
+    numba looks up the type in each call, and finds a dtype object that it has seen before ten times faster.
     """
     return np.dtype([*fields], align=True)
 
@@ -112,7 +113,7 @@ PARAMETERS: Mapping[str, str] = {
     "command_noise_low": "f8",
     "command_noise_high": "f8",
     "both_signs": "i8",  # 1: noise of random sign
-    "has_yaw": "i8",  # 1: the reference has its own yaw; 0: its yaw is its bearing
+    "has_yaw": "i8",  # 1: the reference has its own yaw; 0: the reference's bearing replaces its yaw
     "history": "i8",  # number of stacked observations
 }
 """the parameters that every task and every reward has"""
@@ -220,13 +221,13 @@ def of_schema(config: Any) -> dict[str, Any]:
         elif value is None:
             values[field.name] = math.inf
         else:
-            # One type for each key, also if 1 is typed for 1.0: compiled code depends on it.
+            # Each key always has the same type, even if the user writes 1 for 1.0, because compiled code depends on the type.
             values[field.name] = value if hints.get(field.name) in (int, bool) else np.float64(value)
     return values
 
 
 def check_names(config: Any, owner: str) -> None:
-    """Raise AgentError if a key of a reward or a disturbance has the name of a parameter that every task has, which it would hide."""
+    """Raise AgentError if a key of a reward or disturbance would hide a parameter of every task that has the same name."""
     for field in dataclasses.fields(config):
         if field.name in PARAMETERS:
             raise AgentError(
@@ -235,8 +236,9 @@ def check_names(config: Any, owner: str) -> None:
 
 
 def plain(array: Any) -> Any:
-    """Return a table as compiled functions take it: without attribute access in Python, so that numba recognises its type
-    faster. With NUMBA_DISABLE_JIT, functions need this access and get the table itself.
+    """Return a table without attribute access in Python, so that numba recognises the table's type faster.
+
+    With NUMBA_DISABLE_JIT, functions need attribute access, so the table itself is returned.
     """
     return array if INTERPRETED else bare(array)
 
@@ -258,8 +260,9 @@ def common_row(parameters: Any) -> Any:
 
 
 def columns(dtype: np.dtype[Any], has_yaw: bool, has_goal: bool) -> list[str]:
-    """Return an episode's fields of floats, in the column order of checkpoints of version 2. Digests of drawn
-    scenarios use this order (`evaluation.protocol`).
+    """Return the names of an episode's float fields, in the column order of checkpoints of version 2.
+
+    Digests of drawn scenarios use this order (`evaluation.protocol`).
     """
     left_out = _names([*_COUNTERS, *_STEP, *(() if has_yaw else _YAW), *(() if has_goal else _GOAL)])
     return [name for name in dtype.names or () if name not in left_out]

@@ -1,8 +1,8 @@
 """Compute the reward of one step. `config.rewards` has the parameters, and docs/task.md has the formulas and sources.
 
-A reward is a function of `e`, the episode after the step (`e.outcome` is GOES_ON if it continues), `v`, the vehicle,
-and `p`, the parameters with the names of the reward's schema. A reward may have a second function (`sights`), which gets the solids of
-a world; its value is added to the reward.
+A reward is a function of the episode `e` after the step (`e.outcome` is GOES_ON if the episode continues), the vehicle `v`,
+and the parameters `p` with the names of the reward's schema. A reward may have a second function (`sights`), which gets the solids of
+a world; the value of the second function is added to the reward.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def marinegym_hover(e: Record, v: Vehicle, p: Record) -> float:
     for j in range(v.action.shape[0]):
         thrust += v.action[j]
     w, x, y, z = v.attitude
-    # The directions of the bow and of the reference.
+    # The direction of the reference minus the direction of the bow.
     hx = math.cos(e.reference_yaw) - (1.0 - 2.0 * (y * y + z * z))
     hy = math.sin(e.reference_yaw) - 2.0 * (x * y + w * z)
     hz = -2.0 * (x * z - w * y)
@@ -175,7 +175,7 @@ def gym_dockauv(e: Record, v: Vehicle, p: Record) -> float:
     roll, pitch = roll_pitch(v)
     elevation = pitch - math.atan2(dz, level)
     heading = wrap(math.atan2(dy, dx) - yaw(v))
-    # Rates of the Euler angles. The source's episodes end at a pitch of 60 degrees: beyond it the rates stay constant.
+    # Rates of the Euler angles. The source's episodes end at a pitch of 60 degrees; beyond this pitch, the divisor stays constant.
     roll_rate, q, r = v.rates
     turn = (q * math.sin(roll) + r * math.cos(roll)) / max(0.5, math.cos(pitch))
     roll_rate -= turn * math.sin(pitch)

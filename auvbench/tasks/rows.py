@@ -1,8 +1,8 @@
-"""Compiled functions of one episode, which tasks and rewards share.
+"""Compiled functions for one episode, which tasks and rewards share.
 
-Arguments: `e`, the record of an episode (`records.EPISODE` and the task's own fields); `v`, the present vehicle; `p`,
-the record of the parameters. Every draw is a function of (seed, stream, environment, episode, step, channel), so an
-episode does not depend on other episodes or on the size of the batch.
+In these functions, `e` is the record of an episode (`records.EPISODE` and the task's own fields), `v` the present vehicle,
+and `p` the record of the parameters. Every draw is a function of (seed, stream, environment, episode, step, channel), so
+an episode does not depend on other episodes or on the size of the batch.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ VEHICLE = 1 << 24
 """Increment of the counter `environment` from one vehicle of a team to the next"""
 
 SHALLOWEST = 1.0
-"""Smallest distance of a drawn start from a depth limit, m, unless the centre of the draw is closer"""
+"""Smallest distance of a drawn start from a depth limit, m; if the centre of the draw is closer, its distance applies instead"""
 
 _TWO_PI = 2.0 * math.pi
 
@@ -55,7 +55,7 @@ class Vehicle(NamedTuple):
     action: Floats  # (n_u,) in [-1, 1], of this step
     previous: Floats  # (n_u,) action of the previous step
     force: Floats  # (n_u,) commanded force before lag and faults, N; 0 for actuators that are not thrusters
-    power: float  # W
+    power: float  # electrical power of the command, W
 
 
 row = inline
@@ -145,7 +145,7 @@ def yaw(v: Vehicle) -> float:
 
 @row
 def roll_pitch(v: Vehicle) -> tuple[float, float]:
-    """Return roll and pitch in rad, pitch positive with the bow up (`frames.euler`: with the bow down)."""
+    """Return roll and pitch in rad; unlike in `frames.euler`, pitch is positive with the bow up."""
     w, x, y, z = v.attitude
     roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
     return roll, -math.asin(min(1.0, max(-1.0, 2.0 * (w * y - x * z))))
@@ -186,7 +186,7 @@ def drawn(e: Record, stream: int, block: int) -> tuple[float, float, float, floa
 
 @row
 def rise(u: float, centre: float, radius: float, p: Record) -> float:
-    """Return a drawn point's height over the centre of a sphere, as a share of the radius.
+    """Return a drawn point's height over the centre of a sphere, as a fraction of the radius.
 
     The point is uniform on the part of the sphere where starts are allowed: at least SHALLOWEST within the depth
     limits, or as close to a limit as the centre.
@@ -207,8 +207,9 @@ def rise(u: float, centre: float, radius: float, p: Record) -> float:
 
 @row
 def start_in_ball(e: Record, radius: float, p: Record, u: float, v: float, w: float) -> None:
-    """Draw `e.start` uniformly in a ball round the reference, of a radius in m, from three uniform draws. If the
-    depth limits cut the ball, the start is uniform on the allowed part of each sphere (`rise`).
+    """Draw `e.start` uniformly in a ball with `radius` m round the reference, from the uniform draws u, v and w.
+
+    If the depth limits cut the ball, the start is uniform on the allowed part of each sphere (`rise`).
     """
     x, y, z = triple(e.reference)
     length = radius * u ** (1.0 / 3.0)
@@ -244,7 +245,7 @@ def add_errors(e: Record) -> None:
     e.counted += 1.0
 
 
-# --- What the loops of every task do (`loops`) ----------------------------------------------------------------------------------
+# --- Functions that the loops of every task call (`loops`) ----------------------------------------------------------------------
 
 
 @row
@@ -267,8 +268,9 @@ def begin(e: Record) -> None:
 
 @row
 def start(e: Record, heading: float, p: Record, pose: Floats) -> None:
-    """Begin an episode at `e.start`, level and at rest, with a yaw in rad: write its pose (7,). The reference must be
-    set.
+    """Begin an episode at `e.start`, level and at rest, with the yaw `heading` in rad, and write the start pose (7,).
+
+    The reference must be set before the call.
     """
     x, y, z = triple(e.start)
     put(e.position, (x, y, z))
@@ -299,14 +301,14 @@ def turn(e: Record, v: Vehicle) -> None:
 
 @row
 def turn_to(e: Record, v: Vehicle) -> None:
-    """Write the yaw error of a reference without a yaw: its bearing less the vehicle's yaw."""
+    """Write the yaw error of a reference without a yaw: the reference's bearing minus the vehicle's yaw."""
     (x, y, _), (to_x, to_y, _) = v.position, triple(e.reference)
     e.yaw_error = wrap(math.atan2(to_y - y, to_x - x) - yaw(v))
 
 
 @row
 def finish(e: Record, v: Vehicle, reward: float, p: Record) -> None:
-    """Add a step to the sums; store its action and position for the next step."""
+    """Add a step to the episode's sums; store the step's action and position for the next step."""
     norm_squared = 0.0
     change_squared = 0.0
     for j in range(v.action.shape[0]):
@@ -326,7 +328,7 @@ def finish(e: Record, v: Vehicle, reward: float, p: Record) -> None:
 
 @row
 def noise(u: float, low: float, high: float, both_signs: bool) -> float:
-    """Return noise from one uniform draw: its magnitude is uniform in [low, high], its sign random if `both_signs`."""
+    """Return noise from a uniform draw u, with a magnitude uniform in [low, high] and, if `both_signs`, a random sign."""
     if not both_signs:
         return low + (high - low) * u
     v = 2.0 * u - 1.0
@@ -345,7 +347,7 @@ def add_command_noise(
     stream: int,
     command: Floats,
 ) -> None:
-    """Compute command = action + noise, clipped to [-1, 1]; `scale` (n_u,) converts the unit of the noise to the action's."""
+    """Compute command = action + noise, clipped to [-1, 1]; `scale` (n_u,) converts the noise to units of the action."""
     p = parameters[0]
     n_u = action.shape[1]
     low, high, both_signs = p.command_noise_low, p.command_noise_high, p.both_signs > 0

@@ -62,7 +62,7 @@ STATES = 4
 
 @row
 def circle(e: Record, time: float, p: Record, target: Vector, velocity: Vector) -> None:
-    """Set the reference to a point that circles round a target with a position (m) and a velocity (m/s); its yaw points to the target."""
+    """Set the reference to a point that circles round a target with a position (m) and a velocity (m/s), with its yaw to the target."""
     (x, y, z), (vx, vy, vz) = target, velocity
     angle = e.angle + p.orbit_speed / p.orbit * time
     c, s = math.cos(angle), math.sin(angle)
@@ -211,7 +211,7 @@ def remember(b: Record, k: int, here: Vector, distance: float, sent: float) -> N
 
 @row
 def stay_within(b: Record, here: Vector, most: float) -> None:
-    """Keep the estimated target within a horizontal distance of `most` m from a place: a farther target would have ended the episode."""
+    """Keep the estimated target within `most` m, horizontally, of `here`, because a farther target would have ended the episode."""
     x, y, _ = here
     dx, dy = b.estimate[0] - x, b.estimate[1] - y
     away = math.sqrt(dx * dx + dy * dy)
@@ -263,7 +263,7 @@ def hear(
         _, _, b.depth = source
         remember(b, 0, here, distance, sent)
     if begins or chance >= p.message_loss:
-        # Noise of the vehicle's own position counts as noise of the range; its bias and drift do not.
+        # The variance of the range includes the noise of the vehicle's position reading, but not the reading's bias and drift.
         variance = p.range_noise * p.range_noise + p.position_noise_high * p.position_noise_high
         correct(b, here, distance, now - sent, variance)
     b.next_ping += 1
@@ -273,14 +273,14 @@ def hear(
 def listen(
     rows: Integers, pose: Floats, offset: Floats, true: Any, believed: Any, parameters: Any, stream: int
 ) -> None:
-    """Let vehicles hear the target, update their estimates of its position and move their believed references.
+    """Let vehicles hear the target, update their estimates of the target's position and move their believed references.
 
     The target sends ping k at k `ping_interval`. The ping arrives after the transmission time and the travel time of the sound. Clocks are
     synchronous, so that the travel time gives the range. At the start of an episode, a ping arrives at once.
 
     Args:
         rows: environments (k,).
-        pose: (n, 7) measured.
+        pose: (n, 7) measured poses.
         offset: (n, 4) errors of the readings.
         true: (n,) episodes with the true positions.
         believed: (n,) episodes as the vehicles believe them to be.
@@ -330,7 +330,7 @@ class TargetTrackingTask(TrajectoryTrackingTask):
         # x, y (m), height of the target (m), range (m), time (s); the newest first
         ("pings", "f8", (PINGS, 5)),
         ("next_ping", "i8"),  # number of the next ping
-        ("miss_squared_sum", "f8"),  # m^2
+        ("miss_squared_sum", "f8"),  # m^2, sum of the squared errors of the target's estimated position
     )
     transient = ("farthest", "estimate", "covariance", "depth", "pings", "miss_squared_sum")
     taken = ("_true", "_told", "_own")
@@ -360,10 +360,10 @@ class TargetTrackingTask(TrajectoryTrackingTask):
         }
 
     def begin_belief(self, indices: Integers) -> None:
-        """Do nothing: `observe` begins the beliefs."""
+        """Do nothing, because `observe` begins the believed episodes."""
 
     def move_belief(self, start: int, stop: int, *motion: Floats) -> None:
-        """Do nothing: `observe` moves the beliefs."""
+        """Do nothing, because `observe` moves the references of the believed episodes."""
 
     def observe(
         self,

@@ -54,7 +54,7 @@ def place(e: Record, s: float, axis: int) -> float:
 
 @row
 def slope(e: Record, s: float, axis: int) -> float:
-    """Return the derivative of `place` by s."""
+    """Return the derivative of `place` with respect to s."""
     v = e.slope[axis]
     for j in range(SINES):
         w = e.frequency[axis, j]
@@ -89,7 +89,7 @@ def sine(e: Record, axis: int, j: int, amplitude: float, frequency: float, phase
 
 @row
 def draw_curve(e: Record, curve: int, size: float, stream: int) -> None:
-    """Draw the sines of a curve of a size (half its width, m), with s = time."""
+    """Draw the sines of a curve for s = time; `size` is half the curve's width, m."""
     for axis in range(3):
         for j in range(SINES):
             sine(e, axis, j, 0.0, 1.0, 0.0)
@@ -153,7 +153,7 @@ def step(e: Record, v: Vehicle, p: Record) -> int:
         triple(e.reference_velocity),
     )
     along = vx * (to_x - x) + vy * (to_y - y) + vz * (to_z - z)
-    # A reference that stands still has no lag.
+    # The lag of a reference at rest is 0.
     e.behind += along / (1e-6 + vx * vx + vy * vy + vz * vz)
     if leaves_water(v, p):
         return COLLISION
@@ -182,7 +182,7 @@ class TrajectoryTrackingTask(TrackingTask):
         (
             "behind",
             "f8",
-        ),  # s, sum over steps of the position error along the reference's velocity, divided by its speed
+        ),  # s, sum over steps of the position error along the reference's velocity, divided by the reference's speed
     )
     reference_columns: ClassVar[tuple[str, ...]] = (
         *fingerprint.COLUMNS,

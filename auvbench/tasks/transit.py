@@ -10,7 +10,7 @@ from auvbench.tasks.records import Record
 from auvbench.tasks.rows import SUCCESS, arrival, drawn, put, row, triple, wrap
 
 SLOWEST, FASTEST = 8.0, 2.0
-"""Times between which the score of the BARN challenge falls, as multiples of the time that the shortest way takes (Xiao et al.,
+"""Times between which the score of the BARN challenge decreases, as multiples of the time for the shortest way (Xiao et al.,
 "Autonomous ground navigation in highly constrained spaces", IEEE Robotics and Automation Magazine 29(4), 2022)"""
 
 

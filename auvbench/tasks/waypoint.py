@@ -81,7 +81,7 @@ class WaypointTask(Task):
 
     def own_parameters(self, task: Any) -> dict[str, Any]:
         assert isinstance(task, Waypoint)
-        # The part of the box within the depth limits: other waypoints cannot be reached.
+        # Waypoints are drawn in the part of the box within the depth limits, because other waypoints cannot be reached.
         low, high = [*task.waypoint_low], [*task.waypoint_high]
         low[2], high[2] = max(low[2], task.depth_low), min(high[2], task.depth_high)
         return {**super().own_parameters(task), "waypoint_low": low, "waypoint_high": high}

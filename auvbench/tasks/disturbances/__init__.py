@@ -1,6 +1,6 @@
-"""Disturbances of N episodes: one file each, and `composed`, which calls the active ones.
+"""Disturbances of N episodes: each has its own file, and `composed` calls the active disturbances.
 
-docs/disturbances.md defines each of them.
+docs/disturbances.md defines each disturbance.
 """
 
 from auvbench.tasks.disturbances.composed import Disturbances, check, make, of

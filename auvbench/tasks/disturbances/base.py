@@ -1,7 +1,8 @@
-"""Base class of disturbances: functions of one episode, a state in each episode, and calls of the simulator.
+"""Base class of disturbances: functions for one episode, a state in each episode, and calls of the simulator.
 
-A disturbance is one file of this folder, or of a package. It declares functions of one episode, which are compiled into loops, and
-its state, a record per episode. An exact resume needs the whole state. `composed.Disturbances` calls the active disturbances.
+A disturbance is one file of this folder or of a package. The file declares functions for one episode, which are compiled into loops, and
+the disturbance's state, one record per episode. An exact resume needs the whole state. `composed.Disturbances` calls the active
+disturbances.
 """
 
 from __future__ import annotations
@@ -78,7 +79,7 @@ _SIZES = {"water_speed": 2, "misreading": 3}
 
 
 def _asked(name: str, method: str, settings: Any, *arguments: Any) -> Any:
-    """Return the numbers that a static method of a disturbance returns; raise AgentError if their count is wrong or one is not finite."""
+    """Return the numbers from a static method of a disturbance; raise AgentError for a wrong count or a number that is not finite."""
     kind, size = kind_of(name), _SIZES[method]
     with asking(name, settings, method):
         given = np.asarray(getattr(kind, method)(settings, *arguments), dtype=np.float64)
@@ -102,18 +103,18 @@ class Disturbance:
     """
 
     draw: ClassVar[Callable[..., None]]
-    """`draw(e, d, p, stream)`: begins an episode; before the call, d is 0"""
+    """`draw(e, d, p, stream)`: begins an episode; before the call, all fields of d are 0"""
     before: ClassVar[Callable[..., None]]
     """`before(e, d, p, stream)`: called before each agent step; `e.steps` is the number of completed steps"""
     act: ClassVar[Callable[..., None]]
-    """`act(e, d, p, command, effectiveness)`: changes the commands (n_u,) in [-1, 1] that act now, and the effectiveness (n_u,), which is
-    the share of its force that each thruster gives"""
+    """`act(e, d, p, command, effectiveness)`: changes the commands (n_u,) in [-1, 1] that act now, and the effectiveness (n_u,): the
+    fraction of the commanded force that each thruster gives"""
     push: ClassVar[Callable[..., None]]
     """`push(e, d, p, v, w, duration, wrench)`: adds force (N) and moment (N m), body axes, to `wrench` (6,). They act on the vehicle `v` in
     the current `w` (`rows.current_at`) for the next `duration` s. The `needs` of the disturbance's schema must yield `forces`"""
     read: ClassVar[Callable[..., None]]
-    """`read(e, d, p, stream, offset)`: adds to the errors (4,) of the position (m) and yaw (rad) readings. Called at the start of an
-    episode (`e.steps == 0`) and after each agent step"""
+    """`read(e, d, p, stream, offset)`: adds this disturbance's errors to `offset` (4,), the errors of the position (m) and yaw (rad)
+    readings. Called at the start of an episode (`e.steps == 0`) and after each agent step"""
     fields: ClassVar[tuple[tuple[Any, ...], ...]] = ()
     """Fields of the state in each episode: (name, type) or (name, type, shape)"""
     longest: ClassVar[float] = math.inf
@@ -160,18 +161,20 @@ class Disturbance:
 
     @staticmethod
     def extreme(settings: Any, vehicle: VehicleModel, damping: float) -> VehicleModel:
-        """Return the vehicle with the most thrust that may be drawn, and with the most (`damping` = 1) or the least damping (-1). A
-        disturbance that does not draw vehicles returns `vehicle`.
+        """Return the vehicle with the most thrust that may be drawn, and with the most (`damping` = 1) or least damping (-1).
+
+        A disturbance that does not draw vehicles returns `vehicle`.
         """
         return vehicle
 
     def give(self, simulator: Simulator) -> None:
-        """Pass the disturbance's state to the simulator. Called at the start of episodes, and before each step if the disturbance
-        `moves`.
+        """Pass the disturbance's state to the simulator.
+
+        Called at the start of episodes and, if the disturbance `moves`, before each agent step.
         """
 
     def scales(self, indices: Integers) -> Floats | None:
-        """Return factors (k, 6) on the vehicles of new episodes (`Simulator.reset`); None: the vehicle of the sheet."""
+        """Return factors (k, 6) on properties of new episodes' vehicles (`Simulator.reset`); None: use the sheet's vehicle."""
         return None
 
     def interpret(self) -> None:
@@ -227,7 +230,7 @@ class Disturbance:
         self.loops["push"](self._rows, *self._own, *motion, water, duration, simulator.external_wrench)
 
     def read_rows(self, indices: Integers) -> None:
-        """Add to the errors of the readings of some episodes."""
+        """Add this disturbance's errors to the errors of the readings in some episodes."""
         self.loops["read"](indices, self._rows, *self._own, self.task.stream, self.task.offset)
 
     def arrays(self) -> dict[str, Array]:
@@ -235,7 +238,7 @@ class Disturbance:
         return {"state": records.bare(self.state)} if self.fields else {}
 
     def restored(self) -> None:
-        """Recompute values that depend on episodes and arrays. Called after both were restored."""
+        """Recompute values that depend on episodes and arrays. Called after episodes and arrays were restored."""
 
     def clear(self) -> None:
         """Set the state of all episodes to 0."""

@@ -24,13 +24,13 @@ Integers = NDArray[np.int64]
 
 
 def make(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Disturbances | None:
-    """Return the disturbances of a configuration; None if none is active."""
+    """Return the disturbances of a configuration; None if no disturbance is active."""
     disturbances = of(config, vehicle, task)
     return disturbances if disturbances.parts else None
 
 
 def of(config: schema.TrainConfig, vehicle: VehicleModel, task: Task) -> Disturbances:
-    """Return the disturbances of a configuration, possibly none."""
+    """Return the disturbances of a configuration, even if no disturbance is active."""
     return Disturbances(dict(_parts(config, vehicle, task)), task)
 
 
@@ -89,7 +89,7 @@ class Disturbances:
         return self.parts[name]
 
     def draw(self, indices: Integers) -> Floats | None:
-        """Draw the disturbances of new episodes; return the scales (k, 6) of their vehicles, if any."""
+        """Draw the disturbances of new episodes; return the factors (k, 6) on their vehicles, or None (`Disturbance.scales`)."""
         product = None
         for part in self.parts.values():
             part.draw_rows(indices)
@@ -99,7 +99,7 @@ class Disturbances:
         return product
 
     def begin(self, indices: Integers, simulator: Simulator) -> None:
-        """Give the simulator what was drawn; set delays, power and errors of the first readings of new episodes."""
+        """Give the simulator the drawn disturbances; set delays, power and the errors of the first readings of new episodes."""
         for part in self.parts.values():
             part.give(simulator)
         if self._delay is not None:
@@ -122,7 +122,7 @@ class Disturbances:
         if not self._pushing:
             simulator.step(command, duration)
             return
-        pushed: Any = simulator  # a configuration with forces has a simulator that takes them
+        pushed: Any = simulator  # a configuration with forces always has a simulator with `external_wrench`
         # The margin avoids an extra part where rounding makes the quotient slightly larger than a whole number.
         count = max(1, math.ceil(duration / self._longest - 1e-9))
         for _ in range(count):
@@ -188,7 +188,7 @@ class Disturbances:
         return {key: np.copy(array) for key, array in {"power": self.power, **arrays}.items()}
 
     def load_state_dict(self, state: Mapping[str, NDArray[Any]]) -> None:
-        """Restore a state of `state_dict` or of a checkpoint of version 2. The task's state must have been restored before."""
+        """Restore a state of `state_dict` or of a checkpoint of version 2. Restore the task's state first."""
         np.copyto(self.power, state["power"], casting="no")
         for name, part in self.parts.items():
             if "D" in state:

@@ -43,7 +43,7 @@ def before(e: Record, d: Record, p: Record, stream: int) -> None:
 
     V[k+1] = Vbar + (V[k] - Vbar) e^(-mu dt) + sigma sqrt(1 - e^(-2 mu dt)) N(0, 1); `fluctuation` is V - Vbar.
     """
-    if e.steps > 0:  # the draw of the start is stationary already
+    if e.steps > 0:  # the fluctuation drawn at the start already has the stationary distribution
         z = normal4(e.seed, CURRENT | stream, _FLUCTUATION, e.steps, e.episode, team_of(e.environment))
         for axis in range(3):
             d.fluctuation[axis] = p.decay * d.fluctuation[axis] + p.innovation * p.sigma[axis] * z[axis]
@@ -55,8 +55,8 @@ class WaterCurrent(Disturbance):
     draw = staticmethod(draw)
     before = staticmethod(before)
     fields = (
-        ("top", "f8", (3,)),  # m/s, world axes: the mean at the top of its profile
-        ("bottom", "f8", (3,)),  # m/s
+        ("top", "f8", (3,)),  # m/s, world axes: mean current at the top of the profile
+        ("bottom", "f8", (3,)),  # m/s, mean current at the bottom of the profile
         ("fluctuation", "f8", (3,)),  # m/s
     )
     settings: Current

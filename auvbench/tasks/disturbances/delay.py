@@ -22,7 +22,7 @@ TOLERANCE = 1e-9
 
 
 class DeadTime(Disturbance):
-    """Commands and measurements of N episodes that delays hold back."""
+    """Delayed commands and measurements of N episodes."""
 
     settings: Delay
 
@@ -41,7 +41,7 @@ class DeadTime(Disturbance):
         self.clock: NDArray[np.int64] = np.zeros((), dtype=np.int64)  # number of agent steps of the batch
 
     def begin(self, indices: NDArray[np.int64], simulator: Simulator) -> None:
-        """Fill the rings of new episodes: no command, and the start pose."""
+        """Fill the rings of new episodes with zero commands, the start pose and zero velocities."""
         self.commands[:, indices] = 0.0
         self.measurements[:, indices] = simulator.pose[indices]
         self.velocities[:, indices] = 0.0
@@ -72,7 +72,7 @@ class DeadTime(Disturbance):
         kept = len(self.measurements)
         if not kept:
             return simulator.pose, simulator.velocity
-        # The next measurement will replace the oldest one, at `clock`.
+        # The oldest measurement is at index `clock`, where the next measurement will replace it.
         oldest = int(self.clock) % kept
         velocity = self.velocities[oldest] if self.task.reads_velocity else simulator.velocity
         return self.measurements[oldest], velocity
@@ -92,7 +92,7 @@ class Segment:
 
     duration: float  # s
     age: int  # age of the acting command in agent steps; 0: the command of this step
-    measure: bool  # a measurement is taken at its end
+    measure: bool  # whether a measurement is taken at the end of the segment
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,9 +129,9 @@ def schedule(frequency: float, action: float, observation: float) -> Schedule:
     late, begins = split(action, frequency)  # the command of `late` steps ago begins to act at `begins`
     old, before_end = split(observation, frequency)
     measured = old > 0 or before_end > 0.0
-    taken = 1.0 - before_end  # time of the measurement, as a share of a step
+    taken = 1.0 - before_end  # time of the measurement, as a fraction of a step
     if abs(taken - begins) < TOLERANCE:
-        taken = begins  # one cut, not two with nothing between
+        taken = begins  # one cut instead of two cuts at the same time
     cuts = sorted({0.0, begins, taken, 1.0})
     segments = tuple(
         Segment(

@@ -26,17 +26,17 @@ MODES = ("none", "dead", "weak", "stuck", "any")
 
 @row
 def draw(e: Record, d: Record, p: Record, stream: int) -> None:
-    """Draw what fails and when; `d.actuator` is an index into the list of actuators that may fail."""
+    """Draw whether, how and when an actuator fails; `d.actuator` is an index into the list of actuators that may fail."""
     fails, which, when, _ = uniform4(e.seed, FAULT | stream, 0, 0, e.episode, e.environment)
     how, _, _, _ = uniform4(e.seed, FAULT | stream, 1, 0, e.episode, e.environment)
     mode = p.mode
     if mode == ANY:
         mode = DEAD + int(3.0 * how)
-    # Draws lie strictly inside (0, 1), so that probability 1 always fails and 0 never does.
+    # Draws are strictly inside (0, 1): with probability 1 an actuator always fails, and with probability 0 never.
     d.mode = mode if fails < p.probability else HEALTHY
     d.actuator = int(p.candidates * which)
     time = p.time_low + (p.time_high - p.time_low) * when
-    # The margin keeps 0.3 s at 10 Hz at step 3, in spite of rounding.
+    # Because of the margin, rounding cannot move a fault to the next step: 0.3 s at 10 Hz is step 3.
     d.begin = math.ceil(time * p.frequency - 1e-9)
 
 

@@ -41,7 +41,7 @@ class Identified(Factor):
 def draw_differences(
     indices: Integers, episodes: Any, root: Floats, reach: Floats, test: int, x: Floats
 ) -> None:
-    """Draw the differences (n, n_p) of normalised values from their estimates for new episodes, each within +-`reach` (n_p,)."""
+    """Draw each new episode's differences of normalised parameters from their estimates, within +-`reach` (n_p,), into x (n, n_p)."""
     size = root.shape[0]
     z = np.empty(size + 3)
     for k in range(indices.shape[0]):
@@ -72,7 +72,7 @@ class IdentifiedVehicles(Disturbance):
         super().__init__(*arguments)
         self.drawn = drawn(self.settings, self.vehicle)
         self.x: Floats = np.zeros((self.task.n, len(self.drawn.reach)))
-        """(n, n_p) differences of normalised values from their estimates"""
+        """(n, n_p) differences of normalised parameters from their estimates"""
         self._new: Integers = np.empty(0, dtype=np.int64)
 
     @staticmethod

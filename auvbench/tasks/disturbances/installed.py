@@ -66,7 +66,7 @@ class Checked:
 
     Args:
         part: the disturbance.
-        who: its name and package.
+        who: name and package of the disturbance, for messages.
     """
 
     give, arrays, load, restored, clear = map(_told, ("give", "arrays", "load", "restored", "clear"))

@@ -59,12 +59,12 @@ def of_disturbance(
     own: tuple[tuple[Any, ...], ...],
     interpreted: bool,
 ) -> dict[str, Callable[..., None]]:
-    """Return a loop for each function of a disturbance, by its name.
+    """Return a loop over episodes for each function of a disturbance, by the function's name.
 
     Args:
-        functions: functions of one episode, by name.
+        functions: functions for one episode, by name.
         own: fields of the disturbance's state: (name, type) or (name, type, shape).
-        interpreted: do not compile the loops and the functions, so that Python checks each index.
+        interpreted: whether to leave the loops and functions uncompiled, so that Python checks each index.
     """
     clear = [f"d.{name} = 0" if not shape else f"d.{name}[:] = 0" for name, _, *shape in own]
     made = {}

@@ -38,9 +38,9 @@ NODES = SEGMENTS + 1
 END = SEGMENTS
 """Index of the node at the vehicle; node 0 is at the surface"""
 _SHARE = 0.5
-"""Longest step of the cable, times the cable's highest angular frequency; steps are unstable from 2 on"""
+"""Longest step of the cable times the cable's highest angular frequency; steps with a product of 2 or more are unstable"""
 _DAMPED = 0.25
-"""Longest step of the cable, as a share of the time constant with which damping stops a node"""
+"""Longest step of the cable, as a fraction of the time constant with which damping stops a node"""
 _SHORTEST = 2e-5
 """Shortest step of the cable, s: with shorter steps, the simulation would be slower than real time"""
 
@@ -99,7 +99,7 @@ def tangent(x: Any, k: int) -> Vector:
 
 @row
 def drag(along: Vector, u: Vector, share: float, p: Record) -> tuple[float, float]:
-    """Return the ratios of drag to velocity in N s/m, across and along the cable, for a share of a segment.
+    """Return the ratios of drag to velocity in N s/m, across and along the cable, for a fraction `share` of a segment.
 
     `u` is the segment's velocity through the water.
     """
@@ -111,7 +111,7 @@ def drag(along: Vector, u: Vector, share: float, p: Record) -> tuple[float, floa
 
 @row
 def move(x: Any, v: Any, k: int, share: float, force: Vector, w: Record, h: float, p: Record) -> None:
-    """Advance node k, which has a share of a segment's mass, by h s under a force in N. The drag acts on the velocity after the step."""
+    """Advance node k, with a fraction `share` of a segment's mass, by h s under a force in N; drag is implicit in the velocity."""
     mass = share * p.node
     _, _, z = triple(x[k])
     water = current_at(w, z)
@@ -254,7 +254,8 @@ class Cable(Disturbance):
 def parameters(settings: Tether, vehicle: VehicleModel) -> dict[str, Any]:
     """Return the parameters of the cable in the vehicle's water."""
     segment, diameter = settings.length / SEGMENTS, settings.diameter
-    # A node has the added mass of a cylinder. A cable has it across only; along the cable it changes no equilibrium.
+    # A node has the added mass of a cylinder in all directions. A real cable has it only across the cable, but along the cable it
+    # changes no equilibrium.
     node = (settings.mass + vehicle.density * math.pi / 4.0 * diameter**2) * segment
     fastest = 2.0 * math.sqrt(settings.stiffness / segment / node)
     damped = settings.damping / segment

@@ -44,7 +44,7 @@ class Sea(Disturbance):
 
     @staticmethod
     def water_speed(settings: Waves, vehicle: VehicleModel) -> tuple[float, float]:
-        # At the surface a component moves the water at its speed both along its direction and up.
+        # At the surface, a component moves the water both horizontally and vertically, each with the amplitude `speed`.
         return 0.0, math.hypot(*_components(settings, vehicle).reshape(-1).view(COMPONENT)["speed"])
 
     def draw_rows(self, indices: Integers) -> None:
@@ -55,7 +55,8 @@ class Sea(Disturbance):
     def give(self, simulator: Simulator) -> None:
         """Set the simulator's waves to the start of the next agent step."""
         self.waves.time[:] = self.task.episodes.steps * self.task.duration
-        cast(WavySimulator, simulator).set_waves(self.waves)  # a configuration with waves has no other
+        # A configuration with waves always has a WavySimulator.
+        cast(WavySimulator, simulator).set_waves(self.waves)
 
     def restored(self) -> None:
         self.draw_rows(np.arange(self.task.n))
@@ -66,7 +67,7 @@ def _components(config: Waves, vehicle: VehicleModel) -> Floats:
 
 
 def spread(exponent: float | None) -> Floats:
-    """Return equally spaced quantiles, in rad, of the angle to the main wave direction, whose density is cos^n (DNV-RP-C205, 3.5.8).
+    """Return equally spaced quantiles in rad of a wave's angle to the main direction; the angle's density is cos^n (DNV-RP-C205, 3.5.8).
 
     Args:
         exponent: n; None: long crests, all angles are 0.

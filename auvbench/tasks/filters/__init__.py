@@ -1,5 +1,7 @@
-"""Filters of commands: `barrier` keeps a vehicle away from solids and limits, `rows` computes its constraints, `quadratic` finds
-the command.
+"""Filters of commands.
+
+`barrier` keeps a vehicle away from solids and limits, `rows` computes the constraints on the command, and `quadratic` finds the
+command that meets these constraints.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 MOMENT = 10.0
-"""Cost of changing the moment relative to the cost of changing forces; it lets a filter brake without turning the vehicle"""
+"""Cost of changing the moment relative to the cost of changing forces; it is high so that a filter brakes without turning the vehicle"""
 YAW = 5
 
 
@@ -87,7 +87,7 @@ class BarrierFilter:
         for name, value in values.items():
             model[name] = value
         self.model = model.view(np.recarray)
-        # `model` as a plain array: numba recognises its type thirty times as fast as a record array's.
+        # `model` is passed as a plain array, because numba recognises this type thirty times as fast as a record array's type.
         self._own = model, self.effect, self.inverse, low, high, *self.curves
 
     def around(self, task: Task) -> tuple[Any, ...]:
@@ -119,13 +119,13 @@ class BarrierFilter:
         """Change the commands (n, n_u) of the vehicles start .. stop - 1.
 
         Args:
-            pose: (n, 7), as measured.
-            velocity: (n, 6), as measured.
-            action: (n, n_u) in [-1, 1], changed.
-            observation: (n, n_obs) of the same moment.
+            pose: (n, 7) measured poses.
+            velocity: (n, 6) measured velocities.
+            action: (n, n_u) commands in [-1, 1], which this method changes.
+            observation: (n, n_obs) observations at the same time.
             around: result of `around`.
-            start: first vehicle.
-            stop: after the last vehicle.
+            start: index of the first vehicle.
+            stop: index after the last vehicle.
         """
         if self.echoes is not None:
             self.echoes.see(pose, observation, around[0], start, stop)
@@ -149,16 +149,16 @@ class BarrierFilter:
 def braking(vehicle: VehicleModel, push: Floats, settings: Barrier) -> float:
     """Return the deceleration in m/s2 that the thrusters guarantee in every direction, against net buoyancy and moving water.
 
-    Along each axis, it comes from the largest force without a yaw moment; between the axes, from the octahedron through these
-    decelerations.
+    Along each axis, the deceleration follows from the largest force without a yaw moment. In other directions, it follows from the
+    octahedron through the decelerations along the axes.
 
     Args:
         vehicle: vehicle of all episodes.
         push: (3,) m/s2, largest acceleration by moving water along each axis.
-        settings: settings of the filter, whose keys messages name.
+        settings: settings of the filter; error messages name their keys.
 
     Raises:
-        ConfigError: the vehicle has other actuators than thrusters, or cannot brake in every direction.
+        ConfigError: the vehicle has actuators that are not thrusters, or cannot brake in every direction.
     """
     if vehicle.others:
         raise ConfigError(
@@ -192,9 +192,9 @@ def braking(vehicle: VehicleModel, push: Floats, settings: Barrier) -> float:
 
 
 def turn_braking(vehicle: VehicleModel, settings: Barrier) -> float:
-    """Return the angular deceleration in rad/s2 that the thrusters guarantee about each axis of the body's x-y plane, without
-    another force or
-    moment.
+    """Return the angular deceleration in rad/s2 that the thrusters guarantee about each axis of the body's x-y plane.
+
+    The thrusters give this deceleration without a force and without a moment about another axis.
 
     Raises:
         ConfigError: the thrusters do not control roll and pitch.
@@ -205,7 +205,7 @@ def turn_braking(vehicle: VehicleModel, settings: Barrier) -> float:
             f"filter.tilt={settings.tilt:g}: vehicle={vehicle.name} does not control roll and pitch by its thrusters; use "
             "filter.tilt=null, or a vehicle with thrust along and about each axis"
         )
-    # The smaller limit of each thruster holds in both directions.
+    # Each thruster can give the smaller of its two limits in both directions.
     strongest = np.abs(_thrust_limits(vehicle)).min(axis=1)
     reach = np.array([np.min(strongest / np.maximum(np.abs(inverse[:, axis]), 1e-9)) for axis in (3, 4)])
     rates = reach / np.diag(vehicle.M)[3:5]
@@ -231,7 +231,7 @@ def _water(vehicle: VehicleModel, current: float) -> dict[str, Floats]:
     """Return the largest accelerations that water moving at `current` m/s causes.
 
     Returns:
-        `push` (3,): acceleration of a vehicle at rest; `drag` (3,): further acceleration per m/s of the vehicle's speed.
+        `push` (3,): acceleration of a vehicle at rest; `drag` (3,): additional acceleration per m/s of the vehicle's speed.
     """
     mass = np.diag(vehicle.M)[:3]
     linear, quadratic = vehicle.linear_damping[:3], vehicle.quadratic_damping[:3]
@@ -243,7 +243,7 @@ def _water(vehicle: VehicleModel, current: float) -> dict[str, Floats]:
 
 
 def _horizon(config: schema.TrainConfig, vehicle: VehicleModel) -> float:
-    """Return the time in s from a measurement to the force of its command: agent step, lag of the thrusters, and delays."""
+    """Return the time in s from a measurement to the thrusters' reaction: agent step, lag of the thrusters, and delays."""
     delay = config.disturbance.delay
     lag = max(unit.lag.delay for unit in vehicle.units)
     return float(1.0 / config.step.frequency + lag + delay.action + delay.observation)

@@ -25,8 +25,7 @@ BLOCK = "range.ideal"
 """Name of the block whose rays show where an echo is"""
 SCANS, BETWEEN = 6, 0.8
 """Number of stored scans, and time between them, s. Until the next scan begins, each step overwrites the newest scan. Therefore a
-stored echo
-is forgotten after 4.0 s and one agent step"""
+stored echo is forgotten after 4.0 s and one agent step"""
 RADIUS = 0.1
 """Radius of an echo's sphere, m"""
 FAR = 1e6
@@ -77,7 +76,7 @@ class Echoes:
         """Store the echoes that the vehicles start .. stop - 1 observe at poses (n, 7), after `steps` (n,) steps of their episodes."""
         close = observation[start:stop, self.columns].astype(np.float64)
         R = frames.rotation(pose[start:stop, 3:])
-        # Term by term, since a matrix product may round differently in a batch of another size.
+        # Summed term by term, because a matrix product may round differently in a batch of another size.
         along = sum(R[:, None, :, j] * self.rays[None, :, None, j] for j in range(3))
         places = pose[start:stop, None, :3] + (self.high * (1.0 - close))[:, :, None] * along
         rows, k = np.arange(start, stop)[:, None], len(self.rays)

@@ -72,7 +72,7 @@ class Protection:
             self._heights, self._covers = kind.heights, kind.covers
         counts = np.array([len(self._solids)])
         self._around = np.zeros(1, np.int64), counts, self._solids[None], self._heights, hull
-        # The first calls compile; a vehicle under power must not wait for that.
+        # The first calls compile; a vehicle under power must not wait for the compiler.
         at_rest = np.array([0.0, 0.0, 0.5 * (low + high), 1.0, 0.0, 0.0, 0.0])
         self.protect(at_rest, np.zeros(6), np.zeros(len(vehicle.actuators)))
         self._room(at_rest[:3])
@@ -93,7 +93,7 @@ class Protection:
         return int(self._filter.tallies[0, INFEASIBLE])
 
     def refusal(self, point: Floats) -> str:
-        """Return why a vehicle must not go to a point (3,) in m, whichever way its bow points; '' if it may."""
+        """Return why a vehicle, at any heading, must not go to a point (3,) in m; '' if the vehicle may go there."""
         low, high = self._depths
         if not low + self._margin <= point[2] <= high - self._margin:
             return f"is nearer to a depth limit than the filter's margin of {self._margin:g} m"
@@ -103,7 +103,7 @@ class Protection:
         return "" if room >= 0.0 else f"is {-room:.2g} m too near to a solid for the filter"
 
     def _room(self, point: Floats) -> float:
-        """Return the distance in m, at the worst heading, between the hull and the margin round the nearest solid; negative inside it."""
+        """Return the distance in m, at the worst heading, from the hull to the margin round the nearest solid; negative in the margin."""
         distance, nearest, gradient = np.empty(1), np.empty(1, np.int64), np.empty((1, 3))
         clearance(self._solids, self._heights, 0.0, point[None], FAR, distance, nearest, gradient)
         return float(distance[0]) - self._radius - self._margin

@@ -3,8 +3,8 @@
     minimise 1/2 (x - x0)' H (x - x0) + PENALTY/2 |s|^2   with   A x >= b - s,   low <= x <= high
 
 A dual active-set method (Lawson and Hanson, "Solving least squares problems", 1974, chapter 23): the multipliers of the active
-constraints solve a linear system; the most violated constraint enters, and a constraint with a negative multiplier leaves. It ends after
-finitely many steps with the exact solution.
+constraints solve a linear system; the most violated constraint enters, and a constraint with a negative multiplier leaves. The method ends
+after finitely many steps with the exact solution.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ PENALTY = 1e6
 TOLERANCE = 1e-9
 """Tolerance of a constraint, in units of its own scale"""
 MOST_STEPS = 200
-"""Largest number of changes of the active set; it ends a cycle that rounding may cause"""
+"""Largest number of changes of the active set; the limit ends cycles that rounding may cause"""
 
 
 @njit(nogil=True)
 def factorise(Q: Floats, n: int) -> bool:
-    """Replace the lower triangle of Q[:n, :n] by its Cholesky factor; return whether it is positive definite."""
+    """Replace the lower triangle of Q[:n, :n] by the Cholesky factor; return whether Q[:n, :n] is positive definite."""
     for i in range(n):
         for j in range(i + 1):
             total = Q[i, j]
@@ -47,7 +47,7 @@ def factorise(Q: Floats, n: int) -> bool:
 
 @njit(nogil=True)
 def solve(L: Floats, n: int, z: Floats) -> None:
-    """Replace z[:n] by the solution of L L' y = z."""
+    """Replace z[:n] by the solution y of L L' y = z."""
     for i in range(n):
         for k in range(i):
             z[i] -= L[i, k] * z[k]
@@ -62,7 +62,7 @@ def solve(L: Floats, n: int, z: Floats) -> None:
 def nearest(
     A: Floats, b: Floats, count: int, inverse: Floats, low: Floats, high: Floats, target: Floats, x: Floats
 ) -> float:
-    """Write the solution to x (n,); return the largest slack, infinite if the method did not end.
+    """Write the solution to x (n,); return the largest slack, or infinity if the method does not end.
 
     Args:
         A: (m, n); its first `count` rows are constraints.

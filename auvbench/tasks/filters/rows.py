@@ -1,8 +1,8 @@
 """The constraints of the barrier filter on a vehicle's command, one row a x >= b for each solid and limit.
 
-With d the distance that is left, v the closing speed and a the guaranteed deceleration, a vehicle that brakes after T seconds stops in
-time if v T + v^2 / (2 a) <= d for v > 0, that is, v <= w(d). The barrier is w(d) - v, of relative degree one in the thrust, and the command
-must keep
+Let d be the distance to the solid or limit, v the closing speed and a the guaranteed deceleration. For v > 0, a vehicle that brakes after
+T seconds stops in time if v T + v^2 / (2 a) <= d, that is, v <= w(d). The barrier is w(d) - v, of relative degree one in the thrust, and
+the command must keep
 
     d/dt (w(d) - v) >= -(w(d) - v) / T,    that is    v + T v' + T w'(d) max(v, 0) <= w(d)
 """
@@ -52,14 +52,14 @@ MODEL = record(
     momentum=(6, 6),  # matrix of the Coriolis terms
     linear=(6,),  # damping, N s/m, N m s
     quadratic=(6,),
-    lift=(),  # N, buoyancy less weight
+    lift=(),  # N, buoyancy minus weight
     righting=(3,),  # N m, B r_b - W r_g
     brake=(),  # m/s2, guaranteed deceleration in every direction
-    horizon=(),  # s, from a measurement to the force of its command
-    margin=(),  # m
+    horizon=(),  # s, time from a measurement to the thrusters' reaction
+    margin=(),  # m, distance to keep from solids and limits
     drag=(3,),  # m/s2 per m/s of the vehicle's speed, largest effect of the water's motion
     push=(3,),  # m/s2, largest effect of the water's motion on a vehicle at rest
-    speed=(),  # m/s, largest; infinite: no limit
+    speed=(),  # m/s, largest speed; infinite: no limit
     tilt=(),  # rad, largest angle between the vehicle's z and the vertical; infinite: no limit
     turn_brake=(),  # rad/s2, guaranteed deceleration about each axis of the body's x-y plane
     low=(),  # m, depth limits
@@ -158,7 +158,7 @@ def needed(p: Record, d: float, closing: float, away: float, pushed: float) -> f
     """Return the acceleration in m/s2 that thrust must add along the normal of a solid or limit.
 
     Args:
-        d: distance that is left, m.
+        d: distance to the solid or limit, m.
         closing: closing speed, m/s.
         away: acceleration without thrust along the normal, m/s2.
         pushed: largest acceleration by moving water, m/s2.
@@ -211,7 +211,7 @@ def constraints(
         centre = add(position, product(R, arm))
         motion = add(v, cross(omega, arm))
         own = add(origin, add(cross(turning, arm), cross(omega, cross(omega, arm))))
-        # Farther than this, every command leaves time to brake.
+        # Solids farther away than `reach` leave time to brake after any command.
         fastest = speed + math.sqrt(dot(omega, omega)) * abs(arm[0])
         fastest = 2.0 * fastest + p.horizon * (math.sqrt(strongest) + math.sqrt(dot(own, own)) + pushed)
         reach = fastest * p.horizon + 0.5 * fastest * fastest / p.brake + p.margin + hull.radius
@@ -315,25 +315,25 @@ def protect(
     """Change the commands (n, n_u) of the vehicles start .. stop - 1 as little as the constraints allow, and tally the changes.
 
     Args:
-        start: first vehicle.
-        stop: after the last vehicle.
-        pose: (n, 7).
-        velocity: (n, 6).
-        action: (n, n_u) in [-1, 1], changed.
+        start: index of the first vehicle.
+        stop: index after the last vehicle.
+        pose: (n, 7) poses.
+        velocity: (n, 6) velocities.
+        action: (n, n_u) commands in [-1, 1], which this function changes.
         steps: (n,) agent steps since the start of the episode.
-        counts: (n,) solids of each episode.
+        counts: (n,) number of solids in each episode.
         solids: (n, most) records of SOLID.
         heights: (m,) heights of all terrain, m.
         hull: (1,) record of HULL.
         model: (1,) record of MODEL.
         effect: (6, n_u) accelerations caused by the largest force of each thruster.
-        inverse: (n_u, n_u) inverse of the cost's Hessian; x are forces as shares of each thruster's largest force.
-        low: (n_u,) smallest force of each thruster, as a share.
-        high: (n_u,) largest force of each thruster, as a share.
-        tables: (n_u, POINTS) forces as shares, at equally spaced commands.
+        inverse: (n_u, n_u) inverse of the cost's Hessian; its variables are forces divided by each thruster's largest force.
+        low: (n_u,) lowest (reverse) force of each thruster, divided by the largest force.
+        high: (n_u,) highest (forward) force of each thruster, divided by the largest force.
+        tables: (n_u, POINTS) forces at equally spaced commands, divided by the largest force.
         first: (n_u,) first command of each table.
         last: (n_u,) last command of each table.
-        tallies: (n, 3), see CHANGED.
+        tallies: (n, 3) tallies with the columns CHANGED, CHANGE and INFEASIBLE, which this function changes.
     """
     solids, heights = borrowed(solids), borrowed(heights)
     p = model[0]

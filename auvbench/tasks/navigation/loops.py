@@ -282,7 +282,7 @@ def sample_rows(
             episodes[i], states[i], p, covariances[i], work, stream, true_pose[i], true_velocity[i],
             solids[i, : counts[i]], heights, water[i], power[i], (components, rays[i // LANES], times[i]), i % LANES, seconds,
         )  # fmt: skip
-    memory[:] = 0.0  # keeps `memory` alive: numba frees an array after its last use and ignores borrowed views
+    memory[:] = 0.0  # keeps `memory`, which numba frees after its last use, ignoring borrowed views
 
 
 @compiled("dynamics", "worlds", "tasks", ".")

@@ -101,7 +101,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("due", "f8", _S),  # s, time of the next measurement
     ("arrives", "f8", _S),  # s, arrival time of the reading under way
     ("stamp", "f8", _S),  # s, measuring time of the last valid reading that arrived
-    ("rejected", "i8", (32,)),  # number of readings in a row that failed the gate; four counters for each sensor
+    ("rejected", "i8", (32,)),  # number of readings in a row that failed the gate; four for each sensor
     ("nis", "f8", _S),  # sum of normalised innovations squared
     ("innovations", "f8", _S),  # number of innovations in `nis`
     # Estimate

@@ -10,18 +10,18 @@ from auvbench.dynamics.layout import Matrix, Quaternion, Vector
 from auvbench.dynamics.vectors import dot, scale, unit
 
 SMALL = 1e-3
-"""Squared angle below which series replace sine and cosine, rad2; a turn at 3 rad/s for 0.01 s has 9e-4"""
+"""Squared angle below which series replace sine and cosine, rad2; a turn at 3 rad/s for 0.01 s has the squared angle 9e-4"""
 
 
 @inline
 def attitude_of(field: Any) -> Quaternion:
-    """Return the quaternion of a field."""
+    """Return a field (4,) as a quaternion tuple."""
     return field[0], field[1], field[2], field[3]
 
 
 @inline
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation b, followed by a."""
+    """Return the product a b: the rotation b, followed by the rotation a."""
     aw, ax, ay, az = a
     bw, bx, by, bz = b
     return (

@@ -1,9 +1,9 @@
 """USBL: positions from a boat's transceiver, by the range to the vehicle's transponder and the direction of its sound.
 
-The reading is a position in world axes. Along the line of sight, its error has the standard deviation of the range. Across the line of
-sight, it has the standard deviation of the angles times the range. The head's misalignment about the vertical lasts an episode and turns
-all positions round the boat. Multipath makes outliers; positions are missing in bursts. A reading is the position at the moment when the
-transponder sends. It arrives after the sound has reached the boat and the boat's message has reached the vehicle.
+The reading is a position in world axes. Along the line of sight, its standard deviation is `range_noise`. Perpendicular to the line of
+sight, its standard deviation is `angle_noise` times the range. The head's misalignment about the vertical lasts an episode and turns all
+positions round the boat. Multipath makes outliers; positions are missing in bursts. A reading is the vehicle's position when the
+transponder sends. The reading arrives after the sound has reached the boat and the boat's message has reached the vehicle.
 """
 
 from __future__ import annotations
