@@ -155,7 +155,7 @@ def advance(
     workspace = memory[skip : skip + ROWS * LANES]
     ws = workspace.view(WORKSPACE)[0]
     value = table[ROWS : ROWS + n_u]  # static curve of the command
-    output = table[ROWS + n_u : ROWS + 2 * n_u]  # after the dynamics
+    output = table[ROWS + n_u : ROWS + 2 * n_u]  # output of the dynamics
     thrust = table[ROWS + 2 * n_u : ROWS + 3 * n_u]  # effectiveness times thrust scale
     inner = table[ROWS + 3 * n_u : ROWS + 3 * n_u + count]
     kept = table[

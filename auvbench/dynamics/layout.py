@@ -83,7 +83,7 @@ PARAMETER_ROWS = VEHICLE.itemsize // 8
 # How a vehicle differs from its sheet. The numbers are factors, one for each axis, unless a comment says otherwise.
 CHANGE = record(
     mass=(),  # factor on the mass; the net buoyancy stays
-    inertia=(3,),  # about the centre of gravity
+    inertia=(3,),  # factors on the inertia about the centre of gravity
     added_mass=(6,),
     linear_damping=(6,),
     quadratic_damping=(6,),
@@ -170,4 +170,4 @@ COMPONENT = record(
 )  # 1 / wave length in 1/m, Hz, amplitude of the surface's velocity in m/s
 RAY = record(
     cosine=(LANES,), sine=(LANES,), phase=(LANES,)
-)  # direction of a component, and its phase in turns, for a block
+)  # direction of a component, and its phase in turns, for each vehicle of a block

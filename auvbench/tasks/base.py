@@ -89,7 +89,7 @@ class Task:
     taken: ClassVar[tuple[str, ...]] = ()
     """Further attributes that the `_take` of a subclass creates"""
     success_ends: ClassVar[bool] = True
-    """whether success ends the episode; if not, success is a property of the whole episode, which then times out"""
+    """Whether success ends the episode; if not, the episode runs to its time limit, and success is a property of the whole episode"""
     reference_columns: ClassVar[tuple[str, ...]] = ()
     """Columns of a record that a fingerprint covers (`evaluation.reference`); empty: all columns of the task. With
     declared columns a new metric does not change the fingerprints of published results."""
@@ -328,7 +328,7 @@ class Task:
             self.world.draw(self, indices)
 
     def misplaced(self, i: int) -> str:
-        """Return why environment i cannot begin at its start, with the valid range; '' if it can."""
+        """Return why environment i cannot begin at its start, with the valid range; '' if the start is valid."""
         error = np.abs(self.reference[i] - self.episodes[i].start)
         if self.parameters[0].body_frame:
             error[:2] = np.hypot(error[0], error[1])

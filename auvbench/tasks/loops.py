@@ -199,7 +199,7 @@ def of_task(
         own: the task's own fields: (name, type) or (name, type, shape).
         has_yaw: whether the reference has its own yaw.
         solid: whether there are solids in the water.
-        interpreted: do not compile the loops and the functions of task and reward, so that Python checks each index.
+        interpreted: whether to leave the loops and the functions of task and reward uncompiled, so that Python checks each index.
     """
     clear = tuple(f"e.{name} = 0" if not shape else f"e.{name}[:] = 0" for name, _, *shape in own)
     return _of_task(tuple(functions.items()), reward, clear, has_yaw, solid, interpreted)
@@ -263,7 +263,7 @@ def observe(specs: tuple[blocks.BlockSpec, ...], *, interpreted: bool = False) -
 
     Args:
         specs: blocks in the order of their codes (`observed`).
-        interpreted: do not compile the function, so that Python checks each index.
+        interpreted: whether to leave the function uncompiled, so that Python checks each index.
     """
     compile_row = row_compiler(interpreted)
     own = _with_compiled(vars(blocks), {}, compile_row)

@@ -107,7 +107,7 @@ def tracking(e: Record, v: Vehicle, p: Record) -> float:
 
 @row
 def goal(e: Record, v: Vehicle, p: Record) -> float:
-    """Return `tracking` with a second term that grows only near the goal."""
+    """Return the `tracking` reward plus a term that grows only near the goal."""
     r = errors(e, v, p)
     r += p.fine * math.exp(-e.to_go / p.fine_length)
     return float(p.k * (r + end(e, p)))

@@ -239,7 +239,7 @@ def arrival(e: Record, v: Vehicle, p: Record) -> int:
 
 @row
 def add_errors(e: Record) -> None:
-    """Add the errors of a step to the sums of their squares."""
+    """Add the squared position and yaw errors of a step to their sums."""
     e.error_squared_sum += e.distance * e.distance
     e.yaw_error_squared_sum += e.yaw_error * e.yaw_error
     e.counted += 1.0

@@ -1,4 +1,4 @@
-"""Name the kinds of solids, for code that compiles nothing."""
+"""Define the kinds of solids. This module imports no compiled code."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def water_speed(disturbance: schema.Disturbance, vehicle: VehicleModel) -> tuple
 
 
 def misreading(disturbance: schema.Disturbance, seconds: float) -> Floats:
-    """Return an upper bound (3,) in m on the standard deviation of position readings after `seconds`: the sum over disturbances."""
+    """Return an upper bound (3,) in m on the standard deviation of position readings after `seconds`: a sum over disturbances."""
     errors = np.zeros(3)
     for name, settings in disturbance.active():
         errors += _asked(name, "misreading", settings, seconds)

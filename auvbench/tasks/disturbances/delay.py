@@ -18,7 +18,7 @@ from auvbench.tasks.disturbances.base import Disturbance
 Floats = NDArray[np.float64]
 
 TOLERANCE = 1e-9
-"""Tolerance as a fraction of a step: a delay this close to a whole number of steps is that number of steps."""
+"""Tolerance as a fraction of a step: a delay within this tolerance of a whole number of steps is rounded to that number."""
 
 
 class DeadTime(Disturbance):

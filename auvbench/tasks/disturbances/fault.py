@@ -94,7 +94,7 @@ class ActuatorFault(Disturbance):
 
     @staticmethod
     def check(settings: Fault, vehicle: VehicleModel) -> None:
-        """Check that the vehicle has the actuator, and that the mode of an active fault suits it.
+        """Check that the vehicle has the actuator, and that an active fault's mode is possible for this actuator.
 
         Raises:
             ConfigError: the vehicle has no such actuator or no thrusters, or the mode needs a thruster.

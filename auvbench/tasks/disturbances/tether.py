@@ -132,7 +132,7 @@ def move(x: Any, v: Any, k: int, share: float, force: Vector, w: Record, h: floa
 
 @row
 def step(x: Any, v: Any, w: Record, h: float, p: Record, free: bool) -> Vector:
-    """Advance the cable by h s; return the force in N of its end on the vehicle, which is 0 if the end hangs free.
+    """Advance the cable by h s; return the force in N of the cable's end on the vehicle, 0 if the end hangs free.
 
     Args:
         x: positions (NODES, 3) of the nodes, m, world axes.

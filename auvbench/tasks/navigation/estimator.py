@@ -32,7 +32,7 @@ class Navigation:
     """Sensors and estimates of N episodes.
 
     Order of calls: `begin` after the simulator's reset; `sample` after each of the `intervals` of a step; `conclude` at
-    the end of an agent step, when the task has advanced.
+    the end of an agent step, after the task has advanced.
 
     Args:
         config: configuration with an estimator and its sensors.

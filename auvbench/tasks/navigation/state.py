@@ -96,7 +96,7 @@ FIELDS: tuple[tuple[Any, ...], ...] = (
     ("range_position", "f8", _V),  # m, present estimate of the receiver's position at the sending time
     ("beacon", "f8", _V),  # m, the beacon's estimate of the beacon's position at the sending time
     ("stated", "f8", (3, 3)),  # m2, covariance of the beacon's estimate
-    ("beacon_sent", "f8", (MOST,)),  # s, sending time of the last range to each beacon; -1: none
+    ("beacon_sent", "f8", (MOST,)),  # s, sending time of the last range to each beacon; -1: no range yet
     # Values of each sensor
     ("due", "f8", _S),  # s, time of the next measurement
     ("arrives", "f8", _S),  # s, arrival time of the reading under way

@@ -37,7 +37,7 @@ def turn(vector: Vector) -> Quaternion:
     """Return the rotation about a vector by its length in rad."""
     x, y, z = vector
     squared = dot(vector, vector)
-    if squared < SMALL:  # series, to the last bit but one
+    if squared < SMALL:  # series, accurate to the last bit but one
         share = 0.5 - squared / 48.0 * (1.0 - squared / 80.0 * (1.0 - squared / 168.0))
         cosine = 1.0 - squared / 8.0 * (1.0 - squared / 48.0 * (1.0 - squared / 120.0))
     else:
@@ -58,7 +58,7 @@ def vector_of(q: Quaternion) -> Vector:
     """Return the rotation vector in rad of a rotation by less than half a turn; the inverse of `turn`."""
     w, x, y, z = q
     squared = x * x + y * y + z * z
-    if squared < 0.25 * SMALL:  # series of the arcsine, to the last bit but one
+    if squared < 0.25 * SMALL:  # series of the arcsine, accurate to the last bit but one
         share = 2.0 + squared * (
             1.0 / 3.0 + squared * (3.0 / 20.0 + squared * (5.0 / 56.0 + squared * 35.0 / 576.0))
         )

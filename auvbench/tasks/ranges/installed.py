@@ -15,7 +15,7 @@ from auvbench.tasks.ranges.base import RangeSensor
 
 
 class Sensors:
-    """The sensors of N episodes, sorted by name, which is their order in `loops.observed`.
+    """The sensors of N episodes in the order of `loops.observed`, that is, sorted by name.
 
     Args:
         names: sorted names of the sensors' blocks.

@@ -45,7 +45,7 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
 
 
 class MultibeamSonar(RangeSensor):
-    """Multibeam sonar. The rays of a beam are spread over its share of the horizontal angle and over the whole vertical angle."""
+    """Multibeam sonar. The rays of a beam cover the beam's part of the horizontal angle, and the whole vertical angle."""
 
     sense = staticmethod(sense)
 

@@ -84,7 +84,7 @@ def sense(e: Record, d: Record, memory: Floats, p: Record, rays: Any, scene: Sce
 
 
 class EchoSounder(RangeSensor):
-    """Echo sounder whose cone is sampled by its axis and two rings of rays."""
+    """Echo sounder whose cone is sampled by one ray along the axis and two rings of rays."""
 
     sense = staticmethod(sense)
 
