@@ -5,7 +5,7 @@ Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control", Wiley 2011,
 Fossen's force is -C_A(nu_r) nu_r (2011, eq. 6.43). Gazebo's Hydrodynamics plugin applies +C nu_r, according to its source and to
 measurements (docs/gazebo.md). C depends on the release:
 
-* `gz-sim-8.12` and later (measured in 8.14.0): C = C_A. The sign is opposite to Fossen's, so that the Munk moment turns a hull into the flow;
+* `gz-sim-8.12` and later (measured in 8.14.0): C = C_A. The sign is opposite to Fossen's, so the Munk moment turns a hull into the flow;
 * `gz-sim-8.11` and all earlier releases (measured with the plugin of 8.11.0): C differs from C_A in two entries,
   C(0,5) = +A_22 v where C_A has -A_22 v, so that this force equals Fossen's, and C(5,0) = -A_33 w where C_A has A_22 v.
 
