@@ -31,6 +31,9 @@ PATHS = ("output", "plot")
 CHOICES = {"algo.base": "algo/base@algo"}
 """Keys whose values are names of files, with Hydra's name of the key."""
 
+SEVERAL = ("disturbance", "experiment", "search")
+"""Groups of which a run may have several options."""
+
 _NUMBER = re.compile(r"(?<![\w.])[+-]?\d[\d_]*(?:\.\d*)?(?:[eE][+-]?\d+)?(?![\w.])")
 
 Compose = Callable[[Sequence[str]], DictConfig]
@@ -83,11 +86,11 @@ def read(overrides: Sequence[str]) -> list[str]:
 def _of_one_group(override: str) -> str:
     """Return the error for a list of options of a group, of which Hydra would silently use only the last; '' if there is no error.
 
-    `disturbance` takes a list, and a list with an unknown option has its own error.
+    A list with an unknown option has its own error.
     """
     key, _, value = override.partition("=")
     names = re.fullmatch(r"\[\s*([\w./-]+(?:\s*,\s*[\w./-]+)*)\s*\]", value)
-    if names is None or key == "disturbance":
+    if names is None or key in SEVERAL:
         return ""
     options = re.split(r"\s*,\s*", names[1])
     if not set(options) <= set(folders.options(key)):
