@@ -52,6 +52,7 @@ CORRECTIONS = {
     **dict.fromkeys(("current", "current_speed", "disturbance.current_speed"), "disturbance.current.speed"),
     **dict.fromkeys(("waves", "wave", "sea", "wave_height"), "disturbance.waves.height"),
     **dict.fromkeys(("fault", "faults"), "disturbance.fault.mode"),
+    **dict.fromkeys(("tune.method", "tune.algorithm"), "tune.sampler"),
     **dict.fromkeys(("out", "output_dir", "out_dir", "folder", "dir"), "output"),
     **dict.fromkeys(("experiment_name", "run_name"), "name"),
     **dict.fromkeys(("jobs", "processes", "n_jobs"), "launcher.workers"),
@@ -84,7 +85,8 @@ def unknown_key(key: str, keys: Collection[str], program: str) -> str:
         return "algo.base=NAME chooses the controller; its values are keys of algo.residual"
     if (suggestion := CORRECTIONS.get(key)) in keys:
         return f"did you mean {suggestion}? ({program} --cfg job shows all keys)"
-    if command := OF_COMMANDS.get(key.partition(".")[0]):
+    command = OF_COMMANDS.get(key.partition(".")[0])
+    if command and not program.endswith(f" {command}"):
         return f"it is a key of auvbench {command} (auvbench {command} --help)"
     if having := owners(key):
         return f"only {', '.join(having)} {'has' if len(having) == 1 else 'have'} it"
