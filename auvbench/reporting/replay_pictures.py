@@ -79,7 +79,7 @@ class Moving:
 
     episode: Replay
     space: list[Any]
-    """Lines in the 3-D view: path, nose, position of the moving reference, paths of the other vehicles of a team"""
+    """Lines in the 3-D view: path, nose, position of the moving reference, and the paths of the other vehicles of a team, each with a marker at its end"""
     above: list[Any]
     """The same lines in the view from above"""
     distance: Any
@@ -138,7 +138,10 @@ def scene(episodes: Sequence[Replay]) -> tuple[Any, list[Moving]]:
             {"color": colour},
             {"color": "black", "linewidth": 3},
             {"color": "black", "marker": "o", "markersize": 4, "fillstyle": "none"},
-            *({"color": c if single else colour, "linewidth": 0.9} for c in free[: _others(episode)]),
+            *(
+                {"color": c if single else colour, "linewidth": 0.9, "marker": "o", "markevery": [-1]}
+                for c in free[: _others(episode)]
+            ),
         ]
         solid = [space.plot([], [], [], **look)[0] for look in looks]
         flat = [above.plot([], [], **look)[0] for look in looks]
