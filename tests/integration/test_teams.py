@@ -25,6 +25,14 @@ TINY = [
     "train.total_steps=1500",
 ]
 
+SAC = [
+    "algo=sac",
+    "algo.n_envs=4",
+    "algo.batch_size=32",
+    "algo.learning_starts=100",
+    "train.total_steps=1500",
+]
+
 
 def only(folder: Path) -> Path:
     (path,) = (manifest.parent for manifest in (folder / "default").glob("*/manifest.json"))
@@ -32,7 +40,11 @@ def only(folder: Path) -> Path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("algo", [["algo=pid"], TINY], ids=["pid", "ppo"])
+@pytest.mark.parametrize(
+    "algo",
+    [["algo=pid"], ["algo=mpc", "algo.horizon=1"], TINY, SAC],
+    ids=["pid", "mpc", "ppo", "sac"],
+)
 def test_a_team_is_one_row_in_training_tests_and_replays(algo: list[str], tmp_path: Path) -> None:
     assert main(["train", f"output={tmp_path}", *WORDS, *algo]) == 0
     path = only(tmp_path)
@@ -42,7 +54,7 @@ def test_a_team_is_one_row_in_training_tests_and_replays(algo: list[str], tmp_pa
     assert rows["episode"].tolist() == [0, 1, 2, 3, 4]
     assert (rows["environment"] == 0).all()
     assert (rows["separation_min_m"] > 0.0).all()
-    if algo == TINY:
+    if algo in (TINY, SAC):
         trained = pd.read_csv(path / "train" / "episodes.csv")
         # 1,536 steps of 12 vehicles are 128 steps of each team.
         assert set(trained["environment"]) <= {0, 1, 2, 3}
