@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from auvbench.agents import base as agents
 from auvbench.config.compose import compose
 from auvbench.config.schema import TrainConfig
 from auvbench.config.validate import train_config
@@ -83,6 +84,49 @@ def tasks() -> Iterator[Row]:
             f"{rate:,.0f}",
             "steps/s",
             f"processor time; {rate / rates['waypoint']:.2f} times waypoint",
+        )
+
+
+def teams() -> Iterator[Row]:
+    """Compare the processor time of one vehicle's step in a team of four with that in a team of one."""
+    for rows in (4, 256, 1024):
+        words = "task=formation", "vehicle=bluerov2_heavy", f"step.frequency={FREQUENCY}"
+        batches = {
+            size: Batch(configuration(*words, f"task.vehicles={size}"), rows // size) for size in (1, 4)
+        }
+        rounds = [
+            {size: _stepper(batch, time.thread_time) for size, batch in batches.items()} for _ in range(3)
+        ]
+        one, four = (min(times[size] for times in rounds) / rows for size in batches)
+        yield (
+            f"vehicle step in a team of four, formation, N = {rows}",
+            f"{four / one:.2f}",
+            "times alone",
+            f"processor time; {1e6 * four:.2f} and {1e6 * one:.2f} µs",
+        )
+
+
+def planners() -> Iterator[Row]:
+    """Measure the processor time of an action of agents that plan, in one episode of the default task."""
+    for name in ("pid", "mpc", "mppi"):
+        config = configuration(f"algo={name}", "algo.n_envs=1")
+        batch = Batch(config, 1, validation=True)
+        agent = agents.make(config, batch.vehicle)
+        observation = batch.reset()
+        agent.reset(np.arange(1))
+        agent.act(observation)  # loads what is compiled
+        agent.reset(np.arange(1))
+        times = []
+        for _ in range(100):
+            begun = time.thread_time()
+            action = agent.act(observation)
+            times.append(1e3 * (time.thread_time() - begun))
+            observation = batch.step(action).observation
+        yield (
+            f"an action of {name}, one vehicle, median of 100",
+            f"{statistics.median(times):.1f}",
+            "ms",
+            f"processor time; at most {max(times[1:]):.1f} ms, the first {times[0]:.0f} ms",
         )
 
 
@@ -285,6 +329,8 @@ def reports() -> Iterator[Row]:
 SECTIONS = {
     "environments": environments,
     "tasks": tasks,
+    "teams": teams,
+    "planners": planners,
     "threads": threads,
     "disturbances": disturbances,
     "vehicles": vehicles,
