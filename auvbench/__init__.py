@@ -20,11 +20,11 @@ __version__ = "0.1.0"
 ID = "auvbench/Waypoint-v1"
 
 ORIGINAL: dict[str, object] = {"vehicle": "bluerov2", "task": "waypoint"}
-"""Settings of the ids of version 0: the original study's vehicle and task"""
+"""Default settings of the Gymnasium ids that end in -v0: the vehicle and the task of the original study"""
 
 
 TEAMS = {"auvbench/Formation-v0": "formation"}
-"""Task of each id of `parallel_env`; these tasks have several vehicles"""
+"""Ids that `parallel_env` accepts, each with its task; a task in this mapping has several vehicles"""
 
 
 def parallel_env(id: str, *arguments: Any, **keywords: Any) -> "AuvParallelEnv":
@@ -32,8 +32,8 @@ def parallel_env(id: str, *arguments: Any, **keywords: Any) -> "AuvParallelEnv":
 
     Args:
         id: an id in TEAMS.
-        arguments: `overrides` and `config`; see `auvbench.envs.gym_env.AuvEnv`.
-        keywords: `vehicles`, the number of vehicles, and the keywords of `AuvEnv`.
+        arguments: `overrides` and `config`, the positional arguments of `auvbench.envs.gym_env.AuvEnv`.
+        keywords: `vehicles`, the number of vehicles, and all keyword arguments of `AuvEnv`.
 
     Raises:
         ConfigError: the id or a setting is wrong.
@@ -51,12 +51,12 @@ def parallel_env(id: str, *arguments: Any, **keywords: Any) -> "AuvParallelEnv":
 
 
 def register() -> None:
-    """Register the Gymnasium ids (by entry-point strings, so that nothing else is imported).
+    """Register the Gymnasium ids; Gymnasium imports an environment only when `gymnasium.make` creates it.
 
     Each task with one vehicle has an id with its name in camel case: `auvbench/Waypoint-v1`, `auvbench/StationKeeping-v1`,
-    and for the task `pole_inspection` of a package `auvbench/PoleInspection-v1`. The vehicle of version 1 is the command
-    line's default; the vehicle of version 0 is the original study's. `auvbench/Waypoint-K40-25Hz-v0` and eight more ids are
-    the combinations of K and frequency in that study.
+    and `auvbench/PoleInspection-v1` for a package's task `pole_inspection`. An id that ends in -v1 has the command line's
+    default vehicle; an id that ends in -v0 has the original study's vehicle. One id, such as `auvbench/Waypoint-K40-25Hz-v0`,
+    exists for each combination of K (of the reward) and frequency in that study.
     """
     from gymnasium.envs.registration import register as add
     from gymnasium.envs.registration import registry
@@ -79,13 +79,13 @@ def register() -> None:
                 id=name,
                 entry_point="auvbench.envs.gym_env:AuvEnv",
                 vector_entry_point="auvbench.envs.vector_env:AuvVectorEnv",
-                # Tasks other than the waypoint task have their own time limit, in seconds.
+                # Gymnasium counts steps only for the waypoint task; other tasks end by their own time limit in seconds.
                 max_episode_steps=1000 if short.startswith("Waypoint-") else None,
                 kwargs=keywords,
             )
 
 
-# Importing Gymnasium takes five times as long as `auvbench --help`, and the command line creates its
-# environments without the registry.
+# The command line does not register the ids: it creates environments without Gymnasium's registry, and importing
+# Gymnasium takes five times as long as `auvbench --help`.
 if os.path.basename(sys.argv[0] if sys.argv else "") not in ("auvbench", "auvbench.exe"):
     register()

@@ -1,4 +1,4 @@
-"""Run `auvbench` as `python -m auvbench`."""
+"""Run the command line when the package is started by `python -m auvbench`."""
 
 import sys
 

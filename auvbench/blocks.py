@@ -1,9 +1,10 @@
-"""Define the blocks of observations: the contents of each block, and the function that writes it.
+"""Define the blocks of observations: the contents of each block, and the function that writes its numbers.
 
-These functions are plain Python and import nothing compiled. A pilot on a vehicle calls them as they are
-(`pilot.live_observation`), and environments compile them (`tasks.loops.observe`), so that both observe the same.
+The functions are plain Python and import no compiled code. A pilot on a real vehicle calls a function directly
+(`pilot.live_observation`). Environments compile the same function (`tasks.loops.observe`), so pilot and environment
+compute the same observation.
 
-`registry.BLOCKS` lists the specs below; a package adds a block by a spec of the same class.
+`registry.BLOCKS` lists the specs below; a package adds a block by its own `BlockSpec`.
 """
 
 from __future__ import annotations
@@ -23,13 +24,13 @@ from auvbench.registry import Spec
 from auvbench.untrusted.text import short
 
 FASTEST = 50.0
-"""bound of velocities in m/s and of rates in rad/s, far above those of any vehicle"""
+"""bound of velocities in m/s and of angular rates in rad/s; no vehicle comes near this bound"""
 
 LARGEST = 1e6
 """bound of quantities without a natural limit (estimates, messages, pings, places in a formation), in m, m/s2 and s"""
 
 LOOK_AHEAD = 1.5
-"""Look-ahead distance of the block `way` in m: along the shortest way, from the point nearest to the vehicle"""
+"""Look-ahead distance of the block `way` in m, measured along the shortest way from the point nearest to the vehicle"""
 
 PINGS = 4
 """number of pings of a target that a vehicle remembers"""
@@ -37,56 +38,56 @@ PINGS = 4
 BODY_AXES = "body axes (forward, port, up)"
 
 READS = ("pose", "velocity", "action", "goal", "preview", "task", "team", "solids", "navigation")
-"""Data that a block may read. `action` is the action of the last step, `goal` a goal other than the reference, `task` the fields that
-only this task has, `solids` the solids of a world, and `navigation` the results of an estimator."""
+"""Data that a block may read. `action` is the action of the last step, and `goal` is a goal that differs from the reference. `task` are
+the fields that only one task defines, `solids` the bottom and obstacles of a world, and `navigation` the results of an estimator."""
 
 
 class Reading(NamedTuple):
-    """Readings of a vehicle, with the errors of its sensors."""
+    """Readings of a vehicle's sensors, including their errors."""
 
     position: Any  # (3,) m, world axes
-    attitude: Any  # (4,) unit quaternion (w, x, y, z), without errors
+    attitude: Any  # (4,) true attitude, unit quaternion (w, x, y, z)
     velocity: Any  # (3,) m/s, body axes
     rates: Any  # (3,) rad/s, body axes
-    error: Any  # (3,) m, reference less position, in the axes of the task's vectors
+    error: Any  # (3,) m, reference minus position; levelled body axes if the task observes in body axes, else world axes
     yaw_error: float  # rad
-    cosine: float  # cosine of the yaw, for vectors in levelled body axes
+    cosine: float  # cosine of the yaw; `write_levelled` uses cosine and sine to rotate vectors
     sine: float
     previous: Any  # (n_u,) action of the last step
     preview: Any  # (points, 3) m, future positions of the reference, world axes
-    stream: int  # flag of the streams of random numbers, for `normals`
+    stream: int  # flag that selects a stream of random numbers in `normals`
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Properties of a task and vehicle from which the size, the bounds and the description of a block follow."""
+    """Properties of a task and a vehicle that determine the size, the bounds and the description of a block."""
 
     to: str  # name of the reference in descriptions
-    has_yaw: bool  # whether the reference has a yaw of its own
+    has_yaw: bool  # whether the task prescribes a yaw; else yaw_error uses the bearing of the reference
     axes: str  # axes of the position error: WORLD or BODY
     bounds: tuple[float, ...]  # (3,) m, largest position errors
     depths: tuple[float, float]  # lowest and highest z in m
     actuators: Sequence[str]
     points: int  # number of points of the preview
     interval: float  # s, time between two points of the preview
-    sensor: Any = None  # keys of the block's range sensor
-    others: int = 0  # number of the other vehicles of the team
+    sensor: Any = None  # configuration of the range sensor whose readings the block has
+    others: int = 0  # number of the other vehicles in the team
 
 
 @dataclass(frozen=True, slots=True)
 class BlockSpec(Spec):
-    """Description of one block, which `task.observation` names."""
+    """Description of one block that `task.observation` may name."""
 
     name: str
     """Entry of `task.observation`."""
     write: Callable[..., None]
     """`write(m, e, p, out)`: writes the block's numbers to `out` from a `Reading` m, the episode e and the parameters p."""
     describe: Callable[[Setting], Block]
-    """Function that returns the block's name, labels, unit, bounds, meaning and axes for a task and vehicle."""
+    """Function that returns the block's name, labels, unit, bounds, meaning and axes for a `Setting`."""
     reads: tuple[str, ...] = ("pose",)
-    """Entries of `READS` that `write` reads. A block that reads `task` suits only the tasks whose specs name it."""
+    """Entries of `READS` that `write` reads. A block that reads `task` is available only in tasks whose specs list the block."""
     sensor: str = ""
-    """`module:class` of the range sensor that writes the block in place of `write`."""
+    """`module:class` of the range sensor that writes the block; `write` is not called then. Empty for other blocks."""
     schema: None = None
 
     @property
@@ -117,16 +118,16 @@ def wrap(angle: float) -> float:
     >>> wrap(math.pi) == -math.pi
     True
     """
-    # math.floor has no integer for NaN, which a task may write by mistake.
+    # np.floor, because math.floor raises ValueError for a NaN, which a faulty task may write.
     wrapped = angle - 2.0 * math.pi * float(np.floor((angle + math.pi) / (2.0 * math.pi)))
     return wrapped if wrapped < math.pi else -math.pi
 
 
 def normals(m: Reading, e: Any, channel: int) -> tuple[float, float, float, float]:
-    """Return four standard normal numbers for the noise of a block; zeros on a pilot, whose sensors have noise of their own.
+    """Return four standard normal numbers for the noise of a block; on a pilot, return zeros, since its real sensors are noisy.
 
-    Environments call a compiled function instead (`tasks.loops`). Its numbers differ between blocks, channels, steps, episodes and
-    environments.
+    This function is the pilot's version. Environments call a compiled version (`tasks.loops`), whose random numbers differ between
+    blocks, channels, steps, episodes and environments.
     """
     return 0.0, 0.0, 0.0, 0.0
 
@@ -153,21 +154,21 @@ def reading(
     """Return the readings of a vehicle.
 
     Args:
-        e: the episode: `reference` (3,) in m and, where `p.has_yaw`, `reference_yaw` in rad.
-        p: `has_yaw` and `body_frame`.
+        e: fields of the episode: `reference` (3,) in m and, if `p.has_yaw`, `reference_yaw` in rad.
+        p: parameters of the task: `has_yaw` and `body_frame`.
         position: (3,) m, world axes.
         attitude: (4,) unit quaternion (w, x, y, z).
         velocity: (3,) m/s, body axes.
         rates: (3,) rad/s, body axes.
         offset: (3,) m, slow error of the position.
-        noise: (3,) m, error of the position that is drawn in each step.
-        yaw_noise: error of the yaw, rad.
+        noise: (3,) m, error of the position, drawn anew in each step.
+        yaw_noise: error of the yaw reading, rad.
         previous: (n_u,) action of the last step.
-        preview: (points, 3) m.
-        stream: flag of the streams of random numbers: 0, TEST or VALIDATION.
+        preview: (points, 3) m, future positions of the reference, world axes.
+        stream: flag that selects a stream of random numbers: 0, TEST or VALIDATION.
     """
     w, qx, qy, qz = attitude
-    # Proportional to cosine and sine of yaw: turning the bearing by them saves a second arctangent.
+    # c and s are proportional to the cosine and sine of yaw. Rotating the horizontal error by them saves a second arctangent.
     c = 1.0 - 2.0 * (qy * qy + qz * qz)
     s = 2.0 * (w * qz + qx * qy)
     to_x, to_y, to_z = triple(e.reference)
@@ -179,7 +180,7 @@ def reading(
         yaw_error = wrap(math.atan2(ey * c - ex * s, ex * c + ey * s) - yaw_noise)
     read = (to_x - ex, to_y - ey, to_z - ez)
     if p.body_frame > 0:
-        # Levelled body frame, which a vehicle can compute from its heading reading alone.
+        # Levelled body axes: a vehicle needs only its heading reading to compute them.
         yaw = math.atan2(s, c) + yaw_noise
         c, s = math.cos(yaw), math.sin(yaw)
         ex, ey = c * ex + s * ey, c * ey - s * ex
@@ -361,7 +362,7 @@ def _previous_action(s: Setting) -> Block:
 
 def _preview(s: Setting) -> Block:
     labels = tuple(f"preview_{point}_{axis}" for point in range(1, s.points + 1) for axis in "xyz")
-    # The reference moves on for the time of the preview.
+    # During the time of the preview, the reference may move at up to FASTEST.
     away = s.points * s.interval * FASTEST
     level, rise = _apart(s)
     meaning = f"reference in {s.interval:g} s, twice that, and so on, less position"
@@ -428,7 +429,7 @@ def _apart(s: Setting) -> tuple[float, float]:
 
 
 def vector(name: str, unit: str, bounds: tuple[float, ...], meaning: str, axes: str) -> Block:
-    """Return a block of three numbers, along x, y and z."""
+    """Return a block that contains one vector: its components along x, y and z."""
     return Block(name, tuple(f"{name}_{axis}" for axis in "xyz"), unit, bounds, meaning, axes)
 
 

@@ -1,10 +1,10 @@
-"""Parse the command's name, import that command only, and report unexpected errors in one line.
+"""Parse the command's name, import only the module of this command, and report each error in one line.
 
 This module imports nothing heavy, so that help and completion answer at once. A test asserts that `--help`
 does not import torch, hydra, numba or pandas.
 
-User errors, a full disk and interruptions are reported in one line. Any other exception is a defect of
-auvbench: a report is saved in a file, and the line names the file. Exit code 70 (EX_SOFTWARE of sysexits.h).
+For a user error, a full disk or an interruption, the line gives the reason. Any other exception is a defect of
+auvbench: the traceback is saved in a file, the line names the file, and the exit code is 70 (EX_SOFTWARE of sysexits.h).
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ CORRECTIONS = {
     **dict.fromkeys(("diff", "versus"), "compare"),
     **dict.fromkeys(("new", "create"), "init"),
 }
-"""Command names of similar programs, and the auvbench command to suggest instead."""
+"""Command names of similar programs, each with the auvbench command to suggest."""
 
 DEFECT = 70
 
@@ -114,11 +114,11 @@ def _dispatch(arguments: Sequence[str]) -> int:
 
 
 def guarded(command: Callable[[], int], arguments: Sequence[str]) -> int:
-    """Call `command` and return its exit code, or the exit code of the error that it raised. Never raise.
+    """Call `command` and return its exit code; if it raises an error, report the error and return the error's exit code.
 
     Args:
         command: function to call.
-        arguments: command line, for the report of a defect.
+        arguments: command line, which the report of a defect quotes.
     """
     present()
     forgiving()
@@ -163,7 +163,7 @@ def _failed(error: Exception, arguments: Sequence[str]) -> int:
         say(f"auvbench: {message(text)}")
         return error.exit_code
     if type(error).__module__.partition(".")[0] in ("omegaconf", "hydra"):
-        # An interpolation such as ${nope} fails where its value is first read, which may be anywhere.
+        # An interpolation such as ${nope} fails when its value is first read, which may be in any module.
         from auvbench.config.compose import translate
 
         say(f"auvbench: {message(translate(error))}")

@@ -1,8 +1,8 @@
 """Define the error classes of auvbench.
 
-Every message of a `UserError` names the wrong value and what is allowed. It is printed as one line, and the
-command ends with exit code 2. Any other exception is a defect of auvbench: its traceback is saved in a file,
-and the command's one line names the file (cli.py).
+The message of a `UserError` names the wrong value and the allowed values. The command prints the message as one
+line and ends with exit code 2. An exception that auvbench does not raise on purpose is a defect: its traceback is
+saved in a file, and the command prints one line that names the file (cli.py).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class ReportError(UserError):
 
 
 class MissingExtraError(UserError):
-    """A feature needs packages of an extra that is not installed."""
+    """A feature needs an optional package: install auvbench with the extra that contains it."""
 
     def __init__(self, package: str, *, extra: str, purpose: str) -> None:
         super().__init__(
@@ -54,7 +54,7 @@ class MissingExtraError(UserError):
 
 
 class TrainingError(AuvbenchError):
-    """A run stopped because of an error in the run itself (a NaN, a full disk); its manifest names the error.
+    """A training stopped because of an error such as a NaN or a full disk; the run's manifest names the error.
 
     Exit code 1.
     """
@@ -91,8 +91,9 @@ def plain_warnings() -> None:
 
 
 def closest(name: str, valid: Iterable[str]) -> str:
-    """Return the hint that ends an error message: the closest valid name (ignoring case), then all valid
-    names.
+    """Return the hint that ends an error message: the closest valid name, then all valid names.
+
+    Upper and lower case count as equal.
 
     >>> closest("bluerov", ["bluerov2", "rexrov"])
     "did you mean 'bluerov2'? valid: bluerov2, rexrov"

@@ -1,7 +1,6 @@
-"""Parse command lines by one grammar: `key=value` is configuration, `--flag` says how to run or show
-something.
+"""Parse command lines by one grammar: `key=value` sets a configuration key, `--flag` is an option of the command.
 
-A mistake is reported in one line with the correct form.
+An error message is one line, which shows the correct form.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     """Return the `type` of a flag that takes a whole number from `low` to `high`."""
 
     def read(text: str) -> int:
-        # Python does not convert a number of 5,000 digits.
+        # The length is checked first, because int() raises ValueError for a number of 5,000 digits.
         if not text.isdecimal() or len(text) > 100 or not low <= int(text) <= high:
             raise argparse.ArgumentTypeError(f"must be a whole number from {low} to {high}, got {text}")
         return int(text)
@@ -48,11 +47,13 @@ def whole(low: int, high: int) -> Callable[[str], int]:
 
 
 def read_named_sheets(arguments: Sequence[str]) -> None:
-    """Read the sheets that `vehicle=NAME` or `vehicle=A,B` name, since Hydra reports broken YAML without file
-    and line.
+    """Check that the vehicle sheets that `vehicle=NAME` or `vehicle=A,B` names are valid YAML.
+
+    Hydra's own error for broken YAML would lack file and line. Unknown names are ignored here, since Hydra reports them
+    with the list of valid names.
 
     Raises:
-        VehicleError: a sheet cannot be read. Hydra reports unknown names with the list of valid ones.
+        VehicleError: a sheet cannot be read.
     """
     from auvbench.vehicles import reader
 
@@ -63,7 +64,7 @@ def read_named_sheets(arguments: Sequence[str]) -> None:
 
 
 def paths_and_overrides(words: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the paths and the overrides: a word with `=` that is not an existing path is an override."""
+    """Divide words into paths and overrides: a word with `=` that is not an existing path is an override."""
     paths = [word for word in words if "=" not in word or os.path.exists(word)]
     return paths, [word for word in words if word not in paths]
 
@@ -77,9 +78,9 @@ class Parser(argparse.ArgumentParser):
     """Argument parser that reports a mistake in one line, and suggests the flag for a mistaken `key=value` and vice versa.
 
     Args:
-        where: whether to add `--where`; the parsed options then have its terms as `where`.
-        workers: name of the jobs that run in parallel, for the help of `--workers`; '' adds no such flag.
-        keys: valid keys of `key=value` words.
+        where: whether to add the flag `--where`; the attribute `where` of the parsed options then contains its terms.
+        workers: name of the jobs that run in parallel, for the help of `--workers`; '' adds no flag `--workers`.
+        keys: valid keys of `key=value` words, for suggestions.
         options: keyword arguments of `ArgumentParser`.
     """
 
@@ -112,7 +113,8 @@ class Parser(argparse.ArgumentParser):
     def read(self, arguments: Sequence[str], overrides: bool = False) -> argparse.Namespace:
         """Parse a command line.
 
-        Reject a word `key=value` that is not a path. With `overrides`, reject it only if its key is the name of a flag.
+        A word `key=value` that is not a path is an error. With `overrides`, the word is an error only if its key is the name
+        of a flag.
         """
         self._refuse_overrides(arguments, overrides)
         options, extra = self.parse_known_intermixed_args(list(arguments))

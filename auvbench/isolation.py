@@ -1,9 +1,9 @@
-"""Keep dependencies from reading the working directory, before any of them is imported.
+"""Keep auvbench's dependencies from reading files in the working directory.
 
 The working directory may come from another person. auvbench reads only `./conf` and the files that the user
-names. Its dependencies would read more: modules, numba's configuration (which names a cache of pickles),
-Matplotlib's style, and DDS profiles. Each process of a command calls `isolate` first, and child processes
-inherit its environment variables.
+names. By default, its dependencies also read modules, numba's configuration (which names a cache of pickles),
+Matplotlib's style and DDS profiles from the working directory. So each process of a command calls `isolate` before
+it imports a dependency. Child processes inherit the environment variables that `isolate` sets.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from auvbench.errors import UserError
 
 DDS = {
     "SKIP_DEFAULT_XML_FILE": "1",  # Fast DDS: skip DEFAULT_FASTRTPS_PROFILES.xml
-    "SKIP_DEFAULT_XML": "1",  # same, since Fast DDS 3
+    "SKIP_DEFAULT_XML": "1",  # new name of this variable in Fast DDS 3
 }
 ENVIRONMENT = {
-    # Child processes do not import modules from the working directory; multiprocessing starts two such
-    # processes.
+    # Child processes do not import modules from the working directory, nor do the two helper processes of
+    # multiprocessing.
     "PYTHONSAFEPATH": "1",
-    "MATPLOTLIBRC": os.devnull,  # only the style of auvbench's figures
+    "MATPLOTLIBRC": os.devnull,  # no style file of the user: figures have only auvbench's style
     "MPLBACKEND": "Agg",
     **DDS,
 }
@@ -47,7 +47,7 @@ ABSOLUTE = (
     "XDG_CONFIG_HOME",
     "XDG_STATE_HOME",
 )
-"""Environment variables of the user that name settings, libraries or caches; their paths must be absolute, since a relative path
+"""Environment variables in which the user names settings, libraries or caches. Each path must be absolute, since a relative path
 would point into the working directory.
 """
 
@@ -67,8 +67,8 @@ def isolate() -> None:
             )
     os.environ.update(ENVIRONMENT)
     os.environ["MPLCONFIGDIR"] = str(_matplotlib_folder())
-    # setuptools adds a relative placeholder for editable installations. The empty path comes from a user's own
-    # program.
+    # Remove relative paths, for example the placeholder that setuptools adds for an editable installation. Keep the
+    # empty path: only a program that imports auvbench can have added it.
     sys.path[:] = [path for path in sys.path if not path or os.path.isabs(path)]
     if not any(isinstance(finder, _Sheltered) for finder in sys.meta_path):
         sys.meta_path.insert(0, _Sheltered())
@@ -76,7 +76,7 @@ def isolate() -> None:
 
 @contextmanager
 def restored() -> Iterator[None]:
-    """Restore the environment variables on exit, so that a program that calls a command keeps its own."""
+    """Restore the environment variables on exit, since a command may be called by a program that needs its own values."""
     before = {name: os.environ.get(name) for name in (*ENVIRONMENT, "MPLCONFIGDIR")}
     try:
         yield
@@ -89,7 +89,7 @@ def restored() -> Iterator[None]:
 
 
 def _relative(value: str) -> list[str]:
-    r"""Return the relative paths in a variable: one path, or a list of URIs and XML for Cyclone DDS.
+    r"""Return the relative paths in the value of a variable: a path or, for Cyclone DDS, a list of URIs and XML.
 
     >>> _relative("file:///etc/dds.xml,a.xml"), _relative("<CycloneDDS>a,b</CycloneDDS>"), _relative("")
     (['a.xml'], [], [])
@@ -100,7 +100,7 @@ def _relative(value: str) -> list[str]:
 
 
 def _matplotlib_folder() -> Path:
-    """Return a separate folder for Matplotlib's font list, since the user's own Matplotlib folder may contain styles."""
+    """Return auvbench's own folder for Matplotlib's font list, since the user's Matplotlib folder may contain styles."""
     configured = os.environ.get("MPLCONFIGDIR")
     cache = os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache")
     folder = Path(configured) if configured else Path(cache, "matplotlib")
@@ -144,7 +144,7 @@ def _forget_numba_file(config: ModuleType) -> None:
 
 @contextmanager
 def _elsewhere() -> Iterator[None]:
-    """Change to the package's folder, which has no file that a dependency reads."""
+    """Change to auvbench's own folder, which has no file that a dependency reads; change back on exit."""
     try:
         before = os.open(".", getattr(os, "O_PATH", os.O_RDONLY))  # works even if the folder was removed
     except OSError:

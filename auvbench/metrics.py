@@ -1,7 +1,7 @@
-"""Define the metrics of agents, one entry each; records, tables, page, LaTeX, docs and completion use them.
+"""Define the metrics of agents. Records, tables, page, LaTeX, docs and shell completion use these definitions.
 
-A new metric is one entry (docs/adding-a-metric.md): here for all tasks, in a task's spec for one task. This module imports
-nothing heavy, because shell completion reads it.
+To add a metric, add one entry (docs/adding-a-metric.md): to METRICS for all tasks, or to a task's spec for this task only.
+This module imports nothing heavy, because shell completion imports it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Totals(NamedTuple):
-    """Totals of a task over an episode; sums are over the episode's steps."""
+    """Totals of one episode; each sum is over the episode's steps."""
 
     episode: int
     environment: int
@@ -34,7 +34,7 @@ class Totals(NamedTuple):
     distance: float
     """distance to the reference at the end, m"""
     deviation: float
-    """sum of deviations, m"""
+    """sum of the task's deviations, m (waypoint task: distance to the line from start to waypoint)"""
     deviation_squared: float
     """sum of squared deviations, m^2"""
     command_norm: float
@@ -44,13 +44,13 @@ class Totals(NamedTuple):
     path: float
     """length of the path, m"""
     change: float
-    """sum of norms of the change of the normalised action"""
+    """sum of the norms of the changes of the normalised action"""
     depth_margin: float
     """smallest distance to a depth limit, m"""
     start_yaw: float
     """yaw at the start, rad"""
     own: Mapping[str, Any]
-    """values that only this task or its world measures, by column"""
+    """values of the columns that the task, its world or its navigation computes, by the name of the column"""
 
     @property
     def mean_deviation(self) -> float:
@@ -61,24 +61,24 @@ Kind = Literal["rate", "penalised", "derived", "key", "scenario", "episode", "ag
 """kinds of metrics:
 
 * rate, penalised: one number for each agent, from outcomes and steps (`analysis.measures`).
-* derived: one number for each episode, computed from other columns when a test is read.
-* key: a column of the records that identifies a row.
-* scenario: a column of the records that is the same for every agent.
+* derived: one number for each episode, computed from other columns when a test's records are read.
+* key: a column of the records that is not a measure of agents, such as the episode's number.
+* scenario: a column of the records that describes the scenario, so its values are the same for every agent.
 * episode: a column of the records that describes what the agent did.
 * agent: an optional column of a report (`analysis.optional_columns`).
 """
 
 
 OPEN = "open"
-"""name of the world without solids, whose records lack the columns about solids"""
+"""name of the world without solids; records of episodes in this world lack the columns about solids"""
 TRUTH = "truth"
-"""value of `navigation.name` without an estimator, whose records lack the columns about estimates"""
+"""value of `navigation.name` if agents observe the true state; the records then lack the columns about estimates"""
 LAST = "yaw_error_rms_rad"
-"""metric of METRICS that a task's own metrics follow in files and tables by default"""
+"""metric of METRICS after which files and tables have a task's own metrics by default"""
 
 Failed = Literal["", "high", "bounds", "time"]
-"""Source of a metric's value for failed episodes: "" for the value that the task computes, "high" for the metric's `high`, "bounds"
-for `task.bounds` (m), "time" for the time limit (s)
+"""Source of a metric's value in a failed episode: "" the value that the task computes, "high" the metric's field `high`, "bounds"
+the value of `task.bounds` (m), "time" the time limit (s)
 """
 
 
@@ -87,7 +87,7 @@ class Metric:
     """One metric."""
 
     name: str
-    """name of the column of episodes.csv, or of the measure"""
+    """name of the column in episodes.csv; for a metric that is not a column, name of the measure"""
     unit: str
     """unit in files"""
     title: str
@@ -108,7 +108,7 @@ class Metric:
     tasks: tuple[str, ...] = ()
     """tasks that have the metric, filled in by `registered`; empty: all tasks"""
     after: str = LAST
-    """metric of METRICS that a task's own metric follows in files and tables"""
+    """metric of METRICS after which files and tables have this metric, if it is a task's own"""
     worlds: tuple[str, ...] = ()
     """worlds that have the metric; empty: all, also open water"""
     navigation: tuple[str, ...] = ()
@@ -120,7 +120,7 @@ class Metric:
     failed: Failed = ""
 
     def is_of(self, task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False) -> bool:
-        """Return whether a task has the metric, in a kind of world and with a kind of navigation, with or without a filter of commands."""
+        """Return whether episodes have the metric, given the task, `world.name`, `navigation.name` and whether commands are filtered."""
         in_place = (not self.tasks or task in self.tasks) and (not self.worlds or world in self.worlds)
         return (
             in_place and (not self.navigation or navigation in self.navigation) and filtered >= self.filtered
@@ -128,12 +128,12 @@ class Metric:
 
     @property
     def conditional(self) -> bool:
-        """Return whether only some conditions of a test may have the metric."""
+        """Return whether some conditions of a test may lack the metric, while other conditions have it."""
         return self.filtered or bool(self.navigation)
 
     @property
     def measure(self) -> str:
-        """Return the name by which agents are compared: a column is compared by its mean."""
+        """Return the name of the measure that compares agents: for a column, the mean of its values."""
         return f"mean_{self.name}" if self.kind in ("episode", "derived", "scenario") else self.name
 
     @property
@@ -176,7 +176,7 @@ def column(
     failed: Failed = "",
     after: str = LAST,
 ) -> Metric:
-    """Return a column whose value the task computes: `own_metrics()[name]`.
+    """Return a metric that is a column of the records; the task computes its value as `own_metrics()[name]`.
 
     Args:
         name: name of the column, with its unit: `pole_distance_m`.
@@ -214,7 +214,7 @@ def column(
 
 POINTS = tuple(f"{point}_{axis}_m" for point in ("start", "goal") for axis in "xyz")
 SHARED = ("position_error_rms_m", "yaw_error_rms_rad", *POINTS)
-"""columns that only some tasks have (`TaskSpec.shared`); `TrackingTask.errors` computes them"""
+"""columns that several but not all tasks have (`TaskSpec.shared`); `TrackingTask.errors` computes their values"""
 SOLID = tuple(name for name in WORLDS.own if name != OPEN)
 """worlds with solids"""
 
@@ -471,11 +471,11 @@ METRICS: list[Metric] = [
 
 
 def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values that a failed episode counts as, by column; columns with an unknown value are left out.
+    """Return the values that replace the measured values of a failed episode, by column; omit columns without a known value.
 
     Args:
         names: columns.
-        limits: known limits of the task: its bounds in m as "bounds", its time limit in s as "time".
+        limits: known limits of the task: "bounds" is `task.bounds` in m, "time" is the time limit in s.
     """
     limit_of = {**limits, "": None}
     values = {
@@ -487,7 +487,7 @@ def of_failures(names: Collection[str], limits: Mapping[str, Any]) -> dict[str, 
 
 
 def _of_several(metric: Metric, specs: Sequence[TaskSpec]) -> Metric:
-    """Return a metric of METRICS, with its tasks filled in if not every task has it."""
+    """Return a metric of METRICS; if only some tasks have the metric, set its field `tasks`."""
     if metric.name in SHARED:
         return replace(metric, tasks=tuple(spec.name for spec in specs if metric.name in spec.shared))
     if metric.name == "out_of_bounds_rate":

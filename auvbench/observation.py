@@ -1,4 +1,4 @@
-"""Define observations as named blocks of numbers. A task declares its blocks; agents, policy cards and ROS 2 read them."""
+"""Define observations as named blocks of numbers. A task declares its blocks; agents, policy cards and ROS 2 use this declaration."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ BODY = "levelled body axes (forward, port, up), turned by the yaw reading"
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Numbers of an observation that belong together."""
+    """Group of numbers in an observation, such as the three components of the velocity."""
 
     name: str
     labels: tuple[str, ...]  # name of each number
     unit: str
     bounds: tuple[float, ...]  # largest magnitude of each number
     meaning: str
-    axes: str = ""  # WORLD or BODY, of a vector
+    axes: str = ""  # axes of a vector, such as WORLD or BODY; empty: not a vector
 
 
 class ObservationSpec:
@@ -39,7 +39,7 @@ class ObservationSpec:
         self._columns = {b.name: slice(e - len(b.labels), e) for b, e in zip(blocks, ends, strict=True)}
         self.size: int = ends[-1]
         self.bounds: NDArray[np.float32] = np.array([x for b in blocks for x in b.bounds], dtype=np.float32)
-        """(size,) largest magnitudes"""
+        """(size,) largest magnitude of each number"""
 
     def __getitem__(self, name: str) -> slice:
         """Return the columns of a block.
@@ -54,11 +54,11 @@ class ObservationSpec:
         return self._columns[name]
 
     def pack(self, **values: ArrayLike) -> NDArray[np.float32]:
-        """Return the observation (size,) with the given values of all blocks."""
+        """Return the observation (size,) that consists of the given values; each block needs a value."""
         return np.concatenate([np.ravel(values[name]) for name in self.blocks]).astype(np.float32)
 
     def card(self) -> list[dict[str, str]]:
-        """Return name, unit and meaning of each number, for the card of a policy's file."""
+        """Return name, unit and meaning of each number, for the card of an exported policy."""
         return [
             {"name": label, "unit": b.unit, "meaning": f"{b.meaning}, {b.axes}" if b.axes else b.meaning}
             for b in self.blocks.values()

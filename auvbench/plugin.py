@@ -1,8 +1,8 @@
 """Public names for packages that add agents, tasks, rewards, blocks of observations, disturbances, simulators,
 launchers, trackers or commands to auvbench.
 
-The entry point of an agent names a function `factory(config, vehicle)`, which gets the whole configuration.
-The function's attribute `Config` is the dataclass of the agent's YAML file. The entry point of a task names a `TaskSpec`,
+The entry point of an agent names a function `factory(config, vehicle)`, where `config` is the whole configuration of the run.
+The function's attribute `Config` is a dataclass with the keys of the agent's YAML file. The entry point of a task names a `TaskSpec`,
 the entry point of a reward a `RewardSpec`, and so on (docs/adding-a-package.md). The code of tasks and rewards also
 imports `auvbench.tasks.base` and `auvbench.tasks.rows`; the code of disturbances also imports
 `auvbench.tasks.disturbances.base`.

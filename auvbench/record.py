@@ -1,4 +1,4 @@
-"""Define a record: one row per episode, with the same columns in training and in tests (docs/protocol.md)."""
+"""Define the record of an episode: one row, with the same columns in training and in tests (docs/protocol.md)."""
 
 from __future__ import annotations
 
@@ -10,24 +10,21 @@ from auvbench.metrics import OPEN, TRUTH, Kind, Totals, registered
 OUTCOMES = ("success", "collision", "timeout", "out_of_bounds")
 """Outcomes of an episode, in the order of the codes 0 to 3 in tasks/rows.py. Each task lists its own subset."""
 ABORTED = "aborted"
-"""Outcome of a pilot's mission that was stopped by a person or a failsafe; mission.json has the reason."""
+"""Outcome of a pilot's mission that a person or a failsafe stopped; mission.json contains the reason."""
 
 PRIMARY = "primary"
-"""Placeholder for the measure that ranks the agents of a task (`primary_of`)"""
+"""Value of configuration keys and flags that means: the measure that ranks the agents of a task (`primary_of`)"""
 
 Record = dict[str, float | int | str]
 
 
 def columns(*kinds: Kind) -> tuple[str, ...]:
-    """Return the columns of all tasks, or only the columns of some kinds.
-
-    A `scenario` column is the same for every agent in the same scenario.
-    """
+    """Return the names of the columns that the records of any task may have; `kinds` restricts them to these kinds of metrics."""
     return tuple(m.name for m in registered() if m.value is not None and (not kinds or m.kind in kinds))
 
 
 def measured() -> tuple[str, ...]:
-    """Return the columns of kind `scenario` or `episode`: finite numbers, or no value in some rows."""
+    """Return the columns of kind `scenario` or `episode`. Their values are finite numbers, and a row may lack a value."""
     return columns("scenario", "episode")
 
 
@@ -42,7 +39,7 @@ def _of(
 def record_columns(
     task: str, world: str = OPEN, navigation: str = TRUTH, filtered: bool = False
 ) -> tuple[str, ...]:
-    """Return the columns of an episode's record for a task, a world, a navigation, and with or without a filter of commands."""
+    """Return the columns of an episode's record, given the task, `world.name`, `navigation.name` and whether commands are filtered."""
     return tuple(_of(task, world, navigation, filtered))
 
 
@@ -54,12 +51,12 @@ def record_of(
 
 
 def forget() -> None:
-    """Clear the caches after the metrics have changed."""
+    """Clear the caches, which are invalid after the registered metrics have changed."""
     registered.cache_clear()
     _of.cache_clear()
 
 
 def measure_names() -> tuple[str, ...]:
-    """Return the names of all measures that `analysis.measures` can compare agents by."""
+    """Return the names of all measures by which `analysis.measures` can compare agents."""
     compared = ("rate", "penalised", "episode", "derived")
     return tuple(metric.measure for metric in registered() if metric.kind in compared)

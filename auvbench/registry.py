@@ -1,12 +1,12 @@
 """Register all parts that are chosen by name: auvbench's own parts, and the parts of installed packages.
 
-Each kind of part (agents, tasks, ...) has lines `name = module:object`. auvbench's own lines are the tables below; the lines of a
-package are the entry points of one group. The object is a spec. It has all that auvbench must know of the part before it imports
-the part's code: name, title, the schema of its configuration, and `module:object` of the code.
+Each part of a kind (agents, tasks, ...) has a line `name = module:object`. The lines of auvbench's own parts are the tables below;
+the lines of a package are the entry points of one group. The object is a spec. It contains all that auvbench must know about the
+part before it imports the part's code: name, title, the schema of its configuration, and `module:object` of the code.
 
-No other code is ever loaded: no path and no code that a configuration or a run directory names. A package is imported when one of
-its parts is chosen. Only two rules distinguish the parts of packages from auvbench's own: the package's release is part of a run's
-identity, and the results of a package's code are always checked.
+auvbench loads no other code, in particular no path or code that a configuration or a run directory names. It imports a package when
+one of the package's parts is chosen. Two rules hold only for parts of packages: the package's release belongs to a run's identity,
+and auvbench always checks the results of the package's code.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Spec:
     """Class from which a package's schema must be derived."""
 
     name: str
-    """Value in the configuration that chooses the part."""
+    """Name of the part: the value in the configuration that chooses it."""
     factory: str
     """`module:object` of the part's code."""
     schema: type | None
@@ -65,7 +65,7 @@ class Spec:
         return ""
 
     def enter(self) -> None:
-        """Change what else depends on the registered parts, such as caches; do nothing by default.
+        """Update data that depend on the registered parts, such as caches; the base class does nothing.
 
         Raises:
             ValueError: the part cannot be registered.
@@ -101,8 +101,8 @@ class Declared:
 
 @cache
 def entry_points() -> Any:
-    """Return the entry points of all groups. They are cached, since the library reads the files of all packages in each call."""
-    from importlib import metadata  # slow to import, and no other part of a command's help needs it
+    """Return the entry points of all groups; cached, since importlib.metadata reads the files of all packages in each call."""
+    from importlib import metadata  # imported late, since it is slow and most help texts do not need it
 
     return metadata.entry_points()
 
@@ -120,7 +120,7 @@ def load(point: Declared) -> Any:
         return metadata.EntryPoint(point.name, point.value, point.group).load()
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # all that a package may do when it is imported, an exit included
+    except BaseException as error:  # a package may raise any exception when it is imported, also SystemExit
         raise PluginImportError(str(point.error(f"cannot be imported: {describe_error(error)}"))) from error
 
 
@@ -129,9 +129,9 @@ class Kind(Mapping[str, S], Generic[S]):
 
     Args:
         group: group of the entry points of packages.
-        key: key of the configuration, or word of the command line, that names a part.
+        key: configuration key that chooses a part, for example `task.name`; for commands, `auvbench COMMAND`.
         spec: `module:class` of the specs.
-        own: `module:spec` by name, for the parts in auvbench's core; the parts of its integrations are added to them.
+        own: `module:spec` by name, for the parts in auvbench's core; the constructor adds the parts of its integrations.
     """
 
     def __init__(self, group: str, key: str, spec: str, own: Mapping[str, str]) -> None:
@@ -141,7 +141,7 @@ class Kind(Mapping[str, S], Generic[S]):
         self.own = tuple(self._lines)
         """Names of auvbench's own parts."""
         self.entered: dict[str, S] = {}
-        """Registered specs of packages: those that were chosen, or that a run names."""
+        """Registered specs of packages, by name; a spec is registered when its part is chosen or a run names its part."""
         self._spec = spec
 
     def __getitem__(self, name: str) -> S:
@@ -167,18 +167,18 @@ class Kind(Mapping[str, S], Generic[S]):
         return kind
 
     def declared(self) -> tuple[Declared, ...]:
-        """Return all entry points of the kind, by name and package; nothing is imported."""
+        """Return all entry points of the kind, sorted by name and package, without importing a package."""
         return declared(self.group, self.key)
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of auvbench's own parts, then the names that packages declare; nothing is imported."""
+        """Return the names of auvbench's own parts, then the names that packages declare, without importing a package."""
         return tuple(dict.fromkeys([*self._lines, *(point.name for point in self.declared())]))
 
     def find(self, name: str) -> Declared | None:
         """Return the entry point of this name; None if no package declares it.
 
         Raises:
-            ConfigError: several packages declare the name, or auvbench and a package have it.
+            ConfigError: several packages declare the name, or auvbench and a package have a part of this name.
         """
         points = [point for point in self.declared() if point.name == name]
         holders = [*(["auvbench"] if name in self._lines else []), *(point.package for point in points)]
@@ -198,7 +198,7 @@ class Kind(Mapping[str, S], Generic[S]):
         )
 
     def choose(self, name: str, release: str | None = None) -> S:
-        """Return the spec of a name; register it if it is a package's.
+        """Return the spec of the part with this name; register the spec if it comes from a package.
 
         Args:
             name: name of one of auvbench's own parts, or of an entry point.
@@ -240,7 +240,7 @@ class Kind(Mapping[str, S], Generic[S]):
         return thing
 
     def forget(self) -> None:
-        """Remove the registered specs of packages: for tests, and for programs that install packages."""
+        """Remove the registered specs of packages, for tests and for programs that install packages."""
         for spec in self.entered.values():
             spec.leave()
         self.entered.clear()
@@ -248,7 +248,7 @@ class Kind(Mapping[str, S], Generic[S]):
 
 @cache
 def declared(group: str, key: str) -> tuple[Declared, ...]:
-    """Return all entry points of a group, by name and package; nothing is imported."""
+    """Return all entry points of a group, sorted by name and package, without importing a package."""
     return tuple(
         sorted({
             Declared(group, point.name, point.dist.name, point.value, point.dist.version, key)
@@ -259,8 +259,8 @@ def declared(group: str, key: str) -> tuple[Declared, ...]:
 
 
 def schema_fault(schema: Any, base: type, word: str = "schema") -> str:
-    """Return why a package's schema cannot be used; '' for None, and for a dataclass derived from `base` whose keys have types."""
-    from omegaconf import OmegaConf  # slow to import, and needed only if a package's part was chosen
+    """Return why a package's schema cannot be used; '' if it is None, or a typed dataclass derived from `base`."""
+    from omegaconf import OmegaConf  # imported late, since it is slow and only parts of packages need it
     from omegaconf.errors import OmegaConfBaseException
 
     reason = ""
@@ -282,14 +282,14 @@ def resolve(target: str) -> Any:
 
 
 def describe_error(error: BaseException) -> str:
-    """Return one line that describes an exception of foreign code."""
+    """Return one line that describes an exception which a package's code raised."""
     kind = type(error).__name__
     return short(f"{kind}: {first_line(error)}" if str(error) else kind)
 
 
 @contextmanager
 def telling(owner_name: str, what: str) -> Iterator[None]:
-    """Turn an exception of foreign code into an `AgentError` that names the plug-in and the call."""
+    """Turn an exception of a package's code into an `AgentError`: `owner_name` is the part, `what` the failed call."""
     try:
         yield
     except AuvbenchError:
@@ -299,12 +299,12 @@ def telling(owner_name: str, what: str) -> Iterator[None]:
 
 
 def owner(kind: str, part: Any) -> str:
-    """Return the name of a configuration's part for messages, for example `task=circling of auvbench-example==1.0`."""
+    """Return the name of a part for messages, with the package that provides the part: `task=circling of auvbench-example==1.0`."""
     return owned(f"{kind}={part.name}", part)
 
 
 def owned(what: str, part: Any) -> str:
-    """Return `what` for messages, followed by the package that a part of a configuration comes from, if any."""
+    """Return `what`; if a package provides the part, append the package: `WHAT of auvbench-example==1.0`."""
     package = getattr(part, "package", None)
     return f"{what} of {package}" if package else what
 
@@ -481,7 +481,7 @@ KINDS: tuple[Kind[Any], ...] = (
 
 
 def forget() -> None:
-    """Remove all registered parts of packages and the cached lists of packages: for tests, and for programs that install packages."""
+    """Remove all registered parts of packages and clear the cached lists of packages, for tests and for programs that install packages."""
     for kind in KINDS:
         kind.forget()
     forget_packages()
