@@ -18,7 +18,7 @@ class CommandSpec(Spec):
     function: str
     """`module:function` that takes the words after the command and returns the exit code, or None for 0."""
     completed: tuple[str, ...] = ()
-    """Keys that tab completion offers, for a command with a few `key=value` words."""
+    """Keys that tab completion offers; set only for commands that accept few keys."""
     schema: None = None
 
     @property

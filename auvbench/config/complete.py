@@ -1,9 +1,10 @@
 """Complete a composed configuration: add types to the values of installed packages, and keys that name the packages.
 
-The YAML files of auvbench start from a schema. A package's `algo/NAME.yaml` has only values and comments; its
-values are typed here, by the schema of its spec. Each group that a package provides gets the key `package` (name and
-version of the installed package). An agent also gets the key `learns`, and a task that observes blocks of packages gets
-the key `block_packages`. These keys are part of a run's identity: a run with another version of a package is another run.
+The YAML files of auvbench start from a schema. A package's file, such as `algo/NAME.yaml`, has only values and comments;
+this module gives the values the types in the schema of the package's spec. If a package provides the part that a group
+chooses, the group gets the key `package` (name and version of the installed package). The group of an agent also gets the
+key `learns`, and a task that observes blocks of packages gets the key `block_packages`. These keys are part of a run's
+identity: a run with another version of a package is another run.
 """
 
 from __future__ import annotations
@@ -23,27 +24,27 @@ from auvbench.untrusted.text import short
 DISTURBANCE = frozenset(field.name for field in dataclasses.fields(schema.Disturbance))
 """Keys of `disturbance` that every configuration has."""
 COMPUTE: tuple[Kind[Any], ...] = (AGENTS, TASKS, REWARDS, SIMULATORS)
-"""Kinds of parts that have a group in a configuration and change the result of a run."""
+"""Kinds of parts for which a run's configuration has one group each, and whose choice changes the run's result."""
 CONFIGS = (
     algorithms.AgentConfig,
     tasks.TaskConfig,
     rewards.RewardConfig,
     simulators.SimulatorConfig,
 )
-"""Configuration classes of packages' parts that change the result of a run."""
+"""Base classes of the configurations of packages' agents, tasks, rewards and simulators."""
 
 
 def complete(config: DictConfig, *, frozen: bool = False) -> DictConfig:
-    """Return a composed configuration with the types and the added keys of installed packages.
+    """Add the types and the keys of installed packages to a composed configuration, and return the configuration.
 
     Args:
-        config: composed configuration; auvbench's own parts do not change.
+        config: composed configuration; groups of auvbench's own parts keep their keys and types.
         frozen: whether the configuration belongs to an existing run, whose packages must be installed in the
             recorded version.
 
     Raises:
         ConfigError: a key is unknown or missing, a type is wrong, or the package cannot be used.
-        OmegaConfBaseException: the same mistakes, for `compose.translate`.
+        OmegaConfBaseException: OmegaConf found one of these mistakes; `compose.translate` turns it into a ConfigError.
     """
     # Reading a run does not need the launcher that started it.
     for kind in COMPUTE if frozen else (*COMPUTE, LAUNCHERS):
@@ -78,7 +79,7 @@ def _complete_blocks(config: DictConfig, frozen: bool) -> None:
     Remove the key `task.block_packages` if no package provides a block.
 
     Raises:
-        ConfigError: a block's package is not installed, or `task.block_packages` was typed with other values.
+        ConfigError: a block's package is not installed, or the configuration already has other values in `task.block_packages`.
     """
     task = config.get("task")
     if not isinstance(task, DictConfig):
@@ -105,7 +106,7 @@ def _complete_blocks(config: DictConfig, frozen: bool) -> None:
 
 
 def _complete_ranges(task: DictConfig) -> None:
-    """Remove the keys of range sensors that the observation does not have, and `task.range` if it becomes empty."""
+    """Remove the keys of range sensors whose blocks are not in the observation; remove `task.range` if no key remains."""
     own = task.get("range")
     if not isinstance(own, DictConfig):
         with open_dict(task):
@@ -130,7 +131,7 @@ def _complete_sensors(config: DictConfig) -> None:
 
 
 def _complete_disturbance(config: DictConfig, *, frozen: bool) -> None:
-    """Add types and packages to the disturbances that are not in `DISTURBANCE`.
+    """Give each disturbance that is not in `DISTURBANCE` its types and, if a package provides it, the key `package`.
 
     Raises:
         ConfigError: the value of a disturbance is not a group of keys, or its package cannot be used.
@@ -165,7 +166,7 @@ def _unknown(name: str, own: Any) -> ConfigKeyError:
 
     Args:
         name: key below `disturbance`.
-        own: value that was typed for the key.
+        own: value of the key; if it is a mapping, the error names the first key inside it.
     """
     key = f"disturbance.{name}"
     while isinstance(own, dict) and own:
@@ -177,21 +178,21 @@ def _unknown(name: str, own: Any) -> ConfigKeyError:
 
 
 def _typed(kind: type, key: str, node: DictConfig, added: Mapping[str, Any]) -> DictConfig:
-    """Return the values of a group with the types of its schema, and the added keys."""
+    """Return a group with its values, the added keys and the types of the schema `kind`."""
     values: dict[str, Any] = {str(name): value for name, value in OmegaConf.to_container(node).items()}  # type: ignore[union-attr]
     return _merged(kind, key, _values(kind, key, values, added))
 
 
 def _values(kind: type, key: str, values: dict[str, Any], added: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of a group with the added keys; a float such as 1e6 becomes an integer where the schema has one.
+    """Return the values of a group with the added keys; a float such as 1e6 becomes an int if the schema asks for an int.
 
     Raises:
-        ConfigError: an added key was typed with another value.
+        ConfigError: the group already has another value for an added key.
     """
     for name, value in added.items():
         if values.get(name) not in (None, value):
             raise ConfigError(f"{key}.{name}={short(values[name])}: auvbench sets it ({value}); leave it out")
-    for name, hint in schema.keys(kind).items():  # 1e6 is a whole number
+    for name, hint in schema.keys(kind).items():  # YAML reads 1e6 as a float
         if hint in (int, int | None) and isinstance(values.get(name), float):
             number = schema.whole(str(values[name]))
             values[name] = values[name] if number is None else number
@@ -199,7 +200,7 @@ def _values(kind: type, key: str, values: dict[str, Any], added: Mapping[str, An
 
 
 def _merged(kind: type, key: str, values: dict[str, Any]) -> DictConfig:
-    """Return values with the types of a schema."""
+    """Return the values as a configuration that has the types of the schema `kind`."""
     root = OmegaConf.create({key: OmegaConf.structured(kind)})
     OmegaConf.set_struct(root, True)
     typed = OmegaConf.select(OmegaConf.merge(root, {key: values}), key)
@@ -208,7 +209,7 @@ def _merged(kind: type, key: str, values: dict[str, Any]) -> DictConfig:
 
 
 def releases(config: Any) -> dict[str, str]:
-    """Return the version of each package that a configuration (typed or plain) uses, by package name, for a manifest."""
+    """Return the versions of the packages that a configuration (typed or plain) uses, by package name, for the manifest."""
     versions = {}
 
     def value(node: Any, key: str) -> Any:

@@ -1,9 +1,9 @@
 """Compose configurations with Hydra.
 
 `compose` composes one configuration for commands and tests. `read` reads a command line with its flags (`--cfg`,
-`--help`, `-m`). Both search `./conf` of the working directory first, so a user's own vehicle or preset needs no
-change to the package. Hydra only composes configurations and completes words; it starts no job, calls no plug-in and
-sets up no logging.
+`--help`, `-m`). Both functions search `./conf` in the working directory first, so a user can add a vehicle or preset
+without a change to the package. Hydra only composes configurations and completes words; it starts no job, calls no
+plug-in and sets up no logging.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ _LOCK = threading.RLock()
 
 @dataclasses.dataclass
 class Sweeper:
-    """`hydra.sweeper` of an experiment: its grids, and axes that apply to all of them."""
+    """`hydra.sweeper` of an experiment: its grids, and axes that apply to all grids."""
 
     params: dict[str, Any] | None = None
     grids: list[Any] = dataclasses.field(default_factory=list)
@@ -112,10 +112,10 @@ class _Schema:
 
 @cache
 def _node(kind: type) -> DictConfig:
-    """Return the node of a schema, which the caller must not change; cached, since building a node is slow."""
+    """Return the OmegaConf node of a schema; the caller must not change it. Cached, since building a node is slow."""
     node = OmegaConf.structured(kind)
     if kind is schema.TrainConfig:
-        # Keys of disturbances that not every configuration has are checked in `complete`.
+        # More disturbances are allowed here; `complete` checks the keys that only some configurations have.
         node.disturbance = OmegaConf.structured(schema.Disturbance)
         OmegaConf.set_struct(node.disturbance, False)
     assert isinstance(node, DictConfig)
@@ -124,7 +124,7 @@ def _node(kind: type) -> DictConfig:
 
 class _Repository(ConfigRepository):
     def __deepcopy__(self, memo: dict[int, Any]) -> _Repository:
-        # Hydra replaces the list of sources in a copy; a deep copy would copy all schemas.
+        # Hydra only replaces the list of sources in its copy, so a shallow copy is enough; a deep copy would copy all schemas.
         return copy.copy(self)
 
 
@@ -140,8 +140,8 @@ class _Loader(ConfigLoaderImpl):
                 # One merge of all files, since each merge visits all nodes to set their parents.
                 config.merge_with(*(self._load_single_config(default, repo).config for default in defaults))
         except Exception:
-            # Merge file by file, as Hydra does: its message names the file. The failed merge has changed the
-            # cached files, so they are read again.
+            # Merge file by file, as Hydra does, because then the error message names the file. The failed merge has
+            # changed the cached files, so they are read again.
             assert isinstance(repo, CachingConfigRepository)
             repo.cache.clear()
             return super()._compose_config_from_defaults_list(defaults, repo)
@@ -160,7 +160,7 @@ class _Loader(ConfigLoaderImpl):
 
 
 def _strip_defaults(node: Any) -> None:
-    """Remove the lists of defaults that Hydra marked when it read them."""
+    """Remove the key `defaults` from each node that Hydra marked for this when it read the node's file."""
     if not isinstance(node, DictConfig) or node._is_missing() or node._is_none():
         return
     if node._get_flag("HYDRA_REMOVE_TOP_LEVEL_DEFAULTS"):
@@ -174,7 +174,7 @@ def _strip_defaults(node: Any) -> None:
 def _interpolations(overrides: Overrides, defaults_list: list[InputDefault], self_added: bool) -> DictConfig:
     """Return the values that interpolations in a list of defaults may refer to; empty if the list has no interpolation.
 
-    Hydra itself computes these values for every file, though few files need them.
+    This function replaces a function of Hydra that computes the values for every file, though few files need them.
     """
     if any(entry.is_interpolation() for entry in defaults_list):
         return _create_interpolation_map(overrides, defaults_list, self_added)
@@ -183,21 +183,21 @@ def _interpolations(overrides: Overrides, defaults_list: list[InputDefault], sel
 
 @contextmanager
 def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
-    """Yield a loader that searches a folder, then the package; restore Hydra's global state on exit.
+    """Yield a loader that searches a folder, then auvbench's own files; restore Hydra's global state on exit.
 
-    A caller that uses Hydra itself keeps its version base and its schemas.
+    So a program that calls auvbench and also uses Hydra keeps its own version base and schemas.
     """
     path = ConfigSearchPathImpl()
     if folder is not None and folder.is_dir():
         path.append("own", f"{restricted_yaml.SCHEME}://{folder.absolute()}")
     path.append("hydra", f"{restricted_yaml.PACKAGE}://hydra.conf")
-    # Searched before "main": a file that both folders have is found here and rejected.
+    # Searched before "main", so that a file that a package and auvbench both have is found in the package and rejected.
     for release, installed_folder in folders.packages():
         path.append(release, f"{restricted_yaml.INSTALLED}://{installed_folder}")
     path.append("main", f"{restricted_yaml.PACKAGE}://{CONFIG_MODULE}")
     path.append("schema", "structured://")
     with _LOCK:
-        Plugins.instance()  # Creating the plug-ins stores their schemas, once; these schemas must stay.
+        Plugins.instance()  # stores the plug-ins' schemas, only once: so before the store is copied
         store, base = ConfigStore.instance(), version.VersionBase.instance()
         version_base, repository = base.version_base, store.repo
         store.repo = _copied(repository)
@@ -215,7 +215,7 @@ def _loader(folder: Path | None) -> Iterator[ConfigLoaderImpl]:
 
 
 def _schemas(kind: Kind[Any]) -> dict[str, type]:
-    """Return the schemas from which auvbench's own files start, by name."""
+    """Return the schemas of auvbench's own parts of a kind, by the part's name; the YAML files of these parts start from them."""
     return {name: kind[name].keys for name in kind.own}
 
 
@@ -248,7 +248,7 @@ def _loaded(
     own: Path | None,
     state: folders.State,
 ) -> DictConfig:
-    """Return the configuration that Hydra loads from the chosen files, with the node `hydra`; the caller must not change it.
+    """Return the configuration that Hydra loads from the chosen files, including the node `hydra`; the caller must not change it.
 
     Cached, since loading the files takes up to half a second, ten times as long as setting values in a copy.
 
@@ -257,8 +257,8 @@ def _loaded(
         files: overrides that choose files.
         mode: `MULTIRUN` if axes are allowed, else `RUN`.
         packages: folders of installed packages to search; part of the cache key.
-        own: the user's folder.
-        state: `folders.state` of the user's folder.
+        own: the user's folder to search first.
+        state: `folders.state` of the user's folder; part of the cache key.
     """
     with _loader(own) as loader:
         return loader.load_configuration(entry, list(files), mode, from_shell=False)
@@ -316,7 +316,7 @@ def typed(config: DictConfig) -> schema.TrainConfig:
 
 
 OWN = ("seed", "name", "output")
-"""keys that differ between the runs of a grid; no other value depends on them"""
+"""keys whose values do not affect any other value of a configuration; see `once_for_all_seeds`"""
 
 _shared: dict[tuple[str, str], Any] = {}
 
@@ -347,7 +347,7 @@ def once_for_all_seeds(
 
 
 def _is_valid(own: Mapping[str, Any]) -> bool:
-    """Return whether values of `OWN` are valid in a typed configuration without conversion."""
+    """Return whether the values of the keys `OWN` have the types and ranges of the schema, so that they need no conversion."""
     from auvbench.config.validate import check_value
 
     fields = {field.name: field for field in dataclasses.fields(schema.TrainConfig)}
@@ -362,7 +362,7 @@ def _is_valid(own: Mapping[str, Any]) -> bool:
 
 
 def _empty(config: DictConfig, key: str, schemas: Mapping[str, type]) -> Any:
-    """Return the typed but empty `algo`, `simulator`, `task` or `reward` of a configuration."""
+    """Return a group of a configuration with its types but without its values; `key` is the key that chooses the part."""
     kind = OmegaConf.get_type(config, key.partition(".")[0])
     if isinstance(kind, type) and issubclass(kind, complete.CONFIGS):
         return OmegaConf.structured(kind)
@@ -383,7 +383,7 @@ def with_groups(config: schema.TrainConfig, groups: Mapping[str, Mapping[str, An
 
     Args:
         config: result of `typed`; unchanged groups are shared.
-        groups: plain values by group, such as `algo`; each must contain all values of the group's schema in `config`.
+        groups: plain values by group, such as `algo`; the values must include every key of the group's schema.
 
     Raises:
         ConfigError: a key is unknown, a type or value is wrong, or a value contradicts another.
@@ -417,8 +417,9 @@ def option(group: str, choice: str) -> DictConfig:
 
 @lru_cache(maxsize=256)
 def _option(group: str, choice: str) -> DictConfig:
-    """Return the configuration of an option; cached, since composing takes a tenth of a second and a protocol
-    asks for the same few options for every run.
+    """Return the configuration of an option; the caller must not change it.
+
+    Cached, since composing takes a tenth of a second, and a protocol needs the same few options for every run.
     """
     node = compose("train", [f"{group}={choice}"])[group]
     assert isinstance(node, DictConfig)
@@ -427,12 +428,12 @@ def _option(group: str, choice: str) -> DictConfig:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Request:
-    """Content of a command line: the jobs, and how to carry them out."""
+    """Content of a command line: the jobs, and whether they are a grid or a dry run."""
 
     jobs: list[grids.Job]
-    """jobs of the grid, or the only job, each with its overrides"""
+    """all jobs of the grid; a single job if the command line has no grid"""
     grid: bool
-    """whether the runs form a grid: `-m` was typed, or an experiment with `hydra.mode: MULTIRUN` gives several jobs"""
+    """whether the jobs form a grid: the command line has `-m`, or an experiment with `hydra.mode: MULTIRUN` has several jobs"""
     dry_run: bool
 
     @property
@@ -447,9 +448,9 @@ def read(
     """Read the command line of `conf/<entry>.yaml`: flags, `-m` and overrides.
 
     Args:
-        entry: name of a file of `conf/`.
+        entry: name of the command and of its file in `conf/`.
         arguments: words of the command line.
-        grid: whether the command takes grids.
+        grid: whether the command accepts grids.
         dry_run: whether the command has the flag `--dry-run`.
 
     Returns:
@@ -476,7 +477,7 @@ def read(
                 return Request(jobs, parsed.multirun or len(jobs) > 1, dry_run and parsed.dry_run)
     except typing.FAULTS as error:
         raise translate(error, entry, arguments) from error
-    # Outside of the `try`, since a closed pipe is not an error of the configuration.
+    # Printed outside of the `try`: if the pipe is closed, the OSError is not an error of the configuration.
     print(plain_lines(shown), end="")
     return None
 
@@ -510,7 +511,7 @@ def _parser(entry: str) -> argparse.ArgumentParser:
 
 
 def _parse(entry: str, arguments: Sequence[str], *, dry: bool = False) -> argparse.Namespace:
-    """Parse the flags; raise ConfigError for an unknown flag, with the override or flag that was probably meant."""
+    """Parse the flags; raise ConfigError for an unknown flag, and suggest the override or flag that was probably meant."""
     parser = _parser(entry)
     if dry:
         parser.add_argument("--dry-run", action="store_true")

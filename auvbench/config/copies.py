@@ -23,7 +23,7 @@ def copied(node: N, parent: Node | None = None) -> N:
     vars(metadata).update(vars(node._metadata), flags=dict(node._metadata.flags or {}))
     fields["_parent"], fields["_flags_cache"] = parent, None
     assert isinstance(twin, Node)
-    content = fields.get("_content")  # of a list, a dictionary or a union
+    content = fields.get("_content")  # only lists, dictionaries and unions have it
     if isinstance(content, dict):
         fields["_content"] = {key: copied(value, twin) for key, value in content.items()}
     elif isinstance(content, list):

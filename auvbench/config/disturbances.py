@@ -1,4 +1,4 @@
-"""Define the disturbances that every configuration has: schemas, specs, and the simulator capabilities that they need.
+"""Define the disturbances that every configuration has: schemas, specs, and the capabilities that a simulator needs.
 
 Importing this module imports no code of a disturbance.
 """
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from auvbench.config.simulators import Capabilities
 
 CURRENTS = ("none", "steady", "varying", "sheared")
-"""Kinds of current that a simulator supports, each including the previous ones: none, constant in an episode, varying
-during an episode, and varying with depth
+"""Kinds of current: none, constant in an episode, varying during an episode, and varying with depth. A simulator that
+supports one kind also supports all kinds before it.
 """
 
 FASTEST_WATER = 10.0
@@ -49,7 +49,7 @@ class Need(NamedTuple):
 
 @dataclass(kw_only=True)
 class Factor:
-    """Keys of one disturbance below `disturbance.NAME`, and properties that follow from them."""
+    """Keys of one disturbance below `disturbance.NAME`, and properties that depend on these keys."""
 
     @property
     def active(self) -> bool:
@@ -80,7 +80,7 @@ class Factor:
 
 
 def forces(key: str) -> Need:
-    """Return the need for forces on vehicles."""
+    """Return the need for a simulator that can apply external forces to its vehicles."""
     return Need(key, "forces on vehicles", lambda can: can.forces)
 
 
@@ -100,7 +100,7 @@ class CurrentProfile:
     top: float = number(0.0, 1e4)  # m, positive down
     bottom: float = number(0.0, 1e4, open_low=True)  # m, positive down
     factor: float = number(-3.0, 3.0)  # speed at `bottom` over speed at `top`; undercurrents reach about 3
-    turn: float = number(-math.pi, math.pi)  # rad, direction at `bottom` less direction at `top`
+    turn: float = number(-math.pi, math.pi)  # rad, direction at `bottom` minus direction at `top`
 
 
 @dataclass(kw_only=True)
@@ -182,7 +182,7 @@ class Waves(Factor):
 
 
 def still() -> Waves:
-    """Return no waves, as in runs of earlier versions."""
+    """Return a schema without waves, for runs of earlier versions."""
     return Waves(height=0.0, period=7.5, spectrum="jonswap", direction=None, spreading=2.0)
 
 
@@ -195,7 +195,7 @@ class Fault(Factor):
     actuator: str | None
     time: float = number(0.0, 1e9)  # s
     time_high: float | None = number(0.0, 1e9)  # s
-    factor: float = number(0.0, 1.0)  # share of its force that a weak thruster keeps
+    factor: float = number(0.0, 1.0)  # force of a weak thruster, relative to its force without the fault
 
     @property
     def active(self) -> bool:
@@ -262,7 +262,7 @@ class Scale:
 
 
 SCALES = ("mass", "buoyancy", "inertia", "added_mass", "damping", "thrust")
-"""Factors of `Randomisation`, in the order in which simulators take them"""
+"""Factors of `Randomisation`, in the order of the columns of a simulator's `reset(scales=...)`"""
 
 
 @dataclass(kw_only=True)
@@ -321,9 +321,9 @@ def needs(disturbance: schema.Disturbance) -> Iterator[Need]:
 
 
 def alterations(disturbance: schema.Disturbance) -> Iterator[tuple[str, str, str]]:
-    """Yield what the active disturbances change, in three parts.
+    """Yield what the active disturbances change, as tuples of three texts.
 
-    The parts are the name of the disturbance; READINGS, TIMING or COMMANDS; and the cause of the change (see
+    The texts are the name of the disturbance; READINGS, TIMING or COMMANDS; and the cause of the change (see
     `Factor.alters`).
     """
     for name, factor in disturbance.active():
@@ -346,9 +346,9 @@ class DisturbanceSpec(Spec):
     factory: str
     """`module:class`, a subclass of `auvbench.tasks.disturbances.base.Disturbance`."""
     schema: type
-    """Keys of the disturbance with their types and ranges; in a package, derived from `DisturbanceConfig`."""
+    """Dataclass of the disturbance's keys; in a package, derived from `DisturbanceConfig`."""
     added: bool = False
-    """Whether runs of earlier versions lack the disturbance's keys. A fingerprint then covers these keys only if the
+    """Whether runs of earlier versions lack the disturbance's keys. If so, a fingerprint includes these keys only if the
     disturbance is active.
     """
 

@@ -28,7 +28,7 @@ def refuse(wrong: bool, key: str, task: Any, what: str, why: str = "") -> None:
     """Raise ConfigError, `task.KEY=VALUE: must ...`, if `wrong` is true.
 
     Args:
-        what: valid values, in the words that follow "must".
-        why: reason for this limit; '' for none.
+        what: the text that follows "must", for example "be at most 3".
+        why: reason for this limit; '' leaves the reason out.
     """
     require(not wrong, f"task.{key}", getattr(task, key), f"{what}{f': {why}' if why else ''}")

@@ -1,4 +1,4 @@
-"""Make the fields of schemas, which have types and valid ranges but no defaults, and refuse contradicting values."""
+"""Define the fields of schemas (a field has a type and a valid range, but no default), and refuse contradicting values."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ INF = math.inf
 
 
 def number(low: float = -INF, high: float = INF, *, open_low: bool = False) -> Any:
-    """Return a field with the range [low, high], or (low, high] with `open_low`; infinities and NaN are never
-    valid.
+    """Return a field with the valid range [low, high], or (low, high] with `open_low`.
+
+    Infinities and NaN are never valid.
     """
     return field(metadata={"low": low, "high": high, "open_low": open_low})
 
@@ -30,7 +31,7 @@ def choice_of(names: Callable[[], Collection[str]]) -> Any:
 
 
 def later(declared: Any, default: Any = None) -> Any:
-    """Return a field that runs of earlier versions lack; they load with `default`, which does not change their results."""
+    """Return a field that runs of earlier versions lack. These runs get the value `default`, which must not change their results."""
     return field(default=default, metadata=declared.metadata)
 
 
@@ -40,7 +41,7 @@ def name() -> Any:
 
 
 def show(value: Any) -> str:
-    """Return a value as messages show it."""
+    """Return a value in the form that messages show."""
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
@@ -51,7 +52,7 @@ def require(holds: bool, key: str, value: Any, what: str) -> None:
 
 
 def below(low_key: str, low: float, high_key: str, high: float | None, *, strictly: bool = False) -> None:
-    """Raise ConfigError unless `low` is at most `high`, or with `strictly` less than `high`; `high=None` is no limit."""
+    """Raise ConfigError unless `low` <= `high`, or `low` < `high` with `strictly`; `high=None` means no upper limit."""
     if high is None or (low < high if strictly else low <= high):
         return
     raise ConfigError(

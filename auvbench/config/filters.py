@@ -51,7 +51,7 @@ class FilterSpec(Spec):
     title: str
     """Short description for help and tables"""
     factory: str
-    """`module:class`; empty for no filter"""
+    """`module:class` of the filter; empty if the spec means no filter"""
     schema: type
 
 
@@ -60,5 +60,5 @@ cbf = FilterSpec("cbf", "control barrier function", "auvbench.tasks.filters.barr
 
 
 def unfiltered() -> Unfiltered:
-    """Return the filter of runs of earlier versions: none."""
+    """Return the schema that means no filter, for runs of earlier versions."""
     return Unfiltered(name="none")

@@ -1,4 +1,4 @@
-"""Find the folders with Hydra's options: auvbench's `conf/`, folders of installed packages, and `./conf`."""
+"""Find the folders with configuration files: auvbench's `conf/`, folders of installed packages, and `./conf`."""
 
 from __future__ import annotations
 
@@ -42,13 +42,13 @@ def packages() -> tuple[tuple[str, Path], ...]:
 
 
 def state(folder: Path) -> State:
-    """Return path, inode, size and times of each file below a folder; while these do not change, no content has changed."""
+    """Return path, inode, size and times of each file below a folder; if these are unchanged, so are the files' contents."""
     entries = []
     for place, _, names in os.walk(folder):
         for name in names:
             path = os.path.join(place, name)
             try:
-                entry = os.stat(path)  # of the target, if it is a link
+                entry = os.stat(path)  # follows a link to its target
             except OSError:
                 entries.append((path, 0, 0, 0, 0))
             else:
@@ -57,7 +57,7 @@ def state(folder: Path) -> State:
 
 
 def of_group(group: str) -> list[Traversable]:
-    """Return the folders with the options of a group; a file in a later folder replaces a file in an earlier one.
+    """Return the folders with the files of a group; a file in a later folder replaces the same file in an earlier folder.
 
     Raises:
         ConfigError: the folder of an installed package does not exist.
@@ -67,7 +67,7 @@ def of_group(group: str) -> list[Traversable]:
 
 
 def options(group: str) -> list[str]:
-    """Return the names that `group=NAME` takes, quickly, without Hydra.
+    """Return the valid names in `group=NAME`; Hydra, which is slow, is not used.
 
     >>> "thesis" in options("protocol")
     True
@@ -77,6 +77,6 @@ def options(group: str) -> list[str]:
 
 
 def misnamed(group: str, name: str) -> Path | None:
-    """Return the user's file of an option if its name ends in .yml, which no command reads; else None."""
+    """Return the user's file conf/GROUP/NAME.yml if it exists: no command reads a file that ends in .yml. Else return None."""
     path = Path("conf") / group / f"{name.removesuffix('.yml').removesuffix('.yml.yaml')}.yml"
     return path if re.fullmatch(r"[\w.-]{1,100}", name) and path.is_file() else None

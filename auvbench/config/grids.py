@@ -41,18 +41,19 @@ class Job:
 
     config: DictConfig
     overrides: tuple[str, ...]
-    """typed overrides of the job, and the values of its grid"""
+    """overrides of the job: typed on the command line, or values from the grid"""
 
 
 Load = Callable[[tuple[str, ...], RunMode], DictConfig]
-"""Function that returns Hydra's configuration for overrides and a run mode, with the node `hydra`; the caller must not change it"""
+"""Function that returns Hydra's configuration, including the node `hydra`, for overrides and a run mode; the caller must not change
+the configuration"""
 
 
 def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], multirun: bool) -> list[Job]:
-    """Return all jobs; without `multirun` and `hydra.mode: MULTIRUN`, return a single job.
+    """Return all jobs of a grid; if neither `multirun` nor `hydra.mode: MULTIRUN` asks for a grid, return a single job.
 
     Raises:
-        ConfigError, HydraException, OmegaConfBaseException: any job has a mistake.
+        ConfigError, HydraException, OmegaConfBaseException: the configuration of at least one job is wrong.
     """
     parser = OverridesParser.create(config_loader=loader)
     parsed = parser.parse_overrides(list(overrides))
@@ -61,7 +62,7 @@ def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], mult
         line for line, item in zip(overrides, parsed, strict=True) if not _sets_a_value(loader, item)
     )
     _refuse_several_grids(load, parsed)
-    # A value may belong to a swept file, so values are set per job: `algo=sac,td3 algo.learning_starts=300`.
+    # Values are set in each job, since only the job's files may have the key: `algo=sac,td3 algo.learning_starts=300`.
     chosen = load(choices, RunMode.MULTIRUN).hydra
     if not multirun and chosen.mode != RunMode.MULTIRUN:
         return [Job(single(loader, load, overrides), tuple(overrides))]
@@ -87,7 +88,7 @@ def compose(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str], mult
 
 
 def _refuse_several_grids(load: Load, parsed: Sequence[Override]) -> None:
-    """Raise ConfigError for experiment=[A,B] if both have grids: the grids of B would replace the grids of A."""
+    """Raise ConfigError for experiment=[A,B] if A and B have grids, because the grids of B would replace the grids of A."""
     for override in parsed:
         names = override.value() if override.key_or_group == "experiment" else None
         if not isinstance(names, list) or len(names) < 2:
@@ -103,7 +104,7 @@ def _refuse_several_grids(load: Load, parsed: Sequence[Override]) -> None:
 def single(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str]) -> DictConfig:
     """Return the configuration of one job: load its files with `load`, and set its values in a copy."""
     parsed = OverridesParser.create(config_loader=loader).parse_overrides(list(overrides))
-    # Hydra rejects a list of values.
+    # A sweep such as seed=1,2 is passed to `load`, where Hydra rejects it.
     values = [item for item in parsed if _sets_a_value(loader, item) and not item.is_sweep_override()]
     files = tuple(line for line, item in zip(overrides, parsed, strict=True) if item not in values)
     config = copied(load(files, RunMode.RUN))
@@ -114,7 +115,7 @@ def single(loader: ConfigLoaderImpl, load: Load, overrides: Sequence[str]) -> Di
 
 
 def _sets_a_value(loader: ConfigLoaderImpl, override: Override) -> bool:
-    """Return whether an override sets a value, which Hydra does after composing the files."""
+    """Return whether an override sets a value; other overrides choose files. Hydra sets values after it has composed the files."""
     if override.is_hydra_override() or override.package is not None:
         return False
     if not override.is_sweep_override() and isinstance(override.value(), dict):
@@ -123,7 +124,7 @@ def _sets_a_value(loader: ConfigLoaderImpl, override: Override) -> bool:
 
 
 def axes(parser: OverridesParser, lines: Iterable[str]) -> Grid:
-    """Return the overrides by key, each with its values as written; the last override of a key counts.
+    """Return the values of each key, as written in its override; if a key has several overrides, the last one counts.
 
     Raises:
         ConfigError: a sweep that is not a list of values.
@@ -131,14 +132,14 @@ def axes(parser: OverridesParser, lines: Iterable[str]) -> Grid:
     result: Grid = {}
     for override in parser.parse_overrides(list(lines)):
         key = override.get_key_element()
-        result.pop(key, None)  # The last override also decides the order.
+        result.pop(key, None)  # The position of the last override decides the order of the axes.
         result[key] = _values(override)
     return result
 
 
 def _values(override: Override) -> Axis:
     if override.is_delete() and override.value() is None:
-        return [""]  # ~key, which differs from ~key=null
+        return [""]  # the override `~key`, which is not the same as `~key=null`
     if not override.is_sweep_override():
         return [override.get_value_element_as_str()]
     if not override.is_discrete_sweep():
@@ -155,7 +156,7 @@ def from_config(parser: OverridesParser, node: Any) -> list[Grid]:
     """Return the grids that a configuration lists, for example in `hydra.sweeper.grids`.
 
     Raises:
-        ConfigError: the entry is not a list of mappings from keys to values.
+        ConfigError: an entry of the list does not map keys to values.
     """
     grids = []
     for entry in node or ():
@@ -203,7 +204,7 @@ def narrow(grids: Sequence[Grid], typed: Grid) -> list[Grid]:
 def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
     """Return the typed values that apply to a grid's axis.
 
-    These are the values that the axis has, written as in the axis, and the values that no grid has.
+    A typed value applies if the axis has it, or if no grid has it. A value that the axis has is returned as the axis writes it.
     """
     own = {_plain(value): value for value in axis}
     values_of_grids = {_plain(value) for other in every for value in other}
@@ -215,7 +216,7 @@ def _restrict(axis: Axis, values: Axis, every: Sequence[Axis]) -> Axis:
 
 
 def _plain(value: str) -> object:
-    """Return a value for comparison: 1 equals 1.0, 'ppo' equals ppo."""
+    """Return a value in a form for comparisons, in which 1 equals 1.0, and 'ppo' equals ppo."""
     text = value.strip()
     if len(text) >= 2 and text[0] == text[-1] and text[0] in "'\"":
         return text[1:-1]

@@ -44,9 +44,8 @@ class LauncherSpec(Spec):
     name: str
     """Value of `launcher.name`."""
     factory: str
-    """`module:callable` that returns a `scheduling.loop.Backend`; its arguments are the options (of the
-    schema), the function that a worker calls with a run directory (`module:function`), and whether any run
-    learns.
+    """`module:callable` that returns a `scheduling.loop.Backend`. Its arguments are the options (an instance of `schema`),
+    the function that a worker calls with a run directory (as `module:function`), and whether any run learns.
     """
     schema: type = LauncherConfig
     """Keys of `launcher` with their types and ranges; in a package, derived from `LauncherConfig`."""

@@ -1,8 +1,8 @@
 """Explain overrides that do not fit the configuration, in one line with what to type instead.
 
 Hydra and OmegaConf report these overrides in terms of their own classes ("float is not a subclass of
-Current"). So after an error, each override is compared with the configuration. A group takes a name, a block of
-values takes values for the keys below it, a list takes a list, and a single value takes one value.
+Current"). So after an error, this module compares each override with the configuration. The value of a group must be
+a name, a block of keys accepts values only for its keys, a list needs a list, and a single value needs one value.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _ABSENT = object()
 
 
 def explain(overrides: Iterable[str], config: Mapping[str, Any]) -> str:
-    """Return what is wrong with the first override that does not fit; '' if all fit.
+    """Return what is wrong with the first override that does not fit the configuration; '' if all overrides fit.
 
     Args:
         overrides: overrides in Hydra's grammar.
@@ -94,7 +94,7 @@ def _misfit(text: str, override: Override, config: Mapping[str, Any]) -> str:
 
 
 def _choice(shown: str, key: str, value: Any, options: Sequence[str], node: Any) -> str:
-    """Return what is wrong with the option of a group, which must be a name."""
+    """Return what is wrong with a value that should be the name of a group's option; '' if it is a name."""
     if isinstance(value, str | QuotedString):
         name = value.text if isinstance(value, QuotedString) else value
         path = PurePath(name)
@@ -122,7 +122,7 @@ def _choice(shown: str, key: str, value: Any, options: Sequence[str], node: Any)
 
 
 def _value(shown: str, key: str, value: Any, node: Any) -> str:
-    """Return what is wrong with the kind of a value (block, list or single value)."""
+    """Return what is wrong if a value is of another kind (block of keys, list, single value) than the key's value; else ''."""
     if isinstance(node, dict):
         return (
             ""
@@ -142,7 +142,7 @@ def _value(shown: str, key: str, value: Any, node: Any) -> str:
 
 
 def _settable(key: str, node: Any) -> str:
-    """Return how to set a key, or the keys below it."""
+    """Return a hint on how to set a key or, if the key is a block, the keys in the block."""
     if not isinstance(node, dict):
         return f"type {key}={_written(node)}, for example"
     names = [f"{key}.{name}" for name in node]

@@ -141,7 +141,7 @@ class Usbl:
         """Raise ConfigError if keys contradict each other."""
         key = "sensors.usbl."
         _require_place(f"{key}position", self.position)
-        # Only one reading may be under way at a time.
+        # The sound of a ping must arrive before the next ping is sent.
         most = SOUND / self.reach
         what = f"be at most {most:.3g} Hz for reach={self.reach:g}, so that each reading arrives before the next ping; or reduce reach"
         require(self.rate <= most, f"{key}rate", self.rate, what)
@@ -165,7 +165,10 @@ class Gnss:
 
 @dataclass(kw_only=True)
 class Modem:
-    """An acoustic modem that measures ranges by a team's messages (noise: nanomodem of MARUS, see `config.tasks.formation`)."""
+    """An acoustic modem that measures the range to a vehicle when it receives this vehicle's message.
+
+    The noise is that of the nanomodem in MARUS (see `config.tasks.formation`).
+    """
 
     noise: float = number(1e-3, 100.0)  # m
     beacons: int = number(1, 7)
@@ -231,7 +234,7 @@ class Ekf(Navigation):
 
 @dataclass(kw_only=True)
 class Model:
-    """Velocity through the water, as predicted from the vehicle's sheet."""
+    """Keys of the velocity through the water that the vehicle's sheet predicts, and of the current."""
 
     rate: float = number(0.01, FASTEST)  # Hz
     noise: float = number(1e-4, 10.0)  # m/s
@@ -245,7 +248,7 @@ class Model:
 class EkfModel(Ekf):
     """The extended Kalman filter with the horizontal current as two more states.
 
-    The filter takes the velocity that the vehicle's sheet predicts as one more measurement.
+    The filter uses the velocity that the vehicle's sheet predicts as an additional measurement.
     """
 
     model: Model
@@ -279,12 +282,12 @@ def _require_place(key: str, values: list[float]) -> None:
 
 
 def truth() -> Navigation:
-    """Return the navigation of runs of earlier versions: the true state, without an estimator."""
+    """Return the schema that means the true state without an estimator, for runs of earlier versions."""
     return Navigation(name=TRUTH)
 
 
 def no_sensors() -> Sensors:
-    """Return the sensors of runs of earlier versions: none."""
+    """Return the schema that means no navigation sensors, for runs of earlier versions."""
     return Sensors(name=NONE)
 
 
@@ -297,7 +300,7 @@ def check(config: TrainConfig) -> None:
     """Check sensors and estimator against the rest of a configuration.
 
     Raises:
-        ConfigError: names the key and what to type instead.
+        ConfigError: a key of sensors or estimator does not fit; the message names the key and what to type instead.
     """
     sensors, navigation = config.sensors, config.navigation
     for sensor in (sensors.dvl, sensors.usbl):
@@ -361,7 +364,7 @@ def check(config: TrainConfig) -> None:
 
 
 def _check_alone(config: TrainConfig) -> None:
-    """Refuse a simulator without navigation sensors, and `noise`, errors and delays in addition to those of these sensors."""
+    """Refuse a simulator without navigation sensors, and refuse `noise` and disturbances that add errors or delays to these sensors."""
     chosen = f"navigation={config.navigation.name}"
     if config.simulator.name != "fossen":
         raise ConfigError(
@@ -386,7 +389,7 @@ def _check_alone(config: TrainConfig) -> None:
 
 
 def _check_messages(modem: Modem, config: TrainConfig) -> None:
-    """Refuse a modem without acoustic messages, a team of only beacons, and an IMU that is slower than the messages."""
+    """Refuse a modem without acoustic messages, a team in which all vehicles are beacons, and an IMU slower than the messages."""
     task: Any = config.task
     if getattr(task, "messages", "") != "acoustic":
         chosen = f"task.messages={task.messages}" if hasattr(task, "messages") else f"task={task.name}"
@@ -425,7 +428,7 @@ def _check_rates(config: TrainConfig) -> None:
             raise ConfigError(
                 f"sensors.{name}.{key}={most:g}: must be at most {sensors.imu.rate:g} Hz, the rate of the IMU"
             )
-        if name in ("usbl", "gnss"):  # A USBL checks its own delay, and satellites have none.
+        if name in ("usbl", "gnss"):  # `Usbl.check` checks the delay; `Gnss` has no delay.
             continue
         what = f"be at most {1.0 / most:.3g} s, the time between two readings"
         require(sensor.delay <= 1.0 / most, f"sensors.{name}.delay", sensor.delay, what)

@@ -1,7 +1,7 @@
 """Read overrides before Hydra does, and translate errors of Hydra or OmegaConf into one line.
 
-Hydra's grammar does not accept some whole numbers and texts, so they are rewritten first. The line of an error names
-the key, the value and the closest valid name.
+Hydra's grammar rejects some whole numbers and texts that users type, so `read` rewrites them first. The line for an
+error names the key, the value and the closest valid name.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PATHS = ("output", "plot")
 """Keys whose values are paths."""
 
 CHOICES = {"algo.base": "algo/base@algo"}
-"""Keys whose values are names of files, with Hydra's name of the key."""
+"""Keys whose values choose a configuration file, each with the key in Hydra's grammar."""
 
 SEVERAL = ("disturbance", "experiment", "search")
 """Groups of which a run may have several options."""
@@ -39,7 +39,7 @@ _NUMBER = re.compile(r"(?<![\w.])[+-]?\d[\d_]*(?:\.\d*)?(?:[eE][+-]?\d+)?(?![\w.
 Compose = Callable[[Sequence[str]], DictConfig]
 
 INNER = (AssertionError, AttributeError, IndexError, KeyError, TypeError)
-"""Exceptions inside Hydra for an override with a key below a single value, for example `hydra.sweeper.params.seed=1`"""
+"""Internal errors of Hydra if an override's key is below a single value, for example `hydra.sweeper.params.seed=1`"""
 
 FAULTS = (HydraException, OmegaConfBaseException, yaml.YAMLError, ValueError, OSError, RecursionError, *INNER)
 """Exceptions that Hydra raises for a mistake in an override or in a file of `./conf`"""
@@ -108,7 +108,7 @@ def _read(override: str) -> str:
     key = CHOICES.get(key, key)
     value = whole_numbers(key.lstrip("+"), value)
     if key in PATHS:
-        value = os.path.expanduser(value)  # leaves an unknown user unchanged, where pathlib raises
+        value = os.path.expanduser(value)  # unlike pathlib, leaves ~NAME of an unknown user unchanged
     written = f"{key}{separator}{value}"
     is_text = key in PATHS or not re.match(r"""\w*[(\[{'"]""", value)
     if value and is_text:
@@ -120,7 +120,7 @@ def _read(override: str) -> str:
 
 
 def whole_numbers(key: str, text: str) -> str:
-    """Return the text of a value, with 1e6 as 1000000 if the key needs whole numbers."""
+    """Return the text of a value; if the key needs whole numbers, write 1e6 as 1000000."""
     return _NUMBER.sub(_whole, text) if key in whole_keys() else text
 
 
@@ -138,7 +138,7 @@ def _whole(match: re.Match[str]) -> str:
 
 @cache
 def whole_keys() -> frozenset[str]:
-    """Return the dotted keys, in the configurations of all commands, whose values must be whole numbers."""
+    """Return the dotted keys of all commands' configurations whose values must be whole numbers."""
     kinds: list[tuple[type, str]] = [
         (root, "") for root in (schema.TrainConfig, schema.EvaluateConfig, simulation.Simulation)
     ]
@@ -235,23 +235,23 @@ def translate(error: BaseException, compose: Compose, entry: str, overrides: Seq
 
 
 def _misfit(compose: Compose, overrides: Sequence[str]) -> str:
-    """Return what is wrong with an override that does not fit the configuration; '' if all fit."""
+    """Return what is wrong with the first override that does not fit the configuration; '' if all overrides fit."""
     if not overrides:
         return ""
-    from auvbench.config import misfits  # for errors only
+    from auvbench.config import misfits  # imported late, since only errors need it
 
     try:
         parsed = [_read(override) for override in overrides]
         return misfits.explain(parsed, misfits.plain(compose(misfits.chosen(parsed))))
-    except (*FAULTS, ConfigError):  # A file is wrong, not an override.
+    except (*FAULTS, ConfigError):  # A configuration file is wrong, not an override.
         return ""
 
 
 def _first_wrong(key: str, values: str, compose: Compose, overrides: Sequence[str]) -> str:
-    """Return what is wrong with the first invalid value of a key's values; '' if the first eight values are valid in a grid."""
+    """Return what is wrong with the first invalid one of a key's comma-separated values; check at most eight, '' if they are valid."""
     from auvbench.config.validate import train_config
 
-    # Other sweeps are left out, since their products would take long.
+    # Sweeps of other keys are left out: checking all combinations would take long.
     single_values = [override for override in overrides if not _is_sweep(override)]
     for value in values.split(",")[:8]:
         words = [*single_values, f"{key}={value}"]
@@ -292,7 +292,7 @@ def _unread(error: BaseException, overrides: Sequence[str]) -> str:
 
 
 def _near_key(key: str, compose: Compose, entry: str, overrides: Sequence[str]) -> str:
-    # The chosen groups decide which keys exist: algo=sac and algo=ppo have different keys.
+    # The chosen options decide which keys exist: algo=sac and algo=ppo have different keys.
     groups = [override.split(",")[0] for override in overrides if re.match(r"\w+=", override)]
     keys: list[str] = []
     for chosen in (groups, []):

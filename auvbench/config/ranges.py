@@ -1,4 +1,4 @@
-"""Define the schemas of range sensors, keys of `task.range`; their blocks are in `tasks/ranges/specs.py`."""
+"""Define the schemas of range sensors (`task.range.NAME`); `tasks/ranges/specs.py` defines the blocks of these sensors."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from auvbench.errors import ConfigError
 SOUND = 1500.0
 """Speed of sound in water, m/s"""
 GRADIANS = 400
-"""Gradians, which are the steps of a Ping360, in a full turn"""
+"""Number of gradians in a full turn; a Ping360 rotates in steps of whole gradians"""
 PREFIX = "range."
-"""Prefix of a range sensor's block name: the sensor of the block `range.ping1d` has its keys in `task.range.ping1d`"""
+"""Prefix of the names of range sensors' blocks; the block `range.ping1d` has its keys in `task.range.ping1d`"""
 
 # Time of one beam of a Ping360: `BEAM_REST + BEAM_PER_METRE * range + BEAM_PER_GRADIAN * step`. Least squares over the six turn times
 # that users measured (Blue Robotics forum, thread 8328: ranges of 2, 20 and 50 m in steps of 1 and 10 gradians).
 BEAM_REST = 0.0178  # s
-BEAM_PER_METRE = 0.00141  # s/m; sound alone takes 0.00133
+BEAM_PER_METRE = 0.00141  # s/m, of which the sound's way there and back takes 0.00133
 BEAM_PER_GRADIAN = 0.006  # s
 
 
@@ -80,7 +80,7 @@ class Ping1D(Pinged):
     jumps: float = number(0.0, 0.05)
 
     def check(self, prefix: str) -> None:
-        # An echo sounder with a long range pings at the rate of the echoes that it gets.
+        # The rate is not limited by `high`, since an echo sounder sends the next ping as soon as it has an echo.
         check_low(self, prefix)
 
 
@@ -142,11 +142,11 @@ NAMES = tuple(field.name for field in fields(Ranges))
 
 
 def key_of(block: str) -> str:
-    """Return the key below `task.range` of a block's range sensor; '' for a block of another kind."""
+    """Return the key below `task.range` that has a block's range sensor; '' for a block that is not of a range sensor."""
     name = block.removeprefix(PREFIX)
     return name if block.startswith(PREFIX) and name in NAMES else ""
 
 
 def oldest(sensor: Pinged) -> float:
-    """Return the largest age in s that an observation shows; older readings are shown with this age."""
+    """Return the bound in s of a reading's age in observations; an older reading has this age."""
     return 1.0 / sensor.rate + sensor.delay + 1.0

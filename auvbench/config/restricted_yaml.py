@@ -2,7 +2,7 @@
 
 Hydra instantiates what `_target_` names, configures logging by the classes that a file names, sets
 environment variables, and imports packages to search them. A downloaded folder with a `conf/` would thus run
-its author's code when the user types `auvbench train` in it. So a file may set none of these.
+its author's code when the user types `auvbench train` in this folder. So auvbench rejects a file that does any of this.
 """
 
 from __future__ import annotations
@@ -84,14 +84,14 @@ class OwnFiles(FileConfigSource):
 
 @lru_cache(maxsize=512)
 def _text(data: bytes) -> str:
-    """Return the text of a file whose YAML may be read; cached, since Hydra reads a file several times."""
+    """Check that a file's YAML is safe to load, and return its text; cached, since Hydra reads a file several times."""
     reading.check_yaml(data)
     return data.decode("utf-8-sig")  # Windows editors may begin a file with a byte order mark.
 
 
 @lru_cache(maxsize=512)
 def _read(shown: str, name: str, path: str, text: str) -> tuple[DictConfig, dict[str, str | None]]:
-    """Return the configuration and the header in a file's text; the caller must not change them."""
+    """Parse a file's text into a configuration and a header; the caller must not change either."""
     header = ConfigSource._get_header_dict(text[:512])
     stream = io.StringIO(text)
     stream.name = path  # for the position in an error message
@@ -109,7 +109,7 @@ def _read(shown: str, name: str, path: str, text: str) -> tuple[DictConfig, dict
 class InstalledFiles(OwnFiles):
     """Hydra's file source for the folder of an installed package; no two packages may have the same file."""
 
-    closed = False  # package managers install files as links
+    closed = False  # package managers may install files as links
 
     @staticmethod
     def scheme() -> str:
@@ -151,7 +151,7 @@ def _is_ours(path: str, name: str) -> bool:
     try:
         ours = f"{name.removesuffix('.yaml')}_schema".encode() in reading.content(path)
     except (OSError, ValueError):
-        ours = True  # Reading the file reports what is wrong.
+        ours = True  # Hydra loads the file later, which reports what is wrong.
     if not ours:
         _pass_over(path)
     return ours
@@ -190,7 +190,7 @@ def register() -> None:
 
 
 def check_file(shown: str, name: str, content: Any, package: str | None) -> None:
-    """Raise ConfigError for a file that names code or sets a key of Hydra.
+    """Raise ConfigError for a file that names code or sets one of Hydra's own keys.
 
     Args:
         shown: name of the file in messages.
@@ -199,7 +199,7 @@ def check_file(shown: str, name: str, content: Any, package: str | None) -> None
         package: package in the file's header `# @package ...`, if it has one.
 
     Raises:
-        ConfigError: names the key.
+        ConfigError: the message names the key.
     """
     for key in _keys(content, ""):
         if key.rpartition(".")[2] == "_target_":

@@ -1,6 +1,6 @@
 """Define the schemas of the `reward` group.
 
-A function in `tasks.rewards` reads each field as an attribute of its record `p`, for example `p.length`.
+A reward function in `tasks.rewards` reads each field as an attribute of its argument `p`, for example `p.length`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Reward:
 
 @dataclass(kw_only=True)
 class RewardConfig(Reward):
-    """Reward of an installed package; a subclass adds its own keys, all of them numbers."""
+    """Keys of a reward from an installed package; a subclass adds its own keys, which must all be numbers."""
 
     name: str = plain_name()
     package: str
@@ -138,7 +138,7 @@ class RewardSpec(Spec):
     function: str
     """`module:function`, the reward of a step (`tasks.rewards`)"""
     schema: type
-    """schema of its configuration; in a package, derived from `RewardConfig`"""
+    """schema of the reward's keys; in a package, derived from `RewardConfig`"""
     tasks: tuple[str, ...] = ()
     """tasks that may use the reward, in addition to the tasks whose specs name it (`TaskSpec.rewards`)"""
     sight: str = ""

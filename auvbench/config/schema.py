@@ -1,7 +1,7 @@
 """Define the schema of the configuration: types and valid ranges.
 
-The YAML files in `conf/` have the defaults and the comments that explain them. A default here is for runs of earlier
-versions (`fields.later`), for optional blocks, and for entries of lists.
+The YAML files in `conf/` have the defaults and the comments that explain the keys. A field has a default here only if runs
+of earlier versions lack the field (`fields.later`), if it is an optional block, or if it belongs to an entry of a list.
 `validate.validate_fields` checks a field's range; OmegaConf checks its type while Hydra composes.
 """
 
@@ -90,7 +90,7 @@ class Disturbance:
                 yield part.name, value
 
     def active(self) -> Iterator[tuple[str, Factor]]:
-        """Yield the disturbances that change anything."""
+        """Yield the name and the keys of each disturbance that has an effect."""
         for part, factor in self.factors():
             with asking(part, factor, "active"):
                 active = factor.active
@@ -100,8 +100,8 @@ class Disturbance:
 
 @cache
 def with_disturbances(more: tuple[tuple[str, type], ...]) -> type[Disturbance]:
-    """Return the schema of `disturbance` with the keys of more disturbances, given as pairs of name and schema."""
-    # Workers receive pickled values, and pickle cannot find this class in any module.
+    """Return the schema of `disturbance` with the keys of additional disturbances; `more` are pairs of name and schema."""
+    # Workers receive pickled values. pickle needs `__reduce__`, since it cannot find this class in any module.
     pickled = {"__reduce__": lambda self: (_disturbance, (more, vars(self)))}
     return make_dataclass("Disturbance", more, bases=(Disturbance,), kw_only=True, namespace=pickled)
 
@@ -112,7 +112,7 @@ def _disturbance(more: tuple[tuple[str, type], ...], values: dict[str, Any]) -> 
 
 @dataclass(kw_only=True)
 class Checkpoint:
-    """How often a run is saved; has no effect on its result."""
+    """How often a run is saved; these keys have no effect on the run's result."""
 
     steps: int = number(0, 1 << 62)
     seconds: float = number(0.0, 1e9)
@@ -168,11 +168,12 @@ class EvaluateConfig:
 
 @dataclass(kw_only=True)
 class Analysis:
-    """Primary analysis that an experiment declares before its runs; has no effect on a result."""
+    """Primary analysis that an experiment declares before its runs; it has no effect on the results of the runs."""
 
     measure: str = choice_of(lambda: (PRIMARY, *measure_names()))
     baseline: str | None
-    margin: float | None = number(0.0, open_low=True)  # unit of the measure, percentage points for a rate
+    # smallest difference of interest, in the unit of the measure; for a rate, in percentage points
+    margin: float | None = number(0.0, open_low=True)
     seeds: int | None = number(1, 1_000_000)
     protocol: str = later(name(), "test")
     # conditions of the protocol that are reported; the verdicts are about the first one; null: all conditions
@@ -213,12 +214,12 @@ class TrainConfig:
 
 
 def columns_of(config: TrainConfig) -> tuple[str, ...]:
-    """Return the columns of the records of a configuration."""
+    """Return the columns of the records of runs with this configuration."""
     return record_columns(config.task.name, config.world.name, config.navigation.name, config.filter.acts)
 
 
 def whole(text: str) -> int | None:
-    """Return the whole number that a text stands for, e.g. 1e6; None for 1.5.
+    """Parse a whole number, also in the form 1e6; return None for any other text, such as 1.5.
 
     >>> whole("1e6"), whole("2_000"), whole("1.5"), whole("many")
     (1000000, 2000, None, None)

@@ -13,8 +13,8 @@ from auvbench.config.schema import choice, number
 from auvbench.config.validate import structured
 
 UNIT_TOLERANCE = 1e-3
-"""Largest deviation of a quaternion's length from 1; enough for four typed digits. The quaternion is then
-normalised.
+"""Largest deviation of a quaternion's length from 1, so that four digits per component are accurate enough. Later, the
+quaternion is normalised.
 """
 
 
@@ -46,13 +46,13 @@ class Simulation:
 
 MAX_ROWS = 10_000_000
 MAX_STEPS = 1_000_000_000
-"""Largest number of integrator steps: they take about ten minutes of computing, and they are enough for the longest duration
-with the default max_step.
+"""Largest number of integrator steps. This number of steps takes about ten minutes of computing, and is enough for the longest
+duration with the default max_step.
 """
 
 
 def simulation_config(config: DictConfig) -> Simulation:
-    """Return the typed configuration of an open-loop run, its values checked.
+    """Check the configuration of an open-loop run and return it as a typed object.
 
     Raises:
         ConfigError: a value is missing, out of range, or of the wrong length.
@@ -77,7 +77,7 @@ def simulation_config(config: DictConfig) -> Simulation:
         f"have a quaternion [qw, qx, qy, qz] of length 1, it has {length:.6g}",
     )
     for key, most, otherwise in (
-        ("sample", MAX_ROWS, f"more than {MAX_ROWS} rows"),
+        ("sample", MAX_ROWS, f"the output has more than {MAX_ROWS} rows"),
         ("max_step", MAX_STEPS, "use a shorter duration"),
     ):
         value, least = getattr(typed, key), typed.duration / most

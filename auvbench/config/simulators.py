@@ -1,7 +1,7 @@
 """Define the schemas of the `simulator` group, the spec of the embedded simulator, and the capabilities of
 simulators.
 
-A configuration that needs more than its simulator's capabilities is rejected before anything starts.
+A configuration that needs a capability which its simulator lacks is rejected before a run starts.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Capabilities:
     exact_resume: bool
     """whether `load_state_dict` restores the exact state; otherwise a resumed run starts new episodes"""
     deterministic: bool
-    """whether repeated commands give results with the same bits"""
+    """whether the same commands always give results with the same bits"""
     scales: bool
     """whether each vehicle may have its own factors: `reset(scales=...)`"""
     currents: str
@@ -38,9 +38,9 @@ class Capabilities:
     forces: bool = False
     """whether the simulator has `current` and `external_wrench` (`simulators.base.VehicleBatch`)"""
     solids: bool = False
-    """whether its vehicles may be in a world with a bottom or obstacles"""
+    """whether the simulator's vehicles may be in a world with a bottom or obstacles"""
     teams: bool = False
-    """whether several of its vehicles may be in one episode"""
+    """whether an episode may have several of the simulator's vehicles"""
 
 
 @dataclass(kw_only=True)
@@ -79,8 +79,8 @@ class SimulatorSpec(Spec):
     name: str
     """Value of `simulator.name`."""
     factory: str
-    """`module:callable` that returns a `simulators.base.Simulator`; its arguments are the configuration (of
-    the schema), a `VehicleModel`, the number of vehicles and the longest stable substep in s.
+    """`module:callable` that returns a `simulators.base.Simulator`. Its arguments are the configuration (an instance of
+    `schema`), a `VehicleModel`, the number of vehicles and the longest stable substep in s.
     """
     capabilities: Capabilities
     """Capabilities of the simulator with the option `full`."""
@@ -141,7 +141,7 @@ def threads(simulator: Any) -> int:
 
 
 def check_world(simulator: Simulator, world: World) -> None:
-    """Raise ConfigError for a world with solids in a simulator without them."""
+    """Raise ConfigError if the world has solids and the simulator cannot simulate them."""
     if world.solid and not capabilities(simulator).solids:
         able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
         raise ConfigError(
@@ -150,7 +150,7 @@ def check_world(simulator: Simulator, world: World) -> None:
 
 
 def check_filter(simulator: Simulator, chosen: Filter) -> None:
-    """Raise ConfigError for a filter of commands, which needs a map of solids, with a simulator without solids."""
+    """Raise ConfigError if a filter of commands is chosen and the simulator has no solids, whose map the filter needs."""
     if chosen.acts and not capabilities(simulator).solids:
         able = [f"simulator={name}" for name, spec in SIMULATORS.items() if spec.capabilities.solids]
         raise ConfigError(
@@ -159,10 +159,10 @@ def check_filter(simulator: Simulator, chosen: Filter) -> None:
 
 
 def check_disturbance(simulator: Simulator, disturbance: Disturbance) -> None:
-    """Raise ConfigError for a disturbance beyond the simulator's capabilities.
+    """Raise ConfigError for a disturbance that needs a capability which the simulator lacks.
 
     Raises:
-        ConfigError: the message names the key, and the simulators that are capable.
+        ConfigError: the message names the key, and the simulators that have the capability.
     """
     for need in needs(disturbance):
         if need.able(capabilities(simulator)):

@@ -14,8 +14,9 @@ from auvbench.registry import AGENTS
 
 
 def nearest(key: str, names: Collection[str]) -> str | None:
-    """Return the key that was probably meant: a key with the same last part, else the key with the most
-    similar spelling.
+    """Return the key that was probably meant; None if no key is similar.
+
+    A key with the same last part is preferred to the key with the most similar spelling.
 
     >>> nearest("learning_rate", ["algo.learning_rate", "seed"])
     'algo.learning_rate'
@@ -60,7 +61,7 @@ CORRECTIONS = {
     "episodes": "protocol.episodes",
     "trials": "tune.trials",
 }
-"""Keys by the names that other programs use for them."""
+"""Names that other programs use for a setting, each with auvbench's key of this setting."""
 
 
 OF_COMMANDS = {
@@ -70,7 +71,7 @@ OF_COMMANDS = {
     "input": "simulate",
     "duration": "simulate",
 }
-"""Commands by the key, or the first part of a key, that belongs to the command."""
+"""Keys, or first parts of keys, that only one command accepts, each with this command."""
 
 
 def unknown_key(key: str, keys: Collection[str], program: str) -> str:
@@ -111,7 +112,7 @@ def unknown_flag(
         command: name of the command.
         word: flag as typed, possibly with `=VALUE`.
         flags: valid flags.
-        keys: keys of the command's configuration, typed as key=value.
+        keys: keys of the command's configuration, which are set by key=value words.
         typed: all words of the command line.
     """
     flag, separator, own = word.partition("=")

@@ -16,10 +16,10 @@ class TrackerSpec(Spec):
     module: str
     """Module with the functions of `tracking.Service`."""
     extra: str = ""
-    """Extra of auvbench that installs the client; empty in a package."""
+    """Extra of auvbench that installs the tracker's client; empty for a tracker of a package."""
     schema: None = None
 
     @property
     def code(self) -> str:
-        """Return the module."""
+        """Return `module`, which is the tracker's code."""
         return self.module

@@ -41,12 +41,12 @@ class TuneConfig(schema.TrainConfig):
     """Configuration of `auvbench tune`."""
 
     protocol: schema.Protocol
-    search: Any = None  # not every algorithm has such a file
+    search: Any = None  # ranges in search/NAME.yaml; None: the algorithm has no such file
     tune: Tune
 
 
 def read(config: DictConfig) -> tuple[Tune, schema.Protocol]:
-    """Return the settings of the search and the protocol that scores its trials, their values checked.
+    """Return the settings of the search and the protocol that scores the trials, after a check of their values.
 
     Raises:
         ConfigError: a value is out of range, or the protocol does not use validation scenarios.
@@ -94,6 +94,6 @@ def _check_budget(tune: Tune, config: DictConfig) -> None:
 
 
 def without_search(config: DictConfig) -> dict[str, Any]:
-    """Return the resolved configuration of a run, without the keys of the search."""
+    """Return the keys of a run from the configuration of a search, with interpolations resolved."""
     values = resolved(config)
     return {field.name: values[field.name] for field in dataclasses.fields(schema.TrainConfig)}

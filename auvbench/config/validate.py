@@ -1,4 +1,4 @@
-"""Check values: each field against the range in its schema, then rules that span several fields."""
+"""Check the values of a configuration: the range of each field, then rules that span several fields."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def validate_fields(config: Any, prefix: str = "") -> None:
     """Check a schema dataclass and all nested schemas.
 
     Raises:
-        ConfigError: names the key, the value and the valid range or the closest name.
+        ConfigError: the message names the key, the value, and the valid range or the closest valid name.
     """
     names = [field.name for field in dataclasses.fields(config)]
     for extra in vars(config).keys() - set(names):  # `+key=value` bypasses Hydra's struct flag
@@ -76,7 +76,7 @@ def _range(low: float, high: float, open_low: bool) -> str:
 
 
 def limit(value: float, *, least: bool, digits: int = 12) -> str:
-    """Return the limit of a range as text, rounded so that it is inside the range; whole numbers in full.
+    """Return the limit of a range as text: an int in full, a float rounded to the inside of the range.
 
     >>> limit(2 * math.pi, least=False, digits=6), limit(2**32 - 1, least=False, digits=6), limit(0.5, least=True)
     ('6.28318', '4294967295', '0.5')
@@ -131,14 +131,14 @@ def _has_no_default(field: dataclasses.Field[Any]) -> bool:
 
 
 def resolved(config: DictConfig) -> dict[str, Any]:
-    """Return the values of a composed configuration as plain Python, interpolations resolved."""
+    """Return the values of a composed configuration as plain Python objects, with interpolations resolved."""
     plain = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     assert isinstance(plain, dict)
     return {str(key): value for key, value in plain.items()}
 
 
 def train_config(config: DictConfig) -> schema.TrainConfig:
-    """Return the typed configuration of a run, its values checked.
+    """Check the configuration of a run and return it as a typed object.
 
     Raises:
         ConfigError: a value is out of range or missing, or contradicts another.
@@ -149,7 +149,7 @@ def train_config(config: DictConfig) -> schema.TrainConfig:
 
 
 def evaluate_config(config: DictConfig) -> schema.EvaluateConfig:
-    """Return the typed configuration of a test, its values checked.
+    """Check the configuration of a test and return it as a typed object.
 
     Raises:
         ConfigError: a value is out of range or missing.

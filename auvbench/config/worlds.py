@@ -165,7 +165,7 @@ class Field(Solid):
         most = 0.4 / room
         if self.density > most:
             raise ConfigError(
-                f"world.density={self.density:g}: must be at most {most:.3g} obstacles per m2 with this size and world.gap="
+                f"world.density={self.density:g}: must be at most {most:.3g} obstacles per m2 with these radii and world.gap="
                 f"{self.gap:g}, so that all obstacles fit"
             )
 
@@ -183,8 +183,8 @@ class WorldSpec(Spec):
     """`module:class`, a subclass of `auvbench.tasks.worlds.base.World`; empty for open water"""
     schema: type
     settled: str = ""
-    """`module:function` that takes the composed configuration and its typed `world`. It returns the configuration with values that
-    are known only when a run is created, such as the digest of a file; empty: no such values
+    """`module:function` that takes the composed configuration and its typed `world`. It returns the configuration with added values
+    that are known only when a run is created, such as the digest of a file; empty: the world has no such values
     """
 
 
@@ -202,5 +202,5 @@ field_ = WorldSpec("field", "field of obstacles", f"{_CODE}.field:FieldWorld", F
 
 
 def open_water() -> Open:
-    """Return the world of runs of earlier versions: open water."""
+    """Return the schema of open water, for runs of earlier versions."""
     return Open(name="open")

@@ -1,7 +1,7 @@
 """Define what the schemas of the `algo` group and the specs of agents have in common.
 
-Each agent of auvbench's own, or family of agents, has one module here, with its schema and its `AgentSpec`. Importing a
-module of this package imports no code of an agent.
+Each of auvbench's own agents, or each family of agents, has one module here with schemas and specs (`AgentSpec`). Importing
+a module of this package imports no code of an agent.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class Tuned:
     seed: int = number(0, (1 << 32) - 1)  # seed of the protocol's scenarios
     trials: int = number(1, 1 << 31)
     steps: int = number(0, 1 << 62)  # environment steps of training over all trials
-    cpu_s: float | None = later(number(0.0, 1e12))  # processor time of all trials, with their tests
+    cpu_s: float | None = later(number(0.0, 1e12))  # s, processor time of all trials, including their tests
     version: str
     date: str
 
@@ -82,8 +82,8 @@ class AgentSpec(Spec):
     exportable: bool = False
     """Whether a feed-forward network maps each observation to the action, so that an ONNX file can contain the policy."""
     knows: tuple[str, ...] = ()
-    """What the agent knows in addition to the observation: `sheet` (the vehicle's data) or `model` (a
-    simulation of it).
+    """What the agent knows in addition to the observation: `sheet` (the numbers of the vehicle's sheet) or `model` (a
+    simulation of the vehicle).
     """
     observes: bool = True
     """Whether the agent reads the observation."""
@@ -101,13 +101,13 @@ class AgentSpec(Spec):
     """
     check: str = ""
     """`module:function` that takes configuration and vehicle and raises an error if the agent cannot steer the vehicle.
-    For a controller, it is called when the run begins. For a learner, it is called before the run is created, so it must
-    not start a program. Only for auvbench's own agents.
+    For a controller, the function is called when the run begins. For a learner, it is called before the run is created, so
+    it must not start a program. Only for auvbench's own agents.
     """
 
     @classmethod
     def adopt(cls, found: Declared, thing: Any) -> AgentSpec:
-        """Return the spec of a package's agent, whose entry point names the factory itself.
+        """Create the spec of a package's agent, since the entry point of an agent names a factory, not a spec.
 
         Raises:
             ConfigError: the entry point is not callable, its `Config` is not a schema, or a learner lacks a
@@ -144,6 +144,6 @@ def learns(algo: Any, *, unknown: bool = False) -> bool:
     agent = algo.get("agent") if isinstance(algo, Mapping) else getattr(algo, "agent", None)
     if agent in AGENTS.own:
         return AGENTS[str(agent)].learns
-    # A plug-in agent's configuration has the answer, so the package need not be installed.
+    # The configuration of a package's agent has the key `learns`, so the package need not be installed.
     declared = algo.get("learns") if isinstance(algo, Mapping) else getattr(algo, "learns", None)
     return declared if isinstance(declared, bool) else unknown

@@ -10,7 +10,7 @@ from auvbench.config.schema import number
 
 @dataclass(kw_only=True)
 class Cascade(Algorithm):
-    """Keys of the cascade controllers: an outer guidance loop sets a velocity, and an inner loop controls it."""
+    """Keys of the cascade controllers: an outer guidance loop sets a velocity, and an inner loop controls this velocity."""
 
     cruise_speed: float = number(0.0, 100.0, open_low=True)  # m/s
     approach: float = number(0.0, 100.0, open_low=True)  # 1/s

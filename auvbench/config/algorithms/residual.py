@@ -21,7 +21,7 @@ BASES = ("pid", "lqr", "smc", "mpc", "mppi", "alos")
 
 @dataclass(kw_only=True)
 class Residual:
-    """Keys of the controller whose action the learner corrects by adding its own; the other controllers are null."""
+    """Keys of the controller to whose action the learner adds its own action; the keys of all other controllers are null."""
 
     share: float = number(0.0, 2.0, open_low=True)
     pid: PID | None = None
@@ -35,7 +35,7 @@ class Residual:
         """Check that exactly one controller is set.
 
         Raises:
-            ConfigError: no controller or several controllers are set, or a controller's values belong to another agent.
+            ConfigError: no controller or several controllers are set, or the key `agent` of a controller has another name.
         """
         names = list(self.bases)
         require(len(names) == 1, "algo.residual", " and ".join(names) or "{}", "have exactly one controller")
@@ -44,13 +44,13 @@ class Residual:
 
     @property
     def base(self) -> Algorithm:
-        """Return the controller's values."""
+        """Return the keys of the controller that is set."""
         (values,) = self.bases.values()
         return values
 
     @property
     def bases(self) -> dict[str, Algorithm]:
-        """Return the values of the controllers that are not null, by name."""
+        """Return the keys of each controller that is not null, by the controller's name."""
         values = {name: getattr(self, name) for name in BASES}
         return {name: value for name, value in values.items() if value is not None}
 

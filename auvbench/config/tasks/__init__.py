@@ -1,6 +1,6 @@
 """Define what the schemas of the `task` group and the specs of tasks have in common.
 
-Each task of auvbench's own has one module here, with its schema, its metrics and its spec. Importing a module of this
+Each of auvbench's own tasks has one module here, with the task's schema, metrics and spec. Importing a module of this
 package imports no code of a task.
 """
 
@@ -44,9 +44,10 @@ class Task:
     time_limit: float | None = later(number(0.0, 1e7, open_low=True))  # s
     position_frame: str = choice("world", "body")
     observation: list[str] = field(default_factory=lambda: [*THESIS_BLOCKS])
-    block_packages: dict[str, str] = field(default_factory=dict)  # releases by block; `complete` writes them
+    # For each block of a package, the release of the package; `complete` writes this key.
+    block_packages: dict[str, str] = field(default_factory=dict)
     history: int = later(number(1, 64), 1)
-    # Only keys of observed sensors; `complete` removes the others. A default of None would replace the values of `conf/range`.
+    # Only keys of observed sensors; `complete` removes all other keys. A default of None would replace the values of `conf/range`.
     range: Ranges | None = MISSING
 
     def __post_init__(self) -> None:
@@ -113,7 +114,7 @@ class Tracked(Task):
 
 @dataclass(kw_only=True)
 class TaskConfig(Tracked):
-    """Task of an installed package; a subclass adds its own keys."""
+    """Keys of a task from an installed package; a subclass adds its own keys."""
 
     name: str = plain_name()
     package: str
@@ -135,21 +136,21 @@ class TaskSpec(Spec):
     blocks: tuple[str, ...]
     """observation blocks that the task can supply"""
     outcomes: tuple[str, ...]
-    """outcomes of its episodes, names in `record.OUTCOMES`"""
+    """possible outcomes of the task's episodes, names in `record.OUTCOMES`"""
     rewards: tuple[str, ...]
     """rewards that the task may use, in addition to the rewards that name the task (`RewardSpec.tasks`)"""
     needs_thrusters: bool = True
     """whether the task needs a vehicle with thrust along each axis and about the vertical"""
     has_yaw: bool = True
-    """whether the reference has its own yaw; otherwise the reference yaw is the bearing from the vehicle to the reference"""
+    """whether the task prescribes a yaw; otherwise the reference yaw is the bearing from the vehicle to the reference"""
     schema: type | None = None
-    """schema of its configuration; in a package, derived from `TaskConfig`"""
+    """schema of the task's keys; in a package, derived from `TaskConfig`"""
     failures: tuple[str, ...] = ("collision", "out_of_bounds")
     """outcomes that count as failures; a failed episode gets the worst value in each error metric (`Metric.failed`)"""
     goal: str = "goal"
     """Name of the final reference in sentences and pictures"""
     reached: str = ""
-    """plural noun for sentences about success, such as "waypoints" (that are reached); empty: sentences count episodes"""
+    """plural noun for what a successful episode reaches, such as "waypoints"; empty: sentences count episodes"""
     fixed_start: bool = False
     """whether each episode begins at `task.start`"""
     free_goal: bool = False
@@ -165,7 +166,7 @@ class TaskSpec(Spec):
     budget: int = 0
     """number of environment steps below which published learners did not learn the task; 0: unknown"""
     short_of_budget: str = ""
-    """result of published trainings below the budget, with their study, as text"""
+    """text that says what published trainings below the budget reached, with the study"""
     shared: tuple[str, ...] = metrics.SHARED
     """metrics that the task shares with other tasks, names in `metrics.SHARED`"""
     metrics: tuple[Metric, ...] = ()
@@ -227,7 +228,7 @@ def check_observation(task: Task) -> None:
     """Raise ConfigError for an observation that the task cannot supply.
 
     Raises:
-        ConfigError: the message names the block and the closest one, or what is missing.
+        ConfigError: the message names the block and the closest valid block, or the missing key.
     """
     own = TASKS[task.name].blocks
     sensors = tuple(name for name in BLOCKS.own if BLOCKS[name].sensor)
@@ -290,7 +291,7 @@ def check_solids(task: Task, world: World) -> None:
         world: checked world.
 
     Raises:
-        ConfigError: names the task or block, and the worlds that have what it needs.
+        ConfigError: the message names the task or block, and the worlds that suit it.
     """
     if TASKS[task.name].bottom and not world.has_bottom:
         raise ConfigError(
@@ -307,5 +308,5 @@ def check_solids(task: Task, world: World) -> None:
 
 
 def primary_of(name: str) -> str:
-    """Return the measure that ranks the agents of a task; for an unknown task, the measure of the waypoint task."""
+    """Return the measure that ranks the agents of a task; for an unknown task, return the measure of the waypoint task."""
     return TASKS.get(name, TASKS["waypoint"]).primary

@@ -34,7 +34,7 @@ class Docking(Tracked):
         feasible.refuse(self.start_low < self.clearance, "start_low", self, what, why)
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        # The bounds are round the dock, not the reference.
+        # The bounds limit the distance from the dock, but the error is measured from the reference, up to `standoff` away.
         most = self.bounds + self.standoff + speed / frequency
         return most, most, most
 

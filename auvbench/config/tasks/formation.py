@@ -43,12 +43,12 @@ class Formation(TrajectoryTracking):
 
     @property
     def places(self) -> list[tuple[float, ...]]:
-        """Slots of the vehicles in m, in the axes of the leader's reference."""
+        """Positions of the vehicles' slots in m, in the axes of the leader's reference."""
         return [tuple(self.spacing * value for value in slot) for slot in self.slots[: self.vehicles]]
 
     @property
     def transmission(self) -> float:
-        """Time in s in which a vehicle sends a message."""
+        """Time in s that a vehicle needs to send a message."""
         return HEADER + PER_BYTE * (self.message_bytes + OVERHEAD)
 
     @property
@@ -70,7 +70,7 @@ class Formation(TrajectoryTracking):
             )
         if self.messages == "ideal" and self.message_loss > 0.0:
             raise ConfigError(
-                f"task.message_loss={self.message_loss:g}: messages=ideal loses none; use task.messages=acoustic, or 0"
+                f"task.message_loss={self.message_loss:g}: messages=ideal loses none; use task.messages=acoustic, or task.message_loss=0"
             )
         nearest = min((math.dist(a, b) for a, b in itertools.combinations(self.places, 2)), default=math.inf)
         if nearest <= 2.0 * (self.radius + self.start_radius):

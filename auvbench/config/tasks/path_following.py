@@ -45,7 +45,7 @@ class PathFollowing(Tracked):
 
     @property
     def overshoot(self) -> float:
-        """Return the largest distance in m by which the path rises above, or sinks below, the depths of two neighbouring points.
+        """Return the largest distance in m by which the path leaves the depth range between two neighbouring points, up or down.
 
         A cubic Hermite curve leaves the range between its two ends by at most a quarter of the larger slope at the ends. In
         a Catmull-Rom curve, the slope at a point is the mean of the two rises next to it.

@@ -28,7 +28,7 @@ class StationKeeping(Tracked):
         feasible.at_most("start_radius", self, "bounds")
 
     def check_length(self, frequency: float) -> None:
-        """Reject a settling time or a hold time longer than an episode."""
+        """Reject a settling time or a hold time that does not fit into an episode, and a hold time below one step."""
         steps, length = feasible.length(self, frequency)
         why = "the RMS errors exclude that time and need at least one step"
         settling = round(self.settling * frequency)

@@ -32,15 +32,15 @@ class TargetTracking(TrajectoryTracking):
 
     @property
     def transmission(self) -> float:
-        """Time in s in which the target sends a ping."""
+        """Time in s that the target needs to send a ping."""
         return HEADER + PER_BYTE * (self.message_bytes + OVERHEAD)
 
     @property
     def agility(self) -> float:
         """Spectral density of the target's acceleration that the estimator assumes, m^2/s^3.
 
-        It is the square of the target's largest centripetal acceleration, times the time in which the reference travels
-        the distance `orbit`.
+        The density is the square of the target's largest centripetal acceleration, times the time in which the reference
+        travels the distance `orbit`.
         """
         return (self.speed_high**2 / self.size_low) ** 2 * self.orbit / self.orbit_speed
 
@@ -58,7 +58,7 @@ class TargetTracking(TrajectoryTracking):
             "the start is within task.start_radius of the orbit",
         )
         least = self.clearance + self.start_radius
-        what = f"be more than {least:g}, task.clearance and task.start_radius"
+        what = f"be more than {least:g}, the sum of task.clearance and task.start_radius"
         feasible.refuse(
             self.orbit <= least, "orbit", self, what, "a smaller distance from the target is a collision"
         )
@@ -76,7 +76,7 @@ class TargetTracking(TrajectoryTracking):
         feasible.refuse(self.ping_interval < 1.0 / frequency, "ping_interval", self, what, why)
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        # The target is believed to be within the bounds; the reference is on a circle round it.
+        # The target's estimated position is within the bounds, and the reference is on a circle round this position.
         most = self.bounds + self.orbit + (speed + self.speed_high + self.orbit_speed) / frequency
         return most, most, most
 

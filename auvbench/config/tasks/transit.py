@@ -24,7 +24,7 @@ class Transit(Task):
     speed: float = number(0.0, 10.0, open_low=True)  # m/s
 
     def check(self) -> None:
-        """Reject goals that are reached at the start, or outside the depth limits."""
+        """Reject goals that are within the goal radius of the start, or outside the depth limits."""
         below("task.distance_low", self.distance_low, "task.distance_high", self.distance_high)
         why = "nearer goals are reached at the start"
         what = f"be more than task.goal_radius={self.goal_radius:g}"

@@ -32,9 +32,9 @@ class Waypoint(Task):
         feasible.refuse(top < self.depth_low, "waypoint_high", self, f"have a z of at least {low}", why)
 
     def farthest(self, speed: float, seconds: float, frequency: float) -> tuple[float, float, float]:
-        """Return, for each axis, the largest distance to a waypoint at the start plus the way that the vehicle can go in an episode.
+        """Return the largest position error in m along each axis: the largest initial distance plus the longest way of an episode.
 
-        The depth limits bound the vertical distance.
+        The depth limits bound the vertical error.
         """
         away = speed * seconds
         x, y, z = (
