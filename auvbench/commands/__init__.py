@@ -1,1 +1,1 @@
-"""Commands: one short file each, which reads the command line and calls the other packages."""
+"""Commands: each has one short file, which reads the command line and calls the packages that do the work."""

@@ -74,7 +74,7 @@ def _sorted(words: Sequence[str]) -> tuple[Path, list[str], list[str]]:
         group = key.partition(".")[0]
         if group == "task":
             raise UserError(
-                f"{word}: bounds exist only for the waypoint task with the values of its file; leave this key out "
+                f"{word}: bounds can be computed only for the waypoint task with its default values; leave this key out "
                 "(docs/bound.md)"
             )
         if group not in KEYS:

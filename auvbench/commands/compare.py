@@ -21,7 +21,7 @@ def parser() -> Parser:
         where=True,
         description="Compares two agents side by side: their differences with intervals, paired by test "
         "scenario (for learners, between "
-        "typical trainings); the configuration keys in which they differ; their success rates during training.",
+        "typical trainings); the configuration keys in which the agents differ; their success rates during training.",
         epilog="examples:\n"
         "  auvbench compare pid mpc --in outputs/quickstart\n"
         "  auvbench compare outputs/default/ppo-bluerov2_2026-k1-f10-s0-f3f211ab outputs/default/ppo-bluerov2_2026-k1-f10-s1-d8c3846d\n"
@@ -50,7 +50,7 @@ def parser() -> Parser:
         metavar="P",
         help="confidence of each interval (default: 0.95)",
     )
-    add("--all", action="store_true", dest="every", help="show every measure, not only the usual ones")
+    add("--all", action="store_true", dest="every", help="show every measure, not only the main measures")
     add(
         "--out",
         type=Path,
@@ -149,7 +149,7 @@ def _settings(pair: Sequence[Agent], changed: Sequence[tuple[str, str, str]]) ->
 
 
 def _curves(pair: Sequence[Agent], out: Path) -> list[Path]:
-    """Plot the success rate in training over steps; return the PNG files, none if neither agent learns."""
+    """Plot the success rate in training over steps; return the PNG files, or [] if no agent learns."""
     from auvbench.analysis.ranking import rank
     from auvbench.reporting.figures import draw
 

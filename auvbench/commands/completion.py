@@ -1,7 +1,7 @@
 """`auvbench completion SHELL`: print a script that completes commands, overrides, flags, values and paths.
 
-The script calls `auvbench completion query WORDS` at each Tab. That call imports nothing heavy unless Hydra
-must answer.
+The script calls `auvbench completion query WORDS` at each Tab. This call imports nothing heavy, except for commands
+whose overrides Hydra completes.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ HYDRA = {
     "tune": ("-m", "--cfg", "--help"),
     "simulate": ("--cfg",),
 }
-"""Commands whose overrides Hydra completes, with their flags"""
+"""Commands whose overrides Hydra completes, each with its flags"""
 FILTERED = ("algo", "vehicle", "task", "reward.k", "step.frequency", "seed", "state", "id", "experiment")
 """Keys that are completed after `--where`"""
 
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str]) -> int:
     if not arguments or arguments[0] in ("-h", "--help"):
         print(USAGE, end="")
         return 0 if arguments else 2
-    if arguments[0] == "query":  # the scripts' call: the words on the command line, the last one unfinished
+    if arguments[0] == "query":  # a script passes the typed words; the last is unfinished
         with suppress(Exception):  # a half-typed line may be invalid
             print("\n".join(candidates(arguments[1:]) or _paths(arguments[-1])))
         return 0
@@ -139,7 +139,7 @@ def _values(name: str) -> Sequence[str]:
 
 
 def _assignments(keys: Sequence[str], word: str) -> list[str]:
-    """Return `key=` completions while the key is typed, then `key=value` completions."""
+    """Return completions `key=` while the user types the key, and completions `key=value` after the `=`."""
     key, separator, value = word.partition("=")
     if not separator:
         return [f"{name}=" for name in keys]
@@ -153,7 +153,7 @@ def _listed(values: Sequence[str], word: str) -> list[str]:
 
 
 def _paths(word: str) -> list[str]:
-    """Return the paths that start with a word, or with the value after its `=`."""
+    """Return the paths that start with the word or, for a word with `=`, with the text after the `=`."""
     key, separator, start = word.rpartition("=")
     matches = sorted(glob.glob(f"{glob.escape(start)}*"))
     return [f"{key}{separator}{path}{'/' if os.path.isdir(path) else ''}" for path in matches]

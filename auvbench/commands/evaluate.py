@@ -40,7 +40,7 @@ examples:
 """
 
 KEYS = ("protocol", *(f"protocol.{key}" for key in ("episodes", "batch", "trajectories")))
-"""Keys of a test that can be overridden"""
+"""Keys of the test that the command line may set"""
 
 
 def parser() -> Parser:

@@ -101,7 +101,8 @@ def _as_trained(run: RunDirectory) -> str:
 def _task(task: Mapping[str, Any]) -> list[str]:
     """Return the overrides that select the task and observation of a policy.
 
-    One override `task=FILE` if a file of the task has the policy's observation, else `task=NAME` and each key that differs.
+    If a file of the task has the policy's observation, return one override `task=FILE`. Otherwise, return `task=NAME` and an
+    override for each key that differs from the file of this name.
     """
     from omegaconf import OmegaConf
 

@@ -38,7 +38,7 @@ def parser() -> Parser:
         metavar="LOG|KEY=VALUE",
         help=f"logs ({READABLE}, or auvbench's own records); vehicle=NAME: sheet of the prior; parameters=A,B: numbers to fit"
         " (default: added mass, damping, net buoyancy, centre of buoyancy, lag, delay); name=NAME of the new sheet;"
-        f" frame=ned for tables with z down; motors=A,-B,...: thrusters in the order of the autopilot's motors, if none of its frames fits;"
+        f" frame=ned for tables with z down; motors=A,-B,...: thrusters in the order of the motors, if no frame of the autopilot fits;"
         f" window=SECONDS; replicates=N of the bootstrap; gate=off: also fit axes that seem to be controlled in closed loop;"
         f" output=DIR (default: {OUTPUT}/NAME)",
     )
@@ -121,29 +121,29 @@ def _identify(
     )
     print(page.terminal(result, excitation, advice))
     print(
-        f"{os.path.relpath(file)}: use it by name after mkdir -p conf/vehicle && cp {shlex.quote(os.path.relpath(file))} conf/vehicle/"
+        f"{os.path.relpath(file)}: to use it by name: mkdir -p conf/vehicle && cp {shlex.quote(os.path.relpath(file))} conf/vehicle/"
     )
     print(os.path.relpath(index))
     return 0
 
 
 def motors(given: dict[str, str]) -> list[str] | None:
-    """Return the thrusters that `motors=` lists; None without this key."""
+    """Return the thrusters that the key `motors` lists; None if the key is not given."""
     return given["motors"].split(",") if "motors" in given else None
 
 
 def logs_and_keys(
     command: str, parser: Parser, arguments: Sequence[str], valid: Sequence[str], vehicle: str, meaning: str
 ) -> tuple[list[str], dict[str, str]]:
-    """Return the paths of logs, and the values of `key=value` words.
+    """Return the paths of logs, and the values of `key=value` words by key.
 
     Args:
         command: name of the command, for messages.
         parser: parser of the command.
         arguments: words after the command.
         valid: keys that the command accepts.
-        vehicle: form of the `vehicle` key in messages, for example `vehicle=NAME`.
-        meaning: use of the sheets, with which the message about a missing `vehicle` ends.
+        vehicle: form of the key `vehicle` in messages, for example `vehicle=NAME`.
+        meaning: text that follows `vehicle` in the message about a missing vehicle: what the sheets are for.
 
     Raises:
         UserError: no log, no vehicle, or a wrong word.
@@ -160,7 +160,7 @@ def logs_and_keys(
 
 
 def keys(overrides: Sequence[str], valid: Sequence[str], command: str) -> dict[str, str]:
-    """Return the values of `key=value` words.
+    """Return the values of `key=value` words by key.
 
     Raises:
         UserError: an unknown key, a key without a value, or a key given twice.
@@ -179,7 +179,7 @@ def keys(overrides: Sequence[str], valid: Sequence[str], command: str) -> dict[s
 
 
 def choice(given: dict[str, str], key: str, valid: Sequence[str]) -> str:
-    """Return the value of a key, one of `valid`; the first is the default.
+    """Return the value of a key, which must be in `valid`; if the key is not given, return the first entry of `valid`.
 
     Raises:
         ConfigError: the value is not in `valid`.

@@ -19,7 +19,7 @@ from auvbench.grammar import Parser
 OLD = "auvbench-example"
 SUFFIXES = (".md", ".py", ".toml", ".yaml")
 LEFT_OUT = ("build", "dist", "outputs")
-"""folders that building and running the example create in a checkout"""
+"""folders that are not copied: they appear in a checkout when the example is built or run"""
 
 
 def parser() -> Parser:
@@ -59,7 +59,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def template() -> Traversable:
-    """Return the folder of the example: in the wheel, or in the checkout of an editable installation."""
+    """Return the folder of the example: in an installed wheel, or in the checkout if the installation is editable."""
     package = resources.files("auvbench")
     built = package / "template"
     return built if built.is_dir() else Path(str(package)).parent / "examples" / OLD

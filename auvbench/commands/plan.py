@@ -26,13 +26,13 @@ examples:
 TARGETS = (0.8, 0.95)
 """Statistical powers that the plan shows: probabilities of resolving the difference"""
 REPLICATIONS = 200
-"""simulated experiments for each number of seeds"""
+"""number of simulated experiments for each number of seeds"""
 FAILURES = (0.1, 0.05)
 """failure rates of trainings for which the plan gives the number of seeds"""
 
 _Needs = Sequence[tuple[str, "Need"]]
-"""Needed seeds, each with the assumed spread between trainings: "" for the measured spread, "cautious" for its upper 90 % confidence
-limit
+"""Needed seeds, each with the assumed spread between trainings: "" for the measured spread, "cautious" for the upper 90 % confidence
+limit of the spread
 """
 
 
@@ -60,7 +60,7 @@ def parser() -> Parser:
         nargs="*",
         type=Path,
         metavar="PATH",
-        help="evaluated runs that show how much trainings differ",
+        help="tested runs, from which the spread between trainings is estimated",
     )
     add(
         "--resolve",
@@ -89,7 +89,7 @@ def parser() -> Parser:
     add(
         "--against",
         choices=("controller", "learner"),
-        help="the baseline (default: a controller, unless PATH has none)",
+        help="kind of the baseline (default: a controller, unless PATH has no controller)",
     )
     add(
         "--agents",
@@ -108,9 +108,9 @@ def parser() -> Parser:
         type=number(0.5, 0.9999),
         metavar="P",
         default=0.95,
-        help="confidence of the table (default: as in the report)",
+        help="confidence of all comparisons in the table together (default: as in the report)",
     )
-    add("--protocol", metavar="NAME", default="test", help="protocol of PATH whose rows are used")
+    add("--protocol", metavar="NAME", default="test", help="protocol whose test rows of PATH are used")
     return parser
 
 
@@ -176,7 +176,7 @@ def _basis(options: argparse.Namespace) -> tuple[Basis, int, tuple[int, ...], Me
 
 
 def _controller(agents: Sequence[Agent], against: str | None) -> bool:
-    """Return whether the baseline is a controller: the typed choice, else the choice of a report of these agents."""
+    """Return whether the baseline is a controller: as `--against` says, else as in a report of these agents."""
     import numpy as np
 
     from auvbench.analysis.primary import default_baseline
@@ -194,7 +194,7 @@ def _check_rate(m: Measure) -> None:
 
 
 def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Sequence[int]) -> _Needs:
-    """Return the seeds needed for each number of episodes and each assumed spread; show a spinner on a terminal."""
+    """Return the needed seeds for each number of episodes and each assumed spread; on a terminal, show a spinner meanwhile."""
     from rich.console import Console
 
     from auvbench.analysis import planning
@@ -223,7 +223,7 @@ def _needs(options: argparse.Namespace, basis: Basis, agents: int, episodes: Seq
 
 
 def _text(needs: _Needs, basis: Basis, agents: int, m: Measure, options: argparse.Namespace) -> str:
-    """Return the table of seeds by test episodes and power, with the notes that explain it."""
+    """Return a table of needed seeds by test episodes and power, with notes that explain the table."""
     from auvbench.analysis.formatting import counted, name, unit
     from auvbench.statistics.intervals import trials_that_bound
     from auvbench.statistics.power import MOST_SEEDS

@@ -10,16 +10,16 @@ if TYPE_CHECKING:
     from auvbench.runs.directory import RunDirectory
     from auvbench.runs.progress import Progress
 
-_PLAIN_INTERVAL = 10.0  # s between lines if the output is not a terminal
+_PLAIN_INTERVAL = 10.0  # s, time between lines if the output is not a terminal
 
 
 class Bar:
     """Progress bar on a terminal; elsewhere one line about every ten seconds.
 
     Args:
-        total: number of steps to count.
+        total: number of steps until the bar is full.
         title: text in front of the bar.
-        now: text about the first step.
+        now: text that describes the first step.
     """
 
     def __init__(self, total: int, title: str = " ", now: str = "") -> None:
@@ -43,7 +43,7 @@ class Bar:
             self._bars.stop()
 
     def move(self, done: int, now: str, line: str = "") -> None:
-        """Show the number of finished steps and the present step; without a bar, print `line` about every ten seconds."""
+        """Show the number of finished steps and the text `now` for the present step; without a bar, print `line` every ten seconds."""
         if self._bars is not None:
             self._bars.update(self._task, completed=done, now=now)
         elif line and time.monotonic() - self._last >= _PLAIN_INTERVAL:
@@ -68,13 +68,13 @@ class RunBar(Bar):
     Args:
         total: number of runs.
         title: text in front of the bar.
-        parts: number of parts in each run.
+        parts: number of parts in each run, for example episodes.
     """
 
     def __init__(self, total: int, title: str, parts: int = 1) -> None:
         super().__init__(total * parts, title)
         self._parts = parts
-        self._runs = self._done = 0  # finished runs, and finished parts of the active runs
+        self._runs = self._done = 0  # number of finished runs, and of finished parts of the active run
 
     def line(self, text: str | None, *, error: bool = False) -> None:
         """Count one finished run; print `text` unless it is None."""

@@ -28,9 +28,9 @@ def parser() -> Parser:
     parser.prog = "auvbench publish"
     parser.description = (
         "Copies the rows of runs (configurations and episodes, no checkpoints) as Parquet files into a folder, "
-        "with the report's table, figures and a README. The parts of the README between markers are "
-        "renewed each time. To keep "
-        "the runs of an existing folder, name the folder itself as well. Accepts the flags of report."
+        "with the report's table, figures and a README. Each call writes the parts of the README between markers "
+        "again. To keep "
+        "the runs that a folder already has, name this folder as PATH too. Also accepts the flags of auvbench report."
     )
     parser.epilog = "example: auvbench publish outputs/thesis --to results/thesis --study thesis --policies"
     add = parser.add_argument
@@ -59,7 +59,7 @@ def parser() -> Parser:
 
 
 def main(argv: Sequence[str]) -> int:
-    """Publish the study, and print a line for each item that had to be left out; return 1 if there is one, else 0."""
+    """Publish the study, and print a line for each item that had to be left out; return 1 if an item was left out, else 0."""
     from auvbench.reporting.study import Study, publish
     from auvbench.runs.atomic_io import storage
 
@@ -111,7 +111,7 @@ def _pictures(text: str) -> tuple[str, ...]:
 
 
 def _placeless(word: str) -> str:
-    """Return a word of the command. If it is an absolute path, make it relative to the working directory, or keep only its last part."""
+    """Return a word of the command without absolute paths: relative to the working directory, or only the last part of a path outside."""
     flag, equals, value = word.partition("=")
     if flag.startswith("--") and equals:
         return f"{flag}={_placeless(value)}"

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def parser() -> Parser:
     parser = Parser(
         prog="auvbench replay",
-        description="Repeats one test episode with the same result and shows it.",
+        description="Repeats one test episode, with the same result as in the test, and shows the episode.",
     )
     parser.add_argument(
         "runs",
@@ -32,7 +32,7 @@ def parser() -> Parser:
         help="number of the episode in the protocol (default: 0)",
     )
     parser.add_argument("--protocol", default="test", help="name of the protocol (default: test)")
-    parser.add_argument("--condition", help="test condition (default: the protocol's first)")
+    parser.add_argument("--condition", help="test condition (default: the first condition of the protocol)")
     parser.add_argument("--out", type=Path, help="folder for the figure (default: the run's replays/)")
     parser.add_argument(
         "--video",
@@ -48,7 +48,7 @@ def parser() -> Parser:
         const=Path(),
         metavar="FILE",
         help="write position, attitude, velocities, commands, forces, power and all that the agent observed, step by step: FILE.png,"
-        " FILE.svg or FILE.csv (default: .png and .csv next to the figure); one run",
+        " FILE.svg or FILE.csv (default: .png and .csv next to the figure); only for a single run",
     )
     return parser
 
@@ -58,7 +58,7 @@ def main(arguments: Sequence[str]) -> int:
     if options.video not in (None, Path()):
         from auvbench.reporting import replay_pictures
 
-        replay_pictures.check(options.video)  # fails before anything is computed
+        replay_pictures.check(options.video)  # raises an error for a wrong suffix before anything is computed
     if options.signals is not None:
         _check_signals(options.signals, options.runs)
     from auvbench.evaluation.replay import is_mission, read_mission, replay
@@ -95,20 +95,20 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _check_signals(path: Path, runs: Sequence[Path]) -> None:
-    """Raise UserError unless the signals of the runs can be written."""
+    """Raise UserError unless `--signals` is possible: one run, not a pilot's mission, and a valid suffix."""
     from auvbench.evaluation.replay import is_mission
     from auvbench.reporting import signal_pictures
 
     if len(runs) > 1:
         raise UserError(f"--signals: shows one run, and {len(runs)} are named; name one")
     if is_mission(runs[0]):
-        raise UserError(f"--signals: {runs[0]} has missions of a pilot, which record path and commands only")
+        raise UserError(f"--signals: {runs[0]} has missions of a pilot, which record only path and commands")
     if path != Path():
         signal_pictures.check(path)
 
 
 def _show(episodes: Sequence[Replay], stem: Path, video: Path | None, signals: Path | None) -> int:
-    """Print the episodes, draw `stem`.png and .svg, and write a film and signals if `video` and `signals` are given."""
+    """Print the episodes, draw `stem`.png and .svg, write a film if `video` is given, and signals if `signals` is given."""
     from auvbench.reporting import replay_pictures, signal_pictures
     from auvbench.runs.atomic_io import storage
 

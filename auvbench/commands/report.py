@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 def main(argv: Sequence[str]) -> int:
     """Write the report and return 0. Runs that cannot be in the report are named and left out."""
     paths, options, _ = read(parser(), argv)
-    # Nearly all of a report's millions of objects stay in use: garbage collection would take a sixth of the time.
+    # Garbage collection would take a sixth of the time and free little: nearly all of a report's millions of objects stay in use.
     gc.disable()
     try:
         _report(paths, options, shlex.join(["auvbench", "report", *argv]))
@@ -42,7 +42,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     runs = [run for report in reports for run in report.runs]
     experiment = os.path.commonpath([run.directory.absolute().parent for run in runs])
     out = options.out or Path(experiment, "report")
-    # A folder that the user typed may be a link; an existing default folder may belong to another program.
+    # Only the default folder is checked, since it may belong to another program. A folder that the user named may even be a link.
     if options.out is None:
         path_safety.check_output(out)
     path_safety.check_output(out / "figures")
@@ -50,7 +50,7 @@ def _report(paths: Sequence[Path], options: Options, command: str) -> None:
     with storage(f"cannot write the report into {out}"):
         if len(reports) == 1:
             report, written = folder.write(reports[0], options, command, out, subjects=subjects)
-            for name in ("score.tex", "score.csv"):  # files of an earlier report with several tasks
+            for name in ("score.tex", "score.csv"):  # from an earlier report with several tasks
                 (out / name).unlink(missing_ok=True)
             reports = [report]
         else:

@@ -22,8 +22,9 @@ from auvbench.untrusted.text import short
 
 
 def read(parser: Parser, argv: Sequence[str]) -> tuple[list[Path], Options, dict[str, Any]]:
-    """Return the paths, the options (conf/report.yaml, the declared analysis, the command line) and the
-    values of all flags.
+    """Return the paths, the options and the values of all flags.
+
+    The options come from conf/report.yaml, the declared analysis and the command line; a later source overrides an earlier.
     """
     flags = vars(parser.read(argv))
     values = settings()
@@ -53,10 +54,10 @@ def _set_by(declared: Declared) -> dict[str, Any]:
 
 
 def _declared(paths: Sequence[Path]) -> tuple[Declared | None, Path | None, str]:
-    """Return the analysis that is declared for the runs, its folder, and '' or the reason why no analysis is chosen.
+    """Return the analysis that is declared for the runs, the folder of the declaration, and why no analysis is chosen ('' if one is).
 
-    Several declarations are allowed if one of them extends all others, as in a published study and its experiment. If
-    none does, no analysis is chosen.
+    Several declarations are allowed if one of them extends all others, as the declaration of a published study extends that of
+    its experiment. If no declaration extends all others, no analysis is chosen.
     """
     declarations = analyses.find(paths)
     if not declarations:
@@ -65,7 +66,7 @@ def _declared(paths: Sequence[Path]) -> tuple[Declared | None, Path | None, str]
     if all(longest.extends(analysis) for _, analysis in declarations):
         return longest, file.parent, ""
     files = ", ".join(os.path.relpath(file) for file, _ in declarations[:3])
-    return None, None, f"several analyses are declared ({files}): name the folder of one, or type its options"
+    return None, None, f"several analyses are declared ({files}): name the folder of one of them, or type options"
 
 
 def measures() -> str:

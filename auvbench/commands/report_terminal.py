@@ -53,7 +53,7 @@ def show_score(score: Scores | None, options: Options) -> None:
 
 
 def show_by_condition(subjects: Sequence[Subject], options: Options) -> None:
-    """Print which agent is furthest ahead under each condition, and all differences from the baseline."""
+    """Print tables of the leading agent under each condition, and of all differences from the baseline."""
     from rich.console import Console
 
     from auvbench.reporting import tables
@@ -76,7 +76,7 @@ def heading(title: str) -> None:
 
 
 def say_written(written: Sequence[Path]) -> None:
-    """Print the files, one per line."""
+    """Print the path of each written file, one per line."""
     from rich.console import Console
     from rich.text import Text
 

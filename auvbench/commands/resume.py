@@ -17,11 +17,11 @@ BUDGET = "train.total_steps"
 _EPILOG = """examples:
   auvbench resume outputs                                  finish every interrupted, failed or pending run
   auvbench resume outputs --where algo=ppo                 finish the runs of PPO
-  auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6  finish this one
+  auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6  finish this run
   auvbench resume outputs/default/ppo-bluerov2_2026-k1-f10-s42-6ee0abf6 train.total_steps=2000000
-                                                           extend it to a larger budget, as a new run
+                                                           extend this run to a larger budget, as a new run
 
-A resumed run ends with the same bits as one that was never interrupted (docs/resume.md).
+A resumed run ends with the same bits as a run that was never interrupted (docs/resume.md).
 """
 
 
@@ -58,7 +58,7 @@ def parser() -> Parser:
         "runs",
         nargs="*",
         metavar="RUN",
-        help=f"run directories or folders; {BUDGET}=N extends",
+        help=f"run directories or folders of runs; {BUDGET}=N extends the runs to N steps",
     )
     return parser
 
@@ -81,7 +81,7 @@ def _extended(runs: Sequence[RunDirectory], total: int, command: str) -> list[Ru
     from auvbench.training.checkpoint.extending import prepare
 
     extensions, problems = [], []
-    for run in runs:  # All targets are checked before the first is written.
+    for run in runs:  # Check all extensions before the first new run is written.
         try:
             extensions.append(prepare(run, total))
         except AuvbenchError as error:

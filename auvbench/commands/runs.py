@@ -33,7 +33,7 @@ class Row:
     """One run; times in seconds, rates in [0, 1]."""
 
     id: str
-    name: str  # name of the experiment: its folder
+    name: str  # name of the experiment, which is the name of the folder above the run
     path: str
     state: State
     algo: str
@@ -63,9 +63,9 @@ def parser() -> Parser:
         prog="auvbench runs",
         where=True,
         description="Lists runs: state, progress, success over the last 100 training episodes (from 30 episodes on), "
-        "wall time, and the configuration values in which they differ, except the values in their ids.",
+        "wall time, and the configuration values in which the runs differ, except values that the run ids contain.",
         epilog="States: pending, running, interrupted (also: killed while running), failed, complete; "
-        "--where state=failed,pending selects some. --where also accepts id and experiment.",
+        "--where state=failed,pending selects runs by state. --where also accepts id and experiment.",
     )
     add = parser.add_argument
     add("paths", nargs="*", default=["outputs"], metavar="PATH", help="runs or folders of runs")
@@ -73,7 +73,7 @@ def parser() -> Parser:
     add(
         "--history",
         action="store_true",
-        help="print each training and test of the experiments, also of deleted runs, as JSON lines",
+        help="print all trainings and tests of the experiments as JSON lines, including those of deleted runs",
     )
     return parser
 
@@ -97,7 +97,7 @@ def main(argv: Sequence[str]) -> int:
 
 
 def _print_history(paths: Sequence[str], narrowed: bool) -> int:
-    """Print the lines of the histories under some paths."""
+    """Print the lines of all histories in the given paths, and return the exit code."""
     if narrowed:
         raise UserError("--history: prints all lines as JSON; leave out --where and --json")
     folders = [folder for path in paths for folder in _experiments(Path(path))]
@@ -122,7 +122,7 @@ def _tell_deleted(paths: Sequence[str], ids: Sequence[str]) -> None:
 
 
 def _experiments(path: Path) -> list[Path]:
-    """Return those folders with a history, of these: the path, its subfolders and, if the path is a run, the folder above it."""
+    """Return the folders with a history: the path itself, its subfolders, and the parent folder if the path is a run."""
     candidates = [path, *([path.parent] if (path / "manifest.json").is_file() else [])]
     if path.is_dir():
         candidates += sorted(child for child in path.iterdir() if child.is_dir())
@@ -177,7 +177,7 @@ def _config(run: RunDirectory) -> dict[str, Any]:
     try:
         values = run_filter.flat(run.config())
     except (RunError, RecursionError):
-        return {}  # The command that works on the run reports the error.
+        return {}  # Listing runs ignores this error; a command that uses the run reports it.
     return {
         short(key): _shown(value)
         for key, value in values.items()
@@ -195,23 +195,23 @@ def _shown(value: Any) -> Any:
 
 
 def _facts(row: Row) -> dict[str, Any]:
-    """Return the facts of a row that `--where` can select by."""
+    """Return the values of a row by which `--where` can select the run."""
     values = {"algo.name": row.algo, "seed": row.seed, **row.config}
     return values | {"state": str(row.state), "id": row.id, "experiment": row.name}
 
 
 def varying(rows: Sequence[Row]) -> list[str]:
-    """Return the keys in which the runs differ.
+    """Return the keys in which the runs differ, for the columns of the table.
 
-    Keys in the runs' ids and keys that cannot change a result are left out. So are keys whose value follows from the
-    name of their group: `disturbance.name` represents all values of a disturbance.
+    A key is left out if the runs' ids contain it, or if it cannot change a result. A key is also left out if the name of its
+    group determines the value: the column `disturbance.name` then represents all values of a disturbance.
     """
     configs = [row.config for row in rows if row.config]
     keys = []
     for key in dict.fromkeys(key for config in configs for key in config):
         if key in IN_THE_ID or key.startswith(identity.NEUTRAL):
             continue
-        # A key whose values are determined by its group's name is left out.
+        # Compare the key's values only between runs whose group has the same name.
         name = f"{key.split('.')[0]}.name"
         by_name: dict[str, set[str]] = {}
         for config in configs:
@@ -228,7 +228,7 @@ def _show(rows: Sequence[Row], *, of: int) -> None:
 
     console = Console(highlight=False)
     if not console.is_terminal:
-        console.width = 1000  # A file or a pipe has no width: nothing may be cut.
+        console.width = 1000  # A file or a pipe has no width, so no text may be cut.
     if rows:
         console.print(table(rows, console))
     for row in rows:
@@ -245,8 +245,8 @@ def _show(rows: Sequence[Row], *, of: int) -> None:
 def table(rows: Sequence[Row], console: Console) -> Table:
     """Return the table of runs.
 
-    State, steps, success and wall time are never cut. If the terminal is too narrow, the columns after them are left
-    out, the last column first.
+    The table always has the columns state, steps, success and wall time. If the terminal is too narrow, the columns after
+    wall time are left out, starting with the last column.
     """
     from rich.measure import Measurement
 

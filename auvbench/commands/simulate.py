@@ -30,7 +30,7 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def simulate(config: DictConfig) -> None:
-    """Simulate as `config` says, write the files and print their paths."""
+    """Simulate a vehicle with the settings in `config`; write the files and print their paths."""
     import numpy as np
 
     from auvbench.config.simulation import simulation_config
@@ -42,7 +42,7 @@ def simulate(config: DictConfig) -> None:
         raise ConfigError(f"plot={settings.plot}: must end with one of {', '.join(PICTURES)}")
     for key, file in (("output", settings.output), ("plot", settings.plot)):
         if file is not None:
-            check_writable(Path(file), f"{key}={file}")  # fails before anything is computed
+            check_writable(Path(file), f"{key}={file}")  # raises an error before anything is computed
     vehicle = sheet.load(settings.vehicle)
     inputs = settings.input
     command = _command(vehicle, inputs.command)
@@ -75,7 +75,7 @@ def simulate(config: DictConfig) -> None:
 
 
 def _command(vehicle: VehicleModel, command: Any) -> Any:
-    """Return commands (n_u,) from a list or a mapping of actuator names; zeros if nothing is given.
+    """Return the commands (n_u,) from a list, or from a mapping of actuator names to commands; None means zeros.
 
     Raises:
         ConfigError: a wrong number of commands, an unknown actuator, or a command outside [-1, 1].

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 NOTHING = "none"
 WORDS = {"true velocities": "velocities"}
-"""Words of `--knows` for what a report names otherwise, by the report's name"""
+"""For knowledge that a report and `--knows` name differently: the report's name, and the word of `--knows`"""
 
 
 def parser() -> Parser:
@@ -52,13 +52,13 @@ def parser() -> Parser:
         required=True,
         type=whole(0, 10**9),
         metavar="N",
-        help="number of settings tried before the entered ones; 0: none",
+        help="number of settings that you tried before the entered settings; 0: none",
     )
     add(
         "--tuned-on",
         default="",
         metavar="TEXT",
-        help="scenarios of the trials, e.g. validation scenarios, scenarios of seed 7",
+        help="scenarios on which you scored the trials, e.g. validation scenarios, scenarios of seed 7",
     )
     add("--protocol", default="test", metavar="NAME", help="test protocol of the rows; default test")
     add("--out", type=Path, metavar="FILE", help="file name of the archive; default NAME.zip")
@@ -106,7 +106,7 @@ def _check_words(given: argparse.Namespace) -> None:
             raise UserError(f"{flag}: must be one line of 1 to {most} characters, got {len(value)}")
     if given.trials and not given.tuned_on:
         raise UserError(
-            f"--trials {given.trials}: name the scenarios of the trials: --tuned-on 'validation scenarios'"
+            f"--trials {given.trials}: name the scenarios on which you scored the trials: --tuned-on 'validation scenarios'"
         )
 
 
@@ -134,7 +134,7 @@ def _protocol(name: str) -> Protocol:
 
 
 def _entered(path: Path, protocol: Protocol, output: Path) -> Path:
-    """Create a run of an ONNX file below `output`, test it by a protocol, and return its folder.
+    """Create a run of an ONNX file below `output`, test the run by a protocol, and return the run's folder.
 
     Raises:
         PolicyError: the file or its card cannot be used.

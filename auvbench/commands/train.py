@@ -26,7 +26,7 @@ def main(arguments: Sequence[str]) -> int:
     configs = request.configs
     if request.dry_run:
         return _dry_run(configs)
-    # A run that is not carried out on this machine is handled as a grid of one run.
+    # Only grids use launchers, so a single run with a launcher other than `local` becomes a grid of one run.
     if request.grid or configs[0].launcher.name != "local":
         return _grid(configs, command)
     return _train(configs[0], command)
@@ -68,7 +68,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
 
     Args:
         run: run directory with a frozen configuration.
-        shown: whether to show a live bar; None: as the configuration says (`train.progress`).
+        shown: whether to show a live bar; None: use the value of `train.progress`.
     """
     from auvbench.runs import status
 
@@ -78,7 +78,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
             f"{run.path}: complete already, nothing to do (auvbench resume RUN train.total_steps=N extends it)"
         )
         return 0
-    # Imported late: a complete run does not need it.
+    # Imported late, since a complete run does not need these modules.
     from auvbench.commands.progress import Bar
     from auvbench.config.algorithms import learns
     from auvbench.config.navigation import is_estimated
@@ -108,7 +108,7 @@ def carry_out(run: RunDirectory, *, shown: bool | None = None) -> int:
         else "complete: nothing to train"
     )
     print(f"{run.path}")
-    # Other protocols add errors to the sensor readings, which a configuration with an estimator rejects.
+    # Other protocols set `noise` or sensor errors, which a configuration with an estimator rejects.
     protocol = " protocol=own" if is_estimated(config) else ""
     print(f"next: auvbench evaluate {shlex.quote(str(run.path))}{protocol}")
     return 0

@@ -32,8 +32,9 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> None:
-    """Raise ConfigError for a typed search file that does not exist: Hydra ignores it, since not every
-    algorithm has one.
+    """Raise ConfigError if the command line names a search file that does not exist.
+
+    Hydra ignores a missing search file, since some algorithms have no search file.
     """
     from auvbench.config import folders
 
@@ -46,10 +47,10 @@ def _check_search(configs: Sequence[DictConfig], arguments: Sequence[str]) -> No
 
 
 def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str, str]]:
-    """Return the command line for Hydra, and the ranges and the values that were typed, by key.
+    """Divide a command line into the words for Hydra, the ranges by key, and the fixed values by key.
 
     A range of a key such as algo.tau is a dimension of the study. A list of options such as algo=ppo,sac makes several
-    studies; it stays in Hydra's command line and needs -m.
+    studies; the list stays among the words for Hydra, and needs -m.
     """
     words: list[str] = []
     ranges: dict[str, str] = {}
@@ -73,7 +74,7 @@ def split(arguments: Sequence[str]) -> tuple[list[str], dict[str, str], dict[str
     if ranges:
         from auvbench.config.overrides import quote
 
-        # Shown by --cfg job; Hydra itself would read a range as a grid.
+        # Pass the ranges to Hydra in tune.space, so that --cfg job shows them; Hydra would read KEY=RANGE as a grid.
         quoted = ",".join(f"{key}:{quote(text)}" for key, text in ranges.items())
         words.insert(place, f"++tune.space={{{quoted}}}")
     return words, ranges, fixed
@@ -96,9 +97,9 @@ def _is_range(key: str, text: str) -> bool:
 
 
 def _studies(jobs: Sequence[Job], ranges: Mapping[str, str], arguments: Sequence[str]) -> int:
-    """Run one study after another; all of them are checked before the first begins."""
+    """Check all studies, then run one study after another; return the exit code."""
     command = shlex.join(["auvbench", "tune", *arguments])
-    # A value in a grid of an experiment fixes its key, as a typed value does.
+    # A value from a grid of an experiment fixes its key, like a value on the command line.
     plans = [plan_of(job.config, ranges, split(job.overrides)[2], command) for job in jobs]
     for plan, _ in plans:
         _refuse_ignored(plan, arguments)
@@ -121,7 +122,7 @@ def _studies(jobs: Sequence[Job], ranges: Mapping[str, str], arguments: Sequence
 def plan_of(
     config: DictConfig, ranges: Mapping[str, str], fixed: Mapping[str, str], command: str = ""
 ) -> tuple[Plan, StudyFolder]:
-    """Return the plan and folder of a study, checked; write nothing.
+    """Check the settings of a study, and return its plan and folder; write no file.
 
     Raises:
         ConfigError, VehicleError, ReportError: a value is wrong, or the search space is empty or
@@ -168,7 +169,7 @@ def plan_of(
 
 
 def _refuse_ignored(plan: Plan, arguments: Sequence[str]) -> None:
-    """Raise ConfigError if a typed value has no effect, since the agent is not trained and the protocol sets its own value."""
+    """Raise ConfigError if a typed value has no effect: the agent is not trained, and the protocol sets another value."""
     from omegaconf import OmegaConf
 
     from auvbench.config.compose import typed

@@ -20,7 +20,7 @@ def parser() -> Parser:
     parser = Parser(
         prog="auvbench validate",
         description="Replays the inputs of logs in windows of 0.1 to 5 s with each sheet, and compares the predictions with the"
-        " measurements. Shows the errors of two baselines too: a held value and constant velocity (docs/identification.md).",
+        " measurements. Also shows the errors of two baselines: first state held, and constant velocity (docs/identification.md).",
         epilog="example: auvbench validate log.csv vehicle=bluerov2_2026,bluerov2,bluerov2_wu2018",
         keys=KEYS,
     )

@@ -27,7 +27,7 @@ def open_console() -> Console:
     """Return a console for the terminal; for a file or a pipe, a console of 140 columns."""
     console = Console(highlight=False)
     if not console.is_terminal:
-        console.width = 140  # A file or a pipe has no width: tables must not be folded at 80 characters.
+        console.width = 140  # Without a terminal, rich would fold tables at 80 columns.
     return console
 
 
@@ -91,7 +91,7 @@ def _text(text: str) -> str:
 
 
 _COMPONENTS = {(3,): ("x", "y", "z"), (6,): inspect.AXES}
-"""Names of a list's components by the list's shape, for lists with a range for each component"""
+"""Names of the components of a list, by the list's shape; used if each component has its own range"""
 
 
 def _numbers(console: Console, quantities: Sequence[Quantity]) -> None:
@@ -204,7 +204,7 @@ def _matrix(
 
 def _actuators(console: Console, vehicle: VehicleModel) -> None:
     table = new_table(
-        "actuator", "kind", "at -1", "at +1", "force, N", title="actuators: what commands -1 and +1 stand for"
+        "actuator", "kind", "at -1", "at +1", "force, N", title="actuators: what commands -1 and +1 mean"
     )
     table.columns[1].justify = "left"
     for unit, force in zip(vehicle.units, vehicle.force_limits, strict=True):
@@ -241,7 +241,7 @@ def _motion(console: Console, vehicle: VehicleModel) -> None:
 
 
 def _directions(rows: list[inspect.Reach], axis: int) -> list[inspect.Reach]:
-    """Return the rows of an axis; one row if both directions are the same."""
+    """Return the rows of an axis: one row if the forces of both directions are equal, else one row for each direction."""
     own = [row for row in rows if row.axis == axis]
     return own[:1] if len(own) == 2 and abs(own[0].force - own[1].force) < 1e-3 * own[0].force else own
 

@@ -20,7 +20,7 @@ def parser() -> Parser:
         " | auvbench vehicles bluerov2 --sheet > conf/vehicle/mine.yaml",
     )
     parser.add_argument(
-        "vehicle", nargs="?", help="name of a sheet, or the path of a .yaml file; without it, a list"
+        "vehicle", nargs="?", help="name of a sheet, or the path of a .yaml file; default: list all sheets"
     )
     outputs = parser.add_mutually_exclusive_group()
     outputs.add_argument("--sheet", action="store_true", help="print the sheet, as a template for your own")
@@ -49,7 +49,7 @@ def main(arguments: Sequence[str]) -> int:
         from auvbench.commands.vehicle_view import show
         from auvbench.vehicles import reader, sheet
 
-        vehicle = sheet.load(name)  # raises the error of a wrong sheet before anything is printed
+        vehicle = sheet.load(name)  # raises the error for a wrong sheet before anything is printed
         show(vehicle, reader.quantities(reader.read(name).data))
     return 0
 

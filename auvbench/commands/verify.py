@@ -23,7 +23,7 @@ def parser() -> Parser:
         prog="auvbench verify",
         description="Unpacks an entry, tests its models again on the same scenarios, and compares the "
         "rows: they must have the same\n"
-        "bits on the same processor, and the same verdict against PID on a different one. Trainings are not repeated.",
+        "bits on the same processor, and the same verdict against PID on another processor. Trainings are not repeated.",
         epilog="Exit code 0 when the entry is verified, 1 when its rows differ.\n\n"
         "examples:\n  auvbench verify my-agent.zip\n  auvbench verify my-agent.zip --to results/entries",
         workers="runs, or episodes of a slow controller,",

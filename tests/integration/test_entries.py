@@ -128,7 +128,7 @@ def test_rows_are_compared_to_the_last_bit() -> None:
         (["--knows", "velocity"], "did you mean 'velocities'"),
         (["--knows", "none,sheet"], "name some of"),
         (["--knows", "none"], "gives the agent"),
-        (["--trials", "5"], "name the scenarios of the trials"),
+        (["--trials", "5"], "name the scenarios on which you scored the trials"),
         (["--trials", "-1"], "trials"),
         (["--name", "x" * 61], "1 to 60 characters"),
         (["--protocol", "tset"], "did you mean 'test'"),
