@@ -66,7 +66,7 @@ def _declared(paths: Sequence[Path]) -> tuple[Declared | None, Path | None, str]
     if all(longest.extends(analysis) for _, analysis in declarations):
         return longest, file.parent, ""
     files = ", ".join(os.path.relpath(file) for file, _ in declarations[:3])
-    return None, None, f"several analyses are declared ({files}): name the folder of one of them, or type options"
+    return None, None, f"several analyses are declared ({files}): name one of their folders, or type options"
 
 
 def measures() -> str:
